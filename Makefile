@@ -1,0 +1,59 @@
+# `make demo` and `make test` set up everything they need; `make setup` alone does just that.
+# Only Python 3.11 or newer and a package index are needed.
+
+VENV  := .venv
+BIN   := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench clean
+
+help:
+	@echo "make setup   make .venv with the pinned dependencies and this package"
+	@echo "make demo    diagnose the bundled measurement and a simulated stage"
+	@echo "make test    run the tests"
+	@echo "make lint    check format, lint and types"
+	@echo "make bench   measure speed"
+	@echo "make clean   remove .venv and what the tools left behind"
+
+setup: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml
+	@set -e; \
+	python=; \
+	for candidate in $(PYTHON) python3 python3.13 python3.12 python3.11 python3.14 python; do \
+	  if $$candidate -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then \
+	    python=$$candidate; break; \
+	  fi; \
+	done; \
+	if [ -z "$$python" ]; then \
+	  echo "make: no Python 3.11 or newer found; install one, or name it: make PYTHON=/path/to/python3" >&2; \
+	  exit 1; \
+	fi; \
+	if ! $$python -c 'import ensurepip, venv' >/dev/null 2>&1; then \
+	  echo "make: $$python cannot make virtual environments; install its venv module (Debian, Ubuntu: python3-venv)" >&2; \
+	  exit 1; \
+	fi; \
+	rm -f $(STAMP); \
+	$$python -m venv --clear $(VENV); \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -r requirements.lock; \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-deps --no-build-isolation --editable .; \
+	touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/preisach demo
+
+test: $(STAMP)
+	$(BIN)/python -m pytest
+
+lint: $(STAMP)
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/pyright
+
+bench: $(STAMP)
+	$(BIN)/python benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,50 @@
+"""Settings and fixtures shared by all tests."""
+
+import os
+
+# Set before JAX or matplotlib is first imported. A run on an accelerator says so in JAX_PLATFORMS.
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import settings
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# The first example of a test often compiles, so a deadline an example would measure the compiler.
+settings.register_profile("tests", deadline=None, derandomize=True, max_examples=30)
+settings.load_profile("tests")
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(params=["float32", "float64"])
+def precision(request):
+    """The test runs once in each floating-point precision; the value is the dtype's name."""
+    with jax.enable_x64(request.param == "float64"):
+        yield request.param
+
+
+@pytest.fixture
+def tolerance(precision):
+    """Relative rounding to allow in `precision`: a few hundred units in the last place."""
+    return 500 * float(np.finfo(precision).eps)
+
+
+@pytest.fixture
+def x64():
+    """The test runs in double precision."""
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture(scope="session")
+def shared_data():
+    """The folder of further measured records; the test is skipped where it is absent."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("the further measured records (../shared/data) are not here")
+    return SHARED_DATA

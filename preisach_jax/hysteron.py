@@ -1,0 +1,200 @@
+"""Hysterons: the paper's relay, eq. (1)-(4), and its ramp, from one closed form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from preisach_jax.plane import Plane
+
+HYSTERONS = ("relay", "ramp")
+
+
+def require_hysteron(hysteron: str) -> None:
+    """Refuse a kind of hysteron that does not exist.
+
+    Raises:
+        ValueError: `hysteron` is neither "relay" nor "ramp".
+    """
+    if hysteron not in HYSTERONS:
+        raise ValueError(f"hysteron is {hysteron!r}; it must be 'relay' or 'ramp'")
+
+
+def as_float(values: ArrayLike, name: str) -> jax.Array:
+    """Convert real numbers to a floating array; integers become the default float.
+
+    Args:
+        values: real numbers of any shape.
+        name: what they are, for the message.
+
+    Returns:
+        Array of the same shape; float32 and float64 are kept where JAX allows them.
+
+    Raises:
+        ValueError: the values are complex or not numbers.
+    """
+    array = jnp.asarray(values)
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if jnp.issubdtype(array.dtype, jnp.integer):
+        return array.astype(jnp.result_type(float))
+    raise ValueError(f"{name} has the type {array.dtype}; real numbers are needed")
+
+
+def thresholds_reached(
+    plane: Plane, previous: jax.Array, x: jax.Array, hysteron: str
+) -> tuple[jax.Array, jax.Array]:
+    """Tell how far the input has reached each hysteron's two thresholds.
+
+    Relay: χ(x - α) and χ(x - β) of (3), (4) in 0/1 form. A rising input reaches a threshold on
+    which it rests exactly (3), a falling one has left it (4). An input that does not move decides
+    nothing at equality, so that the state is kept there; this is also rule (1) for the first sample.
+
+    Ramp: ρ_i(x) = clip((x - low)/δx - i, 0, 1), a ramp of width δx centred on threshold i.
+
+    Args:
+        plane: the Preisach plane.
+        previous: () input one sample before; equal to `x` at the first sample.
+        x: () input.
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        `(on_alpha, on_beta)`, (cells,) each, in [0, 1], with the type of `x`.
+    """
+    if hysteron == "ramp":
+        low, high = jnp.asarray(plane.low, x.dtype), jnp.asarray(plane.high, x.dtype)
+        # In this order the position is exactly 0 at low and exactly `levels` at high.
+        position = (x - low) / (high - low) * plane.levels
+        on_alpha = jnp.clip(position - jnp.asarray(plane.alpha_index, x.dtype), 0.0, 1.0)
+        on_beta = jnp.clip(position - jnp.asarray(plane.beta_index, x.dtype), 0.0, 1.0)
+        return on_alpha, on_beta
+    alpha, beta = jnp.asarray(plane.alpha, x.dtype), jnp.asarray(plane.beta, x.dtype)
+    on_alpha = jnp.where(x > previous, x >= alpha, x > alpha)
+    on_beta = jnp.where(x < previous, x > beta, x >= beta)
+    return on_alpha.astype(x.dtype), on_beta.astype(x.dtype)
+
+
+def hysteron_step(
+    plane: Plane, states: jax.Array, previous: jax.Array, x: jax.Array, hysteron: str = "ramp"
+) -> jax.Array:
+    """Advance all hysterons by one sample of the input.
+
+    Eq. (2) in 0/1 form, y(k) = min(on_β, max(y(k-1), on_α)), for relays and ramps alike.
+
+    Args:
+        plane: the Preisach plane.
+        states: (cells,) states y(k-1) in [0, 1].
+        previous: () input x(k-1), in the unit of the plane; pass x(k) at the first sample, so that
+            only the hysterons whose state x(k) forces are changed, rule (1).
+        x: () input x(k), same unit.
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        (cells,) states y(k) in [0, 1].
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from preisach_jax.plane import Plane
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> hysteron_step(plane, jnp.zeros(3), jnp.asarray(0.0), jnp.asarray(1.25)).tolist()
+        [1.0, 0.25, 0.25]
+    """
+    on_alpha, on_beta = thresholds_reached(plane, previous, x, hysteron)
+    return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
+
+
+def hysteron_states(
+    plane: Plane, x: ArrayLike, initial_states: ArrayLike | str = "low", hysteron: str = "ramp"
+) -> jax.Array:
+    """Follow the states of all hysterons along an input, eq. (1)-(4).
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        initial_states: (cells,) states in [0, 1] before the first sample, or the name of an initial
+            memory (see `Plane.initial_states`).
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        (time, cells) states in [0, 1]; the first row is the state after x[0].
+
+    Raises:
+        ValueError: `x` is not a row of real numbers, or a name is unknown.
+
+    Example:
+        >>> from preisach_jax.plane import Plane
+        >>> plane = Plane(levels=1, low=0.0, high=1.0)
+        >>> hysteron_states(plane, [0.0, 0.75, 0.25], "low", "ramp")[:, 0].tolist()
+        [0.0, 0.75, 0.25]
+    """
+    x, start = path_and_start(plane, x, initial_states, hysteron)
+
+    def advance(carry, value):
+        states, previous = carry
+        states = hysteron_step(plane, states, previous, value, hysteron)
+        return (states, value), states
+
+    return jax.lax.scan(advance, (start, x[0]), x)[1]
+
+
+def state_bounds(
+    plane: Plane, x: ArrayLike, hysteron: str = "ramp"
+) -> tuple[jax.Array, jax.Array]:
+    """Bound the states of all hysterons along an input whose earlier history is unknown.
+
+    Eq. (2) with fixed input maps y(k-1) by a clamp, and clamps compose to clamps, so that the state
+    from any initial state y0 is exactly clip(y0, low, high).
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        `(low, high)`, (time, cells) each: the states with all hysterons initially off and with all
+        initially on. Their difference is what the unknown initial memory leaves open.
+
+    Raises:
+        ValueError: `x` is not a row of real numbers, or the kind of hysteron is unknown.
+
+    Example:
+        >>> from preisach_jax.plane import Plane
+        >>> low, high = state_bounds(Plane(levels=2, low=0.0, high=2.0), [1.0, 2.0], "relay")
+        >>> (high - low).sum(axis=1).tolist()
+        [1.0, 0.0]
+    """
+    low = hysteron_states(plane, x, "low", hysteron)
+    return low, hysteron_states(plane, x, "high", hysteron)
+
+
+def path_and_start(
+    plane: Plane, x: ArrayLike, initial_states: ArrayLike | str, hysteron: str
+) -> tuple[jax.Array, jax.Array]:
+    """Check an input and the states before it, and bring both to one floating type.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        initial_states: (cells,) states in [0, 1], or the name of an initial memory.
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        `(x, states)`: (time,) and (cells,).
+
+    Raises:
+        ValueError: a shape, a type or a name is wrong.
+    """
+    require_hysteron(hysteron)
+    x = as_float(x, "the input x")
+    if x.ndim != 1 or x.shape[0] == 0:
+        raise ValueError(f"the input x has the shape {x.shape}; (time,) with time > 0 is needed")
+    if isinstance(initial_states, str):
+        return x, plane.initial_states(initial_states, x[0], hysteron)
+    states = as_float(initial_states, "initial_states").astype(x.dtype)
+    if states.shape != (plane.cells,):
+        raise ValueError(f"initial_states has the shape {states.shape}; ({plane.cells},) is needed")
+    return x, states

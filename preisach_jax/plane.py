@@ -1,0 +1,220 @@
+"""The Preisach half-plane: thresholds, cells, quantiser, Everett function, initial memory."""
+
+from __future__ import annotations
+
+import math
+import operator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from preisach_jax.hysteron import as_float, hysteron_step, require_hysteron, thresholds_reached
+
+
+class Plane(eqx.Module):
+    """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
+
+    δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of an
+    axis, so that all hysterons are off at x = low and on at x = high. The diagonal α = β belongs to
+    the plane. Cells are in flat order: α index i outer (0 ... N-1), β index j = 0 ... i inner, flat
+    index i(i+1)/2 + j.
+
+    Args:
+        levels: N ≥ 1, the levels of each axis.
+        low: lower limit of the input, in its unit.
+        high: upper limit of the input, in its unit; above `low`.
+
+    Raises:
+        ValueError: `levels` is below 1, or the limits are not finite and ascending.
+
+    Example:
+        >>> plane = Plane(levels=37, low=0.0, high=75.0)
+        >>> plane.cells
+        703
+    """
+
+    levels: int = eqx.field(static=True, converter=operator.index)
+    low: float = eqx.field(static=True, converter=float)
+    high: float = eqx.field(static=True, converter=float)
+
+    def __check_init__(self):
+        if self.levels < 1:
+            raise ValueError(f"levels is {self.levels}; a plane needs at least 1")
+        for name, limit in (("low", self.low), ("high", self.high)):
+            if not math.isfinite(limit):
+                raise ValueError(f"{name} is {limit}; the limits of the plane must be finite")
+        if not self.low < self.high:
+            raise ValueError(f"low is {self.low} and high is {self.high}; low must be below high")
+
+    @property
+    def cells(self) -> int:
+        """L = N(N+1)/2, the number of hysterons."""
+        return self.levels * (self.levels + 1) // 2
+
+    @property
+    def delta_x(self) -> float:
+        """δx = (high - low)/N, the width of a cell in the unit of the input."""
+        return (self.high - self.low) / self.levels
+
+    @property
+    def thresholds(self) -> np.ndarray:
+        """(levels,) thresholds, ascending, in the unit of the input."""
+        return self.low + (np.arange(self.levels) + 0.5) * self.delta_x
+
+    @property
+    def alpha_index(self) -> np.ndarray:
+        """(cells,) index of each cell's α in `thresholds`."""
+        return np.tril_indices(self.levels)[0]
+
+    @property
+    def beta_index(self) -> np.ndarray:
+        """(cells,) index of each cell's β in `thresholds`."""
+        return np.tril_indices(self.levels)[1]
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """(cells,) upper threshold α of each hysteron, in the unit of the input."""
+        return self.thresholds[self.alpha_index]
+
+    @property
+    def beta(self) -> np.ndarray:
+        """(cells,) lower threshold β of each hysteron, in the unit of the input."""
+        return self.thresholds[self.beta_index]
+
+    def quantise(self, x: ArrayLike) -> jax.Array:
+        """Quantise an input to the level that relays see, by the direction rule (3), (4).
+
+        A rising input (and the first sample) counts the thresholds at or below it, a falling one
+        those below it; while the input does not move, the level is kept.
+
+        Args:
+            x: (time,) input, in the unit of the plane.
+
+        Returns:
+            (time,) integers in 0 ... levels, the number of thresholds that the input has reached.
+
+        Raises:
+            ValueError: `x` is not a row of real numbers.
+
+        Example:
+            >>> Plane(levels=3, low=0.0, high=3.0).quantise([0.0, 0.5, 0.5, 1.5, 0.5]).tolist()
+            [0, 1, 1, 2, 0]
+        """
+        x = as_float(x, "the input x")
+        if x.ndim != 1:
+            raise ValueError(f"the input x has the shape {x.shape}; (time,) is needed")
+        previous = jnp.concatenate([x[:1], x[:-1]])
+        # The direction of the last movement; rising, if there was none yet.
+        moved_at = jax.lax.cummax(jnp.where(x != previous, jnp.arange(x.shape[0]), -1))
+        rising = (moved_at < 0) | (x > previous)[moved_at]
+        thresholds = jnp.asarray(self.thresholds, x.dtype)
+        at_or_below = jnp.searchsorted(thresholds, x, side="right")
+        below = jnp.searchsorted(thresholds, x, side="left")
+        return jnp.where(rising, at_or_below, below)
+
+    def matrix(self, values: ArrayLike) -> np.ndarray:
+        """Lay values of the cells out on the plane.
+
+        Args:
+            values: (cells,) one value a cell.
+
+        Returns:
+            (levels, levels) matrix, row α index, column β index; NaN where α < β.
+
+        Raises:
+            ValueError: `values` does not have one value a cell.
+
+        Example:
+            >>> Plane(levels=2, low=0.0, high=1.0).matrix([1.0, 2.0, 3.0])
+            array([[ 1., nan],
+                   [ 2.,  3.]])
+        """
+        flat = np.asarray(values, dtype=float)
+        if flat.shape != (self.cells,):
+            raise ValueError(f"values has the shape {flat.shape}; ({self.cells},) is needed")
+        plane = np.full((self.levels, self.levels), np.nan)
+        plane[self.alpha_index, self.beta_index] = flat
+        return plane
+
+    def everett(self, weights: ArrayLike, alpha: ArrayLike, beta: ArrayLike) -> jax.Array:
+        """Everett function of the plane with ramp hysterons.
+
+        E(α, β) = (f_α - f_αβ)/2, half the fall of the output (6) when the input comes from low, turns
+        at α and goes back to β (Mayergoyz's definition). As states are 0 and 1, it is half the weight
+        in the triangle below and to the right of the turning point: Σ R max(ρ_i(α) - ρ_j(β), 0)/2.
+
+        Args:
+            weights: (cells,) weights R, in the unit of the output.
+            alpha: turning points, in the unit of the input, any shape.
+            beta: end points, in the unit of the input, a shape that broadcasts with `alpha`.
+
+        Returns:
+            E in the unit of the output, in the common shape of `alpha` and `beta`; 0 where α ≤ β.
+
+        Raises:
+            ValueError: `weights` does not have one value a cell.
+
+        Example:
+            >>> float(Plane(levels=2, low=0.0, high=2.0).everett([1.0, 2.0, 4.0], 2.0, 0.0))
+            3.5
+        """
+        weights, alpha, beta = (
+            as_float(values, name)
+            for values, name in ((weights, "weights"), (alpha, "alpha"), (beta, "beta"))
+        )
+        if weights.shape != (self.cells,):
+            raise ValueError(f"weights has the shape {weights.shape}; ({self.cells},) is needed")
+        dtype = jnp.result_type(weights, alpha, beta)
+        shape = np.broadcast_shapes(alpha.shape, beta.shape)
+
+        def one(turn, end):
+            at_turn = thresholds_reached(self, turn, turn, "ramp")[0]
+            at_end = thresholds_reached(self, end, end, "ramp")[1]
+            return jnp.sum(weights * jnp.maximum(at_turn - at_end, 0.0)) / 2
+
+        turns = jnp.broadcast_to(alpha, shape).ravel().astype(dtype)
+        ends = jnp.broadcast_to(beta, shape).ravel().astype(dtype)
+        return jax.vmap(one)(turns, ends).reshape(shape)
+
+    def initial_states(self, kind: str, x0: ArrayLike, hysteron: str = "ramp") -> jax.Array:
+        """States of the hysterons at the first sample, from a named initial memory.
+
+        "low" is saturated low (all off), "high" saturated high (all on), "demagnetised" the staircase
+        that an input decaying about the centre leaves: on below the line α + β = low + high; on
+        the line a ramp is half on and a relay off. The hysterons that the input forces at x0 are
+        then set by rule (1).
+
+        Args:
+            kind: "low", "high" or "demagnetised".
+            x0: () input at the first sample, in its unit.
+            hysteron: "relay" or "ramp".
+
+        Returns:
+            (cells,) states in [0, 1].
+
+        Raises:
+            ValueError: `kind` or `hysteron` is unknown.
+
+        Example:
+            >>> Plane(levels=2, low=0.0, high=2.0).initial_states("demagnetised", 1.0).tolist()
+            [1.0, 0.5, 0.0]
+        """
+        require_hysteron(hysteron)
+        x0 = as_float(x0, "x0")
+        if kind == "low":
+            states = np.zeros(self.cells)
+        elif kind == "high":
+            states = np.ones(self.cells)
+        elif kind == "demagnetised":
+            # α + β against low + high, in whole cells: exact.
+            beyond = self.alpha_index + self.beta_index + 1 - self.levels
+            on_the_line = 0.5 if hysteron == "ramp" else 0.0
+            states = np.where(beyond == 0, on_the_line, beyond < 0)
+        else:
+            raise ValueError(
+                f"the initial memory is {kind!r}; it must be 'low', 'high' or 'demagnetised'"
+            )
+        return hysteron_step(self, jnp.asarray(states, x0.dtype), x0, x0, hysteron)

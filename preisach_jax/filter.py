@@ -1,13 +1,28 @@
-"""The adaptive hysteresis filter and the Preisach model's output, eq. (5)-(12)."""
+"""The Preisach model's output and the adaptive hysteresis filter, eq. (5)-(12)."""
 
 from __future__ import annotations
 
+import math
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from preisach_jax.hysteron import as_float, hysteron_step, path_and_start
+from preisach_jax.errors import InputError
+from preisach_jax.hysteron import as_float, hysteron_step, path_and_start, require_hysteron
 from preisach_jax.plane import Plane
+
+SAMPLINGS = ("event", "sample")
+
+# An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
+# that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
+# output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
+EVENT_SIZE = 0.5
 
 
 def simulate(
@@ -19,7 +34,8 @@ def simulate(
 ) -> jax.Array:
     """Simulate the Preisach model.
 
-    z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps).
+    z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps). Needs memory for
+    the states of one sample; its gradient, for 2√time of them.
 
     Args:
         plane: the Preisach plane.
@@ -33,7 +49,7 @@ def simulate(
         (time,) output; differentiable in `weights`, and with ramps in `x`.
 
     Raises:
-        ValueError: a shape, a type or a name is wrong.
+        InputError: a shape, a type or a name is wrong.
 
     Example:
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
@@ -43,11 +59,263 @@ def simulate(
     x, start = path_and_start(plane, x, initial, hysteron)
     weights = as_float(weights, "weights")
     if weights.shape != (plane.cells,):
-        raise ValueError(f"weights has the shape {weights.shape}; ({plane.cells},) is needed")
+        raise InputError(f"weights has the shape {weights.shape}: give ({plane.cells},)")
+    return _simulate(plane, weights, x, start, hysteron)
 
+
+@partial(jax.jit, static_argnames="hysteron")
+def _simulate(plane, weights, x, start, hysteron):
     def advance(carry, value):
         states, previous = carry
         states = hysteron_step(plane, states, previous, value, hysteron)
         return (states, value), jnp.sum(weights * states)
 
-    return jax.lax.scan(advance, (start, x[0]), x)[1]
+    # The reverse pass recomputes the states chunk by chunk. The last chunk is filled up with an
+    # input at rest, which changes nothing.
+    samples = x.shape[0]
+    chunk = math.isqrt(samples - 1) + 1
+    chunks = -(-samples // chunk)
+    filled = jnp.concatenate([x, jnp.broadcast_to(x[-1], (chunks * chunk - samples,))])
+    scan_chunk = jax.checkpoint(partial(jax.lax.scan, advance))
+    output = jax.lax.scan(scan_chunk, (start, x[0]), filled.reshape(chunks, chunk))[1]
+    return output.ravel()[:samples]
+
+
+class FilterState(eqx.Module):
+    """What the adaptive filter carries from one sample to the next (a pytree).
+
+    Attributes:
+        weights: (cells,) estimate R̂, in the unit of the output.
+        states: (cells,) hysteron states in [0, 1].
+        input: () input of the last sample.
+        reference_states: (cells,) hysteron states at the sample from which differences run.
+        reference_output: () measured output there; NaN while there is none.
+    """
+
+    weights: jax.Array
+    states: jax.Array
+    input: jax.Array
+    reference_states: jax.Array
+    reference_output: jax.Array
+
+
+class FilterInfo(NamedTuple):
+    """What the adaptive filter records of one sample.
+
+    Attributes:
+        output: () model output ẑ(k), eq. (6), with the weights before the update.
+        error: () differential output error e(k), eq. (7), since the reference sample; NaN
+            where there is no measured output.
+        switched: () A(k), eq. (11): how many hysterons switched and were updated (ramps: sᵀs);
+            0 without update.
+    """
+
+    output: jax.Array
+    error: jax.Array
+    switched: jax.Array
+
+
+class FilterResult(NamedTuple):
+    """What a run of the adaptive filter returns.
+
+    Attributes:
+        weights: (cells,) weights R̂ after the last sample, in the unit of the output.
+        output: (time,) model output ẑ(k), with the weights of that time, before the update.
+        error: (time,) differential output error e(k); NaN where there is no measured output.
+        switched: (time,) A(k); 0 where nothing was updated.
+        state: the filter's state after the last sample, from which a run can be continued.
+    """
+
+    weights: jax.Array
+    output: jax.Array
+    error: jax.Array
+    switched: jax.Array
+    state: FilterState
+
+
+class AdaptiveFilter(eqx.Module):
+    """Recursive identification of the Preisach weights from input and output, eq. (5)-(12).
+
+    At each event, e = z - z_ref - R̂ᵀ(y - y_ref) with the current weights on both sides, and then
+    R̂ ← R̂ + s·e/(sᵀs) with s = y - y_ref, where ref is the sample from which the difference runs.
+    For relays this is (8), (12) with A = sᵀs; for ramps, the normalised projection.
+
+    With `sampling="event"` the difference runs from the last event: the last sample at which
+    hysterons switched (relays), or by which the states had moved by sᵀs ≥ 1/2 since the event
+    before (ramps). So e holds all of the increment of the output that s must explain. With
+    `sampling="sample"` it runs over one sample; for relays with an input slower than one level a
+    sample, the output's movement between switches is then lost and the weights come out too small.
+
+    A missing output (NaN) updates nothing. In event form the difference then runs on to the next
+    measured sample and nothing is lost; in sample form the differences with it are left out.
+
+    Only differences of the output are used, so z and the model's output may differ by a constant.
+
+    Args:
+        plane: the Preisach plane.
+        hysteron: "relay" or "ramp".
+        sampling: "event" or "sample".
+        initial_weight: () or (cells,) weights to start from, in the unit of the output.
+
+    Raises:
+        InputError: a name is unknown, or an initial weight is not finite or has a wrong shape.
+
+    Example:
+        >>> import numpy as np
+        >>> plane = Plane(levels=4, low=0.0, high=1.0)
+        >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 400), 2.0) - 1.0)
+        >>> result = AdaptiveFilter(plane).run(x, 3.0 * x)
+        >>> result.weights.shape, result.output.shape
+        ((10,), (400,))
+    """
+
+    plane: Plane
+    hysteron: str = eqx.field(static=True, default="relay")
+    sampling: str = eqx.field(static=True, default="event")
+    initial_weight: ArrayLike = 1e-9
+
+    def __check_init__(self):
+        require_hysteron(self.hysteron)
+        if self.sampling not in SAMPLINGS:
+            raise InputError(f"sampling is {self.sampling!r}: it must be 'event' or 'sample'")
+        if np.shape(self.initial_weight) not in ((), (self.plane.cells,)):
+            raise InputError(
+                f"initial_weight has the shape {np.shape(self.initial_weight)}: "
+                f"give one number or ({self.plane.cells},)"
+            )
+        _require_finite(self.initial_weight, "initial_weight")
+
+    def init(
+        self, x0: ArrayLike, z0: ArrayLike, initial_memory: ArrayLike | str = "low"
+    ) -> FilterState:
+        """Start the filter at the first sample.
+
+        Args:
+            x0: () input, in the unit of the plane.
+            z0: () measured output, in its unit; NaN if it is missing.
+            initial_memory: (cells,) states before the first sample, or the name of an initial
+                memory (see `Plane.initial_states`); then x0 forces what it forces, rule (1).
+
+        Returns:
+            The state after the first sample; step on with the second (or, which changes nothing,
+            with the first).
+
+        Raises:
+            InputError: `x0` is not a finite number, `z0` is infinite, or the memory is unknown.
+        """
+        path, z = _input_and_output(jnp.reshape(as_float(x0, "x0"), -1), z0)
+        path, states = path_and_start(self.plane, path, initial_memory, self.hysteron)
+        x = path[0]
+        states = hysteron_step(self.plane, states, x, x, self.hysteron)
+        weights = jnp.broadcast_to(jnp.asarray(self.initial_weight, x.dtype), states.shape)
+        return FilterState(weights, states, x, states, z[0])
+
+    def step(
+        self, state: FilterState, x: ArrayLike, z: ArrayLike
+    ) -> tuple[FilterState, FilterInfo]:
+        """Take in one sample and adapt the weights.
+
+        The error is taken with the weights R̂(k) on both sides of the difference; they are updated
+        after it, at k + 0.5. Pure; values are not checked here.
+
+        Args:
+            state: the state after the sample before.
+            x: () input, in the unit of the plane; finite.
+            z: () measured output, in its unit; NaN if it is missing.
+
+        Returns:
+            The state after this sample, and what to record of it.
+        """
+        dtype = state.weights.dtype
+        x, z = jnp.asarray(x, dtype), jnp.asarray(z, dtype)
+        states = hysteron_step(self.plane, state.states, state.input, x, self.hysteron)
+        output = jnp.sum(state.weights * states)
+
+        s = states - state.reference_states
+        squared = jnp.sum(s * s)
+        measured = jnp.isfinite(z)
+        compared = measured & jnp.isfinite(state.reference_output)
+        # NaN is replaced before the arithmetic as well as after: the gradient passes through both.
+        increment = jnp.where(compared, z, 0.0) - jnp.where(compared, state.reference_output, 0.0)
+        error = increment - jnp.sum(state.weights * s)
+        # In sample form, a smaller move of the states than eps is not known from its rounding.
+        least = EVENT_SIZE if self.sampling == "event" else jnp.finfo(dtype).eps
+        event = compared & (squared >= least)
+        rate = jnp.where(event, error / jnp.where(event, squared, 1.0), 0.0)
+
+        starting = measured & ~compared
+        renew = (event | starting) if self.sampling == "event" else jnp.asarray(True)
+        following = FilterState(
+            weights=state.weights + rate * s,
+            states=states,
+            input=x,
+            reference_states=jnp.where(renew, states, state.reference_states),
+            reference_output=jnp.where(renew, z, state.reference_output),
+        )
+        info = FilterInfo(
+            output=output,
+            error=jnp.where(compared, error, jnp.nan),
+            switched=jnp.where(event, squared, 0.0),
+        )
+        return following, info
+
+    def run(self, x: ArrayLike, z: ArrayLike, state: FilterState | None = None) -> FilterResult:
+        """Run the filter over a record.
+
+        Args:
+            x: (time,) input, in the unit of the plane.
+            z: (time,) measured output, in its unit; NaN where it is missing.
+            state: the state after an earlier part of the record, which this run continues; without
+                it the filter starts from saturated low at the first sample.
+
+        Returns:
+            The weights after the last sample, the rows of each sample and the final state.
+
+        Raises:
+            InputError: lengths differ, values are complex, an input is not finite, or an output is
+                infinite.
+        """
+        x, z = _input_and_output(x, z)
+        if state is None:
+            state = self.init(x[0], z[0])
+        elif state.weights.shape != (self.plane.cells,):
+            raise InputError(
+                f"state has weights of the shape {state.weights.shape}: give a state of this "
+                f"filter, ({self.plane.cells},)"
+            )
+        return _run(self, x, z, state)
+
+
+@jax.jit
+def _run(filt: AdaptiveFilter, x, z, state) -> FilterResult:
+    state, info = jax.lax.scan(lambda state, sample: filt.step(state, *sample), state, (x, z))
+    return FilterResult(state.weights, *info, state)
+
+
+def _input_and_output(x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """Check an input and the measured output of it; bring both to (time,) and one type."""
+    x, z = as_float(x, "the input x"), as_float(z, "the output z")
+    if x.ndim == 1 and z.ndim == 0:
+        z = z.reshape(-1)
+    if x.ndim != 1 or x.shape != z.shape or x.shape[0] == 0:
+        raise InputError(
+            f"the input x has the shape {x.shape} and the output z {z.shape}: "
+            "give both (time,), with time > 0"
+        )
+    _require_finite(x, "the input x")
+    _require_finite(z, "the output z", missing=True)
+    dtype = jnp.result_type(x, z)
+    return x.astype(dtype), z.astype(dtype)
+
+
+def _require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
+    """Refuse values that are not finite (but NaN, with `missing`); traced values have none yet."""
+    if isinstance(values, Tracer):
+        return
+    flat = np.ravel(np.asarray(values))
+    wrong = np.isinf(flat) if missing else ~np.isfinite(flat)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        where = f" at sample {first}" if flat.size > 1 else ""
+        remedy = "give NaN where the output is missing" if missing else "give finite numbers"
+        raise InputError(f"{name} is {flat[first]}{where}: {remedy}")

@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from preisach_jax.errors import InputError
+
 if TYPE_CHECKING:
     from preisach_jax.plane import Plane
 
@@ -18,10 +20,10 @@ def require_hysteron(hysteron: str) -> None:
     """Refuse a kind of hysteron that does not exist.
 
     Raises:
-        ValueError: `hysteron` is neither "relay" nor "ramp".
+        InputError: `hysteron` is neither "relay" nor "ramp".
     """
     if hysteron not in HYSTERONS:
-        raise ValueError(f"hysteron is {hysteron!r}; it must be 'relay' or 'ramp'")
+        raise InputError(f"hysteron is {hysteron!r}: it must be 'relay' or 'ramp'")
 
 
 def as_float(values: ArrayLike, name: str) -> jax.Array:
@@ -35,14 +37,15 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
         Array of the same shape; float32 and float64 are kept where JAX allows them.
 
     Raises:
-        ValueError: the values are complex or not numbers.
+        InputError: the values are complex or not numbers.
     """
     array = jnp.asarray(values)
     if jnp.issubdtype(array.dtype, jnp.floating):
-        return array
+        # A Python number is weakly typed; a fixed type saves compiling everything twice.
+        return array.astype(array.dtype)
     if jnp.issubdtype(array.dtype, jnp.integer):
         return array.astype(jnp.result_type(float))
-    raise ValueError(f"{name} has the type {array.dtype}; real numbers are needed")
+    raise InputError(f"{name} has the type {array.dtype}: give real numbers")
 
 
 def thresholds_reached(
@@ -52,7 +55,7 @@ def thresholds_reached(
 
     Relay: χ(x - α) and χ(x - β) of (3), (4) in 0/1 form. A rising input reaches a threshold on
     which it rests exactly (3), a falling one has left it (4). An input that does not move decides
-    nothing at equality, so that the state is kept there; this is also rule (1) for the first sample.
+    nothing at equality, so that the state is kept there; by rule (1), so it is at the first sample.
 
     Ramp: ρ_i(x) = clip((x - low)/δx - i, 0, 1), a ramp of width δx centred on threshold i.
 
@@ -123,7 +126,7 @@ def hysteron_states(
         (time, cells) states in [0, 1]; the first row is the state after x[0].
 
     Raises:
-        ValueError: `x` is not a row of real numbers, or a name is unknown.
+        InputError: `x` is not a row of real numbers, or a name is unknown.
 
     Example:
         >>> from preisach_jax.plane import Plane
@@ -141,9 +144,7 @@ def hysteron_states(
     return jax.lax.scan(advance, (start, x[0]), x)[1]
 
 
-def state_bounds(
-    plane: Plane, x: ArrayLike, hysteron: str = "ramp"
-) -> tuple[jax.Array, jax.Array]:
+def state_bounds(plane: Plane, x: ArrayLike, hysteron: str = "ramp") -> tuple[jax.Array, jax.Array]:
     """Bound the states of all hysterons along an input whose earlier history is unknown.
 
     Eq. (2) with fixed input maps y(k-1) by a clamp, and clamps compose to clamps, so that the state
@@ -159,7 +160,7 @@ def state_bounds(
         initially on. Their difference is what the unknown initial memory leaves open.
 
     Raises:
-        ValueError: `x` is not a row of real numbers, or the kind of hysteron is unknown.
+        InputError: `x` is not a row of real numbers, or the kind of hysteron is unknown.
 
     Example:
         >>> from preisach_jax.plane import Plane
@@ -186,15 +187,15 @@ def path_and_start(
         `(x, states)`: (time,) and (cells,).
 
     Raises:
-        ValueError: a shape, a type or a name is wrong.
+        InputError: a shape, a type or a name is wrong.
     """
     require_hysteron(hysteron)
     x = as_float(x, "the input x")
     if x.ndim != 1 or x.shape[0] == 0:
-        raise ValueError(f"the input x has the shape {x.shape}; (time,) with time > 0 is needed")
+        raise InputError(f"the input x has the shape {x.shape}: give (time,), with time > 0")
     if isinstance(initial_states, str):
         return x, plane.initial_states(initial_states, x[0], hysteron)
     states = as_float(initial_states, "initial_states").astype(x.dtype)
     if states.shape != (plane.cells,):
-        raise ValueError(f"initial_states has the shape {states.shape}; ({plane.cells},) is needed")
+        raise InputError(f"initial_states has the shape {states.shape}: give ({plane.cells},)")
     return x, states

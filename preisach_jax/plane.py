@@ -11,16 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from preisach_jax.errors import InputError
 from preisach_jax.hysteron import as_float, hysteron_step, require_hysteron, thresholds_reached
 
 
 class Plane(eqx.Module):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
-    δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of an
-    axis, so that all hysterons are off at x = low and on at x = high. The diagonal α = β belongs to
-    the plane. Cells are in flat order: α index i outer (0 ... N-1), β index j = 0 ... i inner, flat
-    index i(i+1)/2 + j.
+    δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of
+    an axis, so that all hysterons are off at x = low and on at x = high. The diagonal α = β belongs
+    to the plane. Cells are in flat order: α index i outer (0 ... N-1), β index j = 0 ... i inner,
+    flat index i(i+1)/2 + j.
 
     Args:
         levels: N ≥ 1, the levels of each axis.
@@ -28,7 +29,7 @@ class Plane(eqx.Module):
         high: upper limit of the input, in its unit; above `low`.
 
     Raises:
-        ValueError: `levels` is below 1, or the limits are not finite and ascending.
+        InputError: `levels` is below 1, or the limits are not finite and ascending.
 
     Example:
         >>> plane = Plane(levels=37, low=0.0, high=75.0)
@@ -42,12 +43,12 @@ class Plane(eqx.Module):
 
     def __check_init__(self):
         if self.levels < 1:
-            raise ValueError(f"levels is {self.levels}; a plane needs at least 1")
+            raise InputError(f"levels is {self.levels}: give a whole number of at least 1")
         for name, limit in (("low", self.low), ("high", self.high)):
             if not math.isfinite(limit):
-                raise ValueError(f"{name} is {limit}; the limits of the plane must be finite")
+                raise InputError(f"{name} is {limit}: the limits of the plane must be finite")
         if not self.low < self.high:
-            raise ValueError(f"low is {self.low} and high is {self.high}; low must be below high")
+            raise InputError(f"low is {self.low} and high is {self.high}: low must be below high")
 
     @property
     def cells(self) -> int:
@@ -97,7 +98,7 @@ class Plane(eqx.Module):
             (time,) integers in 0 ... levels, the number of thresholds that the input has reached.
 
         Raises:
-            ValueError: `x` is not a row of real numbers.
+            InputError: `x` is not a row of real numbers.
 
         Example:
             >>> Plane(levels=3, low=0.0, high=3.0).quantise([0.0, 0.5, 0.5, 1.5, 0.5]).tolist()
@@ -105,7 +106,7 @@ class Plane(eqx.Module):
         """
         x = as_float(x, "the input x")
         if x.ndim != 1:
-            raise ValueError(f"the input x has the shape {x.shape}; (time,) is needed")
+            raise InputError(f"the input x has the shape {x.shape}: give (time,)")
         previous = jnp.concatenate([x[:1], x[:-1]])
         # The direction of the last movement; rising, if there was none yet.
         moved_at = jax.lax.cummax(jnp.where(x != previous, jnp.arange(x.shape[0]), -1))
@@ -125,7 +126,7 @@ class Plane(eqx.Module):
             (levels, levels) matrix, row α index, column β index; NaN where α < β.
 
         Raises:
-            ValueError: `values` does not have one value a cell.
+            InputError: `values` does not have one value a cell.
 
         Example:
             >>> Plane(levels=2, low=0.0, high=1.0).matrix([1.0, 2.0, 3.0])
@@ -134,7 +135,7 @@ class Plane(eqx.Module):
         """
         flat = np.asarray(values, dtype=float)
         if flat.shape != (self.cells,):
-            raise ValueError(f"values has the shape {flat.shape}; ({self.cells},) is needed")
+            raise InputError(f"values has the shape {flat.shape}: give ({self.cells},), one a cell")
         plane = np.full((self.levels, self.levels), np.nan)
         plane[self.alpha_index, self.beta_index] = flat
         return plane
@@ -142,9 +143,9 @@ class Plane(eqx.Module):
     def everett(self, weights: ArrayLike, alpha: ArrayLike, beta: ArrayLike) -> jax.Array:
         """Everett function of the plane with ramp hysterons.
 
-        E(α, β) = (f_α - f_αβ)/2, half the fall of the output (6) when the input comes from low, turns
-        at α and goes back to β (Mayergoyz's definition). As states are 0 and 1, it is half the weight
-        in the triangle below and to the right of the turning point: Σ R max(ρ_i(α) - ρ_j(β), 0)/2.
+        E(α, β) = (f_α - f_αβ)/2 (Mayergoyz), half the fall of the output (6) when the input comes
+        from low, turns at α and goes back to β. As states are 0 and 1 here, that is half the weight
+        of the hysterons switched on the way back: Σ R max(ρ_i(α) - ρ_j(β), 0)/2.
 
         Args:
             weights: (cells,) weights R, in the unit of the output.
@@ -155,7 +156,7 @@ class Plane(eqx.Module):
             E in the unit of the output, in the common shape of `alpha` and `beta`; 0 where α ≤ β.
 
         Raises:
-            ValueError: `weights` does not have one value a cell.
+            InputError: `weights` does not have one value a cell.
 
         Example:
             >>> float(Plane(levels=2, low=0.0, high=2.0).everett([1.0, 2.0, 4.0], 2.0, 0.0))
@@ -166,7 +167,9 @@ class Plane(eqx.Module):
             for values, name in ((weights, "weights"), (alpha, "alpha"), (beta, "beta"))
         )
         if weights.shape != (self.cells,):
-            raise ValueError(f"weights has the shape {weights.shape}; ({self.cells},) is needed")
+            raise InputError(
+                f"weights has the shape {weights.shape}: give ({self.cells},), one a cell"
+            )
         dtype = jnp.result_type(weights, alpha, beta)
         shape = np.broadcast_shapes(alpha.shape, beta.shape)
 
@@ -182,10 +185,10 @@ class Plane(eqx.Module):
     def initial_states(self, kind: str, x0: ArrayLike, hysteron: str = "ramp") -> jax.Array:
         """States of the hysterons at the first sample, from a named initial memory.
 
-        "low" is saturated low (all off), "high" saturated high (all on), "demagnetised" the staircase
-        that an input decaying about the centre leaves: on below the line α + β = low + high; on
-        the line a ramp is half on and a relay off. The hysterons that the input forces at x0 are
-        then set by rule (1).
+        "low" is saturated low (all off), "high" saturated high (all on), "demagnetised" what an
+        input decaying about the centre leaves: on below the line α + β = low + high; on the line,
+        ramps are half on and relays off. The hysterons that the input forces at x0 are then set by
+        rule (1).
 
         Args:
             kind: "low", "high" or "demagnetised".
@@ -196,7 +199,7 @@ class Plane(eqx.Module):
             (cells,) states in [0, 1].
 
         Raises:
-            ValueError: `kind` or `hysteron` is unknown.
+            InputError: `kind` or `hysteron` is unknown.
 
         Example:
             >>> Plane(levels=2, low=0.0, high=2.0).initial_states("demagnetised", 1.0).tolist()
@@ -214,7 +217,7 @@ class Plane(eqx.Module):
             on_the_line = 0.5 if hysteron == "ramp" else 0.0
             states = np.where(beyond == 0, on_the_line, beyond < 0)
         else:
-            raise ValueError(
-                f"the initial memory is {kind!r}; it must be 'low', 'high' or 'demagnetised'"
+            raise InputError(
+                f"the initial memory is {kind!r}: it must be 'low', 'high' or 'demagnetised'"
             )
         return hysteron_step(self, jnp.asarray(states, x0.dtype), x0, x0, hysteron)

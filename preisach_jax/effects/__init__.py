@@ -1,0 +1,88 @@
+"""The library of effects that a rate-independent model may lack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from importlib.metadata import entry_points
+
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import Effect
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.errors import InputError
+
+BUILT_IN: tuple[type[Effect], ...] = (Creep, InputLag, Delay, Drift, Ageing, Auxiliary)
+ENTRY_POINTS = "preisach_jax.effects"
+
+
+def library() -> dict[str, Effect]:
+    """The library of effects by name, with those that installed packages register.
+
+    A package registers its own by an entry point of the group `preisach_jax.effects` that names
+    the class.
+
+    Returns:
+        Effects by name; `aux:COL` stands for one effect an auxiliary column.
+
+    Example:
+        >>> sorted(library())
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag']
+    """
+    effects: list[Effect] = [kind() for kind in BUILT_IN]
+    effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]
+    return {effect.name: effect for effect in effects}
+
+
+def resolve(
+    asked: Iterable[str | Effect], aux_units: dict[str, str], known: Sequence[Effect] = ()
+) -> tuple[Effect, ...]:
+    """Effects from their names; effects pass as they are.
+
+    Arguments:
+        asked: names of the library (`aux:COLUMN` for an auxiliary column), or effects.
+        aux_units: the auxiliary columns of the record, with their units.
+        known: further effects that may be asked for by name.
+
+    Returns:
+        The effects, in the order asked.
+
+    Raises:
+        InputError: if a name is not known, or asks for a column that the record does not have.
+
+    Example:
+        >>> [effect.name for effect in resolve(["creep", "aux:load_N"], {"load_N": "N"})]
+        ['creep', 'aux:load_N']
+    """
+    names = library() | {effect.name: effect for effect in known}
+    found: list[Effect] = []
+    for item in asked:
+        if isinstance(item, Effect):
+            effect = item
+        elif item in names and item != "aux:COL":
+            effect = names[item]
+        elif item.startswith("aux:"):
+            effect = _auxiliary(item.removeprefix("aux:"), aux_units)
+        else:
+            near = get_close_matches(item, names, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(
+                f"there is no effect {item!r}{hint} (known: {', '.join(sorted(names))})"
+            )
+        if effect.name in [other.name for other in found]:
+            raise InputError(f"the effect {effect.name!r} is asked for twice; name it once")
+        found.append(effect)
+    return tuple(found)
+
+
+def _auxiliary(column: str, aux_units: dict[str, str]) -> Auxiliary:
+    if column not in aux_units:
+        have = ", ".join(aux_units) or "none"
+        raise InputError(
+            f"the effect 'aux:{column}' needs the auxiliary column {column!r}, which the record "
+            f"was not loaded with (loaded: {have}); add it with --aux {column}"
+        )
+    return Auxiliary(column=column, unit=aux_units[column])

@@ -1,0 +1,59 @@
+"""Ageing: the hysteresis shrinks as time goes by."""
+
+from typing import ClassVar
+
+import equinox as eqx
+
+from preisach_jax.effects.base import Parameter, Signals, Span, WeightEffect, log_grid
+from preisach_jax.effects.drift import settling
+
+
+class Ageing(WeightEffect):
+    r"""Gain of all weights that falls with time: \(1 - \ell\, g(t)\), with `settling` as g.
+
+    Arguments:
+        horizon_s: time in s after which the loss is reached: the length of the record.
+
+    Example:
+        >>> [p.name for p in Ageing().parameters()]
+        ['loss', 'tau_s']
+    """
+
+    name: ClassVar[str] = "ageing"
+    physics: ClassVar[str] = (
+        "Depolarisation, fatigue and warming take a share of the active material away (or give it "
+        "back): the whole loop shrinks towards its lower end, without a change of its shape."
+    )
+    source: ClassVar[str] = (
+        "D. C. Lupascu, Fatigue in Ferroelectric Ceramics and Related Issues, Springer 2004"
+    )
+    signature: ClassVar[str] = (
+        "residual in proportion to the output, of a sign that changes from early to late"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("drift", "creep")
+    experiment: ClassVar[str] = (
+        "the same reference loop over the full range at the start and at the end: ageing changes "
+        "its height, drift its place"
+    )
+    horizon_s: float = eqx.field(static=True, default=1.0)
+
+    def parameters(self):
+        low, high = self.horizon_s / 30, self.horizon_s * 30
+        return (
+            Parameter("loss", "1", -0.5, 0.9, meaning="share of the stroke lost over the record"),
+            Parameter(
+                "tau_s",
+                "s",
+                low,
+                high,
+                start=log_grid(low * 3, high / 3, per_decade=1),
+                log=True,
+                meaning="time constant; far above the record's length the loss is a straight line",
+            ),
+        )
+
+    def bound_to(self, span: Span):
+        return Ageing(horizon_s=span.duration_s)
+
+    def gain(self, values, signals: Signals):
+        return 1 - values["loss"] * settling(signals.time, values["tau_s"], self.horizon_s)

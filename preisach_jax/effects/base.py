@@ -1,0 +1,243 @@
+"""The contract of an effect: what it is, where it acts, and how it is computed.
+
+The signal chain of every model is::
+
+    u ──► input effects ──► Preisach operator ──► weight effects ──► output effects ──► (+) ──► z
+                                                                    added effects ──────┘
+
+An effect is one small class.  It derives from the class of its *place* and says what its
+parameters are (`parameters`) and what it does to a signal.  Effects of the input and of the
+output are written as `init` and `step` for one scalar signal; the base class runs them over time
+with the actual time step, and the model maps them over regressors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Values = dict[str, Any]
+"""Values of an effect's parameters by name."""
+
+
+class Parameter(eqx.Module):
+    """A named, bounded, united parameter of an effect.
+
+    Arguments:
+        name: name, with the unit of time in it where it is a time (`tau_s`).
+        unit: unit of the value; `"{z}"` and `"{u}"` stand for the record's output and input unit.
+        low, high: bounds that the search never leaves.
+        start: values from which the search starts; the best of them is refined.
+        log: whether the search goes by the logarithm of the value (for times).
+        meaning: a few words for the reader.
+
+    Raises:
+        ValueError: if the bounds are not `low < high`, or a logarithmic one is not positive.
+
+    Example:
+        >>> Parameter("tau_s", "s", low=1e-3, high=1.0, start=(0.01, 0.1), log=True).log
+        True
+    """
+
+    name: str = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    low: float = eqx.field(static=True)
+    high: float = eqx.field(static=True)
+    start: tuple[float, ...] = eqx.field(static=True, default=(0.0,))
+    log: bool = eqx.field(static=True, default=False)
+    meaning: str = eqx.field(static=True, default="")
+
+    def __check_init__(self):
+        if not self.low < self.high:
+            raise ValueError(
+                f"parameter {self.name!r} has bounds {self.low} and {self.high}: "
+                "the lower one must lie below the upper one"
+            )
+        if self.log and self.low <= 0:
+            raise ValueError(
+                f"parameter {self.name!r} is searched by its logarithm, but its lower bound is "
+                f"{self.low}: give a positive bound, or log=False"
+            )
+
+    def to_search(self, value: float) -> float:
+        """The search coordinate of a value: its logarithm where `log` is set."""
+        return math.log(value) if self.log else value
+
+    def from_search(self, coordinate: float) -> float:
+        """The value of a search coordinate, inside the bounds."""
+        value = math.exp(coordinate) if self.log else coordinate
+        return min(max(value, self.low), self.high)
+
+
+def log_grid(low: float, high: float, per_decade: float) -> tuple[float, ...]:
+    """Values from `low` to `high`, evenly spaced on a logarithmic scale.
+
+    Example:
+        >>> [round(v, 3) for v in log_grid(0.1, 10.0, per_decade=1)]
+        [0.1, 1.0, 10.0]
+    """
+    count = max(2, round(per_decade * math.log10(high / low)) + 1)
+    ratio = (high / low) ** (1 / (count - 1))
+    return tuple(low * ratio**i for i in range(count))
+
+
+class Span(eqx.Module):
+    """What an effect may know of a record before it is fitted: its time scales.
+
+    Arguments:
+        duration_s: time from the first sample to the last, in s.
+        step_s: median time step, in s.
+    """
+
+    duration_s: float = eqx.field(static=True)
+    step_s: float = eqx.field(static=True)
+
+
+class Signals(eqx.Module):
+    """What drives a model: time (s), input, and auxiliary columns, each `(time,)`."""
+
+    time: Float[Array, " time"]
+    input: Float[Array, " time"]
+    aux: dict[str, Float[Array, " time"]]
+
+
+class Effect(eqx.Module):
+    """What all effects share: the texts of the library, and the parameters.
+
+    Class attributes:
+        name: name in models, reports and on the command line.
+        place: `"input"`, `"hysteresis"`, `"weights"`, `"output"` or `"added"`.
+        physics: one paragraph on what happens in the machine.
+        source: where that can be read.
+        signature: what the residual of a model without it looks like.
+        confused_with: names of the effects that look alike.
+        experiment: what to record to tell them apart.
+    """
+
+    name: ClassVar[str] = ""
+    place: ClassVar[str] = ""
+    physics: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    signature: ClassVar[str] = ""
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[str] = ""
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that the search must find (those that enter the model nonlinearly)."""
+        raise NotImplementedError(f"{type(self).__name__} must say what its parameters are")
+
+    def bound_to(self, span: Span) -> Effect:
+        """This effect with its time scales set to those of a record; by default unchanged."""
+        del span
+        return self
+
+    def settings(self) -> dict[str, Any]:
+        """The fields of this effect, for the model file."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+class _Stepped(Effect):
+    """An effect on one scalar signal, written as `init` and `step`."""
+
+    def init(self, values: Values, first: Array) -> Any:
+        """State before the first sample, whose value is `first` (the machine was at rest)."""
+        raise NotImplementedError(f"{type(self).__name__} must have init(values, first)")
+
+    def step(self, values: Values, state: Any, value: Array, dt: Array) -> tuple[Any, Array]:
+        """New state and output after `dt` seconds, at whose end the signal is `value`."""
+        raise NotImplementedError(f"{type(self).__name__} must have step(values, state, value, dt)")
+
+    def apply(
+        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
+        """The signal after the effect, sample by sample with the actual time step.
+
+        Arguments:
+            values: parameters by name.
+            signal: the signal, `(time,)`.
+            time: time in s, `(time,)`.
+
+        Returns:
+            The signal behind the effect, `(time,)`.
+
+        Example:
+            >>> import jax.numpy as jnp
+            >>> from preisach_jax.effects.input_lag import InputLag
+            >>> t = jnp.linspace(0.0, 1.0, 101)
+            >>> step = jnp.where(t > 0, 1.0, 0.0)
+            >>> u = InputLag().apply({"tau_s": 0.1}, step, t)
+            >>> bool(abs(u[-1] - 1) < 1e-3)
+            True
+        """
+        dt = jnp.diff(time, prepend=time[:1])
+        state = self.init(values, signal[0])
+
+        def advance(state, sample):
+            return self.step(values, state, *sample)
+
+        return jax.lax.scan(advance, state, (signal, dt))[1]
+
+
+class InputEffect(_Stepped):
+    """An effect between the recorded input and the hysteresis."""
+
+    place: ClassVar[str] = "input"
+
+
+class OutputEffect(_Stepped):
+    """An effect between the hysteresis and the recorded output, linear in its signal."""
+
+    place: ClassVar[str] = "output"
+
+
+class WeightEffect(Effect):
+    """An effect that scales all weights as time goes by."""
+
+    place: ClassVar[str] = "weights"
+
+    def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
+        """Factor on all weights at each sample, `(time,)`."""
+        raise NotImplementedError(f"{type(self).__name__} must have gain(values, signals)")
+
+
+class AddedEffect(Effect):
+    """An effect that adds to the output, linear in its coefficients."""
+
+    place: ClassVar[str] = "added"
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficient of each column, found by linear least squares."""
+        raise NotImplementedError(f"{type(self).__name__} must name its coefficients")
+
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+        """What is added for a coefficient of one, `(time, columns)`."""
+        raise NotImplementedError(f"{type(self).__name__} must have columns(values, signals)")
+
+
+def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
+    r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
+
+    \[ \tau \dot y = v - y,\qquad
+       y^+ = v^+ + e^{-\Delta t/\tau} (y - v) - (v^+ - v)\,\tau\,(1 - e^{-\Delta t/\tau})/\Delta t \]
+
+    Arguments:
+        state: `(y, v)` stacked on the last axis: output and input after the last step.
+        value: the signal now.
+        dt: time since then, in s; zero leaves the output as it is.
+        tau_s: time constant in s, positive.
+
+    Returns:
+        The new `(y, v)`.
+    """
+    output, last = state[..., 0], state[..., 1]
+    # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
+    safe_dt = jnp.where(dt > 0, dt, 1.0)
+    decay = jnp.exp(-safe_dt / tau_s)
+    slope_part = (value - last) * tau_s * -jnp.expm1(-safe_dt / tau_s) / safe_dt
+    moved = value + decay * (output - last) - slope_part
+    return jnp.stack([jnp.where(dt > 0, moved, output), value * jnp.ones_like(output)], axis=-1)

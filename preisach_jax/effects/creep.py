@@ -1,0 +1,61 @@
+"""Creep: the output goes on moving after the input has stopped."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid, low_pass_step
+
+
+class Creep(OutputEffect):
+    r"""Linear creep: \(z = h + \sum_i c_i\, y_i,\ \tau_i \dot y_i = h - y_i,\ c_i \ge 0\).
+
+    Arguments:
+        tau_s: time constants of the Kelvin-Voigt elements, in s, about evenly spaced on a
+            logarithmic scale; set from the record by `bound_to`.
+
+    Example:
+        >>> [p.name for p in Creep(tau_s=(0.1, 1.0)).parameters()]
+        ['c_1', 'c_2']
+    """
+
+    name: ClassVar[str] = "creep"
+    physics: ClassVar[str] = (
+        "Domains go on switching by thermal activation after the field has settled, so the stroke "
+        "of a piezo actuator grows with the logarithm of time, by one or two per cent a decade. "
+        "A chain of springs and dampers (Kelvin-Voigt elements) with time constants spread evenly "
+        "over the decades reproduces it."
+    )
+    source: ClassVar[str] = (
+        "D. Croft, G. Shed, S. Devasia, J. Dyn. Syst. Meas. Control 123 (2001) 35-43; "
+        "H. Jung, D.-G. Gweon, Rev. Sci. Instrum. 71 (2000) 1896-1900"
+    )
+    signature: ClassVar[str] = (
+        "slow exponential tails after every step and in every hold, in the direction of the move"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("drift", "ageing")
+    experiment: ClassVar[str] = (
+        "holds over two decades of time after moves in both directions: creep follows the move, "
+        "drift does not care"
+    )
+    tau_s: tuple[float, ...] = eqx.field(static=True, default=(0.1, 1.0, 10.0))
+
+    def parameters(self):
+        return tuple(
+            Parameter(f"c_{i}", "1", 0.0, 0.5, meaning=f"gain of the element of {tau:.3g} s")
+            for i, tau in enumerate(self.tau_s, start=1)
+        )
+
+    def bound_to(self, span: Span):
+        # Shorter elements than these are a lag, longer ones a ramp in disguise.
+        low = max(span.duration_s / 1000, 10 * span.step_s)
+        return Creep(tau_s=log_grid(min(low, span.duration_s / 10), span.duration_s, per_decade=2))
+
+    def init(self, values, first):
+        return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))
+
+    def step(self, values, state, value, dt):
+        state = low_pass_step(state, value, dt, jnp.asarray(self.tau_s))
+        gains = jnp.stack([jnp.asarray(values[p.name]) for p in self.parameters()])
+        return state, value + gains @ state[:, 0]

@@ -1,0 +1,63 @@
+"""Pure delay between the hysteresis and the recorded output."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid
+
+
+class Delay(OutputEffect):
+    r"""Pure delay, by a fraction of a sample as well: \(z(t) = h(t - \theta)\).
+
+    Arguments:
+        delay_low_s, delay_high_s: bounds of the search, in s.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> t = jnp.arange(5.0)
+        >>> Delay().apply({"delay_s": 0.5}, t, t).tolist()
+        [0.0, 0.5, 1.5, 2.5, 3.5]
+    """
+
+    name: ClassVar[str] = "delay"
+    physics: ClassVar[str] = (
+        "Converters, the filter of the sensor and its digital link, and a data logger that takes "
+        "its channels one after the other deliver the output later than the input by a fixed time, "
+        "whatever the signal."
+    )
+    source: ClassVar[str] = (
+        "L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall 1999, ch. 4"
+    )
+    signature: ClassVar[str] = (
+        "residual in proportion to the rate of the output; loops too wide at speed, and in the "
+        "wrong sense where the material itself has little hysteresis"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("output_lag", "input_lag")
+    experiment: ClassVar[str] = (
+        "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
+        "frequency without bound, and its gain stays at one"
+    )
+    delay_low_s: float = eqx.field(static=True, default=1e-5)
+    delay_high_s: float = eqx.field(static=True, default=1.0)
+
+    def parameters(self):
+        return (
+            Parameter(
+                "delay_s",
+                "s",
+                self.delay_low_s,
+                self.delay_high_s,
+                start=log_grid(self.delay_low_s * 2, self.delay_high_s / 2, per_decade=2),
+                log=True,
+                meaning="delay",
+            ),
+        )
+
+    def bound_to(self, span: Span):
+        return Delay(delay_low_s=span.step_s / 4, delay_high_s=span.duration_s / 20)
+
+    def apply(self, values, signal, time):
+        # A delay needs the past of its signal, not a state of fixed size.
+        return jnp.interp(time - values["delay_s"], time, signal)

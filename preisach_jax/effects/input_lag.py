@@ -1,0 +1,63 @@
+"""First-order lag between the recorded input and what drives the material."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import InputEffect, Parameter, Span, log_grid, low_pass_step
+
+
+class InputLag(InputEffect):
+    r"""First-order lag of the input: \(\tau \dot u' = u - u'\).
+
+    Arguments:
+        tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+
+    Example:
+        >>> InputLag().parameters()[0].name
+        'tau_s'
+    """
+
+    name: ClassVar[str] = "input_lag"
+    physics: ClassVar[str] = (
+        "The command is recorded before the amplifier, but the material sees what is behind it. "
+        "A voltage amplifier with its output resistance and the capacitance of the piezo stack, "
+        "or a current source with the inductance of a coil, follows with a time constant R·C or "
+        "L/R: at speed the loop widens, and turning points are rounded."
+    )
+    source: ClassVar[str] = (
+        "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
+        "Springer 2014, ch. 14 (driving capacitive loads)"
+    )
+    signature: ClassVar[str] = "residual in proportion to the rate of the input; none at rest"
+    confused_with: ClassVar[tuple[str, ...]] = ("delay", "output_lag", "rate_dependence")
+    experiment: ClassVar[str] = (
+        "the same loop at several rates over a decade and a half, and a multisine: a lag attenuates "
+        "fast parts, a delay only shifts them"
+    )
+    tau_low_s: float = eqx.field(static=True, default=1e-5)
+    tau_high_s: float = eqx.field(static=True, default=10.0)
+
+    def parameters(self):
+        return (
+            Parameter(
+                "tau_s",
+                "s",
+                self.tau_low_s,
+                self.tau_high_s,
+                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
+                log=True,
+                meaning="time constant",
+            ),
+        )
+
+    def bound_to(self, span: Span):
+        return InputLag(tau_low_s=span.step_s / 4, tau_high_s=span.duration_s / 20)
+
+    def init(self, values, first):
+        return jnp.stack([first, first])
+
+    def step(self, values, state, value, dt):
+        state = low_pass_step(state, value, dt, values["tau_s"])
+        return state, state[0]

@@ -1,0 +1,365 @@
+"""Identification of a model from a record by separable least squares.
+
+Weights, offset, initial memory and coefficients of added effects are linear and solved for;
+the one to few nonlinear parameters of the effects are found outside, from a coarse grid by
+Gauss-Newton steps with derivatives through the model.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+
+from preisach_jax.effects.base import AddedEffect, Effect, InputEffect, Parameter, Span
+from preisach_jax.model import (
+    Chain,
+    Coefficients,
+    Columns,
+    EffectValues,
+    HysteresisColumns,
+    driven_path,
+    hysteresis_columns,
+    regressors,
+    signals_of,
+    tangents,
+)
+from preisach_jax.record import Record
+from preisach_jax.regression import (
+    NormalEquations,
+    choose_strength,
+    normal_equations,
+    solve_nonnegative,
+)
+
+BLOCKS = 96
+"""Contiguous blocks of measured rows into which a record is cut."""
+
+FOLDS = 4
+"""Every fourth block is held out; the other three folds identify, and choose the prior."""
+
+IDENTIFICATION = np.arange(FOLDS - 1)
+VALIDATION = np.array([FOLDS - 1])
+ALL = np.arange(FOLDS)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A record, cut into blocks and put on the device in double precision.
+
+    Attributes:
+        record: the record.
+        signals: what drives a model.
+        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
+        rows: (row,) indices of the measured samples.
+        block: (row,) block of each of them.
+        fold: (row,) fold of each of them; the last one is held out.
+    """
+
+    record: Record
+    initial_memory: str
+    rows: np.ndarray
+    block: np.ndarray
+    fold: np.ndarray
+    cache: dict = field(default_factory=dict)
+
+    @staticmethod
+    def of(record: Record) -> Problem:
+        """Cut a record into blocks of equal numbers of measured samples."""
+        rows = np.flatnonzero(record.measured)
+        block = np.arange(len(rows)) * BLOCKS // len(rows)
+        # The third of four is held out: the ends of the record stay with the identification.
+        fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
+        return Problem(record, record.initial_memory, rows, block, fold)
+
+    @property
+    def signals(self):
+        if "signals" not in self.cache:
+            self.cache["signals"] = signals_of(self.record)
+        return self.cache["signals"]
+
+    @property
+    def span(self) -> Span:
+        return Span(self.record.duration_s, self.record.step_s)
+
+    @property
+    def target(self) -> np.ndarray:
+        """(row,) measured output."""
+        return self.record.output[self.rows]
+
+    @property
+    def unit(self) -> float:
+        """Range of the measured output: the solver works on outputs of unit range."""
+        return float(np.ptp(self.target))
+
+    def hysteresis(self, chain: Chain, values: EffectValues) -> HysteresisColumns:
+        """Columns of the operator; kept while the input effects do not change."""
+        key = tuple(
+            (effect, tuple(values[effect.name].items())) for effect in chain.at(InputEffect)
+        )
+        slot = ("hysteresis", chain.plane, chain.hysteron)
+        if self.cache.get(slot, (None,))[0] != key:
+            path = driven_path(chain, values, self.signals)
+            self.cache[slot] = (key, hysteresis_columns(chain, path, self.initial_memory))
+        return self.cache[slot][1]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A chain at given nonlinear parameters, with its best linear coefficients.
+
+    Attributes:
+        chain: what is in the model.
+        values: nonlinear parameters by effect and name.
+        strength: strength of the smoothness prior.
+        matrix: (row, column) scaled regressors of the measured rows.
+        columns: what the columns are.
+        equations: normal equations, in output ranges.
+        solution: (column,) scaled coefficients from the identification folds.
+        objective: mean square plus penalty on the identification folds.
+    """
+
+    chain: Chain
+    values: dict[str, dict[str, float]]
+    strength: float
+    matrix: np.ndarray
+    columns: Columns
+    equations: NormalEquations
+    solution: np.ndarray
+    objective: float
+
+    @property
+    def validation_mean_square(self) -> float:
+        """Mean square on the held-out blocks, in squared output ranges."""
+        return self.equations.mean_square(self.solution, VALIDATION)
+
+    @property
+    def parameters(self) -> list[tuple[str, Parameter]]:
+        """All nonlinear parameters with the effects they belong to."""
+        return parameters_of(self.chain.effects)
+
+    def solve(self, folds: np.ndarray) -> np.ndarray:
+        """(column,) scaled coefficients from some folds."""
+        gram, moment = self.equations.system(folds, self.strength)
+        return solve_nonnegative(gram, moment, self.equations.nonnegative, self.solution > 0)
+
+    def coefficients(self, unit: float, solution: np.ndarray | None = None) -> Coefficients:
+        """The linear numbers of the model in output units."""
+        solution = self.solution if solution is None else solution
+        return Coefficients.from_columns(self.columns, unit * solution / self.equations.scale)
+
+
+def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
+    """All nonlinear parameters of some effects, with the effects' names."""
+    return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]
+
+
+def evaluate(
+    problem: Problem,
+    chain: Chain,
+    values: dict[str, dict[str, float]],
+    strength: float,
+    guess: np.ndarray | None = None,
+) -> Point:
+    """Solve for the linear coefficients at given nonlinear parameters."""
+    columns = regressors(chain, values, problem.signals, problem.hysteresis(chain, values))
+    matrix = columns.matrix[problem.rows]
+    if not np.isfinite(matrix).all():
+        raise FloatingPointError(f"the model gives values that are not finite at {values}")
+    equations = normal_equations(
+        matrix,
+        problem.target / problem.unit,
+        problem.fold,
+        chain.plane.levels,
+        columns.nonnegative,
+        columns.groups,
+    )
+    gram, moment = equations.system(IDENTIFICATION, strength)
+    passive = guess > 0 if guess is not None and len(guess) == len(moment) else None
+    solution = solve_nonnegative(gram, moment, equations.nonnegative, passive)
+    objective = equations.mean_square(solution, IDENTIFICATION) + equations.penalty(
+        solution, strength
+    )
+    return Point(
+        chain, values, strength, matrix / equations.scale, columns, equations, solution, objective
+    )
+
+
+def with_strength(point: Point) -> Point:
+    """The same point with the strength of the prior that its own data choose."""
+    strength = choose_strength(point.equations, IDENTIFICATION)
+    moved = replace(point, strength=strength)
+    solution = moved.solve(IDENTIFICATION)
+    equations = point.equations
+    objective = equations.mean_square(solution, IDENTIFICATION)
+    return replace(
+        moved, solution=solution, objective=objective + equations.penalty(solution, strength)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A point with further columns: the tangents of its nonlinear parameters.
+
+    Attributes:
+        tangents: (row, parameter) derivatives with respect to the search coordinates, scaled.
+        scale: (parameter,) by which they were divided.
+        equations: normal equations with the tangents behind all other columns.
+    """
+
+    tangents: np.ndarray
+    scale: np.ndarray
+    equations: NormalEquations
+
+
+def linearise(problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]) -> Linearised:
+    """Append the tangents of some parameters to the regression of a point."""
+    names = [(effect, parameter.name) for effect, parameter in parameters]
+    coefficients = point.coefficients(problem.unit)
+    raw = tangents(point.chain, point.values, problem.signals, coefficients, names)
+    raw = raw[problem.rows] / problem.unit
+    for column, (effect, parameter) in enumerate(parameters):
+        if parameter.log:
+            raw[:, column] *= point.values[effect][parameter.name]
+    if not np.isfinite(raw).all():
+        raise FloatingPointError(f"the derivatives are not finite at {point.values}")
+    scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-12)
+    raw = raw / scale
+    target = problem.target / problem.unit
+    other, own, moment = [], [], []
+    for k in ALL:
+        rows = problem.fold == k
+        other.append(point.matrix[rows].T @ raw[rows])
+        own.append(raw[rows].T @ raw[rows])
+        moment.append(raw[rows].T @ target[rows])
+    equations = point.equations.extended(np.stack(other), np.stack(own), np.stack(moment))
+    # Parameters with a natural zero, such as a gain, are solved for as non-negative amounts: the
+    # target is moved so that the column multiplies the amount itself and not its change.
+    amounts = np.array([_is_amount(parameter) for _, parameter in parameters])
+    if amounts.any():
+        now = np.array([point.values[e][p.name] for e, p in parameters]) * scale * amounts
+        size = len(point.solution)
+        equations = replace(
+            equations,
+            moment=equations.moment + equations.gram[:, :, size:] @ now,
+            power=equations.power
+            + 2 * equations.moment[:, size:] @ now
+            + np.einsum("i,kij,j->k", now, equations.gram[:, size:, size:], now),
+            nonnegative=np.concatenate([point.equations.nonnegative, amounts]),
+        )
+    return Linearised(raw, scale, equations)
+
+
+def _is_amount(parameter: Parameter) -> bool:
+    return parameter.low == 0 and not parameter.log
+
+
+def _joint_step(
+    point: Point, parameters: list[tuple[str, Parameter]], linear: Linearised
+) -> tuple[np.ndarray, float]:
+    """Gauss-Newton step in search coordinates, and the objective that it promises."""
+    gram, moment = linear.equations.system(IDENTIFICATION, point.strength)
+    guess = np.concatenate([point.solution > 0, np.ones(len(parameters), dtype=bool)])
+    solution = solve_nonnegative(gram, moment, linear.equations.nonnegative, guess)
+    promised = linear.equations.mean_square(solution, IDENTIFICATION)
+    promised += linear.equations.penalty(solution, point.strength)
+    step = solution[len(point.solution) :] / linear.scale
+    for position, (effect, parameter) in enumerate(parameters):
+        if _is_amount(parameter):
+            step[position] -= point.values[effect][parameter.name]
+    return step, promised
+
+
+def _moved(
+    values: dict[str, dict[str, float]], parameters: list[tuple[str, Parameter]], step: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """Values after a step in search coordinates, inside their bounds."""
+    moved = {effect: dict(of_effect) for effect, of_effect in values.items()}
+    for (effect, parameter), change in zip(parameters, step, strict=True):
+        # A factor of three at once is as far as a linearisation of a time can be trusted.
+        change = float(np.clip(change, -1.1, 1.1)) if parameter.log else float(change)
+        coordinate = parameter.to_search(values[effect][parameter.name]) + change
+        moved[effect][parameter.name] = parameter.from_search(coordinate)
+    return moved
+
+
+def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-4) -> Point:
+    """Gauss-Newton on all nonlinear parameters, linear coefficients solved at every trial.
+
+    Arguments:
+        problem: the record.
+        point: where to start.
+        iterations: bound on steps.
+        tolerance: relative fall of the objective at which to stop.
+
+    Returns:
+        A point that is not worse.
+    """
+    parameters = point.parameters
+    if not parameters:
+        return point
+    for _ in range(iterations):
+        step, _ = _joint_step(point, parameters, linearise(problem, point, parameters))
+        before = point.objective
+        for shrink in (1.0, 0.4, 0.1):
+            values = _moved(point.values, parameters, shrink * step)
+            trial = evaluate(problem, point.chain, values, point.strength, point.solution)
+            if trial.objective < before:
+                point = trial
+                break
+        if point.objective > before * (1 - tolerance):
+            break
+    return point
+
+
+def starts_of(effect: Effect) -> list[dict[str, float]]:
+    """All combinations of the values from which the search for an effect starts."""
+    parameters = effect.parameters()
+    grids = itertools.product(*(parameter.start for parameter in parameters))
+    names = [parameter.name for parameter in parameters]
+    return [dict(zip(names, values, strict=True)) for values in grids]
+
+
+def search(problem: Problem, point: Point, effect: Effect, keep: int = 2) -> list[Point]:
+    """Try an effect beside those of a point, from all its starts.
+
+    A start is judged with the effect's linear-like parameters (those with a single start, such as
+    gains that start at zero) already moved by one linearised step.
+
+    Arguments:
+        problem: the record.
+        point: the model without the effect.
+        effect: the effect, bound to the record's time scales.
+        keep: how many of the starts to return.
+
+    Returns:
+        The best starting points, best first, not yet refined.
+    """
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    ranked: list[tuple[float, Point]] = []
+    for start in starts_of(effect):
+        values = {**point.values, effect.name: start}
+        trial = evaluate(problem, chain, values, point.strength, point.solution)
+        linear_like = [
+            (effect.name, parameter)
+            for parameter in effect.parameters()
+            if len(parameter.start) == 1
+        ]
+        score = trial.objective
+        if linear_like:
+            step, score = _joint_step(trial, linear_like, linearise(problem, trial, linear_like))
+            values = _moved(values, linear_like, step)
+            trial = replace(trial, values=values)
+        ranked.append((score, trial))
+        ranked.sort(key=lambda pair: pair[0])
+        del ranked[keep:]
+    return [
+        evaluate(problem, chain, trial.values, trial.strength, trial.solution)
+        if any(len(parameter.start) == 1 for parameter in effect.parameters())
+        else trial
+        for _, trial in ranked
+    ]

@@ -1,0 +1,276 @@
+"""Linear part of the identification: normal equations, smoothness prior, non-negative weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.linalg
+
+STRENGTHS = tuple(10.0**exponent for exponent in range(-8, 1))
+"""Strengths of the smoothness prior among which the data choose, per sample."""
+
+RIDGE = 1e-10
+"""Ridge relative to the largest diagonal entry: keeps columns that never move determinate."""
+
+MEMORY_STRENGTH = 1e-6
+"""Strength, per sample, with which an unknown start is drawn to half of what is possible."""
+
+
+@lru_cache(maxsize=16)
+def smoothness(levels: int) -> np.ndarray:
+    r"""Smoothness prior on the density, as a quadratic form on the weights.
+
+    Thin-plate energy \(\sum R_{\alpha\alpha}^2 + 2 R_{\alpha\beta}^2 + R_{\beta\beta}^2\) by second
+    differences (G. Wahba, Spline Models for Observational Data, SIAM 1990).  The diagonal carries
+    the reversible part, which need not resemble its neighbours: it is smoothed along itself only.
+
+    Arguments:
+        levels: levels N of the plane.
+
+    Returns:
+        (cells, cells) positive semi-definite matrix.
+
+    Example:
+        >>> import numpy as np
+        >>> P = smoothness(6)
+        >>> flat = np.ones(21)
+        >>> bool(np.allclose(P @ flat, 0))
+        True
+    """
+    index = np.full((levels + 2, levels + 2), -1)
+    alpha, beta = np.tril_indices(levels)
+    index[alpha + 1, beta + 1] = np.arange(len(alpha))  # a border of -1 stands for "no cell"
+    off_diagonal = index.copy()
+    off_diagonal[np.arange(levels + 2), np.arange(levels + 2)] = -1
+    diagonal = np.full_like(index, -1)
+    np.fill_diagonal(diagonal, np.diag(index))
+    second, mixed = (1.0, -2.0, 1.0), (2**0.5, -(2**0.5), -(2**0.5), 2**0.5)
+    stencils = (
+        (off_diagonal, ((-1, 0), (0, 0), (1, 0)), second),
+        (off_diagonal, ((0, -1), (0, 0), (0, 1)), second),
+        (off_diagonal, ((0, 0), (1, 0), (0, 1), (1, 1)), mixed),
+        (diagonal, ((-1, -1), (0, 0), (1, 1)), second),
+    )
+    energy = np.zeros((len(alpha), len(alpha)))
+    for cells, offsets, factors in stencils:
+        members = np.stack([np.roll(cells, (-a, -b), (0, 1)).ravel() for a, b in offsets])
+        members = members[:, (members >= 0).all(axis=0)]
+        for row, factor in zip(members, factors, strict=True):
+            for column, other in zip(members, factors, strict=True):
+                np.add.at(energy, (row, column), factor * other)
+    return energy
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Gram matrix, moments and power of a regression, kept apart for each fold of rows.
+
+    Attributes:
+        gram: (fold, column, column).
+        moment: (fold, column).
+        power: (fold,) sum of squares of the target.
+        count: (fold,) rows.
+        scale: (column,) by which a solution is divided to belong to the unscaled columns.
+        nonnegative: (column,) whether the coefficient must not be negative.
+        prior: (column, column) smoothness of the density, for strength 1 and one row.
+        memory: (column, column) pull of the unknown initial memory, for one row.
+    """
+
+    gram: np.ndarray
+    moment: np.ndarray
+    power: np.ndarray
+    count: np.ndarray
+    scale: np.ndarray
+    nonnegative: np.ndarray
+    prior: np.ndarray
+    memory: np.ndarray
+
+    def system(self, folds: np.ndarray, strength: float) -> tuple[np.ndarray, np.ndarray]:
+        """Regularised matrix and right-hand side over some folds."""
+        gram = self.gram[folds].sum(axis=0)
+        rows = self.count[folds].sum()
+        gram = gram + rows * (strength * self.prior + MEMORY_STRENGTH * self.memory)
+        gram[np.diag_indices_from(gram)] += RIDGE * np.diag(gram).max()
+        return gram, self.moment[folds].sum(axis=0)
+
+    def mean_square(self, solution: np.ndarray, folds: np.ndarray) -> float:
+        """Mean squared residual of a (scaled) solution over some folds."""
+        gram, moment = self.gram[folds].sum(axis=0), self.moment[folds].sum(axis=0)
+        squares = self.power[folds].sum() - 2 * moment @ solution + solution @ gram @ solution
+        return max(float(squares / self.count[folds].sum()), 0.0)
+
+    def penalty(self, solution: np.ndarray, strength: float) -> float:
+        """Prior's share of the objective, for one row."""
+        prior = strength * self.prior + MEMORY_STRENGTH * self.memory
+        return float(solution @ prior @ solution)
+
+    def extended(self, other: np.ndarray, own: np.ndarray, moment: np.ndarray) -> NormalEquations:
+        """With further free columns: their products with these, with themselves, with the target.
+
+        Arguments:
+            other: (fold, column, further) products with the columns that are here.
+            own: (fold, further, further) products among themselves.
+            moment: (fold, further) products with the target.
+        """
+        gram = np.concatenate(
+            [
+                np.concatenate([self.gram, other], axis=2),
+                np.concatenate([other.transpose(0, 2, 1), own], axis=2),
+            ],
+            axis=1,
+        )
+        more = own.shape[1]
+
+        def padded(square):
+            return np.pad(square, (0, more))
+
+        return NormalEquations(
+            gram,
+            np.concatenate([self.moment, moment], axis=1),
+            self.power,
+            self.count,
+            np.concatenate([self.scale, np.ones(more)]),
+            np.concatenate([self.nonnegative, np.zeros(more, dtype=bool)]),
+            padded(self.prior),
+            padded(self.memory),
+        )
+
+
+def normal_equations(
+    matrix: np.ndarray,
+    target: np.ndarray,
+    fold: np.ndarray,
+    levels: int,
+    nonnegative: np.ndarray,
+    groups: tuple[np.ndarray, ...],
+) -> NormalEquations:
+    """Normal equations of a regression on the columns of a chain, fold by fold.
+
+    Arguments:
+        matrix: (row, column) regressors: cells, memory groups, offset, added columns.
+        target: (row,) output.
+        fold: (row,) fold of each row, from 0.
+        levels: levels N of the plane.
+        nonnegative: (column,) whether the coefficient must not be negative.
+        groups: cells whose unknown initial memory each memory column carries.
+
+    Returns:
+        The equations, with the columns behind the offset scaled to unit size.
+    """
+    cells = levels * (levels + 1) // 2
+    columns = matrix.shape[1]
+    scale = np.ones(columns)
+    behind = slice(cells + len(groups) + 1, columns)
+    scale[behind] = np.maximum(np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0)), 1e-300)
+    folds = int(fold.max()) + 1
+    gram, moment = np.zeros((folds, columns, columns)), np.zeros((folds, columns))
+    power, count = np.zeros(folds), np.zeros(folds)
+    for k in range(folds):
+        rows = fold == k
+        part, goal = matrix[rows] / scale, target[rows]
+        gram[k], moment[k] = part.T @ part, part.T @ goal
+        power[k], count[k] = goal @ goal, rows.sum()
+    prior, memory = np.zeros((columns, columns)), np.zeros((columns, columns))
+    prior[:cells, :cells] = smoothness(levels)
+    for position, group in enumerate(groups):
+        pull = np.zeros(columns)
+        pull[cells + position], pull[group] = 1.0, -0.5
+        memory += np.outer(pull, pull)
+    return NormalEquations(gram, moment, power, count, scale, nonnegative, prior, memory)
+
+
+def solve_nonnegative(
+    gram: np.ndarray,
+    moment: np.ndarray,
+    nonnegative: np.ndarray,
+    passive: np.ndarray | None = None,
+    iterations: int = 300,
+) -> np.ndarray:
+    r"""Minimise \(\tfrac12 w^\top G w - b^\top w\) with some coefficients non-negative.
+
+    Block principal pivoting: Kim and Park, SIAM J. Sci. Comput. 33 (2011) 3261-3281.  SciPy's
+    solvers want the tall matrix; here only its Gram matrix is kept.
+
+    Arguments:
+        gram: (column, column) positive definite matrix G.
+        moment: (column,) right-hand side b.
+        nonnegative: (column,) whether the coefficient must not be negative.
+        passive: (column,) guess of which coefficients are free of their bound.
+        iterations: bound on exchanges.
+
+    Returns:
+        (column,) solution w.
+
+    Raises:
+        numpy.linalg.LinAlgError: if G is not positive definite.
+
+    Example:
+        >>> import numpy as np
+        >>> solve_nonnegative(np.eye(2), np.array([1.0, -1.0]), np.array([True, True])).tolist()
+        [1.0, 0.0]
+    """
+    size = len(moment)
+    passive = np.ones(size, dtype=bool) if passive is None else passive | ~nonnegative
+    # Coefficients and their gradients of rounding size are on neither side of their bound.
+    reach = np.abs(moment).max() or 1.0
+    diagonal = np.diag(gram)
+    patience, fewest = 3, size + 1
+    solution = np.zeros(size)
+    for _ in range(iterations):
+        inside = np.flatnonzero(passive)
+        solution = np.zeros(size)
+        factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)], check_finite=False)
+        solution[inside] = scipy.linalg.cho_solve(factor, moment[inside], check_finite=False)
+        gradient = gram @ solution - moment
+        wrong = nonnegative & np.where(
+            passive, solution * diagonal < -1e-12 * reach, gradient < -1e-12 * reach
+        )
+        count = int(wrong.sum())
+        if count == 0:
+            break
+        if count < fewest:
+            fewest, patience = count, 3
+        elif patience > 0:
+            patience -= 1
+        else:  # exchange one at a time: slow, and sure to end
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        passive = passive ^ wrong
+    return np.where(nonnegative, np.maximum(solution, 0.0), solution)
+
+
+def choose_strength(
+    equations: NormalEquations, folds: np.ndarray, strengths: tuple[float, ...] = STRENGTHS
+) -> float:
+    """Strength of the smoothness prior with the least cross-validated error over some folds.
+
+    Each fold is predicted from the others.  The search goes from strong to weak and stops where
+    weaker has become worse, so that hardly determined systems are not solved for nothing.
+
+    Arguments:
+        equations: the regression.
+        folds: indices of the folds to use, two or more.
+        strengths: strengths to try.
+
+    Returns:
+        The best strength.
+    """
+    best, best_error, worse = max(strengths), np.inf, 0
+    passive = {int(k): None for k in folds}
+    for strength in sorted(strengths, reverse=True):
+        squares = 0.0
+        for k in folds:
+            others = folds[folds != k]
+            gram, moment = equations.system(others, strength)
+            solution = solve_nonnegative(gram, moment, equations.nonnegative, passive[int(k)])
+            passive[int(k)] = solution > 0
+            held_out = equations.mean_square(solution, np.array([k]))
+            squares += held_out * equations.count[k]
+        if squares < best_error * (1 - 1e-3):
+            best, best_error, worse = strength, squares, 0
+        else:
+            worse += 1
+            if worse == 2:
+                break
+    return best

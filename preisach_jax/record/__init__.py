@@ -1,0 +1,9 @@
+"""Measured records: load them from files, check them, cut them.
+
+From below: `units` (names and units), `table` (columns as read), `delimited`, `micromag` and
+`containers` (the formats), `reading` (which format), `columns` (which column is what), `core`.
+"""
+
+from preisach_jax.record.core import INITIAL_MEMORIES, MIN_MEASURED, Channel, Record
+
+__all__ = ["INITIAL_MEMORIES", "MIN_MEASURED", "Channel", "Record"]

@@ -1,0 +1,128 @@
+"""From the columns of a table to the channels of a record: units, values, what was assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.checks import check_increasing, check_not_infinite, check_unit_keys
+from preisach_jax.record.columns import Roles
+from preisach_jax.record.table import Table
+from preisach_jax.record.units import TIME_UNITS, seconds_per, split_unit
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel's name in the file, and its unit, `""` where unknown."""
+
+    name: str
+    unit: str
+
+
+def name_channels(
+    table: Table, roles: Roles, units: Mapping[str, str] | None
+) -> dict[str, Channel]:
+    """Name and unit of every channel: told, else stated by the file, else by the name."""
+    check_unit_keys(units, ["time", "input", "output", *table.columns], table.source)
+    units = units or {}
+    chosen = {"time": roles.time, "input": roles.input, "output": roles.output}
+    channels = {}
+    for key, column in (*chosen.items(), *((name, name) for name in roles.aux)):
+        if column is None:
+            channels[key] = Channel("t" if key == "time" else key, units.get(key, ""))
+            continue
+        unit = table.units.get(column, split_unit(column)[1])
+        channels[key] = Channel(column, units.get(key, units.get(column, unit)))
+    time = channels["time"]
+    if roles.time is None or time.unit == "":
+        channels["time"] = Channel(time.name, "s")
+    elif seconds_per(time.unit) is None:
+        raise InputError(
+            f"{table.source}, column {time.name}: {time.unit!r} is no unit of time; it must be one "
+            f"of {TIME_UNITS}, give it with --units time=s or the sampling rate with --rate HZ"
+        )
+    return channels
+
+
+def read_time(
+    table: Table, column: str | None, unit: str, rate: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) time as in the file, in `unit`, and (K,) in seconds; of the rate without a column."""
+    if column is None:
+        if rate is None or not np.isfinite(rate) or rate <= 0:
+            raise InputError(f"rate is {rate}: give the sampling rate in Hz, above 0")
+        if table.rows.size < 2:
+            raise InputError(
+                f"{table.source}, row {table.rows[0]}: one sample is no record; give at least 2"
+            )
+        values = np.arange(table.rows.size) / rate
+        return values, values
+    values = table.numbers(
+        column, "correct or remove the row, or give the sampling rate with --rate HZ"
+    )
+    empty = np.flatnonzero(np.isnan(values))
+    if empty.size:
+        raise InputError(
+            f"{table.place(column, empty[0])}: the cell is empty or NaN; fill it in or remove the "
+            "row, or give the sampling rate with --rate HZ"
+        )
+    factors = seconds_per(unit)
+    assert factors is not None  # name_channels has refused any other unit
+    seconds = values * factors[0] / factors[1]
+    check_increasing(seconds, values, lambda k: table.place(column, k))
+    return values, seconds
+
+
+def read_input(table: Table, column: str) -> np.ndarray:
+    """(K,) float64, finite."""
+    return _read_complete(
+        table, column, "the input must be known in every row, fill it in or cut the record there"
+    )
+
+
+def read_aux(table: Table, column: str) -> np.ndarray:
+    """(K,) float64, finite."""
+    return _read_complete(
+        table, column, "an auxiliary column must be known in every row, fill it in or leave it out"
+    )
+
+
+def read_output(table: Table, column: str | None) -> np.ndarray:
+    """(K,) float64, NaN where nothing was measured; all NaN without a column."""
+    if column is None:
+        return np.full(table.rows.shape, np.nan)
+    values = table.numbers(
+        column, "correct it, or leave the cell empty if the output was not measured there"
+    )
+    check_not_infinite(values, lambda k: table.place(column, k))
+    return values
+
+
+def assumptions(
+    table: Table, roles: Roles, channels: Mapping[str, Channel], units: Mapping[str, str] | None
+) -> list[str]:
+    """What the user is told: assumptions of the reader, guesses, and the unit of time."""
+    notes = list(table.notes)
+    if roles.guessed:
+        parts = [f"{role} {channels[role].name}" for role in roles.guessed]
+        notes.append(f"{table.source}: guessed from names and units: {', '.join(parts)}")
+    if roles.time is not None and not (
+        {"time", roles.time} & set(units or {})
+        or table.units.get(roles.time)
+        or split_unit(roles.time)[1]
+    ):
+        notes.append(f"{table.source}: column {roles.time} states no unit, taken as seconds")
+    return notes
+
+
+def _read_complete(table: Table, column: str, remedy: str) -> np.ndarray:
+    values = table.numbers(column, "correct or remove the row")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        what = "the cell is empty or NaN" if np.isnan(values[bad[0]]) else "the value is infinite"
+        more = f" ({bad.size} such rows)" if bad.size > 1 else ""
+        raise InputError(f"{table.place(column, bad[0])}: {what}{more}; {remedy}")
+    return values

@@ -1,0 +1,72 @@
+"""What must hold of the arrays of a record, whatever they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from preisach_jax.errors import InputError
+
+
+def as_vector(values: ArrayLike, key: str, name: str) -> np.ndarray:
+    """`values` as (K,) float64; `key` and `name` say in messages what they are."""
+    try:
+        vector = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}, {key}: not an array of numbers ({error})") from None
+    if vector.ndim != 1:
+        raise InputError(
+            f"{name}, {key}: an array of shape {vector.shape}; give one of shape (samples,)"
+        )
+    return vector
+
+
+def check_finite(values: np.ndarray, place: Callable[[int], str]) -> None:
+    """Refuse NaN and infinity; `place(k)` is where entry k stands."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise InputError(
+            f"{place(int(bad[0]))}: the value is {values[bad[0]]} ({bad.size} such in all); give "
+            "finite numbers"
+        )
+
+
+def check_not_infinite(values: np.ndarray, place: Callable[[int], str]) -> None:
+    """Refuse infinity in an output, whose NaN say that nothing was measured."""
+    bad = np.flatnonzero(np.isinf(values))
+    if bad.size:
+        raise InputError(
+            f"{place(int(bad[0]))}: the value is {values[bad[0]]}; leave it empty (NaN) if the "
+            "output was not measured there"
+        )
+
+
+def check_increasing(seconds: np.ndarray, shown: np.ndarray, place: Callable[[int], str]) -> None:
+    """Refuse times that are not at least two, finite, each above the one before.
+
+    `seconds` are checked, `shown` are the same times as the file has them.
+    """
+    if seconds.size < 2:
+        raise InputError(f"{place(0)}: one sample is no record; give at least 2")
+    check_finite(seconds, place)
+    bad = np.flatnonzero(np.diff(seconds) <= 0)
+    if bad.size:
+        k = int(bad[0]) + 1
+        verb = "repeats" if seconds[k] == seconds[k - 1] else "runs backward"
+        more = f" (and {bad.size - 1} more such rows)" if bad.size > 1 else ""
+        raise InputError(
+            f"{place(k)}: time {verb}, {shown[k]:.12g} after {shown[k - 1]:.12g}{more}; sort the "
+            "rows by time and remove repeated ones, or give the sampling rate with --rate HZ"
+        )
+
+
+def check_unit_keys(units: Mapping[str, str] | None, known: Collection[str], source: str) -> None:
+    """Refuse units for what is neither a role nor a column."""
+    for key in units or {}:
+        if key not in known:
+            raise InputError(
+                f"{source}: a unit is given for {key!r}, which is neither time, input, output nor "
+                "a column; correct the name"
+            )

@@ -1,0 +1,230 @@
+"""Which column is time, which input, which output: as told, else guessed from names and units."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.table import Table
+from preisach_jax.record.units import seconds_per, split_unit
+
+# How surely a name or a unit tells a role. Names decide, units stand in where names are silent.
+# A force is in neither list: it drives a stage and is what a damper answers with.
+_SURE, _LIKELY, _BY_UNIT = 3, 2, 1
+
+_SURE_NAMES = {
+    "time": (
+        "t time zeit timestamp zeitstempel seconds sekunden temps tiempo tempo tijd elapsed"
+    ).split(),
+    "input": (
+        "u x input in voltage volt volts spannung field feld h drive command cmd excitation "
+        "setpoint sollwert soll ansteuerung eingang stimulus entrée entree tension"
+    ).split(),
+    "output": (
+        "z y output out displacement disp weg position pos auslenkung hub stroke ausgang response "
+        "moment magnetization magnetisation magnetisierung m b sortie déplacement deplacement "
+        "istwert ist sensor"
+    ).split(),
+}
+_LIKELY_NAMES = {
+    "time": "sec s ms clock uhrzeit datum date datetime".split(),
+    "input": "v i current strom amplifier verstärker".split(),
+    "output": "x d strain dehnung measured measurement messwert encoder".split(),
+}
+_UNITS = {
+    "input": frozenset("V mV kV T mT Oe kOe A/m kA/m A mA".split()),
+    "output": frozenset(
+        "m mm um µm μm nm pm rad mrad urad µrad deg emu memu Am2 Am² A·m² A·m2".split()
+    ),
+}
+_ROLES = ("time", "input", "output")
+_OPTIONS = {"time": "--time", "input": "--input", "output": "--output"}
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Names of the columns by role; `time` is None with a sampling rate, `output` if absent."""
+
+    time: str | None
+    input: str
+    output: str | None
+    aux: tuple[str, ...]
+    guessed: tuple[str, ...]  # the roles that were guessed
+
+
+def assign_roles(
+    table: Table,
+    *,
+    time: str | None,
+    input: str | None,
+    output: str | None,
+    aux: Sequence[str],
+    has_rate: bool,
+    need_output: bool,
+) -> Roles:
+    """Give columns their roles: those that are told as told, the others by name and unit.
+
+    Arguments:
+        table: the columns of the file.
+        time, input, output: names of columns, None to guess.
+        aux: names of auxiliary columns; never guessed.
+        has_rate: whether a sampling rate takes the place of a time column.
+        need_output: whether there must be an output; where not, it is not guessed, and a name that
+            the file does not have means that the output is absent.
+
+    Returns:
+        The roles, and which of them were guessed.
+
+    Raises:
+        InputError: a column that is not there, two roles for one column, or names and units that
+            leave a role open or more than one choice.
+    """
+    told = {"time": time, "input": input, "output": output}
+    for role, column in table.roles.items():
+        is_open = told[role] is None and column not in (*told.values(), *aux)
+        if is_open and not (role == "time" and has_rate):
+            told[role] = column
+    if not need_output and output not in table.columns:
+        told["output"] = None
+    for role, name in told.items():
+        if name is not None:
+            _require(table, name, _OPTIONS[role])
+    for name in aux:
+        _require(table, name, "--aux")
+    used = [name for name in (*told.values(), *aux) if name is not None]
+    for name in used:
+        if used.count(name) > 1:
+            raise InputError(
+                f"{table.source}, column {name}: named for {used.count(name)} roles; give time, "
+                "input, output and each auxiliary column a column of its own"
+            )
+    # Beside a rate, a column of time is still looked for, lest it be taken for the input.
+    wanted = [r for r in _ROLES if told[r] is None and (r != "output" or need_output)]
+    optional = {"time"} if has_rate else set()
+    if set(wanted) - optional:
+        if not table.named:
+            raise InputError(
+                f"{table.source}: the columns have no names (row {table.rows[0]} is numbers "
+                "already); add a line of names such as t,u,z, or give the positions, as in "
+                "--time 1 --input 2 --output 3"
+            )
+        told |= _guess(table, wanted, used, optional)
+    guessed = [r for r in wanted if told[r] is not None and not (r == "time" and has_rate)]
+    if has_rate:
+        told["time"] = None
+    assert told["input"] is not None
+    return Roles(told["time"], told["input"], told["output"], tuple(aux), tuple(guessed))
+
+
+def _require(table: Table, name: str, option: str) -> None:
+    if name in table.columns:
+        return
+    if name in table.left_aside:
+        raise InputError(f"{table.source}, column {name}: {table.left_aside[name]}")
+    folded = {column.lower(): column for column in table.columns}
+    near = difflib.get_close_matches(name.lower(), folded, n=1)
+    hint = f" (did you mean {folded[near[0]]}?)" if near else ""
+    raise InputError(
+        f"{table.source}: there is no column {name!r}{hint}; the columns are {table.listing()}: "
+        f"name one of them with {option}"
+    )
+
+
+def _guess(
+    table: Table, wanted: list[str], used: list[str], optional: set[str]
+) -> dict[str, str | None]:
+    """The one best choice of columns for the `wanted` roles."""
+    usable, refused = _usable(table, used)
+    sureness = {
+        role: {column: s for column in usable if (s := _sureness(role, column, table)) > 0}
+        for role in wanted
+    }
+    # None, so that a role may stay open; more than a few equal columns are a tie in any case.
+    choices = [
+        [*sorted(sureness[role], key=sureness[role].__getitem__, reverse=True)[:8], None]
+        for role in wanted
+    ]
+    totals: dict[tuple[str | None, ...], int] = {}
+    for choice in itertools.product(*choices):
+        chosen = [column for column in choice if column is not None]
+        if len(set(chosen)) == len(chosen):
+            totals[choice] = sum(
+                sureness[r].get(c, 0) for r, c in zip(wanted, choice, strict=True) if c is not None
+            )
+    equal = [choice for choice, total in totals.items() if total == max(totals.values())]
+    best = dict(zip(wanted, equal[0], strict=True))
+    for role in wanted:
+        if role in optional:
+            continue
+        column = best[role]
+        if column is None:
+            raise InputError(_none_found(table, role, refused))
+        taken = set(best.values()) - {column}
+        others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
+        others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
+        if len(others) > 1:
+            names = ", ".join(c for c in table.columns if c in others)
+            raise InputError(
+                f"{table.source}: {names} may each be the {role} (the columns are "
+                f"{table.listing()}); say which with {_OPTIONS[role]} COL"
+            )
+    return best
+
+
+def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
+    """Columns that a role may be guessed for, and why others may not."""
+    usable, refused = [], {}
+    for column in table.columns:
+        if column in used:
+            continue
+        values = table.lenient_numbers(column)
+        finite = values[np.isfinite(values)] if values is not None else np.empty(0)
+        if values is None:
+            refused[column] = "is text"
+        elif finite.size == 0:
+            refused[column] = "is empty"
+        elif np.all(finite == finite[0]):
+            refused[column] = f"is constant ({finite[0]:g})"
+        elif not re.fullmatch(r"column \d+", column):
+            usable.append(column)
+    return usable, refused
+
+
+def _sureness(role: str, column: str, table: Table) -> int:
+    """How surely a column's name and unit tell `role`; 0 if they do not."""
+    name, unit = split_unit(column)
+    unit = table.units.get(column, unit)
+    name = name.strip().lower()
+    is_time_unit = unit != "" and seconds_per(unit) is not None
+    if role != "time" and is_time_unit:
+        return 0
+    if role == "time" and unit and not is_time_unit:
+        return 0
+    words = [word for word in re.split(r"[^a-zäöüßéèà0-9]+", name) if word]
+    sure, likely = _SURE_NAMES[role], _LIKELY_NAMES[role]
+    if name in sure:
+        return _SURE
+    if name in likely or any(len(word) > 1 and word in sure for word in words):
+        return _LIKELY
+    if is_time_unit or unit in _UNITS.get(role, ()):
+        return _BY_UNIT
+    return 0
+
+
+def _none_found(table: Table, role: str, refused: dict[str, str]) -> str:
+    """The message for a role that no column's name or unit tells."""
+    named_so = [
+        f"{column} {why}" for column, why in refused.items() if _sureness(role, column, table) > 0
+    ]
+    but = f" ({'; '.join(named_so)})" if named_so else ""
+    rate = ", or give the sampling rate with --rate HZ" if role == "time" else ""
+    return (
+        f"{table.source}: no column can be guessed to be the {role}{but}; the columns are "
+        f"{table.listing()}: name one with {_OPTIONS[role]} COL{rate}"
+    )

@@ -1,0 +1,423 @@
+"""A measured record: input, output and auxiliary channels over time, checked."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.channels import (
+    Channel,
+    assumptions,
+    name_channels,
+    read_aux,
+    read_input,
+    read_output,
+    read_time,
+)
+from preisach_jax.record.checks import (
+    as_vector,
+    check_finite,
+    check_increasing,
+    check_not_infinite,
+    check_unit_keys,
+)
+from preisach_jax.record.columns import assign_roles
+from preisach_jax.record.reading import read_table
+
+MIN_MEASURED = 50
+"""Fewest measured samples from which a model may be identified."""
+
+INITIAL_MEMORIES = ("low", "high", "demagnetised", "free")
+"""What is known of the state at the first sample; `"free"`: nothing, it is identified."""
+
+_GAP = 5.0  # a step this many times the usual one is a gap
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A measured record of K samples. Values are in the file's own units, time is in seconds.
+
+    Made by `Record.load` or `Record.from_arrays`, which check what is promised here.
+
+    Arguments:
+        time: (K,) float64, s, strictly increasing.
+        input: (K,) float64, finite, in the input's unit.
+        output: (K,) float64 in the output's unit, NaN where nothing was measured: such a sample
+            belongs to the history of the input only.
+        aux: auxiliary columns by name, each (K,) float64, finite.
+        channels: name and unit of `"time"`, `"input"`, `"output"` and each auxiliary column.
+        name: the file's name without its folder.
+        sha256: digest of time, input and output as little-endian float64.
+        initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
+            `"demagnetised"`, `"free"` (unknown).
+        time_values: (K,) float64, the time column as in the file, in the file's unit.
+
+    Example:
+        >>> t = np.linspace(0.0, 1.0, 101)
+        >>> record = Record.from_arrays(t, np.sin(6 * t), np.cos(6 * t), units={"input": "V"})
+        >>> len(record), record.duration_s, record.input_unit
+        (101, 1.0, 'V')
+    """
+
+    time: np.ndarray
+    input: np.ndarray
+    output: np.ndarray
+    aux: Mapping[str, np.ndarray]
+    channels: Mapping[str, Channel]
+    name: str
+    sha256: str
+    initial_memory: str
+    time_values: np.ndarray
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        aux: Sequence[str] = (),
+        rate: float | None = None,
+        units: Mapping[str, str] | None = None,
+        initial_memory: str | None = None,
+        need_output: bool = True,
+        announce: Callable[[str], object] | None = None,
+    ) -> Record:
+        """Load and check a record.
+
+        Arguments:
+            path: CSV (any common delimiter, decimal point or comma, comments), MicroMag reversal
+                curves, NPZ, MAT or Parquet.
+            time, input, output: names of columns; None to guess from names and units.
+            aux: names of auxiliary columns.
+            rate: sampling rate in Hz, in place of a time column.
+            units: units by role (`"time"`, `"input"`, `"output"`) or column, where the columns'
+                names do not state them or state them wrongly.
+            initial_memory: state at the first sample; None: what the format knows, else `"free"`.
+            need_output: False to load the input alone, as for a prediction: the output may then be
+                absent, the input constant and the record short.
+            announce: called with a sentence for everything that was guessed or assumed.
+
+        Returns:
+            The record.
+
+        Raises:
+            InputError: the file or a column cannot be used; the message says where and why.
+
+        Example:
+            >>> import tempfile, pathlib
+            >>> path = pathlib.Path(tempfile.mkdtemp()) / "stage.csv"
+            >>> _ = path.write_text("t_ms,u_V,z_um\\n" + "".join(
+            ...     f"{k},{k % 10},{(k % 10) ** 2}\\n" for k in range(60)))
+            >>> record = Record.load(path, time="t_ms", input="u_V", output="z_um")
+            >>> record.duration_s, record.input_unit, record.output_unit
+            (0.059, 'V', 'um')
+        """
+        if time is not None and rate is not None:
+            raise InputError(
+                f"time is {time!r} and rate is {rate}: give a time column or a rate, not both"
+            )
+        if isinstance(aux, str):
+            aux = (aux,)
+        table = read_table(path)
+        roles = assign_roles(
+            table,
+            time=time,
+            input=input,
+            output=output,
+            aux=aux,
+            has_rate=rate is not None,
+            need_output=need_output,
+        )
+        channels = name_channels(table, roles, units)
+        if announce is not None:  # before the checks: a wrong guess explains what they find
+            for note in assumptions(table, roles, channels, units):
+                announce(note)
+        time_values, seconds = read_time(table, roles.time, channels["time"].unit, rate)
+        record = cls._of(
+            time=seconds,
+            input=read_input(table, roles.input),
+            output=read_output(table, roles.output),
+            aux={name: read_aux(table, name) for name in roles.aux},
+            channels=channels,
+            name=Path(path).name,
+            initial_memory=table.initial_memory if initial_memory is None else initial_memory,
+            time_values=time_values,
+        )
+        if need_output:
+            record.check_identifiable(source=table.source)
+        return record
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike,
+        input: ArrayLike,
+        output: ArrayLike,
+        *,
+        aux: Mapping[str, ArrayLike] | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str = "record",
+        initial_memory: str = "free",
+    ) -> Record:
+        """Make a record of arrays.
+
+        Arguments:
+            time: (K,) s, strictly increasing.
+            input: (K,) finite.
+            output: (K,), NaN where nothing was measured.
+            aux: auxiliary channels by name, each (K,) and finite.
+            units: units by `"input"`, `"output"` and auxiliary name.
+            name: what messages and reports call the record.
+            initial_memory: state at the first sample.
+
+        Returns:
+            The record, with copies of the arrays.
+
+        Raises:
+            InputError: the arrays are not vectors of one length, or hold values they must not.
+
+        Example:
+            >>> record = Record.from_arrays([0.0, 0.1, 0.3], [0, 1, 0], [0.0, float("nan"), 0.2])
+            >>> record.measured
+            array([ True, False,  True])
+        """
+        arrays = {"time": time, "input": input, "output": output} | dict(aux or {})
+        vectors = {key: as_vector(value, key, name) for key, value in arrays.items()}
+        size = vectors["time"].size
+        for key, vector in vectors.items():
+            if vector.size != size:
+                raise InputError(
+                    f"{name}, {key}: it has {vector.size} values and time has {size}; give arrays "
+                    "of one length"
+                )
+        check_increasing(vectors["time"], vectors["time"], lambda k: f"{name}, time[{k}]")
+        for key in ("input", *(aux or {})):
+            check_finite(vectors[key], lambda k, key=key: f"{name}, {key}[{k}]")
+        check_not_infinite(vectors["output"], lambda k: f"{name}, output[{k}]")
+        check_unit_keys(units, vectors, name)
+        labels = {"time": "s"} | dict(units or {})
+        if labels["time"] != "s":
+            raise InputError(f"{name}: the unit of time is {labels['time']!r}; give time in s")
+        return cls._of(
+            time=vectors["time"],
+            input=vectors["input"],
+            output=vectors["output"],
+            aux={key: vectors[key] for key in aux or {}},
+            channels={key: Channel(key, labels.get(key, "")) for key in vectors},
+            name=name,
+            initial_memory=initial_memory,
+            time_values=vectors["time"],
+        )
+
+    @classmethod
+    def _of(
+        cls,
+        *,
+        time: np.ndarray,
+        input: np.ndarray,
+        output: np.ndarray,
+        aux: Mapping[str, np.ndarray],
+        channels: Mapping[str, Channel],
+        name: str,
+        initial_memory: str,
+        time_values: np.ndarray,
+    ) -> Record:
+        """The record of checked arrays, made read-only, with its digest."""
+        if initial_memory not in INITIAL_MEMORIES:
+            raise InputError(
+                f"initial_memory is {initial_memory!r}; give one of {', '.join(INITIAL_MEMORIES)}"
+            )
+        # A NaN has many bit patterns; the digest knows one.
+        output = np.where(np.isnan(output), np.nan, output)
+        digest = hashlib.sha256()
+        for values in (time, input, output):
+            digest.update(values.astype("<f8").tobytes())
+        return cls(
+            time=_frozen(time),
+            input=_frozen(input),
+            output=_frozen(output),
+            aux={key: _frozen(values) for key, values in aux.items()},
+            channels=dict(channels),
+            name=name,
+            sha256=digest.hexdigest(),
+            initial_memory=initial_memory,
+            time_values=_frozen(time_values),
+        )
+
+    def __len__(self) -> int:
+        """K, the number of samples."""
+        return self.time.size
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(K,) bool: where the output was measured."""
+        return ~np.isnan(self.output)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def step_s(self) -> float:
+        """Median time step, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def gaps(self) -> list[tuple[int, float]]:
+        """Steps over 5 times the median one: (index of the first sample after, length in s)."""
+        steps = np.diff(self.time)
+        found = np.flatnonzero(steps > _GAP * np.median(steps))
+        return [(int(k) + 1, float(steps[k])) for k in found]
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the time steps that are no gaps, as a share of the median one."""
+        steps = np.diff(self.time)
+        usual = np.median(steps)
+        return float(np.std(steps[steps <= _GAP * usual]) / usual)
+
+    @property
+    def input_unit(self) -> str:
+        """Unit of the input, `""` where unknown."""
+        return self.channels["input"].unit
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the output, `""` where unknown."""
+        return self.channels["output"].unit
+
+    @property
+    def input_range(self) -> float:
+        """Peak-to-peak input over all samples, in its unit."""
+        return float(np.ptp(self.input))
+
+    @property
+    def output_range(self) -> float:
+        """Peak-to-peak measured output in its unit; NaN where nothing was measured."""
+        values = self.output[self.measured]
+        return float(np.ptp(values)) if values.size else float("nan")
+
+    def part(self, start: int, stop: int) -> Record:
+        """The samples from `start` up to, not including, `stop`.
+
+        Arguments:
+            start, stop: indices as for a slice.
+
+        Returns:
+            The record of these samples; its initial memory is `"free"` unless it starts with the
+            first sample.
+
+        Raises:
+            InputError: there are fewer than two samples in that range.
+
+        Example:
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
+            >>> record.part(1, 3).time
+            array([1., 2.])
+        """
+        first, last, _ = slice(start, stop).indices(len(self))
+        if last - first < 2:
+            raise InputError(
+                f"{self.name}: part({start}, {stop}) of {len(self)} samples has "
+                f"{max(last - first, 0)}; give a range of at least 2"
+            )
+        rows = slice(first, last)
+        return Record._of(
+            time=self.time[rows],
+            input=self.input[rows],
+            output=self.output[rows],
+            aux={name: values[rows] for name, values in self.aux.items()},
+            channels=self.channels,
+            name=self.name,
+            initial_memory=self.initial_memory if first == 0 else "free",
+            time_values=self.time_values[rows],
+        )
+
+    def inputs_digest(self, n: int) -> str:
+        """Digest of the first `n` samples of time and input.
+
+        Two records with the same digest of `n` samples begin with the same `n` samples.
+
+        Arguments:
+            n: number of samples, at most K.
+
+        Returns:
+            SHA-256 of the `n` rows (time, input) as little-endian float64.
+
+        Raises:
+            ValueError: `n` is negative or above K.
+
+        Example:
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
+            >>> record.inputs_digest(2) == record.part(0, 2).inputs_digest(2)
+            True
+        """
+        if not 0 <= n <= len(self):
+            raise ValueError(f"n is {n}: give at least 0 and at most {len(self)} samples")
+        rows = np.column_stack([self.time[:n], self.input[:n]]).astype("<f8")
+        return hashlib.sha256(rows.tobytes()).hexdigest()
+
+    def check_identifiable(self, source: str | None = None) -> None:
+        """Check that a model can be identified from the record.
+
+        Arguments:
+            source: the file for messages; the record's name by default.
+
+        Raises:
+            InputError: the input, the measured output or an auxiliary column is constant, nothing
+                was measured, or fewer than `MIN_MEASURED` samples were.
+
+        Example:
+            >>> Record.from_arrays([0.0, 1.0], [2, 2], [0, 1]).check_identifiable()
+            Traceback (most recent call last):
+            ...
+            preisach_jax.errors.InputError: record, column input: the input is constant (2 in all 2
+            rows), so nothing can be learnt from it; record while the input moves
+        """
+        source = self.name if source is None else source
+        if self.input_range == 0:
+            raise InputError(
+                f"{source}, column {self.channels['input'].name}: the input is constant "
+                f"({self.input[0]:g} in all {len(self)} rows), so nothing can be learnt from it; "
+                "record while the input moves"
+            )
+        output = f"{source}, column {self.channels['output'].name}"
+        count = int(np.sum(self.measured))
+        if count == 0:
+            raise InputError(
+                f"{output}: all {len(self)} cells are empty; give the column that holds the "
+                "measured output"
+            )
+        if count < MIN_MEASURED:
+            raise InputError(
+                f"{output}: {count} measured samples are too few, at least {MIN_MEASURED} are "
+                "needed; record longer or sample faster"
+            )
+        if self.output_range == 0:
+            value = self.output[self.measured][0]
+            raise InputError(
+                f"{output}: the output is constant ({value:g} in all {count} measured rows); check "
+                "the sensor and the choice of column"
+            )
+        for name, values in self.aux.items():
+            if np.ptp(values) == 0:
+                raise InputError(
+                    f"{source}, column {name}: the auxiliary column is constant "
+                    f"({values[0]:g}), so its effect cannot be seen; leave out --aux for it"
+                )
+
+
+def _frozen(values: np.ndarray) -> np.ndarray:
+    values = np.array(values, dtype=np.float64)
+    values.setflags(write=False)
+    return values

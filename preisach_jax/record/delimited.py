@@ -1,0 +1,264 @@
+"""Delimiter-separated text: any common delimiter, decimal sign, encoding and comment style."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.table import Table
+from preisach_jax.record.units import is_unit
+
+# In this order: where commas are decimal signs, another delimiter stands between the fields, and
+# spaces may stand around any of the others.
+_DELIMITERS = ("\t", ";", "|", ",", " ")
+_DELIMITER_NAMES = {"\t": "tab", " ": "space"}
+_COMMENTS = ("#", "%")
+_SAMPLE = 200
+
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+_WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}")
+_WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}")
+# A unit in brackets belongs to the name before it: `Weg [µm]` is one name, not two.
+_SPACES = re.compile(r"\s+(?![\[(])")
+
+
+def decode(content: bytes, source: str) -> str:
+    """The text of a file.
+
+    Arguments:
+        content: its bytes, in UTF-8 or UTF-16 (by their byte-order mark), else taken as Latin-1.
+        source: the file as the user named it.
+
+    Returns:
+        The text with `\\n` as line end and without byte-order mark.
+
+    Raises:
+        InputError: the bytes are not text.
+    """
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = content.decode("utf-16", errors="replace")
+    elif b"\0" in content[:65536]:
+        raise InputError(
+            f"{source}: the file is binary, not text; give a CSV, NPZ, MAT, Parquet or "
+            "MicroMag (.forc) file"
+        )
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_delimited(text: str, source: str) -> Table:
+    """Read delimiter-separated text.
+
+    Blank lines, lines of delimiters only, and comment lines (`#`, `%`) are skipped wherever they
+    stand; a comment that holds the names, as `numpy.savetxt` writes it, is understood.
+
+    Arguments:
+        text: the whole file with `\\n` as line end.
+        source: the file as the user named it.
+
+    Returns:
+        The table; columns are named by position where the file has no names.
+
+    Raises:
+        InputError: no data, rows of unequal length, a name that stands twice.
+    """
+    lines = text.split("\n")
+    kept = [i for i, line in enumerate(lines) if _is_data(line)]
+    if not kept:
+        raise InputError(f"{source}: the file holds no data; give a file with a line of names")
+    sample = [lines[i] for i in kept[:_SAMPLE]]
+    delimiter, start = _sniff(sample)
+    header, named, first = _header(lines, kept, start, delimiter, source)
+    kept = kept[first:]
+    units: dict[str, str] = {}
+    if named and kept:
+        below = _fields(lines[kept[0]], delimiter)
+        if len(below) == len(header) and any(below) and all(is_unit(f) for f in below if f):
+            units = {
+                name: unit.strip("[]()")
+                for name, unit in zip(header, below, strict=True)
+                if unit not in {"", "-"}
+            }
+            kept = kept[1:]
+    if not kept:
+        raise InputError(f"{source}: there is no row of data below the names {', '.join(header)}")
+    rows = np.array(kept) + 1
+    body = [lines[i] for i in kept]
+    width = _check_widths(body, rows, header, delimiter, source)
+    if width > len(header):
+        header = [*header, f"column {width}"]
+    decimal = _decimal_sign(body, delimiter)
+    columns = _parse(body, header, delimiter, decimal, source)
+    skipped = (
+        (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
+    )
+    return Table(source, columns, rows, named=named, decimal=decimal, units=units, notes=skipped)
+
+
+def _is_data(line: str) -> bool:
+    return bool(line.strip(" \t,;|")) and not line.lstrip().startswith(_COMMENTS)
+
+
+def _fields(line: str, delimiter: str) -> list[str]:
+    """The fields of one line, without the white space and quotation marks around them."""
+    if delimiter == " ":
+        fields = _SPACES.split(line.strip())
+    elif '"' in line:
+        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    else:
+        fields = line.split(delimiter)
+    return [field.strip().strip('"') for field in fields]
+
+
+def _width(line: str, delimiter: str) -> int:
+    if '"' in line:
+        return len(_fields(line, delimiter))
+    return len(line.split()) if delimiter == " " else line.count(delimiter) + 1
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _is_all_numbers(fields: Sequence[str]) -> bool:
+    filled = [field for field in fields if field]
+    return bool(filled) and all(_is_number(field) for field in filled)
+
+
+def _sniff(sample: list[str]) -> tuple[str, int]:
+    """The delimiter, and how many lines before the names belong to neither names nor data."""
+    for delimiter in _DELIMITERS:
+        widths = {len(_fields(line, delimiter)) for line in sample}
+        if len(widths) == 1 and widths.pop() > 1:
+            return delimiter, 0
+    # Not every line agrees: lines before the names, a row that breaks off, or a single column.
+    if len(sample) > 1 and all(_is_number(line.strip()) for line in sample[1:]):
+        return "\t", 0
+    best, best_share, best_start = "\t", 0.0, 0
+    for delimiter in _DELIMITERS:
+        widths = [len(_fields(line, delimiter)) for line in sample]
+        usual, _ = Counter(widths[len(widths) // 2 :]).most_common(1)[0]
+        if usual == 1:
+            continue
+        start = widths.index(usual)
+        share = float(np.mean(np.array(widths[start:]) == usual)) * (1 - start / len(widths))
+        if share > best_share + 0.02:
+            best, best_share, best_start = delimiter, share, start
+    # Rows that break off, or end in a delimiter, do not move the names.
+    is_header = best_start == 1 and not _is_all_numbers(_fields(sample[0], best))
+    if is_header and _is_all_numbers(_fields(sample[1], best)):
+        best_start = 0
+    return best, best_start
+
+
+def _header(
+    lines: list[str], kept: list[int], start: int, delimiter: str, source: str
+) -> tuple[list[str], bool, int]:
+    """Names, whether the file gives them, and how many kept lines stand before the data."""
+    fields = _fields(lines[kept[start]], delimiter)
+    named, first = True, start + 1
+    if _is_all_numbers(fields):
+        first = start
+        commented = _commented_names(lines[: kept[start]], delimiter, len(fields))
+        named = commented is not None
+        fields = commented or [str(i + 1) for i in range(len(fields))]
+    names = [name or f"column {i + 1}" for i, name in enumerate(fields)]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise InputError(
+            f"{source}, row {kept[start] + 1}: the column name {twice[0]!r} stands "
+            f"{names.count(twice[0])} times; give every column its own name"
+        )
+    return names, named, first
+
+
+def _commented_names(before: list[str], delimiter: str, width: int) -> list[str] | None:
+    """Names in the last comment line that has as many as there are columns, if any."""
+    for line in reversed(before):
+        fields = _fields(line.strip().lstrip("".join(_COMMENTS)).strip(), delimiter)
+        if len(fields) == width and all(fields) and not any(_is_number(f) for f in fields):
+            return fields
+    return None
+
+
+def _check_widths(
+    body: list[str], rows: np.ndarray, header: list[str], delimiter: str, source: str
+) -> int:
+    """The number of fields in every row: that of the names, or one more that is always empty."""
+    widths = np.array([_width(line, delimiter) for line in body])
+    expected = len(header)
+    if (
+        delimiter != " "
+        and np.all(widths == expected + 1)
+        and all(line.rstrip(" ").endswith(delimiter) for line in body)
+    ):
+        return expected + 1
+    wrong = np.flatnonzero(widths != expected)
+    if wrong.size:
+        k = wrong[0]
+        hint = ""
+        if delimiter == "," and widths[k] > expected:
+            hint = ", and where commas are decimal signs separate the columns by ; or tabs"
+        raise InputError(
+            f"{source}, row {rows[k]}: {widths[k]} field(s) where the names are {expected} "
+            f"(delimiter {_DELIMITER_NAMES.get(delimiter, delimiter)}, row begins "
+            f"{body[k][:40]!r}); complete or remove the row{hint}"
+        )
+    return expected
+
+
+def _decimal_sign(body: list[str], delimiter: str) -> str:
+    """`,` where numbers are written with it and none with a point, else `.`."""
+    with_comma = islice((line for line in body if "," in line), 1000)
+    fields = [field for line in with_comma for field in _fields(line, delimiter)]
+    if not any(_WITH_COMMA.fullmatch(field) for field in fields):
+        return "."
+    with_point = islice((line for line in body if "." in line), 1000)
+    fields = [field for line in with_point for field in _fields(line, delimiter)]
+    return "." if any(_WITH_POINT.fullmatch(field) for field in fields) else ","
+
+
+def _parse(
+    body: list[str], header: list[str], delimiter: str, decimal: str, source: str
+) -> dict[str, np.ndarray]:
+    """The columns: float64 where every cell is a number or empty, else objects."""
+    import pandas as pd
+
+    frame = pd.read_csv(
+        io.StringIO("\n".join(body)),
+        sep=r"\s+" if delimiter == " " else delimiter,
+        header=None,
+        names=range(len(header)),
+        index_col=False,
+        decimal=decimal,
+        float_precision="round_trip",
+        skipinitialspace=True,
+        low_memory=False,
+    )
+    if len(frame) != len(body):
+        raise InputError(
+            f"{source}: {len(body)} rows of text make {len(frame)} rows of data, so a quotation "
+            'mark (") is not closed; close or remove it'
+        )
+    columns = {}
+    for i, name in enumerate(header):
+        column = frame[i]
+        is_numeric = column.dtype.kind in "iuf"
+        columns[name] = column.to_numpy(np.float64 if is_numeric else object)
+    return columns

@@ -1,0 +1,62 @@
+"""From a path to a table, whatever the format."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.containers import read_mat, read_npz, read_parquet
+from preisach_jax.record.delimited import decode, read_delimited
+from preisach_jax.record.micromag import is_micromag, read_micromag
+from preisach_jax.record.table import Table
+
+_CONTAINERS = {
+    ".npz": read_npz,
+    ".mat": read_mat,
+    ".parquet": read_parquet,
+    ".pq": read_parquet,
+}
+
+
+def read_table(path: str | os.PathLike[str]) -> Table:
+    """Read the columns of a file.
+
+    Arguments:
+        path: NPZ, MAT and Parquet files are known by their ending, MicroMag files by how they
+            begin, anything else is delimiter-separated text.
+
+    Returns:
+        The columns with their names and places in the file.
+
+    Raises:
+        InputError: there is no such file, it cannot be read, or it holds no table.
+    """
+    path, source = Path(path), str(path)
+    if path.is_dir():
+        raise InputError(f"{source}: this is a folder; give a file in it")
+    if not path.exists():
+        raise InputError(f"{source}: there is no such file{_near(path)}; check the path")
+    if path.stat().st_size == 0:
+        raise InputError(f"{source}: the file is empty; give a file with columns of data")
+    if reader := _CONTAINERS.get(path.suffix.lower()):
+        return reader(path, source)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{source}: cannot be read ({error.strerror}); check its permissions"
+        ) from None
+    text = decode(content, source)
+    return read_micromag(text, source) if is_micromag(text) else read_delimited(text, source)
+
+
+def _near(path: Path) -> str:
+    """A hint to a file of a similar name in the same folder, if there is one."""
+    try:
+        names = [entry.name for entry in path.parent.iterdir() if entry.is_file()]
+    except OSError:
+        return ""
+    near = difflib.get_close_matches(path.name, names, n=1)
+    return f" (there is {near[0]})" if near else ""

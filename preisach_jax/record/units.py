@@ -1,0 +1,108 @@
+"""Units in column names, and what the units of time are worth in seconds."""
+
+from __future__ import annotations
+
+import re
+
+# Units that a name may end in after an underscore. A unit in brackets may be anything.
+_SUFFIXES = frozenset(
+    "s ms us µs μs ns min h hr "
+    "V mV uV µV kV A mA uA µA kA W mW kW C Hz kHz MHz "
+    "m mm um µm μm nm pm cm km in rad mrad urad µrad deg "
+    "N mN uN µN kN MN Nm mNm kNm Pa kPa MPa GPa bar mbar psi kg g mg "
+    "T mT uT µT nT G kG Oe kOe Wb mWb emu memu Am2 Am² A·m² A·m2 kA·m² "
+    "A/m kA/m V/m kV/m V/s m/s mm/s um/s µm/s m/s2 g/s "
+    "A_per_m kA_per_m V_per_m kV_per_m V_per_s m_per_s mm_per_s um_per_s A_m kA_m "
+    "degC °C degF K mK % pct ppm ppb dB".split()
+)
+
+# Loggers that write capitals only: `TIME_MS` must not be read as seconds.
+_CAPITAL_TIMES = frozenset({"S", "MS", "US", "MIN"})
+
+_BRACKETED = re.compile(r"^(?P<name>.*?)[\s_]*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*$")
+_SPELLED = re.compile(r"^(?P<name>.+?)(?:\s+in\s+|\s*/\s*)(?P<unit>\S+)$")
+
+# Exact factors as (multiplier, divisor): 7 ms is 7/1000 s to the last bit, 7 * 0.001 is not.
+_SECONDS = {
+    "s": (1.0, 1.0),
+    "ms": (1.0, 1e3),
+    "us": (1.0, 1e6),
+    "ns": (1.0, 1e9),
+    "min": (60.0, 1.0),
+    "h": (3600.0, 1.0),
+}
+_SPELLINGS = {
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "sek": "s",
+    "sekunden": "s",
+    "msec": "ms",
+    "µs": "us",
+    "μs": "us",
+    "usec": "us",
+    "minutes": "min",
+    "minuten": "min",
+    "hr": "h",
+    "hours": "h",
+    "std": "h",
+}
+
+TIME_UNITS = "s, ms, us, ns, min, h"
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """The quantity and the unit that a column's name holds.
+
+    Arguments:
+        column: name such as `u_V`, `Weg [µm]`, `Zeit (ms)`, `Weg in mm` or `H/(A/m)`.
+
+    Returns:
+        The name without its unit, and the unit as it is written there, `""` if there is none.
+
+    Example:
+        >>> split_unit("u_V"), split_unit("Weg [µm]"), split_unit("curve")
+        (('u', 'V'), ('Weg', 'µm'), ('curve', ''))
+    """
+    column = column.strip()
+    if match := _BRACKETED.match(column):
+        return match["name"].rstrip(" /_"), match["unit"]
+    if (match := _SPELLED.match(column)) and match["unit"] in _SUFFIXES:
+        return match["name"].rstrip(), match["unit"]
+    parts = column.split("_")
+    for i in range(1, len(parts)):
+        tail = "_".join(parts[i:])
+        if tail in _SUFFIXES or (tail in _CAPITAL_TIMES and column.isupper()):
+            return "_".join(parts[:i]), _as_written(tail)
+    return column, ""
+
+
+def _as_written(suffix: str) -> str:
+    """A suffix's unit: a quotient cannot be written as one in a name with underscores."""
+    if suffix in {"A_m", "kA_m"}:
+        return suffix.replace("_", "/")
+    return suffix.replace("_per_", "/")
+
+
+def is_unit(text: str) -> bool:
+    """Whether `text` is a unit as it stands in a line of units below the column names."""
+    text = text.strip()
+    return text == "-" or text.strip("[]()") in _SUFFIXES or bool(re.fullmatch(r"\[.*\]", text))
+
+
+def seconds_per(unit: str) -> tuple[float, float] | None:
+    """What one `unit` of time is in seconds.
+
+    Arguments:
+        unit: unit as written in the file; `""` counts as seconds.
+
+    Returns:
+        (multiplier, divisor), to be applied in this order, or None if `unit` is no unit of time.
+
+    Example:
+        >>> seconds_per("ms"), seconds_per("min"), seconds_per("V")
+        ((1.0, 1000.0), (60.0, 1.0), None)
+    """
+    unit = unit.strip().lower() or "s"
+    return _SECONDS.get(_SPELLINGS.get(unit, unit))

@@ -1,0 +1,460 @@
+"""Excitations: what to play to an actuator in order to see its hysteresis and its other effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.errors import InputError
+
+# Share of the range that `bernoulli_ramp` moves in one toss: two minus the golden ratio. No number
+# is harder to approximate by fractions, so that the turning points fall evenly over the range.
+GOLDEN = (3.0 - math.sqrt(5.0)) / 2.0
+
+
+def _index(samples: int) -> jax.Array:
+    if samples < 1:
+        raise InputError(f"samples is {samples}: give at least 1")
+    return jnp.arange(samples, dtype=jnp.result_type(float))
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0.0:
+            raise InputError(f"{name} is {value!r}: give a number above 0")
+
+
+def _ordered(low: float, high: float) -> None:
+    if not low < high:
+        raise InputError(f"the range is {low!r} to {high!r}: low must be below high")
+
+
+def triangle(
+    samples: int, rate_hz: float, frequency_hz: float, low: float = 0.0, high: float = 75.0
+) -> jax.Array:
+    """Triangle between two levels, which starts at the lower one and rises.
+
+    u(t) = low + (high - low) (1 - |2 frac(f t) - 1|).
+
+    Args:
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        frequency_hz: loops a second; the rate of the input is 2 (high - low) f.
+        low: lower level, in the unit of the input.
+        high: upper level, same unit.
+
+    Returns:
+        (samples,) input.
+
+    Raises:
+        InputError: a rate is not positive or the range is empty.
+
+    Example:
+        >>> triangle(5, rate_hz=4.0, frequency_hz=1.0, low=0.0, high=2.0).tolist()
+        [0.0, 1.0, 2.0, 1.0, 0.0]
+    """
+    _positive(rate_hz=rate_hz, frequency_hz=frequency_hz)
+    _ordered(low, high)
+    # Modulo in samples, not in seconds: where a period is whole, its repeats are exact.
+    period = rate_hz / frequency_hz
+    part = jnp.mod(_index(samples), period) / period
+    return low + (high - low) * (1.0 - jnp.abs(2.0 * part - 1.0))
+
+
+def decaying_triangles(
+    samples: int,
+    rate_hz: float,
+    slope: float,
+    turns: int = 10,
+    low: float = 0.0,
+    high: float = 75.0,
+    centre: float | None = None,
+) -> jax.Array:
+    """Triangles of constant slope that shrink to a level and rest there: they demagnetise.
+
+    Turning point j = 1 ... turns has the distance (1 - (j-1)/turns) (end - centre) from the centre,
+    upper end first.
+
+    Args:
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        slope: rate of the input, in its unit per second.
+        turns: number of turning points.
+        low: lower end, in the unit of the input; the signal starts here.
+        high: upper end, same unit.
+        centre: level to shrink to, same unit; None is the middle.
+
+    Returns:
+        (samples,) input; it stays at `centre` once it is there.
+
+    Raises:
+        InputError: a rate is not positive, the range is empty or the centre outside of it.
+
+    Example:
+        >>> u = decaying_triangles(9, rate_hz=1.0, slope=1.0, turns=2, low=-2.0, high=2.0)
+        >>> u.round(4).astype(int).tolist()
+        [-2, -1, 0, 1, 2, 1, 0, -1, 0]
+    """
+    _positive(rate_hz=rate_hz, slope=slope, turns=turns)
+    _ordered(low, high)
+    centre = 0.5 * (low + high) if centre is None else centre
+    if not low <= centre <= high:
+        raise InputError(f"centre is {centre!r}: it must lie in {low!r} to {high!r}")
+    levels = np.array([low, *_shrinking(low, high, centre, turns), centre])
+    corners = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(levels)))]) * (rate_hz / slope)
+    return _lines(samples, corners, levels)
+
+
+def _shrinking(low: float, high: float, centre: float, turns: int) -> list[float]:
+    ends = (high - centre, low - centre)
+    return [centre + (1.0 - j / turns) * ends[j % 2] for j in range(turns)]
+
+
+def _lines(samples: int, corners: np.ndarray, levels: np.ndarray) -> jax.Array:
+    """Piecewise linear signal through levels at corners, which are counted in samples."""
+    k = _index(samples)
+    return jnp.interp(k, jnp.asarray(corners, k.dtype), jnp.asarray(levels, k.dtype))
+
+
+def staircase(
+    samples: int,
+    rate_hz: float,
+    hold_s: float,
+    steps: int = 10,
+    low: float = 0.0,
+    high: float = 75.0,
+) -> jax.Array:
+    """Equal steps from the lower level to the upper one and back, with a hold after each.
+
+    Args:
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        hold_s: duration of a hold, s; at least one sample.
+        steps: steps from `low` to `high`.
+        low: lower level, in the unit of the input.
+        high: upper level, same unit.
+
+    Returns:
+        (samples,) input; it moves within one sample.
+
+    Raises:
+        InputError: a rate, a time or the number of steps is not positive, or the range is empty.
+
+    Example:
+        >>> staircase(6, rate_hz=1.0, hold_s=1.0, steps=2, low=0.0, high=2.0).tolist()
+        [0.0, 1.0, 2.0, 1.0, 0.0, 1.0]
+    """
+    _positive(rate_hz=rate_hz, hold_s=hold_s, steps=steps)
+    _ordered(low, high)
+    stair = jnp.mod(jnp.floor(_index(samples) / max(1, round(hold_s * rate_hz))), 2 * steps)
+    return low + (high - low) * jnp.minimum(stair, 2 * steps - stair) / steps
+
+
+def chirp(
+    samples: int,
+    rate_hz: float,
+    low_hz: float,
+    high_hz: float,
+    centre: float = 37.5,
+    amplitude: float = 37.5,
+) -> jax.Array:
+    """Sine whose frequency rises linearly with time.
+
+    u(t) = centre + amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / 2T)).
+
+    Args:
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        low_hz: frequency f0 at the first sample, Hz.
+        high_hz: frequency f1 at the end T, Hz; below half the sampling rate.
+        centre: mean level, in the unit of the input.
+        amplitude: of the sine, same unit.
+
+    Returns:
+        (samples,) input.
+
+    Raises:
+        InputError: the sampling rate is not positive or a frequency cannot be sampled.
+
+    Example:
+        >>> [round(u, 6) + 0.0 for u in chirp(4, 4.0, 1.0, 1.0, 0.0, 1.0).tolist()]
+        [0.0, 1.0, 0.0, -1.0]
+    """
+    _positive(rate_hz=rate_hz)
+    for name, value in (("low_hz", low_hz), ("high_hz", high_hz)):
+        if not 0.0 <= value < rate_hz / 2:
+            raise InputError(f"{name} is {value!r}: give 0 to below {rate_hz / 2!r}, half the rate")
+    k = _index(samples)
+    slow, rise = low_hz / rate_hz, (high_hz - low_hz) / rate_hz
+    # Whole cycles are dropped before the sine, which loses less in single precision.
+    cycles = jnp.mod(k * slow, 1.0) + jnp.mod(0.5 * rise * k * (k / samples), 1.0)
+    return centre + amplitude * jnp.sin(2.0 * jnp.pi * cycles)
+
+
+def multisine(
+    key: jax.Array,
+    samples: int,
+    lines: Sequence[int],
+    centre: float = 37.5,
+    amplitude: float = 37.5,
+) -> jax.Array:
+    """Sum of equal sines with random phases, periodic in its own length, so without leakage.
+
+    Args:
+        key: random key (`jax.random.key`).
+        samples: number of samples, one period.
+        lines: whole cycles a period of each sine: line n has the frequency n rate / samples.
+        centre: mean level, in the unit of the input.
+        amplitude: largest distance from the centre, same unit.
+
+    Returns:
+        (samples,) input.
+
+    Raises:
+        InputError: a line is below 1 or not below half the number of samples.
+
+    Example:
+        >>> import jax
+        >>> u = multisine(jax.random.key(0), 64, lines=(3, 5), centre=0.0, amplitude=2.0)
+        >>> round(float(abs(u).max()), 5)
+        2.0
+    """
+    lines = np.asarray(lines, int).reshape(-1)
+    if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= samples:
+        raise InputError(f"lines are {lines.tolist()}: give 1 to below {samples / 2:g}")
+    phases = jax.random.uniform(key, lines.shape, _index(1).dtype, 0.0, 2.0 * jnp.pi)
+    spectrum = jnp.zeros(samples // 2 + 1, jnp.result_type(phases.dtype, jnp.complex64))
+    wave = jnp.fft.irfft(spectrum.at[lines].set(jnp.exp(1j * phases)), samples)
+    return centre + amplitude * wave / jnp.max(jnp.abs(wave))
+
+
+def bernoulli_ramp(
+    key: jax.Array,
+    samples: int,
+    rate_hz: float,
+    coin_hz: float = 10.0,
+    slope: float | None = None,
+    low: float = 0.0,
+    high: float = 75.0,
+) -> jax.Array:
+    """Ramp that a coin turns up or down and the ends of the range reflect: a Bernoulli process.
+
+    The excitation of the paper's experiment, a coin tossed at 10 Hz. A folded random walk:
+    turning points are u(0) plus multiples of slope / coin_hz, folded into the range.
+
+    Args:
+        key: random key (`jax.random.key`).
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        coin_hz: tosses a second.
+        slope: rate of the input, in its unit per second. It should share no fraction with the
+            tosses, or the turning points lie on a coarse lattice; the default,
+            (3 - sqrt 5)/2 (high - low) coin_hz, shares none.
+        low: lower end, in the unit of the input; the signal starts here.
+        high: upper end, same unit.
+
+    Returns:
+        (samples,) input.
+
+    Raises:
+        InputError: a rate is not positive or the range is empty.
+
+    Example:
+        >>> import jax
+        >>> u = bernoulli_ramp(jax.random.key(0), samples=1000, rate_hz=2000.0)
+        >>> bool(((u >= 0.0) & (u <= 75.0)).all())
+        True
+    """
+    _positive(rate_hz=rate_hz, coin_hz=coin_hz)
+    _ordered(low, high)
+    slope = GOLDEN * (high - low) * coin_hz if slope is None else slope
+    _positive(slope=slope)
+    k = _index(samples)
+    toss = jnp.floor(k * coin_hz / rate_hz).astype(int)
+    coins = jax.random.bernoulli(key, 0.5, (math.ceil(samples * coin_hz / rate_hz) + 1,))
+    # Whole numbers, so that a long walk is as exact as a short one.
+    walk = jnp.cumsum(jnp.where(coins, 1, -1)[toss][:-1])
+    walk = jnp.concatenate([jnp.zeros(1, walk.dtype), walk]).astype(k.dtype)
+    span = high - low
+    place = jnp.mod(walk * (slope / rate_hz), 2.0 * span)
+    return jnp.clip(low + span - jnp.abs(place - span), low, high)
+
+
+def random_steps(
+    key: jax.Array,
+    samples: int,
+    rate_hz: float,
+    hold_s: float,
+    low: float = 0.0,
+    high: float = 75.0,
+) -> jax.Array:
+    """Steps to uniformly drawn levels, each held for the same time.
+
+    Args:
+        key: random key (`jax.random.key`).
+        samples: number of samples.
+        rate_hz: sampling rate, Hz.
+        hold_s: duration of a hold, s; at least one sample.
+        low: lower end, in the unit of the input.
+        high: upper end, same unit.
+
+    Returns:
+        (samples,) input.
+
+    Raises:
+        InputError: a rate or time is not positive or the range is empty.
+
+    Example:
+        >>> import jax
+        >>> u = random_steps(jax.random.key(0), samples=6, rate_hz=1.0, hold_s=3.0)
+        >>> len(set(u.tolist()))
+        2
+    """
+    _positive(rate_hz=rate_hz, hold_s=hold_s)
+    _ordered(low, high)
+    k = _index(samples)
+    hold = max(1, round(hold_s * rate_hz))
+    levels = jax.random.uniform(key, (-(-samples // hold),), k.dtype, low, high)
+    return levels[jnp.arange(samples) // hold]
+
+
+class _Pen:
+    """Draws corners of a piecewise linear signal, at whole samples; levels in parts of the range."""
+
+    def __init__(self, samples_per_second: float):
+        self.per_second = samples_per_second
+        self.corners, self.levels = [0], [0.0]
+
+    def _after(self, seconds: float) -> int:
+        return self.corners[-1] + max(1, round(seconds * self.per_second))
+
+    def go(self, level: float, rate: float) -> None:
+        """Moves to a level at a rate in parts of the range per second."""
+        self.corners.append(self._after(abs(level - self.levels[-1]) / rate))
+        self.levels.append(level)
+
+    def hold(self, seconds: float) -> tuple[int, int]:
+        """Rests; returns the first and last sample."""
+        begin = self.corners[-1]
+        self.corners.append(self._after(seconds))
+        self.levels.append(self.levels[-1])
+        return begin, self.corners[-1]
+
+    def loop(self) -> None:
+        """The reference loop: to the top and back."""
+        self.go(1.0, 4.0)
+        self.go(0.0, 4.0)
+
+
+def _decays(pen: _Pen) -> None:
+    """Decaying triangles at three rates over 1.5 decades; centres differ, so turns do not repeat."""
+    for rate, turns, centre in ((0.8, 5, 0.47), (4.0, 9, 0.61), (26.0, 14, 0.38)):
+        pen.go(0.0, 3.5)
+        for level in _shrinking(0.0, 1.0, centre, turns):
+            pen.go(level, rate)
+        pen.hold(0.1)
+
+
+def _holds(pen: _Pen) -> None:
+    """Steps upward and downward, held for times over two decades."""
+    times = (0.02, 0.2, 0.06, 2.0, 0.6)
+    for level, seconds in zip((0.13, 0.34, 0.52, 0.71, 0.92), times, strict=True):
+        pen.go(level, 40.0)
+        pen.hold(seconds)
+    for level, seconds in zip((0.81, 0.63, 0.43, 0.24, 0.08), times, strict=True):
+        pen.go(level, 40.0)
+        pen.hold(seconds)
+
+
+def _minor_loops(pen: _Pen) -> None:
+    """Loops of equal swing at five biases, on the rising branch and on the falling one."""
+    swing, biases = 0.16, (0.1, 0.27, 0.44, 0.61, 0.78)
+    pen.go(0.0, 3.5)
+    for bias in biases:
+        for level in (bias + swing, bias, bias + swing):
+            pen.go(level, 3.5)
+    pen.go(1.0, 3.5)
+    for bias in biases[::-1]:
+        for level in (bias, bias + swing, bias):
+            pen.go(level, 3.5)
+    pen.go(0.0, 3.5)
+
+
+def _spread(pen: _Pen) -> None:
+    """Turning points that fill the plane evenly, at alternating rates."""
+    for j in range(23):
+        upper, lower = (0.5 + j * GOLDEN) % 1.0, (0.25 + j * math.sqrt(2.0)) % 1.0
+        upper, lower = max(upper, lower), min(upper, lower)
+        pen.go(upper, (2.0, 6.0, 18.0)[j % 3])
+        pen.go(lower, (2.0, 6.0, 18.0)[j % 3])
+
+
+def _diagnostic_pen(samples_per_second: float) -> tuple[_Pen, tuple[int, int]]:
+    pen = _Pen(samples_per_second)
+    pen.hold(0.2)
+    for _ in range(3):
+        pen.loop()
+    _decays(pen)
+    _holds(pen)
+    _minor_loops(pen)
+    pen.go(0.64, 3.5)
+    pen.hold(1.5)
+    _spread(pen)
+    pen.go(0.5, 3.5)
+    vibration = pen.hold(2.0)
+    pen.go(0.0, 3.5)
+    pen.loop()
+    pen.hold(0.2)
+    return pen, vibration
+
+
+def diagnostic_record(
+    seconds: float = 24.0, rate_hz: float = 2000.0, low: float = 0.0, high: float = 75.0
+) -> jax.Array:
+    """One excitation that shows every effect of the library at least once.
+
+    In this order: three exact repeats of a reference loop (noise floor), decaying triangles at
+    three rates over 1.5 decades (rate, lag), steps in both directions held over two decades of time
+    (creep), minor loops of equal swing at five biases on both branches (congruency), a pause
+    (drift), turning points all over the range, a short multisine (delay against lag), and the
+    reference loop again (drift, ageing).
+
+    Args:
+        seconds: duration, s; all times stretch with it, and rates in proportion fall. In 24 s the
+            slowest decaying triangle moves 0.8 ranges a second and the fastest 26.
+        rate_hz: sampling rate, Hz.
+        low: lower end, in the unit of the input; the signal starts and ends here.
+        high: upper end, same unit.
+
+    Returns:
+        (round(seconds * rate_hz),) input; all corners but those of the multisine are sampled.
+
+    Raises:
+        InputError: a time or rate is not positive, the range is empty, or the samples are too few.
+
+    Example:
+        >>> diagnostic_record(seconds=24.0, rate_hz=500.0).shape
+        (12000,)
+    """
+    _positive(seconds=seconds, rate_hz=rate_hz)
+    _ordered(low, high)
+    samples = round(seconds * rate_hz)
+    if samples < 6000:
+        raise InputError(
+            f"{seconds:g} s at {rate_hz:g} Hz are {samples} samples, too few for the fast parts: "
+            "give at least 6000"
+        )
+    ruler = 100_000.0
+    plan_s = _diagnostic_pen(ruler)[0].corners[-1] / ruler
+    pen, (begin, end) = _diagnostic_pen((samples - 1) / plan_s)
+    count = end - begin
+    wave = multisine(jax.random.key(0), count, range(2, 61, 3), 0.0, 0.12)
+    # Both ends of a vibration at rest have to meet the hold around it.
+    taper = jnp.clip(10.0 * (0.5 - jnp.abs((_index(count) + 0.5) / count - 0.5)), 0.0, 1.0)
+    shape = _lines(samples, np.array(pen.corners), np.array(pen.levels))
+    shape = shape.at[begin:end].add(wave * jnp.sin(0.5 * jnp.pi * taper) ** 2)
+    return low + (high - low) * shape

@@ -233,7 +233,7 @@ def _rich(rng, start):
     track.go(rng.uniform(0.4, 0.6) * TOP, 200.0)
     chirp_from = track.t[-1] + 0.1
     track.hold(2.2)
-    chirp = (chirp_from, 2.0, rng.uniform(6.0, 10.0), 1.0, 25.0)
+    chirp = (chirp_from, 2.0, rng.uniform(6.0, 10.0), 1.0, 15.0)
     _zigzag(track, rng, 6, 250.0)
     track.go(0.0, 150.0)
     for level in (TOP, 0.0):
@@ -270,9 +270,9 @@ def waveform(kind: str, duration_s: float, seed: int, start: float = 0.0):
     def at(t):
         u = np.interp(t, corners, levels)
         if chirp is not None:
-            begin, length, amplitude, low, high = chirp
+            begin, length, amplitude, low, high = chirp  # frequencies do not stretch
             s = (np.asarray(t) / stretch - begin) / length
-            phase = 2 * np.pi * length * (low * s + 0.5 * (high - low) * s**2)
+            phase = 2 * np.pi * length * stretch * (low * s + 0.5 * (high - low) * s**2)
             window = np.sin(np.pi * np.clip(s, 0.0, 1.0)) ** 0.5
             u = u + np.where((s > 0) & (s < 1), amplitude * window * np.sin(phase), 0.0)
         return u
@@ -373,8 +373,8 @@ def _stick_slip(rng, h, swing):
     place, begin = h[0], 0
     while begin < len(h):
         reach = swing * rng.uniform(0.3, 1.0)
-        away = np.flatnonzero(np.abs(h[begin : begin + 20_000] - place) > reach)
-        stop = begin + int(away[0]) if len(away) else min(begin + 20_000, len(h))
+        away = np.flatnonzero(np.abs(h[begin : begin + 2_000] - place) > reach)
+        stop = begin + int(away[0]) if len(away) else min(begin + 2_000, len(h))
         y[begin:stop] = place
         if len(away):
             place = h[stop] - 0.2 * reach * np.sign(h[stop] - place)

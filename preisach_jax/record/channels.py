@@ -54,10 +54,6 @@ def read_time(
     if column is None:
         if rate is None or not np.isfinite(rate) or rate <= 0:
             raise InputError(f"rate is {rate}: give the sampling rate in Hz, above 0")
-        if table.rows.size < 2:
-            raise InputError(
-                f"{table.source}, row {table.rows[0]}: one sample is no record; give at least 2"
-            )
         values = np.arange(table.rows.size) / rate
         return values, values
     values = table.numbers(

@@ -90,7 +90,7 @@ def assign_roles(
         is_open = told[role] is None and column not in (*told.values(), *aux)
         if is_open and not (role == "time" and has_rate):
             told[role] = column
-    if not need_output and output not in table.columns:
+    if not need_output and told["output"] not in table.columns:
         told["output"] = None
     for role, name in told.items():
         if name is not None:

@@ -240,21 +240,23 @@ def _parse(
     """The columns: float64 where every cell is a number or empty, else objects."""
     import pandas as pd
 
-    frame = pd.read_csv(
-        io.StringIO("\n".join(body)),
-        sep=r"\s+" if delimiter == " " else delimiter,
-        header=None,
-        names=range(len(header)),
-        index_col=False,
-        decimal=decimal,
-        float_precision="round_trip",
-        skipinitialspace=True,
-        low_memory=False,
-    )
-    if len(frame) != len(body):
+    try:
+        frame = pd.read_csv(
+            io.StringIO("\n".join(body)),
+            sep=r"\s+" if delimiter == " " else delimiter,
+            header=None,
+            names=range(len(header)),
+            index_col=False,
+            decimal=decimal,
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except pd.errors.ParserError:
+        frame = None
+    # Every line has as many fields as there are names, so only quotation marks can join lines.
+    if frame is None or len(frame) != len(body):
         raise InputError(
-            f"{source}: {len(body)} rows of text make {len(frame)} rows of data, so a quotation "
-            'mark (") is not closed; close or remove it'
+            f'{source}: a quotation mark (") is not closed in its row; close or remove it'
         )
     columns = {}
     for i, name in enumerate(header):

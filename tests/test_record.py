@@ -1,0 +1,538 @@
+"""Records: what is read is what was written, in every format and dialect."""
+
+import csv
+import hashlib
+import importlib.resources
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from preisach_jax.errors import InputError
+from preisach_jax.record import MIN_MEASURED, Channel, Record
+from preisach_jax.record.units import seconds_per, split_unit
+
+K = 60
+
+
+def signals(size=K):
+    """Time, input and output of a plain record."""
+    t = np.arange(size) / 100
+    u = 3 * np.sin(7 * t) + 4
+    return t, u, 0.2 * u**2
+
+
+def write_csv(path, names=("t", "u", "z"), columns=None, delimiter=","):
+    columns = signals() if columns is None else columns
+    lines = [delimiter.join(names)]
+    lines += [delimiter.join(map(repr, map(float, row))) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def bundled():
+    return importlib.resources.files("preisach_jax") / "bundled" / "conventional_example.forc"
+
+
+# --- MicroMag reversal curves ---------------------------------------------------------------------
+
+MICROMAG = """MicroMag 2900/3900 Data File (Series 0015)
+First-order reversal curves
+Configuration   :  AGM
+Units of measure:  Hybrid SI
+04/13/2016  13:20
+""
+
+Averaging time = +5.000000E-01
+HCal           = +8.000000E-01
+HSat           = +1.000000E+00
+NCrv           = 2
+PauseSat       = +2.000000E+00
+Elapsed time   = +1.300000E+01
+NData          = 5
+
++8.010000E-01,+9.000000E-07
+
++5.000000E-01,+6.000000E-07
+
++7.990000E-01,+8.900000E-07
+
++3.000000E-01,+4.000000E-07
++5.000000E-01,+5.500000E-07
+
+MicroMag 2900/3900 Data File ends
+"""
+# By hand: weights 2, .5, .5, 2, .5, .5, .5 make 6.5 s, and 13 s elapsed: every weight twice.
+MICROMAG_TIME = [4.0, 5.0, 6.0, 10.0, 11.0, 12.0, 13.0]
+MICROMAG_FIELD = [1.0, 0.801, 0.5, 1.0, 0.799, 0.3, 0.5]
+MICROMAG_MOMENT = [np.nan, 9e-7, 6e-7, np.nan, 8.9e-7, 4e-7, 5.5e-7]
+
+
+def test_micromag_against_a_hand_made_record(tmp_path):
+    path = tmp_path / "two.forc"
+    path.write_text(MICROMAG)
+    record = Record.load(path, need_output=False)
+    np.testing.assert_allclose(record.time, MICROMAG_TIME, rtol=1e-14)
+    np.testing.assert_array_equal(record.input, MICROMAG_FIELD)
+    np.testing.assert_array_equal(record.output, MICROMAG_MOMENT)
+    assert record.initial_memory == "high"
+    assert record.channels["input"] == Channel("field", "T")
+    assert record.channels["output"] == Channel("moment", "A·m²")
+    assert record.channels["time"] == Channel("t", "s")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("HSat           = +1.0", "HSat           = -1.0", {"initial_memory": "low"}),
+        ("Hybrid SI", "cgs", {"input_unit": "Oe", "output_unit": "emu"}),
+        ("Elapsed time   = +1.300000E+01", "", {"duration_s": 4.5}),
+        ("PauseSat       = +2.0", "PauseSat       = +0.0", {"duration_s": 13 * 6 / 7}),
+        ("HSat           = +", "HSat\t\t+", {"initial_memory": "high"}),
+    ],
+)
+def test_micromag_headers(tmp_path, old, new, expected):
+    path = tmp_path / "two.forc"
+    assert old in MICROMAG
+    path.write_text(MICROMAG.replace(old, new))
+    record = Record.load(path, need_output=False)
+    for name, value in expected.items():
+        assert getattr(record, name) == (pytest.approx(value) if name == "duration_s" else value)
+
+
+def test_micromag_without_calibration_points_is_saturated_before_every_curve(tmp_path):
+    path = tmp_path / "two.forc"
+    path.write_text(MICROMAG.replace("HCal", "HNcr"))
+    record = Record.load(path, need_output=False)
+    np.testing.assert_array_equal(record.input, [1.0, 0.801, 1.0, 0.5, 1.0, 0.799, 1.0, 0.3, 0.5])
+
+
+def test_bundled_measurement():
+    with importlib.resources.as_file(bundled()) as path:
+        said = []
+        record = Record.load(path, announce=said.append)
+    assert len(record) == 8634
+    assert int(np.sum(record.measured)) == 8514
+    assert record.time[-1] == pytest.approx(1927.455, rel=1e-12)
+    # the first rows of the file, and the rest at saturation before each pair of blocks
+    np.testing.assert_array_equal(
+        record.input[:6], [0.3, 0.2370455, 0.1182822, 0.3, 0.2370448, 0.1154643]
+    )
+    np.testing.assert_array_equal(record.output[1:3], [7.842043e-07, 6.053198e-07])
+    # A rest takes 1 s and a point 0.1 s of the protocol's time: 9714 tenths fill 1927.455 s.
+    np.testing.assert_allclose(np.diff(record.time[:4]), np.array([1, 1, 10]) * 1927.455 / 9714)
+    assert record.initial_memory == "high"
+    assert record.name == "conventional_example.forc"
+    assert any("saturation" in note for note in said)
+    assert not any("guessed from" in note for note in said)
+
+
+def test_bundled_measurement_agrees_with_an_independent_conversion(shared_data):
+    with importlib.resources.as_file(bundled()) as path:
+        record = Record.load(path)
+    with open(shared_data / "forc_agm_pmagpy.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    # the conversion prints seven digits
+    t, x, z = (np.array([float(row[name] or "nan") for row in rows]) for name in "txz")
+    np.testing.assert_allclose(record.time, t, rtol=5.1e-7)
+    np.testing.assert_allclose(record.input, x, rtol=1e-14)
+    np.testing.assert_allclose(record.output, z, rtol=1e-14)
+    converted = Record.load(shared_data / "forc_agm_pmagpy.csv")
+    np.testing.assert_array_equal(converted.output, z)
+    assert converted.initial_memory == "free"
+
+
+def test_the_licence_lies_beside_the_bundled_measurement():
+    notice = (importlib.resources.files("preisach_jax") / "bundled" / "LICENSE.pmagpy").read_text()
+    assert "PmagPy contributors" in notice
+    assert "Redistribution and use in source and binary forms" in notice
+
+
+# --- delimiter-separated text ---------------------------------------------------------------------
+
+finite = st.floats(min_value=-1e9, max_value=1e9, allow_nan=False, width=64)
+
+
+@st.composite
+def dialects(draw):
+    """A delimited file's text, its encoding, its columns and their names."""
+    delimiter = draw(st.sampled_from([",", ";", "\t", "|", " "]))
+    decimal = draw(st.sampled_from(["."] if delimiter == "," else [".", ","]))
+    names = draw(
+        st.sampled_from([("t_s", "u_V", "z_um"), ("Zeit [s]", "Spannung [V]", "Weg (µm)")])
+    )
+    size = draw(st.integers(2, 12))
+    time = np.cumsum(draw(st.lists(st.floats(1e-3, 10), min_size=size, max_size=size)))
+    u = draw(st.lists(finite, min_size=size, max_size=size))
+    # Between spaces there is no empty cell.
+    cell = finite if delimiter == " " else st.one_of(finite, st.just(float("nan")))
+    z = draw(st.lists(cell, min_size=size, max_size=size))
+    pad = draw(st.sampled_from(["", " "])) if delimiter in ",;|" else ""
+    lines = [(delimiter + pad).join(names)]
+    for row in zip(time, u, z, strict=True):
+        cells = ["" if np.isnan(value) else repr(float(value)) for value in row]
+        lines.append((delimiter + pad).join(cells).replace(".", decimal))
+    for extra in draw(
+        st.lists(st.sampled_from(["", "  ", "# note; a, b|c 1.5", "% x"]), max_size=4)
+    ):
+        lines.insert(draw(st.integers(0, len(lines))), extra)
+    end = draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    text = end.join(lines) + draw(st.sampled_from(["", end]))
+    encoding = draw(st.sampled_from(["utf-8", "utf-8-sig", "latin-1", "utf-16"]))
+    return text, encoding, (time, np.array(u), np.array(z)), names
+
+
+@given(dialects())
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_dialect_gives_back_the_values_to_the_last_bit(tmp_path, dialect):
+    text, encoding, columns, names = dialect
+    path = tmp_path / "dialect.csv"
+    path.write_bytes(text.encode(encoding))
+    record = Record.load(path, time=names[0], input=names[1], output=names[2], need_output=False)
+    for read, written in zip((record.time, record.input, record.output), columns, strict=True):
+        np.testing.assert_array_equal(read, written)
+    assert [record.channels[c].unit for c in ("time", "input")] == ["s", "V"]
+    assert [record.channels[c].name for c in ("time", "input", "output")] == list(names)
+
+
+def test_columns_of_text_are_ignored_unless_named(tmp_path):
+    t, u, z = signals()
+    lines = [f'{a},"run, {k}",{b},on,{c}' for k, (a, b, c) in enumerate(zip(t, u, z, strict=True))]
+    path = tmp_path / "texts.csv"
+    path.write_text("\n".join(["t,comment,u,state,z", *lines]))
+    record = Record.load(path)
+    np.testing.assert_array_equal(record.input, u)
+    np.testing.assert_array_equal(record.output, z)
+
+
+@pytest.mark.parametrize("comment", ["# t,u,z", "#t,u,z", "% t,u,z\n# written by a logger"])
+def test_names_in_a_comment_as_numpy_writes_them(tmp_path, comment):
+    path = tmp_path / "savetxt.csv"
+    np.savetxt(path, np.column_stack(signals()), delimiter=",", header="", comments="")
+    path.write_text(f"{comment}\n{path.read_text()}")
+    record = Record.load(path)
+    np.testing.assert_allclose(record.output, signals()[2], rtol=1e-15)
+
+
+def test_lines_before_the_names_and_a_line_of_units(tmp_path):
+    path = write_csv(tmp_path / "logger.csv", delimiter=";")
+    names, *data = path.read_text().splitlines()
+    path.write_text("\n".join(["Logger 12", "Operator: me", names, "s;V;µm", *data]))
+    said = []
+    record = Record.load(path, announce=said.append)
+    np.testing.assert_array_equal(record.input, signals()[1])
+    assert (record.input_unit, record.output_unit) == ("V", "µm")
+    assert any("2 line(s) before the names" in note for note in said)
+
+
+def test_a_delimiter_at_the_end_of_every_row(tmp_path):
+    path = write_csv(tmp_path / "trailing.csv")
+    names, *data = path.read_text().splitlines()
+    path.write_text("\n".join([names, *(f"{line}," for line in data)]))
+    np.testing.assert_array_equal(Record.load(path).output, signals()[2])
+
+
+def test_rows_of_delimiters_only_are_blank(tmp_path):
+    path = write_csv(tmp_path / "sheet.csv")
+    path.write_text(path.read_text() + ",,\n,,\n")
+    assert len(Record.load(path)) == K
+
+
+def test_a_file_without_names_is_read_by_position(tmp_path):
+    path = tmp_path / "bare.txt"
+    np.savetxt(path, np.column_stack(signals()), fmt="%.17g")
+    record = Record.load(path, time="1", input="2", output="3")
+    np.testing.assert_array_equal(record.output, signals()[2])
+
+
+def test_a_single_column_with_a_rate(tmp_path):
+    path = tmp_path / "one.csv"
+    path.write_text("u_V\n0,5\n1,5\n0,25\n")
+    record = Record.load(path, input="u_V", rate=10.0, need_output=False)
+    np.testing.assert_array_equal(record.input, [0.5, 1.5, 0.25])
+    np.testing.assert_array_equal(record.time, [0.0, 0.1, 0.2])
+
+
+def test_empty_output_cells_belong_to_the_history_of_the_input(tmp_path):
+    path = write_csv(tmp_path / "gaps.csv")
+    lines = path.read_text().splitlines()
+    for row, cell in ((3, ""), (5, "  "), (7, "nan"), (9, "NaN")):
+        lines[row] = ",".join([*lines[row].split(",")[:2], cell])
+    path.write_text("\n".join(lines))
+    record = Record.load(path)
+    np.testing.assert_array_equal(np.flatnonzero(~record.measured), [2, 4, 6, 8])
+    assert np.all(np.isfinite(record.input))
+
+
+# --- other formats --------------------------------------------------------------------------------
+
+
+def test_npz_mat_and_csv_hold_the_same_record(tmp_path):
+    t, u, z = signals()
+    z[3] = np.nan
+    np.savez(tmp_path / "r.npz", t=t, u_V=u, z_um=z[:, None], rate=100.0)
+    savemat(tmp_path / "r.mat", {"t": t, "u_V": u, "z_um": z, "note": "a text"})
+    write_csv(tmp_path / "r.csv", ("t", "u_V", "z_um"), (t, u, z))
+    records = [Record.load(tmp_path / f"r.{ending}") for ending in ("npz", "mat", "csv")]
+    assert len({record.sha256 for record in records}) == 1
+    assert {record.output_unit for record in records} == {"um"}
+
+
+def test_fields_of_a_matlab_structure_go_by_their_dotted_names(tmp_path):
+    t, u, z = signals()
+    savemat(tmp_path / "s.mat", {"run": {"t": t, "u": u, "z": z}})
+    record = Record.load(tmp_path / "s.mat", time="run.t", input="run.u", output="run.z")
+    np.testing.assert_array_equal(record.input, u)
+
+
+def test_parquet_holds_the_same_record(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    t, u, z = signals()
+    z[3] = np.nan
+    stamps = pa.array((1000 * t).astype("datetime64[ms]"))
+    table = pa.table({"t": t, "u_V": u, "z_um": z, "state": ["on"] * K, "stamp": stamps})
+    parquet.write_table(table, tmp_path / "r.parquet")
+    write_csv(tmp_path / "r.csv", ("t", "u_V", "z_um"), (t, u, z))
+    record = Record.load(tmp_path / "r.parquet", time="t")
+    assert record.sha256 == Record.load(tmp_path / "r.csv").sha256
+    by_stamp = Record.load(tmp_path / "r.parquet", time="stamp", input="u_V", output="z_um")
+    np.testing.assert_allclose(by_stamp.time, t, atol=1e-12)
+
+
+def test_parquet_without_pyarrow_names_the_package(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    path = tmp_path / "r.parquet"
+    path.write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"r\.parquet.*pyarrow.*pip install"):
+        Record.load(path)
+
+
+# --- units and time -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        ("u_V", ("u", "V")),
+        ("z_um", ("z", "um")),
+        ("t_ms", ("t", "ms")),
+        ("T_MS", ("T", "MS")),
+        ("Weg [µm]", ("Weg", "µm")),
+        ("Zeit (ms)", ("Zeit", "ms")),
+        ("Weg in mm", ("Weg", "mm")),
+        ("Weg/mm", ("Weg", "mm")),
+        ("H (A/m)", ("H", "A/m")),
+        ("H_A_per_m", ("H", "A/m")),
+        ("coil_current_A", ("coil_current", "A")),
+        ("curve", ("curve", "")),
+        ("u_1", ("u_1", "")),
+        ("load_cell", ("load_cell", "")),
+        ("position", ("position", "")),
+    ],
+)
+def test_units_in_names(column, expected):
+    assert split_unit(column) == expected
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"),
+    [("s", 1), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("μs", 1e-6), ("min", 60), ("h", 3600)],
+)
+@pytest.mark.parametrize("style", ["t_{}", "Zeit [{}]", "time ({})"])
+def test_time_is_in_seconds_and_kept_as_in_the_file(tmp_path, unit, seconds, style):
+    _, u, z = signals()
+    values = np.arange(K) * 7.0
+    name = style.format(unit)
+    record = Record.load(write_csv(tmp_path / "r.csv", (name, "u", "z"), (values, u, z)))
+    np.testing.assert_allclose(record.time, values * seconds, rtol=1e-15)
+    np.testing.assert_array_equal(record.time_values, values)
+    assert record.channels["time"] == Channel(name, unit)
+
+
+def test_seven_milliseconds_are_seven_thousandths_to_the_last_bit():
+    multiplier, divisor = seconds_per("ms") or (np.nan, np.nan)
+    assert all(float(k) * multiplier / divisor == k / 1000 for k in range(1000))
+
+
+def test_units_that_are_told_come_before_those_in_names(tmp_path):
+    path = write_csv(tmp_path / "r.csv", ("t", "u_V", "z"))
+    said = []
+    record = Record.load(
+        path, units={"time": "ms", "u_V": "kV", "output": "nm"}, announce=said.append
+    )
+    assert record.duration_s == pytest.approx(0.59e-3)
+    assert (record.input_unit, record.output_unit) == ("kV", "nm")
+    assert not any("seconds" in note for note in said)
+
+
+def test_a_rate_takes_the_place_of_time(tmp_path):
+    _, u, z = signals()
+    record = Record.load(write_csv(tmp_path / "r.csv", ("u", "z"), (u, z)), rate=200.0)
+    np.testing.assert_array_equal(record.time, np.arange(K) / 200.0)
+    assert record.channels["time"] == Channel("t", "s")
+    with_time = Record.load(write_csv(tmp_path / "r2.csv"), rate=200.0)
+    np.testing.assert_array_equal(with_time.time, record.time)
+
+
+# --- guessing -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "roles"),
+    [
+        ("t x z", "t x z"),
+        ("t x z curve", "t x z"),
+        ("t x z u1 u2 y1", "t x z"),
+        ("t x z current_A", "t x z"),
+        ("t_s u_V z_um load_N", "t_s u_V z_um"),
+        ("z_um u_V t_ms", "t_ms u_V z_um"),
+        ("t u x", "t u x"),
+        ("t x y", "t x y"),
+        ("Zeit Spannung Weg", "Zeit Spannung Weg"),
+        ("time voltage displacement", "time voltage displacement"),
+        ("time field moment temperature_K", "time field moment"),
+        ("elapsed_s drive_V sensor_V", "elapsed_s drive_V sensor_V"),
+        ("clk_s chan1_V chan2_um", "clk_s chan1_V chan2_um"),
+        ("Time input output", "Time input output"),
+    ],
+)
+def test_columns_are_guessed_and_announced(tmp_path, names, roles):
+    t, u, _ = signals()
+    rng = np.random.default_rng(1)
+    roles = roles.split()
+    columns = [t if name == roles[0] else u + rng.standard_normal(K) for name in names.split()]
+    said = []
+    record = Record.load(
+        write_csv(tmp_path / "r.csv", names.split(), columns), announce=said.append
+    )
+    assert [record.channels[role].name for role in ("time", "input", "output")] == roles
+    (guess,) = [note for note in said if "guessed from" in note]
+    assert all(column in guess for column in roles)
+
+
+def test_only_what_is_not_told_is_guessed(tmp_path):
+    t, u, z = signals()
+    path = write_csv(tmp_path / "r.csv", ("t", "u", "x", "z"), (t, u, u + 1, z))
+    said = []
+    record = Record.load(path, input="x", aux=["u"], announce=said.append)
+    assert record.channels["input"].name == "x"
+    (guess,) = [note for note in said if "guessed from" in note]
+    assert guess.endswith("time t, output z")
+    np.testing.assert_array_equal(record.aux["u"], u)
+
+
+def test_texts_and_constants_are_never_guessed(tmp_path):
+    t, u, z = signals()
+    path = tmp_path / "r.csv"
+    rows = [f"{a},{b},5.0,here,{c}" for a, b, c in zip(t, u, z, strict=True)]
+    path.write_text("\n".join(["t,u,x,output,z", *rows]))
+    record = Record.load(path)
+    assert record.channels["input"].name == "u"
+    assert record.channels["output"].name == "z"
+
+
+# --- prediction: the input alone ------------------------------------------------------------------
+
+
+def test_without_need_of_an_output_it_may_be_absent_and_the_record_short_and_still(tmp_path):
+    path = write_csv(tmp_path / "r.csv", ("t", "u"), ([0.0, 1.0], [2.0, 2.0]))
+    record = Record.load(path, time="t", input="u", output="z", need_output=False)
+    assert not record.measured.any()
+    assert record.channels["output"] == Channel("output", "")
+    assert np.isnan(record.output_range)
+    write_csv(tmp_path / "with.csv")
+    loaded = Record.load(tmp_path / "with.csv", output="z", need_output=False)
+    np.testing.assert_array_equal(loaded.output, signals()[2])
+
+
+# --- the record itself ----------------------------------------------------------------------------
+
+
+def record_of(size=K, **options):
+    return Record.from_arrays(*signals(size), **options)
+
+
+def test_properties():
+    t, u, z = signals()
+    t = t + np.where(np.arange(K) >= 40, 0.5, 0.0)
+    z[:5] = np.nan
+    record = Record.from_arrays(t, u, z, units={"input": "V", "output": "um"})
+    assert record.step_s == pytest.approx(0.01)
+    assert record.duration_s == pytest.approx(1.09)
+    ((row, seconds),) = record.gaps
+    assert (row, seconds) == (40, pytest.approx(0.51))
+    assert record.jitter == pytest.approx(0.0, abs=1e-9)
+    assert record.input_range == np.max(u) - np.min(u)
+    assert record.output_range == np.max(z[5:]) - np.min(z[5:])
+    assert (record.input_unit, record.output_unit) == ("V", "um")
+
+
+def test_jitter_is_the_spread_of_the_steps():
+    rng = np.random.default_rng(0)
+    steps = 0.01 * (1 + 0.05 * rng.standard_normal(20_000))
+    t = np.cumsum(steps)
+    record = Record.from_arrays(t, np.sin(t), np.cos(t))
+    assert record.jitter == pytest.approx(0.05, rel=0.03)
+
+
+def test_the_digest_is_that_of_time_input_and_output():
+    record = record_of()
+    expected = hashlib.sha256(b"".join(v.astype("<f8").tobytes() for v in signals())).hexdigest()
+    assert record.sha256 == expected
+    t, u, z = signals()
+    z[7] = np.nan
+    other = z.copy()
+    other[7] = np.float64(np.frombuffer(b"\x01\0\0\0\0\0\xf8\xff", "<f8")[0])
+    assert Record.from_arrays(t, u, z).sha256 == Record.from_arrays(t, u, other).sha256
+    assert Record.from_arrays(t, u, z).sha256 != expected
+
+
+def test_the_inputs_digest_tells_a_continuation():
+    whole, t, u = record_of(), *signals()[:2]
+    rows = np.column_stack([t, u])[:20].astype("<f8").tobytes()
+    assert whole.inputs_digest(20) == hashlib.sha256(rows).hexdigest()
+    assert whole.part(0, 30).inputs_digest(20) == whole.inputs_digest(20)
+    assert whole.part(1, 30).inputs_digest(20) != whole.inputs_digest(20)
+    with pytest.raises(ValueError, match="n is 61"):
+        whole.inputs_digest(61)
+
+
+def test_a_part_holds_its_rows_and_forgets_the_initial_memory():
+    record = record_of(aux={"load": np.arange(K)}, initial_memory="high")
+    part = record.part(10, 20)
+    for name in ("time", "input", "output", "time_values"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(record, name)[10:20])
+    np.testing.assert_array_equal(part.aux["load"], np.arange(10, 20))
+    assert part.initial_memory == "free"
+    assert record.part(0, 20).initial_memory == "high"
+    assert part.sha256 != record.sha256
+    with pytest.raises(InputError, match=r"part\(5, 6\)"):
+        record.part(5, 6)
+
+
+def test_arrays_are_copies_that_cannot_be_written():
+    t, u, z = signals()
+    record = Record.from_arrays(t, u, z)
+    u[0] = 99.0
+    assert record.input[0] != 99.0
+    with pytest.raises(ValueError, match="read-only"):
+        record.input[0] = 1.0
+
+
+@pytest.mark.parametrize("memory", ["low", "high", "demagnetised", "free"])
+def test_the_initial_memory_that_is_told_counts(tmp_path, memory):
+    assert record_of(initial_memory=memory).initial_memory == memory
+    path = write_csv(tmp_path / "r.csv")
+    assert Record.load(path, initial_memory=memory).initial_memory == memory
+    assert Record.load(path).initial_memory == "free"
+
+
+def test_a_record_of_the_least_length_is_accepted():
+    record_of(MIN_MEASURED).check_identifiable()
+    with pytest.raises(InputError, match=f"{MIN_MEASURED - 1} measured samples"):
+        record_of(MIN_MEASURED - 1).check_identifiable()

@@ -1,0 +1,370 @@
+"""Bad records: each is refused with one line that says where, what and how to mend it."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from test_record import MICROMAG, signals
+
+from preisach_jax.errors import InputError
+from preisach_jax.record import Record
+
+K = 60
+
+
+def rows_of_text():
+    """Names and rows of a sound record as lists of cells; row 1 of the file is the names."""
+    t, u, z = signals(K)
+    cells = [[f"{a:.3f}", f"{b:.6f}", f"{c:.6f}"] for a, b, c in zip(t, u, z, strict=True)]
+    return [["t_s", "u_V", "z_um"], *cells]
+
+
+def write(path, rows, delimiter=","):
+    path.write_text("\n".join(delimiter.join(row) for row in rows) + "\n")
+    return path
+
+
+def refusal(path, **options):
+    """The message with which a record is refused; always one line that names the file."""
+    with pytest.raises(InputError) as caught:
+        Record.load(path, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert path.name in message
+    assert len(message) < 400
+    return message
+
+
+COLUMNS = {"time": "t_s", "input": "u_V", "output": "z_um"}
+
+
+# One cell is changed: (column, row of the file, the cell, what the message must hold).
+BAD_CELLS = [
+    (0, 17, "abc", ["column t_s", "row 17", "'abc'", "not a number", "--rate"]),
+    (0, 17, "", ["column t_s", "row 17", "empty", "--rate"]),
+    (0, 17, "inf", ["column t_s", "row 17", "inf"]),
+    (0, 17, "0.001", ["column t_s", "row 17", "runs backward", "0.001 after 0.14", "--rate"]),
+    (0, 17, "0.140", ["column t_s", "row 17", "repeats", "0.14 after 0.14", "--rate"]),
+    (1, 17, "abc", ["column u_V", "row 17", "'abc'", "not a number", "correct"]),
+    (1, 17, "1_000", ["column u_V", "row 17", "'1_000'", "not a number"]),
+    (1, 17, "True", ["column u_V", "row 17", "'True'", "not a number"]),
+    (1, 17, "1.2.3", ["column u_V", "row 17", "'1.2.3'", "not a number"]),
+    (1, 17, "", ["column u_V", "row 17", "empty or NaN", "fill it in"]),
+    (1, 17, "  ", ["column u_V", "row 17", "empty or NaN"]),
+    (1, 17, "NaN", ["column u_V", "row 17", "empty or NaN"]),
+    (1, 17, "-inf", ["column u_V", "row 17", "infinite"]),
+    (2, 17, "over", ["column z_um", "row 17", "'over'", "not a number", "leave the cell empty"]),
+    (2, 17, "inf", ["column z_um", "row 17", "inf", "empty"]),
+]
+
+
+@pytest.mark.parametrize(("column", "row", "cell", "expected"), BAD_CELLS)
+@pytest.mark.parametrize("guess", [False, True], ids=["named", "guessed"])
+def test_a_bad_cell_is_named_with_file_column_and_row(tmp_path, column, row, cell, expected, guess):
+    rows = rows_of_text()
+    rows[row - 1][column] = cell
+    message = refusal(write(tmp_path / "stage.csv", rows), **({} if guess else COLUMNS))
+    assert all(part in message for part in expected), message
+
+
+def test_rows_are_those_of_the_file_whatever_comments_and_blanks_stand_before(tmp_path):
+    rows = rows_of_text()
+    rows[16][1] = "abc"
+    lines = [",".join(row) for row in rows]
+    lines[3:3] = ["", "# a comment", "   ", "% another"]
+    lines[:0] = ["# made by a logger"]
+    path = tmp_path / "stage.csv"
+    path.write_text("\n".join(lines))
+    expected = next(i for i, line in enumerate(path.read_text().split("\n"), 1) if "abc" in line)
+    assert f"row {expected}:" in refusal(path)
+
+
+def test_several_bad_cells_are_counted(tmp_path):
+    rows = rows_of_text()
+    for row in (5, 9, 30):
+        rows[row][1] = "err"
+    assert "row 6: 'err' is not a number (and 2 more)" in refusal(
+        write(tmp_path / "stage.csv", rows), **COLUMNS
+    )
+
+
+def test_a_bad_cell_in_a_column_with_decimal_commas(tmp_path):
+    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
+    rows[16][1] = "1.234,5"
+    message = refusal(write(tmp_path / "stage.csv", rows, ";"), **COLUMNS)
+    assert "column u_V, row 17: '1.234,5' is not a number" in message
+
+
+def test_a_missing_file_names_one_of_a_similar_name(tmp_path):
+    write(tmp_path / "stage_01.csv", rows_of_text())
+    message = refusal(tmp_path / "stage_02.csv")
+    assert "no such file" in message
+    assert "stage_01.csv" in message
+    assert "no such file" in refusal(tmp_path / "nowhere" / "stage.csv")
+
+
+def test_a_folder_an_empty_file_and_a_binary_file(tmp_path):
+    assert "folder" in refusal(tmp_path)
+    empty = tmp_path / "empty.csv"
+    empty.write_bytes(b"")
+    assert "empty" in refusal(empty)
+    binary = tmp_path / "image.csv"
+    binary.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 4)
+    assert "binary" in refusal(binary)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("# only a comment\n\n", "no data"),
+        ("t,u,z\n", "no row of data"),
+        ("t,u,z\n# nothing\n,,\n", "no row of data"),
+        ("t,u,u\n0,1,2\n1,2,3\n", "'u' stands 2 times"),
+        ("0,1,2\n1,2,3\n2,5,1\n", "no names (row 1 is numbers already)"),
+        ("t,u,z\n0,1,2\n", "one sample"),
+    ],
+)
+def test_files_without_a_record(tmp_path, text, expected):
+    path = tmp_path / "stage.csv"
+    path.write_text(text)
+    assert expected in refusal(path)
+
+
+def test_rows_of_unequal_length(tmp_path):
+    rows = rows_of_text()
+    rows[20] = rows[20][:2]
+    message = refusal(write(tmp_path / "short.csv", rows))
+    assert "row 21: 2 field(s) where the names are 3" in message
+    rows = rows_of_text()
+    rows[20].append("7")
+    assert "row 21: 4 field(s)" in refusal(write(tmp_path / "long.csv", rows))
+    rows = rows_of_text()
+    rows[0] = rows[0][:2]
+    assert "3 field(s) where the names are 2" in refusal(write(tmp_path / "names.csv", rows))
+
+
+def test_decimal_commas_between_commas_cannot_be_told_apart(tmp_path):
+    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
+    message = refusal(write(tmp_path / "stage.csv", rows))
+    assert "decimal signs" in message
+    assert "; or tabs" in message
+
+
+def test_a_quotation_mark_that_is_not_closed(tmp_path):
+    rows = [[*row, "ok"] for row in rows_of_text()]
+    rows[0][3] = "note"
+    rows[20][3] = '"begun'
+    assert "quotation mark" in refusal(write(tmp_path / "stage.csv", rows), **COLUMNS)
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"input": "volt"}, ["'volt'", "t_s, u_V, z_um", "--input"]),
+        ({"input": "U_v"}, ["'U_v'", "did you mean u_V", "--input"]),
+        ({"output": "z_nm"}, ["'z_nm'", "did you mean z_um", "--output"]),
+        ({"time": "time"}, ["'time'", "t_s, u_V, z_um", "--time"]),
+        ({"aux": ["load_N"]}, ["'load_N'", "t_s, u_V, z_um", "--aux"]),
+        ({"input": "z_um", "output": "z_um"}, ["column z_um", "2 roles"]),
+        ({"aux": ["u_V"], "input": "u_V"}, ["column u_V", "2 roles"]),
+        ({"units": {"u": "V"}}, ["'u'", "correct the name"]),
+        ({"units": {"time": "V"}}, ["column t_s", "'V' is no unit of time", "s, ms, us"]),
+    ],
+)
+def test_wrong_columns(tmp_path, options, expected):
+    message = refusal(write(tmp_path / "stage.csv", rows_of_text()), **options)
+    assert all(part in message for part in expected), message
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("a b c", ["guessed to be the time", "a, b, c", "--time", "--rate"]),
+        ("t b c", ["guessed to be the input", "t, b, c", "--input"]),
+        ("t u c", ["guessed to be the output", "t, u, c", "--output"]),
+        ("t u y z", ["y, z may each be the output", "--output"]),
+        ("t u x z", ["u, x may each be the input", "--input"]),
+        ("t x z u_V ref", ["x, u_V may each be the input", "--input"]),
+        ("t time u z", ["t, time may each be the time", "--time"]),
+        ("t_s p_V q_V", ["p_V, q_V may each be the input"]),
+        ("t force_N disp_mm", ["guessed to be the input"]),
+    ],
+)
+def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
+    names = names.split()
+    rng = np.random.default_rng(3)
+    data = np.cumsum(rng.uniform(0.1, 1, (K, len(names))), axis=0)
+    path = write(tmp_path / "stage.csv", [names, *([f"{v:.6f}" for v in row] for row in data)])
+    message = refusal(path)
+    assert all(part in message for part in expected), message
+
+
+def test_a_time_column_of_text_says_so(tmp_path):
+    rows = rows_of_text()
+    rows = [["Zeit", *rows[0][1:]], *([f"12:00:{k:02d}", *r[1:]] for k, r in enumerate(rows[1:]))]
+    path = write(tmp_path / "stage.csv", rows)
+    assert "(Zeit is text)" in refusal(path)
+    assert "column Zeit, row 2: '12:00:00' is not a number (and 59 more)" in refusal(
+        path, time="Zeit"
+    )
+    assert len(Record.load(path, rate=1.0)) == K
+
+
+# --- what cannot be identified --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{}, COLUMNS], ids=["guessed", "named"])
+def test_a_constant_input(tmp_path, options):
+    rows = [[*row[:1], "0.5", *row[2:]] for row in rows_of_text()]
+    rows[0][1] = "u_V"
+    message = refusal(write(tmp_path / "stage.csv", rows), **options)
+    assert "u_V" in message
+    assert "constant (0.5" in message
+
+
+@pytest.mark.parametrize("options", [{}, COLUMNS], ids=["guessed", "named"])
+def test_an_output_that_is_empty_throughout(tmp_path, options):
+    rows = [[*row[:2], ""] for row in rows_of_text()]
+    rows[0][2] = "z_um"
+    message = refusal(write(tmp_path / "stage.csv", rows), **options)
+    assert "z_um" in message
+    assert "empty" in message
+
+
+def test_a_constant_output_and_a_constant_auxiliary_column(tmp_path):
+    rows = [[*row[:2], "7"] for row in rows_of_text()]
+    rows[0][2] = "z_um"
+    message = refusal(write(tmp_path / "stage.csv", rows), **COLUMNS)
+    assert "column z_um: the output is constant (7 in all 60 measured rows)" in message
+    rows = [[*row, "3"] for row in rows_of_text()]
+    rows[0][3] = "load_N"
+    message = refusal(write(tmp_path / "stage.csv", rows), aux=["load_N"])
+    assert "column load_N: the auxiliary column is constant (3)" in message
+
+
+def test_an_auxiliary_column_with_a_hole(tmp_path):
+    rows = [[*row, str(k)] for k, row in enumerate(rows_of_text())]
+    rows[0][3], rows[30][3] = "load_N", ""
+    message = refusal(write(tmp_path / "stage.csv", rows), aux=["load_N"])
+    assert "column load_N, row 31" in message
+
+
+def test_too_few_samples(tmp_path):
+    message = refusal(write(tmp_path / "stage.csv", rows_of_text()[:13]))
+    assert "column z_um: 12 measured samples are too few, at least 50" in message
+    rows = rows_of_text()
+    for row in rows[13:]:
+        row[2] = ""
+    assert "12 measured samples" in refusal(write(tmp_path / "holes.csv", rows))
+
+
+# --- options --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none(tmp_path, rate):
+    path = write(tmp_path / "stage.csv", rows_of_text())
+    with pytest.raises(InputError, match=re.escape(f"rate is {rate}")):
+        Record.load(path, rate=rate)
+
+
+def test_time_and_rate_together(tmp_path):
+    path = write(tmp_path / "stage.csv", rows_of_text())
+    with pytest.raises(InputError, match="not both"):
+        Record.load(path, rate=10.0, time="t_s")
+
+
+def test_an_unknown_initial_memory(tmp_path):
+    path = write(tmp_path / "stage.csv", rows_of_text())
+    with pytest.raises(InputError, match=r"'saturated'.*low, high, demagnetised, free"):
+        Record.load(path, initial_memory="saturated")
+
+
+# --- other formats --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("+3.000000E-01,+4", "+x,+4", ["column field", "row 22", "'+x'"]),
+        (",+4.000000E-07", ",--", ["column moment", "row 22", "'--'"]),
+        (",+4.000000E-07", "", ["column moment", "row 22", "no moment"]),
+        ("NData          = 5", "NData          = 9", ["5 points", "NData = 9", "copy"]),
+        ("HSat  ", "Hsomething  ", ["HSat = nothing", "CSV"]),
+        ("Averaging time = +5", "Averaging time = x5", ["Averaging time = x5"]),
+        ("First-order reversal curves", "Hysteresis loop", ["row 2", "'Hysteresis loop'"]),
+    ],
+)
+def test_broken_micromag_files(tmp_path, old, new, expected):
+    assert old in MICROMAG
+    path = tmp_path / "two.forc"
+    path.write_text(MICROMAG.replace(old, new, 1))
+    message = refusal(path)
+    assert all(part in message for part in expected), message
+
+
+def test_a_micromag_file_without_points(tmp_path):
+    path = tmp_path / "two.forc"
+    path.write_text(MICROMAG[: MICROMAG.index("\n+8.01")].replace("NData", "N"))
+    assert "no points" in refusal(path)
+
+
+def test_broken_containers(tmp_path):
+    for ending, kind in (("npz", "NPZ"), ("mat", "MAT")):
+        path = tmp_path / f"broken.{ending}"
+        path.write_bytes(b"this is no archive at all" * 20)
+        assert f"not a readable {kind} file" in refusal(path)
+    newer = tmp_path / "newer.mat"
+    newer.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF\r\n\x1a\n")
+    assert "-v7" in refusal(newer)
+
+
+def test_a_broken_parquet_file(tmp_path):
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "broken.parquet"
+    path.write_bytes(b"PAR1 and nothing else PAR1")
+    assert "not a readable Parquet file" in refusal(path)
+
+
+def test_containers_without_vectors_of_one_length(tmp_path):
+    t, u, z = signals(K)
+    path = tmp_path / "r.npz"
+    np.savez(path, t=t, u=u, z=z[:-1])
+    assert "column z: it has 59 values where others have 60" in refusal(path, output="z")
+    np.savez(path, image=np.zeros((3, 3)))
+    assert "no vectors (it holds image)" in refusal(path)
+    np.savez(path, t=t, u=np.array([{}] * K), z=z)
+    assert "not a readable NPZ file" in refusal(path)
+    savemat(tmp_path / "r.mat", {"t": t, "u": u + 1j, "z": z})
+    assert "column u, row 1" in refusal(tmp_path / "r.mat", input="u")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"input": [1.0, 2.0]}, r"bad, input: it has 2 values and time has 3"),
+        ({"input": [1.0, np.nan, 2.0]}, r"bad, input\[1\]: the value is nan"),
+        ({"output": [1.0, np.inf, 2.0]}, r"bad, output\[1\]: the value is inf"),
+        ({"time": [0.0, 2.0, 1.0]}, r"bad, time\[2\]: time runs backward, 1 after 2"),
+        ({"time": [0.0, 1.0, 1.0]}, r"bad, time\[2\]: time repeats"),
+        ({"time": [0.0, np.nan, 1.0]}, r"bad, time\[1\]: the value is nan"),
+        ({"input": [[1.0], [2.0], [3.0]]}, r"bad, input: an array of shape \(3, 1\)"),
+        ({"input": ["a", "b", "c"]}, r"bad, input: not an array of numbers"),
+        ({"aux": {"load": [1.0, np.inf, 0.0]}}, r"bad, load\[1\]: the value is inf"),
+        ({"units": {"volt": "V"}}, r"'volt', which is neither"),
+        ({"units": {"time": "ms"}}, r"unit of time is 'ms'; give time in s"),
+        ({"initial_memory": "off"}, r"initial_memory is 'off'"),
+    ],
+)
+def test_bad_arrays(change, expected):
+    sound = {"time": [0.0, 1.0, 2.0], "input": [0.0, 1.0, 0.0], "output": [0.0, 1.0, 2.0]}
+    with pytest.raises(InputError, match=expected):
+        Record.from_arrays(**(sound | change), name="bad")
+
+
+def test_the_message_of_an_input_error_is_one_line():
+    assert str(InputError("value\nwith\r\nbreaks")) == "value with breaks"

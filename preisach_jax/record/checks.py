@@ -27,9 +27,9 @@ def check_finite(values: np.ndarray, place: Callable[[int], str]) -> None:
     """Refuse NaN and infinity; `place(k)` is where entry k stands."""
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
+        more = f" ({bad.size} such values)" if bad.size > 1 else ""
         raise InputError(
-            f"{place(int(bad[0]))}: the value is {values[bad[0]]} ({bad.size} such in all); give "
-            "finite numbers"
+            f"{place(int(bad[0]))}: the value is {values[bad[0]]}{more}; give finite numbers"
         )
 
 

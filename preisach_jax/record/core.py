@@ -128,10 +128,6 @@ class Record:
         if isinstance(aux, str):
             aux = (aux,)
         table = read_table(path)
-        if table.rows.size < 2:
-            raise InputError(
-                f"{table.source}, row {table.rows[0]}: one sample is no record; give at least 2"
-            )
         roles = assign_roles(
             table,
             time=time,

@@ -34,14 +34,26 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         InputError: there is no such file, it cannot be read, or it holds no table.
     """
     path, source = Path(path), str(path)
+    _check_file(path, source)
+    if reader := _CONTAINERS.get(path.suffix.lower()):
+        table = reader(path, source)
+    else:
+        table = _read_text(path, source)
+    if table.rows.size < 2:
+        raise InputError(f"{source}, row {table.rows[0]}: one sample is no record; give at least 2")
+    return table
+
+
+def _check_file(path: Path, source: str) -> None:
     if path.is_dir():
         raise InputError(f"{source}: this is a folder; give a file in it")
     if not path.exists():
         raise InputError(f"{source}: there is no such file{_near(path)}; check the path")
     if path.stat().st_size == 0:
         raise InputError(f"{source}: the file is empty; give a file with columns of data")
-    if reader := _CONTAINERS.get(path.suffix.lower()):
-        return reader(path, source)
+
+
+def _read_text(path: Path, source: str) -> Table:
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -8,12 +8,12 @@ written down here from its physics. Arrays are NumPy in double precision.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import jax
 import numpy as np
 from scipy import signal
 
@@ -129,7 +129,7 @@ class Stage:
         turns = np.flatnonzero(np.diff(heading)) + 1
         cuts = np.unique(np.concatenate([turns, np.arange(0, u.size, CHUNK), [u.size]]))
         h = np.empty(u.size)
-        for begin, end in zip(cuts[:-1], cuts[1:], strict=True):
+        for begin, end in itertools.pairwise(cuts.tolist()):
             stretch, back = np.unique(u[begin:end], return_inverse=True)
             if heading[begin] < 0:
                 plays = np.minimum(v[:, None], stretch + self.slack_down[:, None])
@@ -196,7 +196,7 @@ def simulate_stage(
     on the input come first, then the hysteresis, ageing, creep, and what is added to the position.
 
     Args:
-        seed: whole number, at least 0, which draws the stage, the effects' parameters and the noise.
+        seed: whole number, at least 0, which draws the stage, the effects and the noise.
         seconds: duration, s; with `drive`, its own length counts.
         effects: names out of `EFFECTS`; "aux" is short for "aux:load_N", which adds a column.
         rate_hz: sampling rate, Hz.
@@ -265,9 +265,7 @@ def _names(effects: Sequence[str]) -> list[str]:
 
 def _drive(drive: np.ndarray | None, seconds: float, rate_hz: float) -> np.ndarray:
     if drive is None:
-        # In double precision whatever the caller works in, so that a seed means one record.
-        with jax.enable_x64(True):
-            return np.asarray(diagnostic_record(seconds, rate_hz, 0.0, RANGE_V))
+        return diagnostic_record(seconds, rate_hz, 0.0, RANGE_V)
     u = np.asarray(drive, float)
     if u.ndim != 1 or u.size < 2:
         raise InputError(f"the drive has the shape {u.shape}: give (time,) with two values or more")

@@ -11,15 +11,20 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 
-# Share of the range that `bernoulli_ramp` moves in one toss: two minus the golden ratio. No number
-# is harder to approximate by fractions, so that the turning points fall evenly over the range.
-GOLDEN = (3.0 - math.sqrt(5.0)) / 2.0
+# No number is harder to approximate by fractions than the golden section and what ends like it, so
+# that its multiples, wrapped into a range, fall evenly over it and not on a lattice.
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def _index(samples: int) -> jax.Array:
     if samples < 1:
         raise InputError(f"samples is {samples}: give at least 1")
     return jnp.arange(samples, dtype=jnp.result_type(float))
+
+
+def _uniform(key: jax.Array, count: int) -> jax.Array:
+    """Numbers in [0, 1); drawn in single precision, so that a key means one signal in both."""
+    return jax.random.uniform(key, (count,), jnp.float32).astype(jnp.result_type(float))
 
 
 def _positive(**values: float) -> None:
@@ -150,8 +155,10 @@ def staircase(
     """
     _positive(rate_hz=rate_hz, hold_s=hold_s, steps=steps)
     _ordered(low, high)
-    stair = jnp.mod(jnp.floor(_index(samples) / max(1, round(hold_s * rate_hz))), 2 * steps)
-    return low + (high - low) * jnp.minimum(stair, 2 * steps - stair) / steps
+    k = _index(samples)
+    # Counted before JAX: a compiled division by a constant may round to the step below.
+    stair = np.arange(samples) // max(1, round(hold_s * rate_hz)) % (2 * steps)
+    return low + (high - low) / steps * jnp.asarray(np.minimum(stair, 2 * steps - stair), k.dtype)
 
 
 def chirp(
@@ -223,12 +230,12 @@ def multisine(
         >>> round(float(abs(u).max()), 5)
         2.0
     """
-    lines = np.asarray(lines, int).reshape(-1)
-    if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= samples:
-        raise InputError(f"lines are {lines.tolist()}: give 1 to below {samples / 2:g}")
-    phases = jax.random.uniform(key, lines.shape, _index(1).dtype, 0.0, 2.0 * jnp.pi)
+    rows = np.asarray(lines, int).reshape(-1)
+    if rows.size == 0 or rows.min() < 1 or 2 * rows.max() >= samples:
+        raise InputError(f"lines are {rows.tolist()}: give 1 to below {samples / 2:g}")
+    phases = 2.0 * jnp.pi * _uniform(key, rows.size)
     spectrum = jnp.zeros(samples // 2 + 1, jnp.result_type(phases.dtype, jnp.complex64))
-    wave = jnp.fft.irfft(spectrum.at[lines].set(jnp.exp(1j * phases)), samples)
+    wave = jnp.fft.irfft(spectrum.at[rows].set(jnp.exp(1j * phases)), samples)
     return centre + amplitude * wave / jnp.max(jnp.abs(wave))
 
 
@@ -252,8 +259,8 @@ def bernoulli_ramp(
         rate_hz: sampling rate, Hz.
         coin_hz: tosses a second.
         slope: rate of the input, in its unit per second. It should share no fraction with the
-            tosses, or the turning points lie on a coarse lattice; the default,
-            (3 - sqrt 5)/2 (high - low) coin_hz, shares none.
+            tosses, or the turning points lie on a coarse lattice; None moves by
+            1/(5 + (sqrt 5 - 1)/2) of the way there and back in one toss (267 V/s over 75 V).
         low: lower end, in the unit of the input; the signal starts here.
         high: upper end, same unit.
 
@@ -269,16 +276,15 @@ def bernoulli_ramp(
         >>> bool(((u >= 0.0) & (u <= 75.0)).all())
         True
     """
-    _positive(rate_hz=rate_hz, coin_hz=coin_hz)
+    _positive(samples=samples, rate_hz=rate_hz, coin_hz=coin_hz)
     _ordered(low, high)
-    slope = GOLDEN * (high - low) * coin_hz if slope is None else slope
+    slope = 2.0 * (high - low) * coin_hz / (5.0 + GOLDEN) if slope is None else slope
     _positive(slope=slope)
-    k = _index(samples)
-    toss = jnp.floor(k * coin_hz / rate_hz).astype(int)
-    coins = jax.random.bernoulli(key, 0.5, (math.ceil(samples * coin_hz / rate_hz) + 1,))
+    toss = (np.arange(samples) * coin_hz / rate_hz).astype(int)
+    coins = _uniform(key, math.ceil(samples * coin_hz / rate_hz) + 1) < 0.5
     # Whole numbers, so that a long walk is as exact as a short one.
-    walk = jnp.cumsum(jnp.where(coins, 1, -1)[toss][:-1])
-    walk = jnp.concatenate([jnp.zeros(1, walk.dtype), walk]).astype(k.dtype)
+    step = jnp.where(coins, 1, -1)[toss]
+    walk = jnp.cumsum(step) - step
     span = high - low
     place = jnp.mod(walk * (slope / rate_hz), 2.0 * span)
     return jnp.clip(low + span - jnp.abs(place - span), low, high)
@@ -314,16 +320,15 @@ def random_steps(
         >>> len(set(u.tolist()))
         2
     """
-    _positive(rate_hz=rate_hz, hold_s=hold_s)
+    _positive(samples=samples, rate_hz=rate_hz, hold_s=hold_s)
     _ordered(low, high)
-    k = _index(samples)
     hold = max(1, round(hold_s * rate_hz))
-    levels = jax.random.uniform(key, (-(-samples // hold),), k.dtype, low, high)
-    return levels[jnp.arange(samples) // hold]
+    levels = low + (high - low) * _uniform(key, math.ceil(samples / hold))
+    return levels[np.arange(samples) // hold]
 
 
 class _Pen:
-    """Draws corners of a piecewise linear signal, at whole samples; levels in parts of the range."""
+    """Draws a piecewise linear signal: corners at whole samples, levels in parts of the range."""
 
     def __init__(self, samples_per_second: float):
         self.per_second = samples_per_second
@@ -351,7 +356,7 @@ class _Pen:
 
 
 def _decays(pen: _Pen) -> None:
-    """Decaying triangles at three rates over 1.5 decades; centres differ, so turns do not repeat."""
+    """Decaying triangles at three rates over 1.5 decades, to centres that differ."""
     for rate, turns, centre in ((0.8, 5, 0.47), (4.0, 9, 0.61), (26.0, 14, 0.38)):
         pen.go(0.0, 3.5)
         for level in _shrinking(0.0, 1.0, centre, turns):
@@ -361,7 +366,8 @@ def _decays(pen: _Pen) -> None:
 
 def _holds(pen: _Pen) -> None:
     """Steps upward and downward, held for times over two decades."""
-    times = (0.02, 0.2, 0.06, 2.0, 0.6)
+    times = (0.018, 0.2, 0.06, 1.9, 0.6)
+    pen.go(0.0, 3.5)
     for level, seconds in zip((0.13, 0.34, 0.52, 0.71, 0.92), times, strict=True):
         pen.go(level, 40.0)
         pen.hold(seconds)
@@ -386,7 +392,7 @@ def _minor_loops(pen: _Pen) -> None:
 
 def _spread(pen: _Pen) -> None:
     """Turning points that fill the plane evenly, at alternating rates."""
-    for j in range(23):
+    for j in range(19):
         upper, lower = (0.5 + j * GOLDEN) % 1.0, (0.25 + j * math.sqrt(2.0)) % 1.0
         upper, lower = max(upper, lower), min(upper, lower)
         pen.go(upper, (2.0, 6.0, 18.0)[j % 3])
@@ -402,7 +408,7 @@ def _diagnostic_pen(samples_per_second: float) -> tuple[_Pen, tuple[int, int]]:
     _holds(pen)
     _minor_loops(pen)
     pen.go(0.64, 3.5)
-    pen.hold(1.5)
+    pen.hold(1.2)
     _spread(pen)
     pen.go(0.5, 3.5)
     vibration = pen.hold(2.0)
@@ -412,9 +418,20 @@ def _diagnostic_pen(samples_per_second: float) -> tuple[_Pen, tuple[int, int]]:
     return pen, vibration
 
 
+def _vibration(samples: int) -> np.ndarray:
+    """Twenty equal sines with Schroeder's phases and soft ends, in parts of the range."""
+    lines = np.arange(2, 61, 3)
+    phases = -np.pi * np.arange(lines.size) * np.arange(1, lines.size + 1) / lines.size
+    place = (np.arange(samples) + 0.5) / samples
+    wave = np.sin(2.0 * np.pi * lines * place[:, None] + phases).sum(axis=1)
+    # Both ends have to meet the rest around it.
+    taper = np.clip(10.0 * np.minimum(place, 1.0 - place), 0.0, 1.0)
+    return 0.12 * wave / np.max(np.abs(wave)) * np.sin(0.5 * np.pi * taper) ** 2
+
+
 def diagnostic_record(
     seconds: float = 24.0, rate_hz: float = 2000.0, low: float = 0.0, high: float = 75.0
-) -> jax.Array:
+) -> np.ndarray:
     """One excitation that shows every effect of the library at least once.
 
     In this order: three exact repeats of a reference loop (noise floor), decaying triangles at
@@ -431,7 +448,8 @@ def diagnostic_record(
         high: upper end, same unit.
 
     Returns:
-        (round(seconds * rate_hz),) input; all corners but those of the multisine are sampled.
+        (round(seconds * rate_hz),) input; a NumPy array in double precision whatever JAX works in,
+        because it is to be played and written to files. Its corners are sampled exactly.
 
     Raises:
         InputError: a time or rate is not positive, the range is empty, or the samples are too few.
@@ -451,10 +469,6 @@ def diagnostic_record(
     ruler = 100_000.0
     plan_s = _diagnostic_pen(ruler)[0].corners[-1] / ruler
     pen, (begin, end) = _diagnostic_pen((samples - 1) / plan_s)
-    count = end - begin
-    wave = multisine(jax.random.key(0), count, range(2, 61, 3), 0.0, 0.12)
-    # Both ends of a vibration at rest have to meet the hold around it.
-    taper = jnp.clip(10.0 * (0.5 - jnp.abs((_index(count) + 0.5) / count - 0.5)), 0.0, 1.0)
-    shape = _lines(samples, np.array(pen.corners), np.array(pen.levels))
-    shape = shape.at[begin:end].add(wave * jnp.sin(0.5 * jnp.pi * taper) ** 2)
+    shape = np.interp(np.arange(samples), pen.corners, pen.levels)
+    shape[begin:end] += _vibration(end - begin)
     return low + (high - low) * shape

@@ -11,6 +11,7 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import signal, special
@@ -96,7 +97,8 @@ class World:
                     z[row:stop] = z[lows[-1]] + rise(lows[-1], slice(row, stop))
                     row = stop
                     if row <= end:  # wiped out
-                        highs.pop(), lows.pop()
+                        highs.pop()
+                        lows.pop()
                 highs.append(end)
             else:
                 while row <= end:
@@ -105,7 +107,8 @@ class World:
                     z[row:stop] = z[highs[-1]] - fall(highs[-1], slice(row, stop))
                     row = stop
                     if row <= end:
-                        highs.pop(), lows.pop()
+                        highs.pop()
+                        lows.pop()
                 lows.append(end)
             begin = end
         return self.gain * z
@@ -284,7 +287,7 @@ def excitation(
     kind: str, duration_s: float, rate_hz: float, seed: int, start: float = 0.0
 ) -> np.ndarray:
     """Samples (V) of `waveform` at rate_hz; the same signal at every rate."""
-    count = int(round(duration_s * rate_hz))
+    count = round(duration_s * rate_hz)
     return waveform(kind, duration_s, seed, start)(np.arange(count) / rate_hz)
 
 
@@ -325,9 +328,7 @@ def ramp_lag(h, tau, step):
     """tau y' = h - y, exact for h linear between samples, at rest before the first sample."""
     keep = np.exp(-step / tau)
     late = tau / step * (1.0 - keep)
-    y, _ = signal.lfilter(
-        [1.0 - late, late - keep], [1.0, -keep], h, zi=np.array([late * h[0]])
-    )
+    y, _ = signal.lfilter([1.0 - late, late - keep], [1.0, -keep], h, zi=np.array([late * h[0]]))
     return y
 
 
@@ -386,8 +387,8 @@ def _mode(h, f_hz, zeta, step):
     """Second-order mode of unit gain at rest, exact for h linear between samples."""
     w = 2 * np.pi * f_hz
     mode = (np.array([[0.0, 1.0], [-w * w, -2 * zeta * w]]), np.array([[0.0], [w * w]]))
-    a, b, c, d, _ = signal.cont2discrete((*mode, np.eye(1, 2), np.zeros((1, 1))), step, "foh")
-    num, den = signal.ss2tf(a, b, c, d)
+    discrete: Any = signal.cont2discrete((*mode, np.eye(1, 2), np.zeros((1, 1))), step, "foh")
+    num, den = signal.ss2tf(*discrete[:4])
     y, _ = signal.lfilter(num[0], den, h - h[0], zi=np.zeros(2))
     return y + h[0]
 
@@ -481,8 +482,8 @@ def hidden_record(
 
     fine = max(1, int(np.ceil(INNER_RATE / rate_hz - 1e-9)))
     step = 1.0 / (rate_hz * fine)
-    count = int(round(duration_s * rate_hz))
-    lead = int(round(HISTORY * rate_hz)) * fine if unknown_start else 0
+    count = round(duration_s * rate_hz)
+    lead = round(HISTORY * rate_hz) * fine if unknown_start else 0
     t_in = (np.arange((count - 1) * fine + 1 + lead) - lead) * step
     truth: dict = {"effect": effect, "stroke_um": world.stroke, "seed": seed}
     h = world.hysteresis(_drive(world, effect, at, t_in, step, rng, size, truth))

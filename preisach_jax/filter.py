@@ -56,15 +56,18 @@ def simulate(
         >>> simulate(plane, [1.0, 2.0, 4.0], [0.0, 2.0, 1.0, 0.0]).tolist()
         [0.0, 7.0, 3.0, 0.0]
     """
-    x, start = path_and_start(plane, x, initial, hysteron)
     weights = as_float(weights, "weights")
     if weights.shape != (plane.cells,):
         raise InputError(f"weights has the shape {weights.shape}: give ({plane.cells},)")
-    return _simulate(plane, weights, x, start, hysteron)
+    if not isinstance(initial, str):
+        initial = as_float(initial, "initial")
+    return _simulate(plane, weights, as_float(x, "the input x"), hysteron, initial)
 
 
-@partial(jax.jit, static_argnames="hysteron")
-def _simulate(plane, weights, x, start, hysteron):
+@eqx.filter_jit
+def _simulate(plane: Plane, weights, x, hysteron: str, initial) -> jax.Array:
+    x, start = path_and_start(plane, x, initial, hysteron)
+
     def advance(carry, value):
         states, previous = carry
         states = hysteron_step(plane, states, previous, value, hysteron)
@@ -276,9 +279,7 @@ class AdaptiveFilter(eqx.Module):
                 infinite.
         """
         x, z = _input_and_output(x, z)
-        if state is None:
-            state = self.init(x[0], z[0])
-        elif state.weights.shape != (self.plane.cells,):
+        if state is not None and state.weights.shape != (self.plane.cells,):
             raise InputError(
                 f"state has weights of the shape {state.weights.shape}: give a state of this "
                 f"filter, ({self.plane.cells},)"
@@ -287,7 +288,9 @@ class AdaptiveFilter(eqx.Module):
 
 
 @jax.jit
-def _run(filt: AdaptiveFilter, x, z, state) -> FilterResult:
+def _run(filt: AdaptiveFilter, x, z, state: FilterState | None) -> FilterResult:
+    if state is None:
+        state = filt.init(x[0], z[0])
     state, info = jax.lax.scan(lambda state, sample: filt.step(state, *sample), state, (x, z))
     return FilterResult(state.weights, *info, state)
 

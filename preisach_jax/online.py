@@ -119,7 +119,7 @@ class OnlineFilter:
             InputError: the file is missing, broken, or written by a newer version.
         """
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 about = json.loads(str(stored["about"]))
                 if about["format"] > FORMAT:
                     raise InputError(

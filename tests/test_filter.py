@@ -1,0 +1,622 @@
+"""The model's output and the adaptive filter, eq. (5)-(12) and (15), against literal oracles."""
+
+import dataclasses
+import json
+from itertools import pairwise
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import preisach_jax.filter
+from preisach_jax.filter import AdaptiveFilter, simulate
+from preisach_jax.hysteron import HYSTERONS, hysteron_states
+from preisach_jax.online import OnlineFilter
+from preisach_jax.plane import Plane
+
+PLANE = Plane(levels=6, low=0.0, high=6.0)
+SAMPLES = 300
+
+both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
+both_samplings = pytest.mark.parametrize("sampling", ["event", "sample"])
+
+
+def true_weights(plane, dtype="float64", seed=0):
+    return np.random.default_rng(seed).uniform(0.1, 1.0, plane.cells).astype(dtype)
+
+
+def wandering(samples=SAMPLES, plane=PLANE, seed=1, speed=0.37, dtype="float64"):
+    """Ramps between random turning points: several samples to a level, so that many switch none."""
+    rng = np.random.default_rng(seed)
+    path, goal = [plane.low], plane.high
+    while len(path) < samples:
+        move = np.clip(goal - path[-1], -speed * plane.delta_x, speed * plane.delta_x)
+        path.append(path[-1] + move)
+        if path[-1] == goal:
+            goal = rng.uniform(plane.low, plane.high)
+    return np.array(path, dtype)
+
+
+def slow_relays(plane, x):
+    """(time, cells) relays from saturated low, by the text around eq. (1)-(4)."""
+    on = (x[0] > plane.alpha).astype(int)
+    rows = [on]
+    for before, now in pairwise(x):
+        if now > before:
+            on = np.where(now >= plane.alpha, 1, on)
+        elif now < before:
+            on = np.where(now <= plane.beta, 0, on)
+        rows.append(on)
+    return np.array(rows)
+
+
+def slow_filter(plane, x, z, sampling, weight=1e-9):
+    """The recursion with sets, eq. (6)-(8), (10)-(12); weights before each sample, e and A."""
+    relays = slow_relays(plane, x).astype(bool)
+    weights, reference = np.full(plane.cells, weight), z[0]
+    before, errors, areas, outputs = [], [], [], []
+    for k, now in enumerate(relays):
+        last = relays[max(k - 1, 0)]
+        switched_on, switched_off = now & ~last, last & ~now
+        area = switched_on.sum() + switched_off.sum()
+        error = z[k] - reference - weights[now].sum() + weights[last].sum()
+        before.append(weights.copy())
+        outputs.append(weights[now].sum())
+        errors.append(error)
+        areas.append(area)
+        if area:
+            weights[switched_on] += error / area
+            weights[switched_off] -= error / area
+        if area or sampling == "sample":
+            reference = z[k]
+    before.append(weights)
+    return np.array(before), np.array(outputs), np.array(errors), np.array(areas)
+
+
+@jax.jit
+def scan_trajectory(filt, x, z):
+
+    def advance(state, sample):
+        state, info = filt.step(state, *sample)
+        return state, (state.weights, info)
+
+    return jax.lax.scan(advance, filt.init(x[0], z[0]), (x, z))[1]
+
+
+def trajectory(filt, x, z):
+    """Weights after each sample, (time, cells), and what `step` records, as NumPy arrays."""
+    return jax.tree.map(np.asarray, scan_trajectory(filt, x, z))
+
+
+def differences(function, point, step):
+    """Central finite differences of `function` in each direction from `point`."""
+    moves = step * np.eye(point.size)
+    above, below = (jax.vmap(function)(point[np.newaxis] + side * moves) for side in (1, -1))
+    return np.asarray(above - below) / (2 * step)
+
+
+states_of = jax.jit(hysteron_states, static_argnames=("initial_states", "hysteron"))
+
+
+def test_output_is_the_weight_of_the_relays_that_are_on(precision, tolerance):
+    x, weights = wandering(dtype=precision), true_weights(PLANE, precision)
+    relays = slow_relays(PLANE, x)
+    z = np.asarray(simulate(PLANE, weights, x, "relay"))
+    assert z.dtype == precision
+    expected = [weights[row == 1].sum() for row in relays]  # (6)
+    np.testing.assert_allclose(z, expected, rtol=tolerance, atol=tolerance)
+    # (5) with states of ±1 is another quantity: twice as large, less a constant.
+    signed = (2 * relays - 1) @ weights
+    np.testing.assert_allclose(signed, 2 * z - weights.sum(), atol=weights.sum() * tolerance)
+
+
+@both_kinds
+def test_output_is_the_weighted_sum_of_the_states(hysteron, precision, tolerance):
+    x, weights = wandering(dtype=precision), true_weights(PLANE, precision)
+    states = states_of(PLANE, x, "demagnetised", hysteron)
+    z = simulate(PLANE, weights, x, hysteron, "demagnetised")
+    np.testing.assert_allclose(z, np.asarray(states) @ weights, rtol=tolerance, atol=tolerance)
+
+
+@both_kinds
+@pytest.mark.parametrize("samples", [1, 2, 97])
+def test_simulating_a_part_gives_that_part(hysteron, samples, x64):
+    x, weights = wandering(), true_weights(PLANE)
+    whole = simulate(PLANE, weights, x, hysteron)
+    part = simulate(PLANE, weights, x[:samples], hysteron)
+    np.testing.assert_array_equal(part, whole[:samples])
+
+
+@both_kinds
+def test_output_does_not_depend_on_how_the_path_is_sampled(hysteron, precision):
+    x, weights = wandering(dtype=precision), true_weights(PLANE, precision)
+    fine = np.interp(np.arange(0, SAMPLES - 0.99, 0.01), np.arange(SAMPLES), x).astype(precision)
+    fine[::100] = x
+    # Rounding of the interpolation must not step over an end of its interval.
+    ends = np.minimum(x[:-1], x[1:]).repeat(100), np.maximum(x[:-1], x[1:]).repeat(100)
+    fine[:-1] = np.clip(fine[:-1], *ends)
+    coarse = simulate(PLANE, weights, x, hysteron)
+    np.testing.assert_array_equal(simulate(PLANE, weights, fine, hysteron)[::100], coarse)
+
+
+def test_equal_minor_loops_are_congruent(x64):
+    weights = true_weights(PLANE)
+    loop = np.concatenate([np.linspace(4.3, 1.9, 20), np.linspace(1.9, 4.3, 20)])
+    shapes = []
+    for history in ([0.0, 4.3], [6.0, 1.9], [0.0, 5.2, 0.6]):
+        z = np.asarray(simulate(PLANE, weights, np.concatenate([history, loop, loop])))[-40:]
+        shapes.append(z - z[0])
+    assert np.ptp(shapes[0]) > 0.5
+    np.testing.assert_allclose(shapes[1], shapes[0], atol=1e-13)
+    np.testing.assert_allclose(shapes[2], shapes[0], atol=1e-13)
+
+
+@both_kinds
+def test_gradient_of_the_simulation_matches_finite_differences(hysteron, x64):
+    x, weights = wandering(30), true_weights(PLANE)
+
+    def loss(weights, x):
+        return (simulate(PLANE, weights, x, hysteron) ** 2).sum()
+
+    by_weights, by_input = jax.jit(jax.grad(loss, (0, 1)))(weights, x)
+    assert np.abs(by_weights).max() > 1
+    numeric = differences(lambda weights: loss(weights, x), weights, 1e-6)
+    np.testing.assert_allclose(by_weights, numeric, rtol=1e-6, atol=1e-5)
+    # At both ends of the range the input lies on a corner of the outermost ramps.
+    inside = (x > 0.05) & (x < 5.95)
+    numeric = differences(lambda x: loss(weights, x), x, 1e-6)
+    np.testing.assert_allclose(by_input[inside], numeric[inside], rtol=1e-6, atol=1e-5)
+    assert (np.abs(by_input[inside]).max() > 1) == (hysteron == "ramp")
+
+
+@both_samplings
+def test_relay_filter_matches_the_recursion_with_sets(sampling, precision, tolerance):
+    x = wandering(dtype=precision)
+    z = (3 * np.sin(x) + x).astype(precision)
+    before, outputs, errors, areas = slow_filter(PLANE, x, z, sampling)
+    result = AdaptiveFilter(PLANE, "relay", sampling).run(x, z)
+    assert {a.dtype.name for a in result[:4]} == {precision}
+    np.testing.assert_array_equal(result.switched, areas)
+    np.testing.assert_allclose(result.error, errors, atol=20 * tolerance)
+    np.testing.assert_allclose(result.output, outputs, atol=20 * tolerance)
+    np.testing.assert_allclose(result.weights, before[-1], atol=20 * tolerance)
+
+
+def test_error_is_the_signed_sum_of_the_weight_errors(precision, tolerance):
+    """Eq. (7), to rounding, at every sample of a noise-free truth on the grid."""
+    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
+    relays = slow_relays(PLANE, x)
+    z = (relays @ truth).astype(precision)
+    weights, info = trajectory(AdaptiveFilter(PLANE), x, z)
+    before = np.vstack([np.full(PLANE.cells, 1e-9), weights[:-1]])
+    s = np.diff(relays, axis=0, prepend=relays[:1])
+    expected = np.sum(s * (truth - before), axis=1)
+    assert np.abs(expected).max() > 1
+    np.testing.assert_allclose(info.error, expected, atol=2 * tolerance)
+
+
+def test_only_switching_weights_move_and_all_by_the_same(precision):
+    """Eq. (8), (10)-(12)."""
+    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
+    relays = slow_relays(PLANE, x)
+    z = (relays @ truth).astype(precision) + np.cos(np.arange(SAMPLES)).astype(precision)
+    weights, info = trajectory(AdaptiveFilter(PLANE), x, z)
+    moves = np.diff(np.asarray(weights), axis=0, prepend=np.full((1, PLANE.cells), 1e-9, precision))
+    s = np.diff(relays, axis=0, prepend=relays[:1])
+    eps = np.finfo(precision).eps
+    assert np.all(moves[s == 0] == 0)
+    assert 0 < np.count_nonzero(info.switched) < SAMPLES
+    for move, sign, error, area in zip(moves, s, info.error, info.switched, strict=True):
+        if area:
+            rate = float(error) / float(area)
+            np.testing.assert_allclose(move[sign != 0], rate * sign[sign != 0], atol=32 * eps)
+
+
+@both_kinds
+@both_samplings
+def test_weight_error_never_grows_without_noise(hysteron, sampling, x64):
+    """Eq. (9); with the truth on the grid, for the raw form as well."""
+    x, truth = wandering(), true_weights(PLANE)
+    states = np.asarray(states_of(PLANE, x, "low", hysteron))
+    weights, _ = trajectory(AdaptiveFilter(PLANE, hysteron, sampling), x, states @ truth)
+    norms = np.linalg.norm(np.asarray(weights) - truth, axis=1)
+    assert np.all(np.diff(norms) <= 1e-12)
+    assert norms[-1] < 0.7 * norms[0]
+
+
+@both_kinds
+def test_weight_error_falls_exponentially_without_noise(hysteron, x64):
+    """Eq. (9): ‖E(k)‖ ≤ C exp(-λk), fitted over many orders of magnitude."""
+    plane = Plane(levels=4, low=0.0, high=6.0)
+    x = np.random.default_rng(5).uniform(0, 6, 6000)
+    truth = true_weights(plane)
+    z = np.asarray(simulate(plane, truth, x, hysteron))
+    weights, _ = trajectory(AdaptiveFilter(plane, hysteron), x, z)
+    norms = np.linalg.norm(np.asarray(weights) - truth, axis=1)
+    above_rounding = norms > 1e-11
+    k = np.arange(len(x))[above_rounding]
+    logarithm = np.log(norms[above_rounding])
+    slope, _ = np.polyfit(k, logarithm, 1)
+    assert norms[-1] < 1e-6 * norms[0]
+    assert slope < -1e-3
+    assert np.corrcoef(k, logarithm)[0, 1] ** 2 > 0.98
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sampling", ["event", "sample"])
+def test_error_identity_holds_at_every_step_with_noise(seed, sampling, precision, tolerance):
+    """Eq. (15): ‖E(k+1)‖² = ‖E(k)‖² - (ΣE)²/A + ν²/A, for relays with the truth on the grid."""
+    x, truth = wandering(seed=seed, dtype=precision), true_weights(PLANE, precision)
+    relays = slow_relays(PLANE, x)
+    noise = np.random.default_rng(seed + 10).normal(0, 0.3, SAMPLES)
+    z = (relays @ truth + noise).astype(precision)
+    weights, info = trajectory(AdaptiveFilter(PLANE, "relay", sampling), x, z)
+    after = np.asarray(weights, float) - truth
+    before = np.vstack([1e-9 - truth.astype(float), after[:-1]])
+    s = np.diff(relays, axis=0, prepend=relays[:1])
+    area = np.abs(s).sum(axis=1)
+    np.testing.assert_array_equal(info.switched, area)
+    reference = 0
+    for k in range(SAMPLES):
+        expected = np.sum(before[k] ** 2)
+        if area[k]:
+            nu = noise[k] - noise[reference]
+            expected += (nu**2 - np.sum(s[k] * before[k]) ** 2) / area[k]
+        assert np.sum(after[k] ** 2) == pytest.approx(expected, abs=20 * tolerance)
+        if area[k] or sampling == "sample":
+            reference = k
+
+
+@both_samplings
+def test_ramp_filter_projects_on_the_states_moved(sampling, x64):
+    """The normalised projection, and (15) with sᵀs for A, on differences from the reference."""
+    x, truth = wandering(), true_weights(PLANE)
+    states = np.asarray(states_of(PLANE, x, "low", "ramp"))
+    noise = np.random.default_rng(11).normal(0, 0.1, SAMPLES)
+    z = states @ truth + noise
+    weights, info = trajectory(AdaptiveFilter(PLANE, "ramp", sampling), x, z)
+    estimate, reference = np.full(PLANE.cells, 1e-9), 0
+    for k in range(SAMPLES):
+        s = states[k] - states[reference]
+        error = z[k] - z[reference] - s @ estimate
+        squared = s @ s
+        assert float(info.error[k]) == pytest.approx(error, abs=1e-11)
+        if squared >= (0.5 if sampling == "event" else 1e-15):
+            assert float(info.switched[k]) == pytest.approx(squared, abs=1e-12)
+            nu = noise[k] - noise[reference]
+            expected = (
+                np.sum((estimate - truth) ** 2) + (nu**2 - (s @ (estimate - truth)) ** 2) / squared
+            )
+            estimate = estimate + s * error / squared
+            assert np.sum((np.asarray(weights[k]) - truth) ** 2) == pytest.approx(expected)
+            reference = k
+        else:
+            assert info.switched[k] == 0
+        if sampling == "sample":
+            reference = k
+        np.testing.assert_allclose(weights[k], estimate, atol=1e-11)
+
+
+def test_events_keep_noise_from_small_moves_of_ramps(x64):
+    """One-sample differences divide noise by moves that may be arbitrarily small."""
+    x, truth = wandering(20_000, speed=0.05), true_weights(PLANE)
+    z = np.asarray(simulate(PLANE, truth, x, "ramp"))
+    z = z + np.random.default_rng(12).normal(0, 0.01, len(z))
+    errors = {
+        sampling: np.linalg.norm(AdaptiveFilter(PLANE, "ramp", sampling).run(x, z).weights - truth)
+        for sampling in ("event", "sample")
+    }
+    assert errors["event"] < 0.2 * errors["sample"]
+
+
+def smooth_stage(x):
+    """A piezo-like stage that is no grid: a spring and forty plays (Prandtl-Ishlinskii)."""
+    radii = np.linspace(1.0, 30.0, 40)
+    gains = 0.01 + 0.015 * np.exp(-radii / 8)
+    plays = np.zeros_like(radii)
+    output = []
+    for now in x:
+        plays = np.clip(plays, now - radii, now + radii)
+        output.append(0.9 * now + gains @ plays)
+    return np.array(output)
+
+
+def test_raw_differences_lose_the_movement_between_switches(x64):
+    """Sampled once a level the weights sum to the stroke; sampled raw, to a small part of it."""
+    coins = np.random.default_rng(13).choice([-1, 1], size=100).repeat(200)
+    travel = np.cumsum(coins * 0.0941)  # about 22 samples a level, 800 the whole range
+    x = 75 * (1 - np.abs(1 - np.mod(travel / 75, 2)))
+    z = smooth_stage(x)
+    plane = Plane(levels=37, low=0.0, high=75.0)
+    total = {
+        sampling: float(AdaptiveFilter(plane, "relay", sampling).run(x, z).weights.sum())
+        for sampling in ("event", "sample")
+    }
+    # The missing tenth is what relays do not see: half a level at each end and turning point.
+    assert total["event"] == pytest.approx(np.ptp(z), rel=0.12)
+    assert total["sample"] < 0.1 * np.ptp(z)
+
+
+@both_kinds
+@both_samplings
+def test_missing_outputs_do_not_poison_the_filter(hysteron, sampling, precision):
+    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
+    z = np.array(simulate(PLANE, truth, x, hysteron))
+    z[np.random.default_rng(14).random(SAMPLES) < 0.4] = np.nan
+    z[:3] = np.nan
+    result = AdaptiveFilter(PLANE, hysteron, sampling).run(x, z)
+    assert np.isfinite(result.weights).all()
+    assert np.isfinite(result.output).all()
+    assert np.isnan(np.asarray(result.error)[np.isnan(z)]).all()
+    assert not np.any(np.asarray(result.switched)[np.isnan(z)])
+    if sampling == "event":
+        assert np.isfinite(np.asarray(result.error)[~np.isnan(z)][1:]).all()
+
+
+def test_event_differences_span_missing_outputs(x64):
+    """Eq. (7) on the hysterons switched since the last event: nothing is lost in a gap."""
+    x, truth = wandering(), true_weights(PLANE)
+    relays = slow_relays(PLANE, x)
+    z = relays @ truth
+    z[np.random.default_rng(15).random(SAMPLES) < 0.5] = np.nan
+    weights, info = trajectory(AdaptiveFilter(PLANE), x, z)
+    estimate, reference = np.full(PLANE.cells, 1e-9), int(np.argmax(~np.isnan(z)))
+    gaps = 0
+    for k in range(reference, SAMPLES):
+        if np.isnan(z[k]):
+            continue
+        s = relays[k] - relays[reference]
+        assert float(info.error[k]) == pytest.approx(s @ (truth - estimate), abs=1e-12)
+        if s.any():
+            gaps += k - reference > 1 and bool(np.isnan(z[k - 1]))
+            estimate, reference = np.asarray(weights[k]), k
+    assert gaps > 10
+    assert np.linalg.norm(estimate - truth) < 0.7 * np.linalg.norm(truth)
+
+
+def test_missing_outputs_where_nothing_switches_change_nothing(precision):
+    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
+    z = np.array(simulate(PLANE, truth, x, "relay"))
+    full = AdaptiveFilter(PLANE).run(x, z)
+    z[1:][np.asarray(full.switched)[1:] == 0] = np.nan
+    np.testing.assert_array_equal(AdaptiveFilter(PLANE).run(x, z).weights, full.weights)
+
+
+@both_kinds
+@both_samplings
+def test_resting_input_changes_nothing(hysteron, sampling):
+    """No update where A = 0, however much the output wanders."""
+    x, truth = wandering(dtype="float32"), true_weights(PLANE, "float32")
+    filt = AdaptiveFilter(PLANE, hysteron, sampling)
+    z = simulate(PLANE, truth, x, hysteron)
+    moved = filt.run(x, z)
+    noise = np.random.default_rng(16).normal(size=SAMPLES).astype("float32")
+    rested = filt.run(np.full(SAMPLES, x[-1]), noise, moved.state)
+    np.testing.assert_array_equal(rested.weights, moved.weights)
+    assert not np.any(rested.switched)
+
+
+@both_kinds
+@both_samplings
+@settings(max_examples=8)
+@given(cut=st.integers(1, SAMPLES - 1))
+def test_a_run_in_two_parts_is_one_run(hysteron, sampling, cut):
+    x = wandering(dtype="float32")
+    z = np.sin(x) + x
+    filt = AdaptiveFilter(PLANE, hysteron, sampling)
+    whole = filt.run(x, z)
+    # Both parts are filled up to one length, by rests: one compilation.
+    first = filt.run(np.append(x[:cut], np.full(SAMPLES - cut, x[cut - 1])), filled(z[:cut]))
+    second = filt.run(np.append(x[cut:], np.full(cut, x[-1])), filled(z[cut:]), first.state)
+    for name in ("output", "error", "switched"):
+        parts = np.append(getattr(first, name)[:cut], getattr(second, name)[: SAMPLES - cut])
+        np.testing.assert_array_equal(parts, getattr(whole, name))
+    np.testing.assert_array_equal(second.weights, whole.weights)
+
+
+def filled(z):
+    return np.append(z, np.full(SAMPLES - len(z), z[-1]))
+
+
+@both_kinds
+def test_online_and_batch_pass_the_state_to_each_other(hysteron, precision, tolerance, tmp_path):
+    x = wandering(dtype=precision)
+    z = np.sin(x) + x
+    z[40:43] = np.nan
+    filt = AdaptiveFilter(PLANE, hysteron)
+    whole = filt.run(x, z)
+
+    online = OnlineFilter(filt)
+    outputs = [online(*sample) for sample in zip(x[:100], z[:100], strict=True)]
+    online.save(tmp_path / "state.npz")
+    batch = filt.run(x[100:200], z[100:200], online.state)
+    online = OnlineFilter(filt, batch.state)
+    outputs += [
+        *np.asarray(batch.output),
+        *(online(*s) for s in zip(x[200:], z[200:], strict=True)),
+    ]
+    assert isinstance(outputs[0], float)
+    np.testing.assert_allclose(outputs, whole.output, rtol=tolerance, atol=tolerance)
+    assert online.state is not None
+    np.testing.assert_allclose(online.state.weights, whole.weights, atol=tolerance)
+
+    resumed = OnlineFilter.load(tmp_path / "state.npz")
+    assert resumed.filter.plane == PLANE
+    assert resumed.filter.hysteron == hysteron
+    again = resumed.filter.run(x[100:200], z[100:200], resumed.state)
+    np.testing.assert_array_equal(again.weights, batch.weights)
+    assert [p.name for p in tmp_path.iterdir()] == ["state.npz"]
+
+
+def test_a_saved_filter_without_state_starts_afresh(tmp_path):
+    OnlineFilter(AdaptiveFilter(PLANE, "ramp", "sample", 0.25)).save(tmp_path / "new")
+    loaded = OnlineFilter.load(tmp_path / "new")
+    assert loaded.state is None
+    assert loaded.filter.sampling == "sample"
+    assert loaded(6.0, 1.0) == pytest.approx(0.25 * PLANE.cells)
+
+
+def test_a_file_that_is_no_saved_filter_is_refused(tmp_path):
+    path = tmp_path / "broken.npz"
+    with pytest.raises(ValueError, match="does not exist"):
+        OnlineFilter.load(path)
+    for content in (b"", b"no archive", b"PK\x03\x04 half"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"broken\.npz cannot be read"):
+            OnlineFilter.load(path)
+    np.savez(path, other=np.zeros(3))
+    with pytest.raises(ValueError, match=r"broken\.npz cannot be read"):
+        OnlineFilter.load(path)
+    np.savez(path, about=np.asarray(json.dumps({"format": 99})))
+    with pytest.raises(ValueError, match="format 99"):
+        OnlineFilter.load(path)
+
+
+def test_online_filter_is_unharmed_by_a_refused_sample():
+    online = OnlineFilter(AdaptiveFilter(PLANE))
+    online(1.0, 2.0)
+    before = online.state
+    for x, z, message in ((np.nan, 1.0, "x is nan"), (1.0, -np.inf, "z is -inf")):
+        with pytest.raises(ValueError, match=message):
+            online(x, z)
+    assert online.state is before
+
+
+@both_kinds
+def test_a_batch_of_outputs_is_a_loop_over_them(hysteron, precision, tolerance):
+    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
+    noise = np.random.default_rng(17).normal(0, 0.1, (4, SAMPLES)).astype(precision)
+    z = np.asarray(simulate(PLANE, truth, x, hysteron))[np.newaxis] + noise
+    filt = AdaptiveFilter(PLANE, hysteron)
+    batch = jax.vmap(lambda z: filt.run(x, z).weights)(z)
+    loop = np.array([filt.run(x, row).weights for row in z])
+    np.testing.assert_allclose(batch, loop, atol=tolerance)
+
+
+@both_kinds
+def test_state_and_filter_are_pytrees(hysteron, precision):
+    x = wandering(dtype=precision)
+    filt = AdaptiveFilter(PLANE, hysteron)
+    result = filt.run(x, np.sin(x))
+    for tree in (filt, result.state):
+        leaves, structure = jax.tree.flatten(tree)
+        rebuilt = jax.tree.unflatten(structure, [np.asarray(leaf) for leaf in leaves])
+        assert jax.tree.structure(rebuilt) == structure
+    again = filt.run(x, np.cos(x), rebuilt)
+    np.testing.assert_array_equal(again.weights, filt.run(x, np.cos(x), result.state).weights)
+
+
+@both_kinds
+@both_samplings
+def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64):
+    """Samples at which nothing switches, and missing ones, leave no NaN in the gradient."""
+    x = np.repeat(wandering(25, speed=1.1), 2)
+    x[30:] = np.minimum(x[30:], 4.7)
+    z = np.sin(x) + x
+    z[[0, 7, 20]] = np.nan
+    start = true_weights(PLANE)
+
+    def loss(z, initial_weight):
+        result = AdaptiveFilter(PLANE, hysteron, sampling, initial_weight).run(x, z)
+        return (result.weights**2).sum() + (result.output**2).sum()
+
+    by_output, by_start = jax.jit(jax.grad(loss, (0, 1)))(z, start)
+    assert np.all(np.asarray(by_output)[np.isnan(z)] == 0)
+    assert np.abs(by_output).max() > 0.1
+    # The loss is quadratic in both, so that central differences are exact.
+    numeric = differences(lambda z: loss(z, start), z, 0.1)
+    np.testing.assert_allclose(by_output, numeric, rtol=1e-9, atol=1e-9)
+    numeric = differences(lambda start: loss(z, start), start, 0.1)
+    np.testing.assert_allclose(by_start, numeric, rtol=1e-9, atol=1e-9)
+
+
+def test_the_same_shapes_compile_once(monkeypatch):
+    """The step is traced when a function is compiled, and never when it runs."""
+    calls = []
+    genuine = preisach_jax.filter.hysteron_step
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return genuine(*arguments)
+
+    monkeypatch.setattr(preisach_jax.filter, "hysteron_step", counted)
+    plane = Plane(levels=6, low=0.0, high=6.125)
+    x = wandering(123)
+    state = AdaptiveFilter(plane).init(x[0], 0.0)
+    online = OnlineFilter(AdaptiveFilter(plane), state)
+    for repeat in range(3):
+        AdaptiveFilter(plane, initial_weight=0.1 * repeat).run(x + repeat, np.sin(x), state)
+        simulate(plane, true_weights(plane, seed=repeat), x + repeat)
+        online(repeat, repeat)
+        if repeat == 0:
+            assert calls
+            calls.clear()
+    assert not calls
+
+
+def test_initial_memory_and_several_passes(x64):
+    x, truth = 3 + 0.9 * (wandering() - 3), true_weights(PLANE)
+    x = np.append(x[60:], x[:60])
+    z = np.asarray(simulate(PLANE, truth, x, "relay", "demagnetised"))
+    filt = AdaptiveFilter(PLANE)
+    start = filt.init(x[0], z[0], "demagnetised")
+    np.testing.assert_array_equal(start.states, PLANE.initial_states("demagnetised", x[0], "relay"))
+    state, left = start, []
+    for _ in range(5):
+        result = filt.run(x, z, state)
+        left.append(np.linalg.norm(result.weights - truth))
+        state = dataclasses.replace(start, weights=result.weights)
+    assert np.all(np.diff(left) < 0)
+    by_states = filt.init(x[0], z[0], np.asarray(start.states))
+    np.testing.assert_array_equal(by_states.states, start.states)
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "message"),
+    [
+        ([0.0, 1.0, 2.0], [0.0, 1.0], r"\(3,\).*\(2,\)"),
+        ([[0.0, 1.0]], [[0.0, 1.0]], r"\(1, 2\)"),
+        ([], [], r"\(0,\)"),
+        ([0.0, np.nan, 1.0], [0.0, 1.0, 2.0], "x is nan at sample 1"),
+        ([0.0, 1.0, np.inf], [0.0, 1.0, 2.0], "x is inf at sample 2"),
+        ([0.0, 1.0], [-np.inf, 1.0], "z is -inf at sample 0"),
+        ([0.0, 1.0j], [0.0, 1.0], "input x has the type complex"),
+        ([0.0, 1.0], [0.0, 1.0j], "output z has the type complex"),
+    ],
+)
+def test_a_mistake_in_a_record_is_named_with_its_value(x, z, message):
+    with pytest.raises(ValueError, match=message):
+        AdaptiveFilter(PLANE).run(x, z)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("preisach",), "'preisach'"),
+        (("relay", "raw"), "'raw'"),
+        (("relay", "event", np.nan), "initial_weight is nan"),
+        (("relay", "event", np.zeros(4)), r"\(4,\).*\(21,\)"),
+    ],
+)
+def test_a_mistake_in_the_filter_is_named_with_its_value(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        AdaptiveFilter(PLANE, *arguments)
+
+
+def test_mistakes_elsewhere_are_named_with_their_values():
+    filt = AdaptiveFilter(PLANE)
+    other = AdaptiveFilter(Plane(levels=3, low=0.0, high=1.0)).init(0.0, 0.0)
+    with pytest.raises(ValueError, match=r"\(6,\).*\(21,\)"):
+        filt.run(np.arange(2.0), np.arange(2.0), other)
+    with pytest.raises(ValueError, match="x is inf"):
+        filt.init(np.inf, 0.0)
+    with pytest.raises(ValueError, match=r"weights has the shape \(2,\).*\(21,\)"):
+        simulate(PLANE, np.arange(2.0), np.arange(2.0))
+
+
+def test_whole_numbers_are_taken_as_reals(precision):
+    result = AdaptiveFilter(PLANE).run(np.arange(7), 2 * np.arange(7))
+    assert result.weights.dtype == precision
+    assert float(result.weights.sum()) == pytest.approx(12, rel=1e-5)

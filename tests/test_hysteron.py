@@ -1,0 +1,271 @@
+"""Laws of the relay and the ramp, eq. (1)-(4), against slow oracles written branch by branch."""
+
+from functools import partial
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+
+from preisach_jax.hysteron import HYSTERONS, hysteron_states, state_bounds
+from preisach_jax.plane import Plane
+
+LENGTH = 40
+PLANE = Plane(levels=4, low=0.0, high=4.0)  # thresholds 0.5, 1.5, 2.5, 3.5: exact in binary
+
+both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
+# Quarters of a cell: the path often rests, and often ends exactly on a threshold.
+lattice_paths = st.lists(st.integers(0, 16), min_size=LENGTH, max_size=LENGTH).map(
+    lambda quarters: np.array(quarters) / 4
+)
+real_paths = st.lists(
+    st.floats(-0.5, 4.5, allow_subnormal=False, width=32), min_size=LENGTH, max_size=LENGTH
+).map(np.array)
+bits = st.lists(st.integers(0, 1), min_size=PLANE.cells, max_size=PLANE.cells).map(np.array)
+fractions = st.lists(
+    st.floats(0, 1, allow_subnormal=False, width=32), min_size=PLANE.cells, max_size=PLANE.cells
+).map(np.array)
+
+
+@partial(jax.jit, static_argnames="hysteron")
+def states_of(x, initial, hysteron):
+    return hysteron_states(PLANE, x, initial, hysteron)
+
+
+@partial(jax.jit, static_argnames="hysteron")
+def bounds_of(x, hysteron):
+    return state_bounds(PLANE, x, hysteron)
+
+
+def follow(x, initial, hysteron, dtype="float64"):
+    with jax.enable_x64(dtype == "float64"):
+        return np.asarray(states_of(np.asarray(x, dtype), np.asarray(initial, dtype), hysteron))
+
+
+def follow_short(path, initial, dtype):
+    """Relay states along up to four samples, compiled once: what fills them up is cut off."""
+    filled = np.append(path, np.zeros(4 - len(path)))
+    return follow(filled, initial, "relay", dtype)[: len(path)]
+
+
+def slow_relay(x, alpha, beta, on):
+    """One relay, as the text around eq. (1)-(4) tells it."""
+    states = []
+    for k, now in enumerate(x):
+        if k == 0:
+            if now < beta:
+                on = 0
+            elif now > alpha:
+                on = 1
+        elif now > x[k - 1]:
+            if now >= alpha:
+                on = 1
+        elif now < x[k - 1] and now <= beta:
+            on = 0
+        states.append(on)
+    return np.array(states)
+
+
+def slow_ramp(x, alpha, beta, width, state):
+    """One ramp hysteron: on along the ramp at alpha, off along the one at beta."""
+    states = []
+    for now in x:
+        up = np.interp(now, [alpha - width / 2, alpha + width / 2], [0.0, 1.0])
+        down = np.interp(now, [beta - width / 2, beta + width / 2], [0.0, 1.0])
+        if state < up:
+            state = up
+        elif state > down:
+            state = down
+        states.append(state)
+    return np.array(states)
+
+
+@pytest.mark.parametrize(
+    ("path", "initial", "expected"),
+    [
+        # α = 2.5, β = 1.5: the input comes to rest exactly on α and on β, from both sides.
+        ([0.0, 2.5], 0, 1),
+        ([0.0, 2.5, 2.5, 2.5], 0, 1),
+        ([4.0, 2.5], 0, 1),
+        ([4.0, 2.5, 2.5, 2.5], 0, 1),
+        ([4.0, 1.5], 1, 0),
+        ([4.0, 1.5, 1.5, 1.5], 1, 0),
+        ([0.0, 1.5], 1, 0),
+        ([0.0, 1.5, 1.5, 1.5], 1, 0),
+        # It turns back exactly on the threshold: the switch has happened.
+        ([0.0, 2.5, 2.0], 0, 1),
+        ([4.0, 1.5, 2.0], 1, 0),
+        # Between the thresholds it remembers.
+        ([0.0, 2.0], 1, 0),
+        ([4.0, 2.0], 0, 1),
+        # Rule (1): at the first sample only an input beyond a threshold decides.
+        ([2.5], 0, 0),
+        ([2.5], 1, 1),
+        ([1.5], 0, 0),
+        ([1.5], 1, 1),
+        ([2.5, 2.5], 0, 0),
+        ([1.5, 1.5], 1, 1),
+        ([2.625], 0, 1),
+        ([1.375], 1, 0),
+    ],
+)
+def test_relay_with_the_input_exactly_on_its_thresholds(path, initial, expected, precision):
+    cell = 2 * 3 // 2 + 1
+    assert follow_short(path, np.full(10, initial), precision)[-1, cell] == expected
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ([0.0, 1.5], 1),
+        ([0.0, 1.5, 1.5], 1),
+        ([4.0, 1.5], 0),
+        ([4.0, 1.5, 1.5], 0),
+        ([0.0, 1.5, 1.625, 1.5], 0),
+        ([4.0, 1.5, 1.375, 1.5], 1),
+    ],
+)
+def test_diagonal_relay_switches_both_ways_on_its_one_threshold(path, expected, precision):
+    assert follow_short(path, np.zeros(10), precision)[-1, 2] == expected  # α = β = 1.5
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@given(path=lattice_paths, initial=bits)
+def test_relays_match_the_branch_by_branch_oracle(dtype, path, initial):
+    states = follow(path, initial, "relay", dtype)
+    for cell, (alpha, beta) in enumerate(zip(PLANE.alpha, PLANE.beta, strict=True)):
+        np.testing.assert_array_equal(states[:, cell], slow_relay(path, alpha, beta, initial[cell]))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@given(path=real_paths, initial=fractions)
+def test_ramps_match_the_branch_by_branch_oracle(dtype, path, initial):
+    states = follow(path, initial, "ramp", dtype)
+    tolerance = 10 * np.finfo(dtype).eps
+    for cell, (alpha, beta) in enumerate(zip(PLANE.alpha, PLANE.beta, strict=True)):
+        expected = slow_ramp(path, alpha, beta, 1.0, initial[cell])
+        np.testing.assert_allclose(states[:, cell], expected, rtol=0, atol=tolerance)
+
+
+@given(path=lattice_paths.map(np.round), initial=bits)
+def test_ramps_are_relays_on_a_path_between_cell_limits(path, initial):
+    np.testing.assert_array_equal(follow(path, initial, "ramp"), follow(path, initial, "relay"))
+
+
+@both_kinds
+@given(path=real_paths, data=st.data())
+def test_states_do_not_depend_on_how_a_path_is_sampled(hysteron, path, data):
+    """Rate independence: samples put in on the way, and rests, change no bit of the states."""
+    between = data.draw(
+        st.lists(st.floats(0, 1, width=32), min_size=3 * (LENGTH - 1), max_size=3 * (LENGTH - 1))
+    )
+    steps = np.sort(np.array(between).reshape(LENGTH - 1, 3), axis=1)
+    start, end = path[:-1, np.newaxis], path[1:, np.newaxis]
+    on_the_way = np.clip(
+        start + steps * (end - start), np.minimum(start, end), np.maximum(start, end)
+    )
+    refined = np.append(np.hstack([start, on_the_way]).ravel(), path[-1])
+    coarse = follow(path, np.zeros(PLANE.cells), hysteron)
+    np.testing.assert_array_equal(follow(refined, np.zeros(PLANE.cells), hysteron)[::4], coarse)
+
+
+@both_kinds
+@given(path=real_paths, turns=st.lists(st.floats(0, 4, width=32), min_size=2, max_size=2))
+def test_returning_to_the_last_extreme_wipes_out_what_lay_between(hysteron, path, turns):
+    bottom, top = sorted(turns)
+    inside = np.clip(path, bottom, top)
+    with_loops = np.concatenate([[0.0, 4.0, bottom, top, bottom], inside, [bottom]])
+    without = np.array([0.0, 4.0, bottom, top, bottom])
+    initial = np.zeros(PLANE.cells)
+    np.testing.assert_array_equal(
+        follow(with_loops, initial, hysteron)[-1], follow(without, initial, hysteron)[-1]
+    )
+
+
+@both_kinds
+def test_jitter_at_rest_does_not_drift(hysteron, precision):
+    rng = np.random.default_rng(0)
+    jitter = rng.uniform(1.96, 2.04, 2000)
+    path = np.concatenate([[0.0, 3.1, 0.7, 2.04, 1.96, 2.0], jitter, [1.96, 2.0]])
+    states = follow(path, np.zeros(PLANE.cells), hysteron, precision)
+    np.testing.assert_array_equal(states[5], states[-1])
+    # No hysteron moves by more than its ramp does for that jitter; a relay does not move at all.
+    allowed = 0.08 / PLANE.delta_x + 1e-6 if hysteron == "ramp" else 0.0
+    assert np.ptp(states[5:], axis=0).max() <= allowed
+
+
+@both_kinds
+@given(path=real_paths, initial=fractions)
+def test_state_from_any_initial_memory_lies_in_the_bounds(hysteron, path, initial):
+    if hysteron == "relay":
+        initial = np.round(initial)
+    with jax.enable_x64(True):
+        low, high = (np.asarray(bound) for bound in bounds_of(path, hysteron))
+    np.testing.assert_array_equal(follow(path, initial, hysteron), np.clip(initial, low, high))
+    assert np.all(np.diff(high - low, axis=0) <= 0)
+
+
+@both_kinds
+def test_saturation_leaves_nothing_to_the_initial_memory(hysteron, precision):
+    low, high = state_bounds(PLANE, np.array([2.0, 4.0, 1.25], precision), hysteron)
+    assert low.dtype == precision
+    assert float((high - low)[0].max()) == 1.0
+    assert float((high - low)[1:].max()) == 0.0
+
+
+@both_kinds
+def test_a_batch_of_paths_is_a_loop_over_them(hysteron, precision):
+    paths = np.random.default_rng(1).uniform(0, 4, (5, LENGTH)).astype(precision)
+    batch = jax.vmap(lambda x: hysteron_states(PLANE, x, "demagnetised", hysteron))(paths)
+    one = jax.jit(lambda x: hysteron_states(PLANE, x, "demagnetised", hysteron))
+    np.testing.assert_array_equal(batch, np.array([one(x) for x in paths]))
+
+
+def test_gradient_of_ramp_states_matches_finite_differences(x64):
+    rng = np.random.default_rng(2)
+    path, initial = rng.uniform(0.1, 3.9, LENGTH), np.zeros(PLANE.cells)
+    weighting = rng.normal(size=(LENGTH, PLANE.cells))
+
+    @jax.jit
+    def total(x):
+        return (hysteron_states(PLANE, x, initial, "ramp") * weighting).sum()
+
+    gradient = np.asarray(jax.grad(total)(path))
+    step = 1e-6
+    numeric = [
+        (total(path + step * unit) - total(path - step * unit)) / (2 * step)
+        for unit in np.eye(LENGTH)
+    ]
+    assert np.abs(gradient).max() > 0.1
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-7)
+
+
+def test_gradient_is_finite_on_resting_and_saturated_paths(x64):
+    path = np.array([0.0, 0.0, 1.0, 1.0, 4.0, 5.0, 4.0, 2.5, 2.5, 2.5, -1.0])
+    for hysteron in HYSTERONS:
+        total = partial(lambda h, x: hysteron_states(PLANE, x, "low", h).sum(), hysteron)
+        assert np.isfinite(jax.jit(jax.grad(total))(path)).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0, 1.0], "low", "play"), "'play'"),
+        (([0.0, 1.0], "warm", "ramp"), "'warm'"),
+        (([0.0, 1.0], np.zeros(3), "ramp"), r"\(3,\).*\(10,\)"),
+        (([[0.0, 1.0]], "low", "ramp"), r"\(1, 2\)"),
+        (([], "low", "ramp"), r"\(0,\)"),
+        (([0.0, 1.0j], "low", "ramp"), "complex"),
+        (([False, True], "low", "ramp"), "bool"),
+    ],
+)
+def test_a_mistake_is_named_with_its_value(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        hysteron_states(PLANE, *arguments)
+
+
+def test_whole_numbers_are_taken_as_reals(precision):
+    states = hysteron_states(PLANE, np.array([0, 3, 1]), "low", "ramp")
+    assert states.dtype == precision
+    np.testing.assert_array_equal(states[-1], [1, 1, 0, 1, 0, 0, 0, 0, 0, 0])

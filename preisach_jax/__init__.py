@@ -1,0 +1,46 @@
+"""Preisach hysteresis: identify it, diagnose what a model of it lacks, and filter it online."""
+
+from preisach_jax.diagnosis import Diagnosis, diagnose
+from preisach_jax.effects import library as effects
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    InputEffect,
+    OutputEffect,
+    Parameter,
+    Signals,
+    Span,
+    WeightEffect,
+)
+from preisach_jax.errors import InputError
+from preisach_jax.filter import AdaptiveFilter, simulate
+from preisach_jax.fit import Fit, fit
+from preisach_jax.model import Model, ParameterEstimate, Prediction
+from preisach_jax.online import OnlineFilter
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+__all__ = [
+    "AdaptiveFilter",
+    "AddedEffect",
+    "Diagnosis",
+    "Effect",
+    "Fit",
+    "InputEffect",
+    "InputError",
+    "Model",
+    "OnlineFilter",
+    "OutputEffect",
+    "Parameter",
+    "ParameterEstimate",
+    "Plane",
+    "Prediction",
+    "Record",
+    "Signals",
+    "Span",
+    "WeightEffect",
+    "diagnose",
+    "effects",
+    "fit",
+    "simulate",
+]

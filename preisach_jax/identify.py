@@ -10,13 +10,9 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 
-from preisach_jax.effects.base import AddedEffect, Effect, InputEffect, Parameter, Span
-from preisach_jax.model import (
+from preisach_jax.chain import (
     Chain,
     Coefficients,
     Columns,
@@ -28,6 +24,7 @@ from preisach_jax.model import (
     signals_of,
     tangents,
 )
+from preisach_jax.effects.base import Effect, InputEffect, Parameter, Span
 from preisach_jax.record import Record
 from preisach_jax.regression import (
     NormalEquations,
@@ -51,30 +48,42 @@ ALL = np.arange(FOLDS)
 class Problem:
     """A record, cut into blocks and put on the device in double precision.
 
+    Rows are in the order of their folds, and within a fold in the order of time, so that a fold is
+    one slice of the regressors.
+
     Attributes:
-        record: the record.
-        signals: what drives a model.
-        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
+        record: the record, possibly thinned.
+        span: time scales of the record before it was thinned.
         rows: (row,) indices of the measured samples.
         block: (row,) block of each of them.
         fold: (row,) fold of each of them; the last one is held out.
     """
 
     record: Record
-    initial_memory: str
+    span: Span
     rows: np.ndarray
     block: np.ndarray
     fold: np.ndarray
     cache: dict = field(default_factory=dict)
 
     @staticmethod
-    def of(record: Record) -> Problem:
-        """Cut a record into blocks of equal numbers of measured samples."""
+    def of(record: Record, limit: int | None = None) -> Problem:
+        """Cut a record into blocks of equal numbers of measured samples.
+
+        Arguments:
+            record: the record.
+            limit: number of samples to which a longer record is thinned (see `thinned`).
+        """
+        record.check_identifiable()
+        span = Span(record.duration_s, record.step_s)
+        if limit is not None and len(record.time) > limit:
+            record = thinned(record, limit)
         rows = np.flatnonzero(record.measured)
         block = np.arange(len(rows)) * BLOCKS // len(rows)
         # The third of four is held out: the ends of the record stay with the identification.
         fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
-        return Problem(record, record.initial_memory, rows, block, fold)
+        order = np.argsort(fold, kind="stable")
+        return Problem(record, span, rows[order], block[order], fold[order])
 
     @property
     def signals(self):
@@ -83,8 +92,9 @@ class Problem:
         return self.cache["signals"]
 
     @property
-    def span(self) -> Span:
-        return Span(self.record.duration_s, self.record.step_s)
+    def in_time(self) -> np.ndarray:
+        """(row,) positions of the rows in the order of time."""
+        return np.argsort(self.rows)
 
     @property
     def target(self) -> np.ndarray:
@@ -104,8 +114,37 @@ class Problem:
         slot = ("hysteresis", chain.plane, chain.hysteron)
         if self.cache.get(slot, (None,))[0] != key:
             path = driven_path(chain, values, self.signals)
-            self.cache[slot] = (key, hysteresis_columns(chain, path, self.initial_memory))
+            self.cache[slot] = (key, hysteresis_columns(chain, path, self.record.initial_memory))
         return self.cache[slot][1]
+
+
+def thinned(record: Record, limit: int) -> Record:
+    """A record with fewer samples that keeps every extreme of the input.
+
+    The record is cut into stretches, and of each the first sample and those of the least and the
+    greatest input are kept, so that no reversal above the swing inside a stretch is lost.
+
+    Arguments:
+        record: the record.
+        limit: greatest number of samples.
+
+    Returns:
+        The samples kept, at their own times.
+    """
+    keep = np.zeros(len(record.time), dtype=bool)
+    edges = np.linspace(0, len(keep), max(limit // 3, 1) + 1).astype(int)
+    for start, stop in itertools.pairwise(edges):
+        part = record.input[start:stop]
+        keep[[start, start + int(np.argmin(part)), start + int(np.argmax(part))]] = True
+    keep[-1] = True
+    return replace(
+        record,
+        time=record.time[keep],
+        input=record.input[keep],
+        output=record.output[keep],
+        aux={name: values[keep] for name, values in record.aux.items()},
+        time_values=record.time_values[keep],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +155,18 @@ class Point:
         chain: what is in the model.
         values: nonlinear parameters by effect and name.
         strength: strength of the smoothness prior.
+        folds: folds of rows that identify.
         matrix: (row, column) scaled regressors of the measured rows.
         columns: what the columns are.
         equations: normal equations, in output ranges.
-        solution: (column,) scaled coefficients from the identification folds.
-        objective: mean square plus penalty on the identification folds.
+        solution: (column,) scaled coefficients from those folds.
+        objective: mean square plus penalty on those folds.
     """
 
     chain: Chain
     values: dict[str, dict[str, float]]
     strength: float
+    folds: np.ndarray
     matrix: np.ndarray
     columns: Columns
     equations: NormalEquations
@@ -141,11 +182,6 @@ class Point:
     def parameters(self) -> list[tuple[str, Parameter]]:
         """All nonlinear parameters with the effects they belong to."""
         return parameters_of(self.chain.effects)
-
-    def solve(self, folds: np.ndarray) -> np.ndarray:
-        """(column,) scaled coefficients from some folds."""
-        gram, moment = self.equations.system(folds, self.strength)
-        return solve_nonnegative(gram, moment, self.equations.nonnegative, self.solution > 0)
 
     def coefficients(self, unit: float, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""
@@ -164,8 +200,13 @@ def evaluate(
     values: dict[str, dict[str, float]],
     strength: float,
     guess: np.ndarray | None = None,
+    folds: np.ndarray = IDENTIFICATION,
 ) -> Point:
-    """Solve for the linear coefficients at given nonlinear parameters."""
+    """Solve for the linear coefficients at given nonlinear parameters.
+
+    Raises:
+        FloatingPointError: if an effect gives values that are not finite.
+    """
     columns = regressors(chain, values, problem.signals, problem.hysteresis(chain, values))
     matrix = columns.matrix[problem.rows]
     if not np.isfinite(matrix).all():
@@ -178,27 +219,31 @@ def evaluate(
         columns.nonnegative,
         columns.groups,
     )
-    gram, moment = equations.system(IDENTIFICATION, strength)
+    matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
+    bare = Point(chain, values, strength, folds, matrix, columns, equations, guess, 0.0)
+    return _solved(bare)
+
+
+def _solved(point: Point) -> Point:
+    """The point with its linear coefficients and its objective computed."""
+    equations, folds, strength = point.equations, point.folds, point.strength
+    gram, moment = equations.system(folds, strength)
+    guess = point.solution
     passive = guess > 0 if guess is not None and len(guess) == len(moment) else None
     solution = solve_nonnegative(gram, moment, equations.nonnegative, passive)
-    objective = equations.mean_square(solution, IDENTIFICATION) + equations.penalty(
-        solution, strength
-    )
-    return Point(
-        chain, values, strength, matrix / equations.scale, columns, equations, solution, objective
-    )
+    objective = equations.mean_square(solution, folds) + equations.penalty(solution, strength)
+    return replace(point, solution=solution, objective=objective)
 
 
 def with_strength(point: Point) -> Point:
     """The same point with the strength of the prior that its own data choose."""
-    strength = choose_strength(point.equations, IDENTIFICATION)
-    moved = replace(point, strength=strength)
-    solution = moved.solve(IDENTIFICATION)
-    equations = point.equations
-    objective = equations.mean_square(solution, IDENTIFICATION)
-    return replace(
-        moved, solution=solution, objective=objective + equations.penalty(solution, strength)
-    )
+    strength = choose_strength(point.equations, IDENTIFICATION, point.strength)
+    return _solved(replace(point, strength=strength))
+
+
+def with_all_rows(point: Point) -> Point:
+    """The same point with its linear coefficients identified on all measured rows."""
+    return _solved(replace(point, folds=ALL))
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +261,9 @@ class Linearised:
     equations: NormalEquations
 
 
-def linearise(problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]) -> Linearised:
+def linearise(
+    problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]
+) -> Linearised:
     """Append the tangents of some parameters to the regression of a point."""
     names = [(effect, parameter.name) for effect, parameter in parameters]
     coefficients = point.coefficients(problem.unit)
@@ -262,10 +309,10 @@ def _joint_step(
     point: Point, parameters: list[tuple[str, Parameter]], linear: Linearised
 ) -> tuple[np.ndarray, float]:
     """Gauss-Newton step in search coordinates, and the objective that it promises."""
-    gram, moment = linear.equations.system(IDENTIFICATION, point.strength)
+    gram, moment = linear.equations.system(point.folds, point.strength)
     guess = np.concatenate([point.solution > 0, np.ones(len(parameters), dtype=bool)])
     solution = solve_nonnegative(gram, moment, linear.equations.nonnegative, guess)
-    promised = linear.equations.mean_square(solution, IDENTIFICATION)
+    promised = linear.equations.mean_square(solution, point.folds)
     promised += linear.equations.penalty(solution, point.strength)
     step = solution[len(point.solution) :] / linear.scale
     for position, (effect, parameter) in enumerate(parameters):
@@ -274,14 +321,22 @@ def _joint_step(
     return step, promised
 
 
+def promised_objective(problem: Problem, point: Point) -> float:
+    """The objective that one Gauss-Newton step on all parameters promises."""
+    parameters = point.parameters
+    if not parameters:
+        return point.objective
+    return _joint_step(point, parameters, linearise(problem, point, parameters))[1]
+
+
 def _moved(
     values: dict[str, dict[str, float]], parameters: list[tuple[str, Parameter]], step: np.ndarray
 ) -> dict[str, dict[str, float]]:
     """Values after a step in search coordinates, inside their bounds."""
     moved = {effect: dict(of_effect) for effect, of_effect in values.items()}
-    for (effect, parameter), change in zip(parameters, step, strict=True):
+    for (effect, parameter), wish in zip(parameters, step, strict=True):
         # A factor of three at once is as far as a linearisation of a time can be trusted.
-        change = float(np.clip(change, -1.1, 1.1)) if parameter.log else float(change)
+        change = float(np.clip(wish, -1.1, 1.1)) if parameter.log else float(wish)
         coordinate = parameter.to_search(values[effect][parameter.name]) + change
         moved[effect][parameter.name] = parameter.from_search(coordinate)
     return moved
@@ -307,7 +362,9 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
         before = point.objective
         for shrink in (1.0, 0.4, 0.1):
             values = _moved(point.values, parameters, shrink * step)
-            trial = evaluate(problem, point.chain, values, point.strength, point.solution)
+            trial = evaluate(
+                problem, point.chain, values, point.strength, point.solution, point.folds
+            )
             if trial.objective < before:
                 point = trial
                 break

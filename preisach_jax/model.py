@@ -1,343 +1,450 @@
-"""A model: input effects, Preisach operator, weight, output and added effects, by name."""
+"""A model with its numbers: what it predicts, and its file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.effects.base import (
-    AddedEffect,
-    Effect,
-    InputEffect,
-    OutputEffect,
-    Signals,
-    Values,
-    WeightEffect,
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+    behind_hysteresis,
+    driven_path,
+    hysteresis_output,
+    response,
+    signals_of,
 )
-from preisach_jax.hysteron import state_bounds
+from preisach_jax.effects import BUILT_IN, library
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import AddedEffect, Effect
+from preisach_jax.errors import InputError
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
-EffectValues = Mapping[str, Mapping[str, float]]
-"""Values of the nonlinear parameters, by effect and by name."""
+FORMAT = "preisach_jax model"
+FORMAT_VERSION = 1
 
-
-class Chain(eqx.Module):
-    """What is in a model and in which order, without its numbers.
-
-    Arguments:
-        plane: the Preisach plane.
-        effects: effects; they act in the order of their places, and within a place in this order.
-        hysteron: `"ramp"` or `"relay"`.
-
-    Raises:
-        ValueError: if two effects have one name, or one has a place that no chain has.
-
-    Example:
-        >>> from preisach_jax.effects.creep import Creep
-        >>> chain = Chain(Plane(levels=5, low=0.0, high=1.0), (Creep(),))
-        >>> [effect.name for effect in chain.at(OutputEffect)]
-        ['creep']
-    """
-
-    plane: Plane
-    effects: tuple[Effect, ...] = ()
-    hysteron: str = eqx.field(static=True, default="ramp")
-
-    def __check_init__(self):
-        names = [effect.name for effect in self.effects]
-        if len(set(names)) < len(names):
-            raise ValueError(f"the effects {names} have a name twice; give each its own")
-        for effect in self.effects:
-            if not isinstance(effect, InputEffect | WeightEffect | OutputEffect | AddedEffect):
-                raise ValueError(
-                    f"the effect {effect.name!r} is a {type(effect).__name__}: derive it from "
-                    "InputEffect, WeightEffect, OutputEffect or AddedEffect"
-                )
-
-    def at(self, place: type[Effect]) -> list[Any]:
-        """The effects of one place, in order."""
-        return [effect for effect in self.effects if isinstance(effect, place)]
-
-    def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
-        """The same plane and hysterons with other effects."""
-        return Chain(self.plane, effects, self.hysteron)
+RANGE_TOLERANCE = 0.01
+"""Share of the input range by which an input may leave the plane: noise of a converter does."""
 
 
 @dataclass(frozen=True)
-class Columns:
-    """The regressors of a chain at given parameters: what its linear coefficients multiply.
+class ParameterEstimate:
+    """A value with its 95 % interval and its unit."""
 
-    Attributes:
-        matrix: (time, column), in the order cells, initial memory, offset, added effects.
-        cells: how many columns belong to the cells of the plane.
-        groups: for each column of the initial memory, the cells whose unknown start it carries.
-        added: names of the effects of the last columns, one each.
-    """
-
-    matrix: np.ndarray
-    cells: int
-    groups: tuple[np.ndarray, ...]
-    added: tuple[str, ...]
-
-    @property
-    def nonnegative(self) -> np.ndarray:
-        """(column,) whether the coefficient must not be negative: weights and initial memory."""
-        kinds = np.zeros(self.matrix.shape[1], dtype=bool)
-        kinds[: self.cells + len(self.groups)] = True
-        return kinds
-
-    @property
-    def offset(self) -> int:
-        """Index of the constant column."""
-        return self.cells + len(self.groups)
+    value: float
+    low: float
+    high: float
+    unit: str
 
 
 @dataclass(frozen=True)
-class Coefficients:
-    """The linear numbers of a model.
+class Prediction:
+    """A simulated output with its 95 % band, `(time,)` each, in output units; time in s."""
+
+    time: np.ndarray
+    output: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """The record on which a model was identified.
 
     Attributes:
-        weights: (cells,) weights R, in output units.
-        memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
-        offset: output with all hysterons off.
-        added: (column,) coefficients of the added effects.
+        record: its name.
+        sha256: hash of its values.
+        rows: its number of rows.
+        inputs_sha256: hash of its time and input columns.
+        start_s, stop_s: time of its first and its last row, in s.
+        step_s: its median time step, in s.
+        initial_memory: what was assumed of the hysterons before the first row.
+        history: (2, point) time in s and input, thinned without losing a reversal, from which a
+            record that begins where this one ended is continued.
     """
 
-    weights: np.ndarray
-    memory: np.ndarray
-    offset: float
-    added: np.ndarray
+    record: str
+    sha256: str
+    rows: int
+    inputs_sha256: str
+    start_s: float
+    stop_s: float
+    step_s: float
+    initial_memory: str
+    history: np.ndarray
 
     @staticmethod
-    def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
-        """Sort a solution vector over the columns into its parts."""
-        weights = solution[: columns.cells]
-        memory = np.zeros(columns.cells)
-        for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
-            # The column fixes only the sum over the group: each cell gets its share by weight.
-            share = weights[group] + 1e-12 * (1 + weights.max())
-            memory[group] = total * share / share.sum()
-        return Coefficients(
-            weights, memory, float(solution[columns.offset]), solution[columns.offset + 1 :]
+    def of(record: Record) -> Origin:
+        """What a model remembers of its record."""
+        rows = len(record.time)
+        return Origin(
+            record.name,
+            record.sha256,
+            rows,
+            record.inputs_digest(rows),
+            float(record.time[0]),
+            float(record.time[-1]),
+            record.step_s,
+            record.initial_memory,
+            _thinned(record.time, record.input),
         )
 
 
-def signals_of(record: Record) -> Signals:
-    """What of a record drives a model, on the device, with time from the first sample."""
-    return Signals(
-        jnp.asarray(record.time - record.time[0]),
-        jnp.asarray(record.input),
-        {name: jnp.asarray(values) for name, values in record.aux.items()},
-    )
+def _thinned(time: np.ndarray, values: np.ndarray, bins: int = 600) -> np.ndarray:
+    """A course with its first, last, least and greatest value in each of some stretches."""
+    keep = {0, len(values) - 1}
+    for rows in np.array_split(np.arange(len(values)), min(bins, len(values))):
+        part = values[rows]
+        keep |= {int(rows[0]), int(rows[np.argmin(part)]), int(rows[np.argmax(part)])}
+    order = np.array(sorted(keep))
+    return np.stack([time[order], values[order]])
 
 
-@eqx.filter_jit
-def _apply(effect, values: Values, signal, time):
-    return effect.apply(values, signal, time)
-
-
-@eqx.filter_jit
-def _apply_to_columns(effect, values: Values, matrix, time):
-    return jax.vmap(effect.apply, in_axes=(None, 1, None), out_axes=1)(values, matrix, time)
-
-
-@eqx.filter_jit
-def _gain(effect, values: Values, signals: Signals):
-    return effect.gain(values, signals)
-
-
-@eqx.filter_jit
-def _added_columns(effect, values: Values, signals: Signals):
-    return effect.columns(values, signals)
-
-
-@eqx.filter_jit
-def _state_bounds(plane: Plane, path, hysteron: str):
-    return state_bounds(plane, path, hysteron)
-
-
-@eqx.filter_jit
-def _operator(plane: Plane, weights, memory, path, hysteron: str):
-    low, high = state_bounds(plane, path, hysteron)
-    return low @ weights + (high - low) @ memory
-
-
-def _arrays(values: Mapping[str, Any]) -> Values:
-    # Python floats would be compiled in as constants.
-    return {name: jnp.asarray(value, dtype=float) for name, value in values.items()}
-
-
-def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
-    """The input as the hysteresis sees it, behind the input effects, `(time,)`."""
-    path = signals.input
-    for effect in chain.at(InputEffect):
-        path = _apply(effect, _arrays(values[effect.name]), path, signals.time)
-    return path
-
-
-@dataclass(frozen=True)
-class HysteresisColumns:
-    """States of the hysterons along a path, and what their unknown start leaves open.
+@dataclass(frozen=True, eq=False)
+class Model:
+    """An identified model.
 
     Attributes:
-        states: (time, cell + group) states, then a column for each group of the initial memory.
-        groups: the cells of each group.
+        chain: plane, effects, kind of hysteron.
+        values: nonlinear parameters of the effects.
+        coefficients: weights, initial memory, offset, coefficients of added effects.
+        parameters: all parameters of the effects with 95 % intervals.
+        visited: (cells,) whether the identification record moved the hysteron.
+        columns: names of the columns: `"time"`, `"input"`, `"output"`, and a list `"aux"`.
+        units: unit of each of these columns, by role or auxiliary name.
+        origin: the record on which it was identified.
+        rms_validation: held-out RMS error, in output units.
+        noise, discretisation: their shares of it, where a diagnosis has measured them.
     """
 
-    states: jax.Array
-    groups: tuple[np.ndarray, ...]
+    chain: Chain
+    values: Mapping[str, Mapping[str, float]]
+    coefficients: Coefficients
+    parameters: Mapping[str, Mapping[str, ParameterEstimate]]
+    visited: np.ndarray
+    columns: Mapping[str, Any]
+    units: Mapping[str, str]
+    origin: Origin
+    rms_validation: float
+    noise: float | None = None
+    discretisation: float | None = None
 
+    @property
+    def plane(self) -> Plane:
+        """The Preisach plane."""
+        return self.chain.plane
 
-def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> HysteresisColumns:
-    """Columns of the Preisach operator along a path.
+    @property
+    def weights(self) -> np.ndarray:
+        """(cells,) weights R in output units."""
+        return self.coefficients.weights
 
-    Arguments:
-        chain: what is in the model.
-        path: (time,) input as the hysteresis sees it.
-        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
-    """
-    low, high = _state_bounds(chain.plane, path, chain.hysteron)
-    if initial_memory == "free":
-        states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
-        return HysteresisColumns(jnp.asarray(states), groups)
-    start = chain.plane.initial_states(initial_memory, path[0], chain.hysteron)
-    return HysteresisColumns(jnp.clip(start[None, :], low, high), ())
+    @property
+    def offset(self) -> float:
+        """Output with all hysterons off, in output units."""
+        return self.coefficients.offset
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects, in order."""
+        return self.chain.effects
 
-def hysteresis_output(chain: Chain, path: jax.Array, coefficients: Coefficients) -> jax.Array:
-    """Output of the Preisach operator (6) along a path, without offset, `(time,)`."""
-    return _operator(
-        chain.plane,
-        jnp.asarray(coefficients.weights),
-        jnp.asarray(coefficients.memory),
-        path,
-        chain.hysteron,
-    )
+    def with_budget(self, noise: float, discretisation: float) -> Model:
+        """The same model, knowing what its error is made of."""
+        return replace(self, noise=noise, discretisation=discretisation)
 
+    def simulate(self, record: Record) -> np.ndarray:
+        """Output along a record that starts as the identification record did, `(time,)`."""
+        with jax.enable_x64(True):
+            signals = signals_of(record, self.origin.start_s)
+            return np.asarray(response(self.chain, self.values, signals, self.coefficients))
 
-def behind_hysteresis(
-    chain: Chain,
-    values: EffectValues,
-    signals: Signals,
-    hysteresis: jax.Array,
-    coefficients: Coefficients,
-) -> jax.Array:
-    """The output from that of the Preisach operator: weight, output and added effects, `(time,)`."""
-    signal = hysteresis
-    for effect in chain.at(WeightEffect):
-        signal = signal * _gain(effect, _arrays(values[effect.name]), signals)
-    for effect in chain.at(OutputEffect):
-        signal = _apply(effect, _arrays(values[effect.name]), signal, signals.time)
-    signal = signal + coefficients.offset
-    start = 0
-    for effect in chain.at(AddedEffect):
-        columns = _added_columns(effect, _arrays(values[effect.name]), signals)
-        stop = start + columns.shape[1]
-        signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
-        start = stop
-    return signal
+    def predict(self, record: Record) -> Prediction:
+        """Predict the output of a record from its input (and auxiliary columns) alone.
 
+        A record that begins with the one that was identified is continued from it, and so is one
+        whose clock starts where that one's stopped.  Otherwise the memory that the first input
+        does not force is unknown, unless the record states it, and widens the band until the
+        input has forced it.
 
-def response(
-    chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
-) -> jax.Array:
-    """The output of a model, `(time,)`."""
-    path = driven_path(chain, values, signals)
-    hysteresis = hysteresis_output(chain, path, coefficients)
-    return behind_hysteresis(chain, values, signals, hysteresis, coefficients)
+        Arguments:
+            record: the record; its output is not used.
 
+        Returns:
+            The prediction; its band is 1.96 times the held-out RMS error, and what memory leaves
+            open.
 
-def tangents(
-    chain: Chain,
-    values: EffectValues,
-    signals: Signals,
-    coefficients: Coefficients,
-    parameters: list[tuple[str, str]],
-) -> np.ndarray:
-    """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
+        Raises:
+            InputError: if the input leaves the range of the plane, or an auxiliary column that the
+                model needs is missing.
 
-    Forward-mode derivatives; the Preisach operator is differentiated for input effects alone.
-    """
-    hysteresis = None
-    inputs = {effect.name for effect in chain.at(InputEffect)}
-    columns = []
-    for effect, name in parameters:
-
-        def moved(value, effect=effect, name=name):
-            return {**values, effect: {**values[effect], name: value}}
-
-        if effect in inputs:
-
-            def output(value, moved=moved):
-                return response(chain, moved(value), signals, coefficients)
-
+        Example:
+            >>> import numpy as np, preisach_jax as pj
+            >>> t = np.arange(2000) / 100
+            >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> model.predict(pj.Record.from_arrays(t, u, u)).output.shape
+            (2000,)
+        """
+        self._check(record)
+        start = len(record.time)
+        if self._begins_with_origin(record):
+            output, gap = self.simulate(record), np.zeros(start)
+        elif self._follows_origin(record):
+            output, gap = self._continue(record), np.zeros(start)
         else:
-            if hysteresis is None:
-                path = driven_path(chain, values, signals)
-                hysteresis = hysteresis_output(chain, path, coefficients)
+            output, gap = self._from_unknown_memory(record)
+        half = 1.96 * self.rms_validation + gap
+        return Prediction(record.time, output, output - half, output + half)
 
-            def output(value, moved=moved, hysteresis=hysteresis):
-                return behind_hysteresis(chain, moved(value), signals, hysteresis, coefficients)
+    def _check(self, record: Record) -> None:
+        plane = self.plane
+        reach = RANGE_TOLERANCE * (plane.high - plane.low)
+        beyond = np.flatnonzero(
+            (record.input < plane.low - reach) | (record.input > plane.high + reach)
+        )
+        if len(beyond):
+            row = int(beyond[0])
+            unit = self.units.get("input", "")
+            raise InputError(
+                f"{record.name}: the input {record.input[row]:.6g} {unit} in sample {row + 1} lies "
+                f"outside the range {plane.low:.6g} to {plane.high:.6g} {unit} on which the model "
+                f"was identified ({len(beyond)} such samples); identify a model on a record that "
+                "covers it, or cut these samples out"
+            )
+        for effect in self.effects:
+            if isinstance(effect, Auxiliary) and effect.column not in record.aux:
+                raise InputError(
+                    f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
+                    f"load the record with it (--aux {effect.column})"
+                )
 
-        at = jnp.asarray(values[effect][name], dtype=float)
-        columns.append(np.asarray(jax.jvp(output, (at,), (jnp.ones_like(at),))[1]))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(signals.time), 0))
+    def _begins_with_origin(self, record: Record) -> bool:
+        rows = self.origin.rows
+        return len(record.time) >= rows and record.inputs_digest(rows) == self.origin.inputs_sha256
+
+    def _follows_origin(self, record: Record) -> bool:
+        pause = record.time[0] - self.origin.stop_s
+        return 0 < pause <= 10 * self.origin.step_s
+
+    def _continue(self, record: Record) -> np.ndarray:
+        time, values = self.origin.history
+        count = len(time)
+        aux = {name: np.concatenate([np.full(count, v[0]), v]) for name, v in record.aux.items()}
+        whole = Record.from_arrays(
+            np.concatenate([time, record.time]),
+            np.concatenate([values, record.input]),
+            np.full(count + len(record.time), np.nan),
+            aux=aux,
+        )
+        return self.simulate(whole)[count:]
+
+    def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
+        """Output from the middle of what memory leaves open, and half the width of that."""
+        with jax.enable_x64(True):
+            signals = signals_of(record, self.origin.start_s)
+            path = driven_path(self.chain, self.values, signals)
+            weights = self.weights
+            stated = record.initial_memory
+            if stated == "free":
+                start = np.full(len(weights), 0.5)
+            else:
+                start = np.asarray(self.plane.initial_states(stated, path[0], self.chain.hysteron))
+            coefficients = replace(self.coefficients, memory=weights * start)
+            middle = hysteresis_output(self.chain, path, coefficients)
+            output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
+            if stated != "free":
+                return np.asarray(output), np.zeros(len(record.time))
+            lowest = replace(self.coefficients, memory=np.zeros_like(weights))
+            gap = middle - hysteresis_output(self.chain, path, lowest)
+            return np.asarray(output), np.abs(np.asarray(gap))
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of the model file."""
+        origin = asdict(self.origin) | {"history": self.origin.history.tolist()}
+        return {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "library_version": version("preisach_jax"),
+            "hysteron": self.chain.hysteron,
+            "levels": self.plane.levels,
+            "low": self.plane.low,
+            "high": self.plane.high,
+            "offset": self.offset,
+            "weights": self.weights.tolist(),
+            "memory": self.coefficients.memory.tolist(),
+            "visited": self.visited.astype(int).tolist(),
+            "effects": [
+                {
+                    "name": effect.name,
+                    "settings": effect.settings(),
+                    "parameters": {
+                        name: asdict(estimate)
+                        for name, estimate in self.parameters[effect.name].items()
+                    },
+                }
+                for effect in self.effects
+            ],
+            "columns": dict(self.columns),
+            "units": dict(self.units),
+            "sampling": {"step_s": self.origin.step_s, "rows": self.origin.rows},
+            "identification": origin,
+            "rms_validation": self.rms_validation,
+            "noise": self.noise,
+            "discretisation": self.discretisation,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as JSON; an older file stays whole until the new one is.
+
+        Raises:
+            InputError: if the place cannot be written to.
+        """
+        path = Path(path)
+        text = json.dumps(_without_nan(self.to_json()), indent=1, allow_nan=False)
+        unfinished = path.with_name(path.name + ".part")
+        try:
+            unfinished.write_text(text, encoding="utf-8")
+            os.replace(unfinished, path)
+        except OSError as error:
+            unfinished.unlink(missing_ok=True)
+            raise InputError(
+                f"{path}: the model cannot be written ({error.strerror}); choose another place"
+            ) from error
+
+    @staticmethod
+    def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
+        """Read a model.
+
+        Arguments:
+            path: its file.
+            effects: effects of one's own that the model holds.
+
+        Raises:
+            InputError: if the file is missing, broken, or written by a newer version.
+        """
+        path = Path(path)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(
+                f"{path}: the model cannot be read ({error.strerror}); check the path"
+            ) from error
+        except ValueError as error:
+            raise InputError(
+                f"{path}: this is no model file (it is not valid JSON: {error}); write one with "
+                "'preisach fit ... --out model.json'"
+            ) from error
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise InputError(
+                f"{path}: this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write "
+                "one with 'preisach fit ... --out model.json'"
+            )
+        found = content.get("format_version")
+        if found != FORMAT_VERSION:
+            raise InputError(
+                f"{path}: the model has format version {found!r} (written by preisach_jax "
+                f"{content.get('library_version')}), and this library reads version "
+                f"{FORMAT_VERSION}; install the version that wrote it, or fit anew"
+            )
+        try:
+            return _model_from(content, {effect.name: effect for effect in effects})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InputError(
+                f"{path}: the model file is damaged ({type(error).__name__}: {error}); fit the "
+                "model anew"
+            ) from error
 
 
-def regressors(
-    chain: Chain,
-    values: EffectValues,
-    signals: Signals,
-    hysteresis: HysteresisColumns,
-) -> Columns:
-    """The columns that the linear coefficients multiply, at given nonlinear parameters.
-
-    Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
-        hysteresis: the `hysteresis_columns` along its `driven_path`.
-
-    Returns:
-        The columns, `(time, column)`.
-    """
-    states = hysteresis.states
-    for effect in chain.at(WeightEffect):
-        states = states * _gain(effect, _arrays(values[effect.name]), signals)[:, None]
-    for effect in chain.at(OutputEffect):
-        states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
-    parts = [np.asarray(states), np.ones((len(signals.time), 1))]
-    names: list[str] = []
-    for effect in chain.at(AddedEffect):
-        parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
-        names += [effect.name] * parts[-1].shape[1]
-    return Columns(np.concatenate(parts, axis=1), chain.plane.cells, hysteresis.groups, tuple(names))
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(inner) for inner in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
 
 
-def _with_memory_columns(
-    low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Columns of the cells, and one for each group of them whose unknown start ends together.
+def _effect_from(entry: dict[str, Any], own: dict[str, Effect]) -> Effect:
+    name = entry["name"]
+    settings = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in entry["settings"].items()
+    }
+    if name in own:
+        return type(own[name])(**settings)
+    kinds = {kind().name: kind for kind in BUILT_IN} | {
+        known: type(effect) for known, effect in library().items()
+    }
+    kind = kinds.get("aux:COL" if name.startswith("aux:") else name)
+    if kind is None:
+        raise InputError(
+            f"the model holds the effect {name!r}, which this library does not know; pass it: "
+            "Model.load(path, effects=[...])"
+        )
+    return kind(**settings)
 
-    A hysteron that has not been forced since the start adds an unknown constant.  Those that are
-    forced at the same sample have one course until then, so that one column serves the group;
-    those that are never forced add to the offset.
-    """
-    gap = high - low
-    free = np.flatnonzero(gap[0] > 0)
-    forced = np.where((gap[:, free] <= 0).any(axis=0), (gap[:, free] <= 0).argmax(axis=0), -1)
-    groups, columns = [], []
-    for sample in np.unique(forced):
-        group = free[forced == sample]
-        column = gap[:, group].mean(axis=1)
-        if np.ptp(column) > 0:
-            groups.append(group)
-            columns.append(column)
-    return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)
+
+def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
+    plane = Plane(content["levels"], content["low"], content["high"])
+    effects = tuple(_effect_from(entry, own) for entry in content["effects"])
+    parameters = {
+        entry["name"]: {
+            name: ParameterEstimate(
+                estimate["value"],
+                -np.inf if estimate["low"] is None else estimate["low"],
+                np.inf if estimate["high"] is None else estimate["high"],
+                estimate["unit"],
+            )
+            for name, estimate in entry["parameters"].items()
+        }
+        for entry in content["effects"]
+    }
+    values = {
+        effect.name: {
+            parameter.name: parameters[effect.name][parameter.name].value
+            for parameter in effect.parameters()
+        }
+        for effect in effects
+    }
+    added = [
+        parameters[effect.name][coefficient.name].value
+        for effect in effects
+        if isinstance(effect, AddedEffect)
+        for coefficient in effect.coefficients()
+    ]
+    arrays = {
+        name: np.asarray(content[name], dtype=float) for name in ("weights", "memory", "visited")
+    }
+    for name, array in arrays.items():
+        if array.shape != (plane.cells,) or not np.isfinite(array).all():
+            raise ValueError(f"{name!r} must be {plane.cells} finite numbers, one a cell")
+    identification = dict(content["identification"])
+    identification["history"] = np.asarray(identification["history"], dtype=float)
+    return Model(
+        chain=Chain(plane, effects, content["hysteron"]),
+        values=values,
+        coefficients=Coefficients(
+            arrays["weights"], arrays["memory"], float(content["offset"]), np.asarray(added)
+        ),
+        parameters=parameters,
+        visited=arrays["visited"].astype(bool),
+        columns=content["columns"],
+        units=content["units"],
+        origin=Origin(**identification),
+        rms_validation=float(content["rms_validation"]),
+        noise=content["noise"],
+        discretisation=content["discretisation"],
+    )

@@ -11,6 +11,9 @@ import scipy.linalg
 STRENGTHS = tuple(10.0**exponent for exponent in range(-8, 1))
 """Strengths of the smoothness prior among which the data choose, per sample."""
 
+LEAST_IMPROVEMENT = 1e-3
+"""Relative fall of the cross-validated error for which another strength is preferred."""
+
 RIDGE = 1e-10
 """Ridge relative to the largest diagonal entry: keeps columns that never move determinate."""
 
@@ -151,7 +154,7 @@ def normal_equations(
     Arguments:
         matrix: (row, column) regressors: cells, memory groups, offset, added columns.
         target: (row,) output.
-        fold: (row,) fold of each row, from 0.
+        fold: (row,) fold of each row, from 0, ascending.
         levels: levels N of the plane.
         nonnegative: (column,) whether the coefficient must not be negative.
         groups: cells whose unknown initial memory each memory column carries.
@@ -168,10 +171,11 @@ def normal_equations(
     gram, moment = np.zeros((folds, columns, columns)), np.zeros((folds, columns))
     power, count = np.zeros(folds), np.zeros(folds)
     for k in range(folds):
-        rows = fold == k
-        part, goal = matrix[rows] / scale, target[rows]
-        gram[k], moment[k] = part.T @ part, part.T @ goal
-        power[k], count[k] = goal @ goal, rows.sum()
+        rows = slice(*np.searchsorted(fold, [k, k + 1]))
+        part, goal = matrix[rows], target[rows]
+        gram[k] = part.T @ part / np.outer(scale, scale)
+        moment[k] = part.T @ goal / scale
+        power[k], count[k] = goal @ goal, len(goal)
     prior, memory = np.zeros((columns, columns)), np.zeros((columns, columns))
     prior[:cells, :cells] = smoothness(levels)
     for position, group in enumerate(groups):
@@ -240,37 +244,41 @@ def solve_nonnegative(
     return np.where(nonnegative, np.maximum(solution, 0.0), solution)
 
 
-def choose_strength(
-    equations: NormalEquations, folds: np.ndarray, strengths: tuple[float, ...] = STRENGTHS
-) -> float:
+def choose_strength(equations: NormalEquations, folds: np.ndarray, start: float) -> float:
     """Strength of the smoothness prior with the least cross-validated error over some folds.
 
-    Each fold is predicted from the others.  The search goes from strong to weak and stops where
-    weaker has become worse, so that hardly determined systems are not solved for nothing.
+    Each fold is predicted from the others.  The search goes downhill from a start, by a decade at
+    a time, the stronger side first: weak priors are slow to solve for, and rarely the best.
 
     Arguments:
         equations: the regression.
         folds: indices of the folds to use, two or more.
-        strengths: strengths to try.
+        start: strength to start from, one of `STRENGTHS`.
 
     Returns:
         The best strength.
     """
-    best, best_error, worse = max(strengths), np.inf, 0
-    passive = {int(k): None for k in folds}
-    for strength in sorted(strengths, reverse=True):
-        squares = 0.0
-        for k in folds:
-            others = folds[folds != k]
-            gram, moment = equations.system(others, strength)
-            solution = solve_nonnegative(gram, moment, equations.nonnegative, passive[int(k)])
-            passive[int(k)] = solution > 0
-            held_out = equations.mean_square(solution, np.array([k]))
-            squares += held_out * equations.count[k]
-        if squares < best_error * (1 - 1e-3):
-            best, best_error, worse = strength, squares, 0
-        else:
-            worse += 1
-            if worse == 2:
+    passive: dict[int, np.ndarray | None] = {int(k): None for k in folds}
+    errors: dict[int, float] = {}
+
+    def error(position: int) -> float:
+        if position not in errors:
+            squares = 0.0
+            for k in folds:
+                gram, moment = equations.system(folds[folds != k], STRENGTHS[position])
+                solution = solve_nonnegative(gram, moment, equations.nonnegative, passive[int(k)])
+                passive[int(k)] = solution > 0
+                squares += equations.mean_square(solution, np.array([k])) * equations.count[k]
+            errors[position] = squares
+        return errors[position]
+
+    best = int(np.argmin(np.abs(np.log(np.asarray(STRENGTHS) / start))))
+    for direction in (1, -1):
+        moved = False
+        while 0 <= best + direction < len(STRENGTHS):
+            if not error(best + direction) < (1 - LEAST_IMPROVEMENT) * error(best):
                 break
-    return best
+            best, moved = best + direction, True
+        if moved:
+            break
+    return STRENGTHS[best]

@@ -64,9 +64,7 @@ class Drift(AddedEffect):
         )
 
     def coefficients(self):
-        return (
-            Parameter("amplitude", "{z}", -jnp.inf, jnp.inf, meaning="change over the record"),
-        )
+        return (Parameter("amplitude", "{z}", -jnp.inf, jnp.inf, meaning="change over the record"),)
 
     def bound_to(self, span: Span):
         return Drift(horizon_s=span.duration_s)

@@ -1,0 +1,350 @@
+"""The signal chain: input effects, Preisach operator, weight, output and added effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    InputEffect,
+    OutputEffect,
+    Signals,
+    Values,
+    WeightEffect,
+)
+from preisach_jax.hysteron import state_bounds
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+EffectValues = Mapping[str, Mapping[str, float]]
+"""Values of the nonlinear parameters, by effect and by name."""
+
+
+class Chain(eqx.Module):
+    """What is in a model and in which order, without its numbers.
+
+    Arguments:
+        plane: the Preisach plane.
+        effects: effects; they act in the order of their places, and within a place in this order.
+        hysteron: `"ramp"` or `"relay"`.
+
+    Raises:
+        ValueError: if two effects have one name, or one has a place that no chain has.
+
+    Example:
+        >>> from preisach_jax.effects.creep import Creep
+        >>> chain = Chain(Plane(levels=5, low=0.0, high=1.0), (Creep(),))
+        >>> [effect.name for effect in chain.at(OutputEffect)]
+        ['creep']
+    """
+
+    plane: Plane
+    effects: tuple[Effect, ...] = ()
+    hysteron: str = eqx.field(static=True, default="ramp")
+
+    def __check_init__(self):
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) < len(names):
+            raise ValueError(f"the effects {names} have a name twice; give each its own")
+        for effect in self.effects:
+            if not isinstance(effect, InputEffect | WeightEffect | OutputEffect | AddedEffect):
+                raise ValueError(
+                    f"the effect {effect.name!r} is a {type(effect).__name__}: derive it from "
+                    "InputEffect, WeightEffect, OutputEffect or AddedEffect"
+                )
+
+    def at(self, place: type[Effect]) -> list[Any]:
+        """The effects of one place, in order."""
+        return [effect for effect in self.effects if isinstance(effect, place)]
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
+        """The same plane and hysterons with other effects."""
+        return Chain(self.plane, effects, self.hysteron)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The regressors of a chain at given parameters: what its linear coefficients multiply.
+
+    Attributes:
+        matrix: (time, column), in the order cells, initial memory, offset, added effects.
+        cells: how many columns belong to the cells of the plane.
+        groups: for each column of the initial memory, the cells whose unknown start it carries.
+        added: names of the effects of the last columns, one each.
+    """
+
+    matrix: np.ndarray
+    cells: int
+    groups: tuple[np.ndarray, ...]
+    added: tuple[str, ...]
+
+    @property
+    def nonnegative(self) -> np.ndarray:
+        """(column,) whether the coefficient must not be negative: weights and initial memory."""
+        kinds = np.zeros(self.matrix.shape[1], dtype=bool)
+        kinds[: self.cells + len(self.groups)] = True
+        return kinds
+
+    @property
+    def offset(self) -> int:
+        """Index of the constant column."""
+        return self.cells + len(self.groups)
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """The linear numbers of a model.
+
+    Attributes:
+        weights: (cells,) weights R, in output units.
+        memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
+        offset: output with all hysterons off.
+        added: (column,) coefficients of the added effects.
+    """
+
+    weights: np.ndarray
+    memory: np.ndarray
+    offset: float
+    added: np.ndarray
+
+    @staticmethod
+    def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
+        """Sort a solution vector over the columns into its parts."""
+        weights = solution[: columns.cells]
+        memory = np.zeros(columns.cells)
+        for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
+            # The column fixes only the sum over the group: each cell gets its share by weight.
+            share = weights[group] + 1e-12 * (1 + weights.max())
+            memory[group] = total * share / share.sum()
+        return Coefficients(
+            weights, memory, float(solution[columns.offset]), solution[columns.offset + 1 :]
+        )
+
+
+def signals_of(record: Record, origin_s: float | None = None) -> Signals:
+    """What of a record drives a model, on the device.
+
+    Arguments:
+        record: the record.
+        origin_s: time of the record that is zero for the effects; its first sample by default.
+    """
+    origin = record.time[0] if origin_s is None else origin_s
+    return Signals(
+        jnp.asarray(record.time - origin),
+        jnp.asarray(record.input),
+        {name: jnp.asarray(values) for name, values in record.aux.items()},
+    )
+
+
+@eqx.filter_jit
+def _apply(effect, values: Values, signal, time):
+    return effect.apply(values, signal, time)
+
+
+@eqx.filter_jit
+def _apply_to_columns(effect, values: Values, matrix, time):
+    return jax.vmap(effect.apply, in_axes=(None, 1, None), out_axes=1)(values, matrix, time)
+
+
+@eqx.filter_jit
+def _gain(effect, values: Values, signals: Signals):
+    return effect.gain(values, signals)
+
+
+@eqx.filter_jit
+def _added_columns(effect, values: Values, signals: Signals):
+    return effect.columns(values, signals)
+
+
+@eqx.filter_jit
+def _state_bounds(plane: Plane, path, hysteron: str):
+    return state_bounds(plane, path, hysteron)
+
+
+@eqx.filter_jit
+def _operator(plane: Plane, weights, memory, path, hysteron: str):
+    low, high = state_bounds(plane, path, hysteron)
+    return low @ weights + (high - low) @ memory
+
+
+def _arrays(values: Mapping[str, Any]) -> Values:
+    # Python floats would be compiled in as constants.
+    return {name: jnp.asarray(value, dtype=float) for name, value in values.items()}
+
+
+def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
+    """The input as the hysteresis sees it, behind the input effects, `(time,)`."""
+    path = signals.input
+    for effect in chain.at(InputEffect):
+        path = _apply(effect, _arrays(values[effect.name]), path, signals.time)
+    return path
+
+
+@dataclass(frozen=True)
+class HysteresisColumns:
+    """States of the hysterons along a path, and what their unknown start leaves open.
+
+    Attributes:
+        states: (time, cell + group) states, then a column for each group of the initial memory.
+        groups: the cells of each group.
+    """
+
+    states: jax.Array
+    groups: tuple[np.ndarray, ...]
+
+
+def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> HysteresisColumns:
+    """Columns of the Preisach operator along a path.
+
+    Arguments:
+        chain: what is in the model.
+        path: (time,) input as the hysteresis sees it.
+        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
+    """
+    low, high = _state_bounds(chain.plane, path, chain.hysteron)
+    if initial_memory == "free":
+        states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
+        return HysteresisColumns(jnp.asarray(states), groups)
+    start = chain.plane.initial_states(initial_memory, path[0], chain.hysteron)
+    return HysteresisColumns(jnp.clip(start[None, :], low, high), ())
+
+
+def hysteresis_output(chain: Chain, path: jax.Array, coefficients: Coefficients) -> jax.Array:
+    """Output of the Preisach operator (6) along a path, without offset, `(time,)`."""
+    return _operator(
+        chain.plane,
+        jnp.asarray(coefficients.weights),
+        jnp.asarray(coefficients.memory),
+        path,
+        chain.hysteron,
+    )
+
+
+def behind_hysteresis(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    hysteresis: jax.Array,
+    coefficients: Coefficients,
+) -> jax.Array:
+    """From the output of the Preisach operator to that of the model, `(time,)`."""
+    signal = hysteresis
+    for effect in chain.at(WeightEffect):
+        signal = signal * _gain(effect, _arrays(values[effect.name]), signals)
+    for effect in chain.at(OutputEffect):
+        signal = _apply(effect, _arrays(values[effect.name]), signal, signals.time)
+    signal = signal + coefficients.offset
+    start = 0
+    for effect in chain.at(AddedEffect):
+        columns = _added_columns(effect, _arrays(values[effect.name]), signals)
+        stop = start + columns.shape[1]
+        signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
+        start = stop
+    return signal
+
+
+def response(
+    chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
+) -> jax.Array:
+    """The output of a model, `(time,)`."""
+    path = driven_path(chain, values, signals)
+    hysteresis = hysteresis_output(chain, path, coefficients)
+    return behind_hysteresis(chain, values, signals, hysteresis, coefficients)
+
+
+def tangents(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    coefficients: Coefficients,
+    parameters: list[tuple[str, str]],
+) -> np.ndarray:
+    """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
+
+    Forward-mode derivatives; the Preisach operator is differentiated for input effects alone.
+    """
+    hysteresis = None
+    inputs = {effect.name for effect in chain.at(InputEffect)}
+    columns = []
+    for effect, name in parameters:
+
+        def moved(value, effect=effect, name=name):
+            return {**values, effect: {**values[effect], name: value}}
+
+        if effect in inputs:
+
+            def output(value, moved=moved):
+                return response(chain, moved(value), signals, coefficients)
+
+        else:
+            if hysteresis is None:
+                path = driven_path(chain, values, signals)
+                hysteresis = hysteresis_output(chain, path, coefficients)
+
+            def output(value, moved=moved, hysteresis=hysteresis):
+                return behind_hysteresis(chain, moved(value), signals, hysteresis, coefficients)
+
+        at = jnp.asarray(values[effect][name], dtype=float)
+        columns.append(np.asarray(jax.jvp(output, (at,), (jnp.ones_like(at),))[1]))
+    return np.stack(columns, axis=1) if columns else np.zeros((len(signals.time), 0))
+
+
+def regressors(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    hysteresis: HysteresisColumns,
+) -> Columns:
+    """The columns that the linear coefficients multiply, at given nonlinear parameters.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        hysteresis: the `hysteresis_columns` along its `driven_path`.
+
+    Returns:
+        The columns, `(time, column)`.
+    """
+    states = hysteresis.states
+    for effect in chain.at(WeightEffect):
+        states = states * _gain(effect, _arrays(values[effect.name]), signals)[:, None]
+    for effect in chain.at(OutputEffect):
+        states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
+    parts = [np.asarray(states), np.ones((len(signals.time), 1))]
+    names: list[str] = []
+    for effect in chain.at(AddedEffect):
+        parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
+        names += [effect.name] * parts[-1].shape[1]
+    matrix = np.concatenate(parts, axis=1)
+    return Columns(matrix, chain.plane.cells, hysteresis.groups, tuple(names))
+
+
+def _with_memory_columns(
+    low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Columns of the cells, and one for each group of them whose unknown start ends together.
+
+    A hysteron that has not been forced since the start adds an unknown constant.  Those that are
+    forced at the same sample have one course until then, so that one column serves the group;
+    those that are never forced add to the offset.
+    """
+    gap = high - low
+    free = np.flatnonzero(gap[0] > 0)
+    forced = np.where((gap[:, free] <= 0).any(axis=0), (gap[:, free] <= 0).argmax(axis=0), -1)
+    groups, columns = [], []
+    for sample in np.unique(forced):
+        group = free[forced == sample]
+        column = gap[:, group].mean(axis=1)
+        if np.ptp(column) > 0:
+            groups.append(group)
+            columns.append(column)
+    return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)

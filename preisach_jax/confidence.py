@@ -1,0 +1,81 @@
+"""Confidence intervals of a model's parameters from residuals that are correlated in time."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+
+from preisach_jax.effects.base import AddedEffect, Parameter
+from preisach_jax.identify import ALL, BLOCKS, Point, Problem, linearise
+from preisach_jax.model import ParameterEstimate
+
+LEVEL = 0.95
+
+
+def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEstimate]]:
+    r"""All parameters of a point's effects with 95 % intervals.
+
+    Joint linearisation in weights and parameters, with the sandwich covariance
+    \(M^{-1} \bigl(\sum_b s_b s_b^\top\bigr) M^{-1}\) over contiguous blocks b, whose scores
+    \(s_b = \sum_{k \in b} a_k e_k\) carry whatever correlation the residuals have inside a block
+    (H. White, Asymptotic Theory for Econometricians, 2nd ed., Academic Press 2001, ch. 6).
+
+    Arguments:
+        problem: the record.
+        point: a refined point, identified on all rows.
+
+    Returns:
+        Estimates by effect and parameter name; intervals never leave the parameters' bounds.
+    """
+    parameters = point.parameters
+    linear = linearise(problem, point, parameters)
+    size = len(point.solution)
+    gram, _ = linear.equations.system(ALL, point.strength)
+    free = ~point.equations.nonnegative | (point.solution > 0)
+    inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
+    matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
+    residual = problem.target / problem.unit - point.matrix @ point.solution
+    scores = np.stack(
+        [matrix[problem.block == b].T @ residual[problem.block == b] for b in range(BLOCKS)]
+    )
+    influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
+    deviation = np.zeros(gram.shape[0])
+    deviation[inside] = np.sqrt((influence**2).sum(axis=0) * BLOCKS / (BLOCKS - 1))
+    factor = scipy.stats.t.ppf(0.5 + LEVEL / 2, BLOCKS - 1)
+    found = {effect.name: {} for effect in point.chain.effects}
+    for position, (effect, parameter) in enumerate(parameters):
+        half = factor * deviation[size + position] / linear.scale[position]
+        found[effect][parameter.name] = _interval(
+            parameter, point.values[effect][parameter.name], half, problem
+        )
+    column = point.columns.offset + 1
+    for effect in point.chain.at(AddedEffect):
+        for coefficient in effect.coefficients():
+            per_unit = problem.unit / point.equations.scale[column]
+            found[effect.name][coefficient.name] = _interval(
+                coefficient,
+                float(point.solution[column] * per_unit),
+                float(factor * deviation[column] * per_unit),
+                problem,
+            )
+            column += 1
+    return found
+
+
+def _interval(
+    parameter: Parameter, value: float, half: float, problem: Problem
+) -> ParameterEstimate:
+    centre = parameter.to_search(value)
+    with np.errstate(over="ignore"):
+        low, high = centre - half, centre + half
+        if parameter.log:
+            low, high = np.exp(low), np.exp(high)
+    channels = problem.record.channels
+    unit = parameter.unit.replace("{z}", channels["output"].unit or "1")
+    return ParameterEstimate(
+        value,
+        float(max(low, parameter.low)),
+        float(min(high, parameter.high)),
+        unit.replace("{u}", channels["input"].unit or "1"),
+    )

@@ -1,0 +1,6 @@
+"""Compare a model with a measurement, and say which effect it lacks."""
+
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding, Rung
+from preisach_jax.diagnosis.selection import diagnose
+
+__all__ = ["Budget", "Candidate", "Diagnosis", "Experiment", "Finding", "Rung", "diagnose"]

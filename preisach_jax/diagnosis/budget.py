@@ -1,0 +1,86 @@
+"""The error budget: what of the error is noise, and what the grid of the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.stats
+
+from preisach_jax.diagnosis.evidence import residual_of
+from preisach_jax.fit import at_levels
+from preisach_jax.identify import Point, Problem
+
+MOST_LEVELS = 50
+"""Finest plane that is tried of one's own accord."""
+
+MOST_WORK = 3e10
+"""Rows times squared cells beyond which a plane is not tried of one's own accord."""
+
+REFINEMENT = 1.5
+
+
+def noise_rms(problem: Problem, point: Point) -> float:
+    r"""RMS of the noise, from what is unpredictable from one sample to the next.
+
+    Second differences of the residual of the best model, \(e_{k-1} - 2 e_k + e_{k+1}\), have
+    variance \(6\sigma^2\) for white noise, and hardly any share of what a model may lack; their
+    median absolute value does not mind the samples at which a fast move betrays the model.  The
+    step of the converter sets the least value.
+
+    Arguments:
+        problem: the record.
+        point: the best model of it.
+
+    Returns:
+        The RMS in output units.
+    """
+    residual = residual_of(problem, point) * problem.unit
+    differences = np.diff(residual, n=2)
+    deviation = scipy.stats.median_abs_deviation(differences, scale="normal")
+    return max(float(deviation) / np.sqrt(6), quantisation_step(problem.target) / np.sqrt(12))
+
+
+def quantisation_step(output: np.ndarray) -> float:
+    """Step of the converter behind an output, 0 if its values lie on no lattice.
+
+    A lattice shows itself by values that come again: the step is the least difference between
+    them, if no more than a tenth of the samples are different from each other.
+    """
+    values = np.unique(output)
+    if len(values) > len(output) / 10 or len(values) < 2:
+        return 0.0
+    return float(np.min(np.diff(values)))
+
+
+def refined_levels(rows: int, levels: int) -> int | None:
+    """The next finer plane that is worth its work on a record of so many rows, or None."""
+    finer = min(round(levels * REFINEMENT), MOST_LEVELS)
+    cells = finer * (finer + 1) / 2
+    if finer <= levels or rows * cells**2 > MOST_WORK:
+        return None
+    return finer
+
+
+def discretisation_rms(problem: Problem, point: Point, finer: Point | None = None) -> float:
+    """RMS of what the grid of the plane adds, from the fall of the held-out error on another.
+
+    A finer plane takes its share away; where none can be afforded, a coarser one adds its share,
+    and the error of a smooth density falls with the second power of the cell.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        finer: the same model on a finer plane, if it was computed.
+
+    Returns:
+        The RMS in output units.
+    """
+    here = point.validation_mean_square
+    levels = point.chain.plane.levels
+    if finer is not None:
+        kept = (levels / finer.chain.plane.levels) ** 4
+        share = (here - finer.validation_mean_square) / (1 - kept)
+    else:
+        coarser = max(2, round(levels / REFINEMENT))
+        grown = (levels / coarser) ** 4
+        share = (at_levels(problem, point, coarser).validation_mean_square - here) / (grown - 1)
+    return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit

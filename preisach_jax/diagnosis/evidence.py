@@ -1,0 +1,146 @@
+"""The two locks before an effect is named: held-out blocks, and a whitened criterion."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from preisach_jax.identify import VALIDATION, Point, Problem
+
+LEAST_GAIN = 0.02
+"""Relative fall of the held-out mean square below which nothing is named."""
+
+LEAST_Z = 2.0
+"""Standardised mean gain over the held-out blocks below which nothing is named."""
+
+LEAST_DELTA_BIC = 10.0
+"""Fall of the whitened criterion below which nothing is named."""
+
+AR_ORDER = 20
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for a model against another.
+
+    Attributes:
+        gain: relative fall of the held-out mean square.
+        z: mean over its standard error of the paired gains of the held-out blocks, the greater of
+            that of mean squares and that of their logarithms.
+        blocks: number of held-out blocks.
+        delta_bic: fall of the Bayesian information criterion on whitened residuals.
+    """
+
+    gain: float
+    z: float
+    blocks: int
+    delta_bic: float
+
+    @property
+    def against(self) -> str:
+        """Why the locks stay closed; empty if both open."""
+        reasons = []
+        if self.gain < LEAST_GAIN:
+            reasons.append(
+                f"the held-out mean square falls by {100 * self.gain:.1f} %, less than "
+                f"{100 * LEAST_GAIN:.0f} %"
+                if self.gain > 0
+                else "the held-out error does not fall"
+            )
+        elif self.z < LEAST_Z:
+            reasons.append(
+                f"the gain is not alike over the {self.blocks} held-out blocks "
+                f"(z = {self.z:.1f}, below {LEAST_Z:.0f})"
+            )
+        if self.delta_bic < LEAST_DELTA_BIC:
+            reasons.append(
+                "the whitened residual does not shrink enough for the parameters spent "
+                f"(ΔBIC = {self.delta_bic:.0f}, below {LEAST_DELTA_BIC:.0f})"
+            )
+        return "; ".join(reasons)
+
+    def numbers(self) -> dict[str, float]:
+        """The evidence as plain numbers."""
+        return asdict(self)
+
+
+def residual_of(problem: Problem, point: Point) -> np.ndarray:
+    """(row,) residual of a point over all measured rows in time order, in output ranges."""
+    residual = problem.target / problem.unit - point.matrix @ point.solution
+    return residual[problem.in_time]
+
+
+def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:
+    """Variance of what an autoregression cannot predict of a residual.
+
+    Least squares on lagged values (P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods,
+    2nd ed., Springer 1991, ch. 8).
+
+    Arguments:
+        residual: (row,) residual in time order.
+        order: number of lags; a tenth of the rows at most.
+
+    Returns:
+        The variance, positive.
+    """
+    order = min(order, len(residual) // 10)
+    goal = residual[order:]
+    lagged = np.stack([residual[order - k : -k] for k in range(1, order + 1)], axis=1)
+    solution = np.linalg.lstsq(lagged, goal, rcond=None)[0]
+    return max(float(np.mean((goal - lagged @ solution) ** 2)), np.finfo(float).tiny)
+
+
+def free_parameters(point: Point) -> int:
+    """Number of parameters that the effects of a point spend; amounts of zero spend none."""
+    spent = len(point.columns.added)
+    for effect, parameter in point.parameters:
+        amount = parameter.low == 0 and not parameter.log
+        spent += not (amount and point.values[effect][parameter.name] == 0)
+    return spent
+
+
+def block_mean_squares(problem: Problem, residual: np.ndarray) -> np.ndarray:
+    """(block,) mean square of a residual in time order over each held-out block."""
+    block = problem.block[problem.in_time]
+    held_out = np.unique(block[problem.fold[problem.in_time] == VALIDATION[0]])
+    return np.array([np.mean(residual[block == one] ** 2) for one in held_out])
+
+
+def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
+    """Evidence for one model against another that is held to be simpler.
+
+    Arguments:
+        problem: the record.
+        simple: the model to beat.
+        rich: the model that should be better.
+
+    Returns:
+        The evidence; positive numbers speak for `rich`.
+    """
+    before, after = residual_of(problem, simple), residual_of(problem, rich)
+    squares_before = block_mean_squares(problem, before)
+    squares_after = block_mean_squares(problem, after)
+    count = len(problem.target)
+    spent = free_parameters(rich) - free_parameters(simple)
+    ratio = innovation_variance(before) / innovation_variance(after)
+    return Evidence(
+        gain=1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square),
+        z=max(
+            standardised(squares_before - squares_after),
+            standardised(np.log(squares_before) - np.log(squares_after)),
+        ),
+        blocks=len(squares_before),
+        delta_bic=float(count * np.log(ratio) - spent * np.log(count)),
+    )
+
+
+def simple_ratio(part: float, whole: float) -> float:
+    """A ratio that is one where the whole vanishes."""
+    return part / whole if whole > 0 else 1.0
+
+
+def standardised(values: np.ndarray) -> float:
+    """Mean of some values over its standard error; zero if they do not vary."""
+    error = np.std(values, ddof=1) / np.sqrt(len(values))
+    return float(np.mean(values) / error) if error > 0 else 0.0

@@ -1,0 +1,177 @@
+"""What a diagnosis says: verdict, findings, ladder, budget, candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from preisach_jax.fit import Fit
+from preisach_jax.model import Model, ParameterEstimate
+
+VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of the ladder, with its errors in output units."""
+
+    effects: tuple[str, ...]
+    rms_identification: float
+    rms_validation: float
+    max_abs_validation: float
+    fit_percent: float
+
+    @staticmethod
+    def of(fit: Fit) -> Rung:
+        """The rung on which a fit stands."""
+        return Rung(
+            fit.effects,
+            fit.rms_identification,
+            fit.rms_validation,
+            fit.max_abs_validation,
+            fit.fit_percent,
+        )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that was found missing.
+
+    Attributes:
+        effect: its name.
+        family: names that this record cannot tell from it, itself included.
+        parameters: its parameters with 95 % intervals.
+        rms_before, rms_after: held-out error without and with it, in output units.
+        evidence: what the two locks measured.
+    """
+
+    effect: str
+    family: tuple[str, ...]
+    parameters: Mapping[str, ParameterEstimate]
+    rms_before: float
+    rms_after: float
+    evidence: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that was tried.
+
+    Attributes:
+        effect: its name.
+        step: how many effects the model had when it was tried.
+        gain: relative fall of the held-out mean square.
+        rms_validation: held-out error with it, in output units.
+        evidence: what the two locks measured.
+        accepted: whether it was added.
+        why_not: why it was not; empty if it was.
+    """
+
+    effect: str
+    step: int
+    gain: float
+    rms_validation: float
+    evidence: Mapping[str, float]
+    accepted: bool
+    why_not: str
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Where the held-out error comes from, each as RMS in `unit`."""
+
+    noise: float
+    discretisation: float
+    unexplained: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to record next, why, and which families it splits."""
+
+    text: str
+    why: str
+    families: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The outcome of a diagnosis.
+
+    Attributes:
+        verdict: `"adequate"`, `"explained"`, `"partly_explained"` or `"unexplained"`.
+        sentence: the verdict in one sentence.
+        findings: one an effect, in the order in which they were added.
+        ladder: one rung a model, first the base.
+        budget: what the last error is made of.
+        candidates: all effects tried.
+        next_experiment: what to record next, or None.
+        located: where what remains sits; empty if it is within the budget.
+        steps: the fit of each rung.
+    """
+
+    verdict: str
+    sentence: str
+    findings: tuple[Finding, ...]
+    ladder: tuple[Rung, ...]
+    budget: Budget
+    candidates: tuple[Candidate, ...]
+    next_experiment: Experiment | None
+    located: str
+    steps: tuple[Fit, ...]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the order in which they were added."""
+        return tuple(finding.effect for finding in self.findings)
+
+    @property
+    def base(self) -> Fit:
+        """The fit without effects."""
+        return self.steps[0]
+
+    @property
+    def final(self) -> Fit:
+        """The fit with all effects that were found."""
+        return self.steps[-1]
+
+    @property
+    def model(self) -> Model:
+        """The final model."""
+        return self.final.model
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of `diagnosis.json`."""
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "effects": list(self.effects),
+            "findings": [asdict(finding) for finding in self.findings],
+            "ladder": [asdict(rung) for rung in self.ladder],
+            "budget": asdict(self.budget),
+            "candidates": [asdict(candidate) for candidate in self.candidates],
+            "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
+            "located": self.located,
+        }
+
+    def summary(self) -> str:
+        """The verdict and the ladder as text."""
+        unit = self.budget.unit
+        lines = [f"{self.verdict}: {self.sentence}", ""]
+        for rung in self.ladder:
+            name = " + ".join(rung.effects) or "rate-independent Preisach model"
+            lines.append(
+                f"  {name}: held-out error {rung.rms_validation:.4g} {unit} RMS, "
+                f"{rung.max_abs_validation:.4g} {unit} at most, fit {rung.fit_percent:.2f} %"
+            )
+        lines.append(
+            f"  budget: noise {self.budget.noise:.3g}, discretisation "
+            f"{self.budget.discretisation:.3g}, unexplained {self.budget.unexplained:.3g} {unit}"
+        )
+        if self.located:
+            lines.append(f"  what remains: {self.located}")
+        if self.next_experiment:
+            lines.append(f"  record next: {self.next_experiment.text}")
+        return "\n".join(lines)

@@ -1,0 +1,289 @@
+"""The diagnosis: screen all effects, add the best that opens both locks, repeat, stop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from preisach_jax.diagnosis.budget import (
+    discretisation_rms,
+    noise_rms,
+    refined_levels,
+)
+from preisach_jax.diagnosis.evidence import Evidence, compare
+from preisach_jax.diagnosis.result import (
+    Budget,
+    Candidate,
+    Diagnosis,
+    Finding,
+    Rung,
+)
+from preisach_jax.diagnosis.wording import located, next_experiment, sentence
+from preisach_jax.effects import library, resolve
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import (
+    FINAL_ROWS,
+    SEARCH_ROWS,
+    Progress,
+    at_levels,
+    aux_units,
+    base_point,
+    checked_levels,
+    finished,
+    moved_to,
+    with_effect,
+    without_effect,
+)
+from preisach_jax.identify import Point, Problem
+from preisach_jax.record import Record
+
+MOST_EFFECTS = 4
+
+REFINEMENT_PAYS = 0.1
+"""Relative fall of the held-out mean square for which a finer plane is kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect tried beside those of a point."""
+
+    effect: Effect
+    step: int
+    point: Point | None
+    evidence: Evidence | None
+    failure: str = ""
+
+    @property
+    def passes(self) -> bool:
+        """Whether both locks open."""
+        return self.evidence is not None and not self.evidence.against
+
+    def candidate(self, unit: float, accepted: bool, better: str = "") -> Candidate:
+        """The row of the table of candidates."""
+        if self.point is None or self.evidence is None:
+            return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, False, self.failure)
+        why_not = "" if accepted else self.evidence.against
+        if not accepted and not why_not:
+            why_not = f"{better} does more"
+        return Candidate(
+            self.effect.name,
+            self.step,
+            self.evidence.gain,
+            float(np.sqrt(self.point.validation_mean_square)) * unit,
+            self.evidence.numbers(),
+            accepted,
+            why_not,
+        )
+
+
+def diagnose(
+    record: Record,
+    effects: Iterable[str | Effect] | None = None,
+    levels: int | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find out which physical effects a rate-independent model of a record lacks.
+
+    Every effect is refitted jointly with the density and judged on held-out blocks.  The best is
+    added if both locks open (`evidence`), and the search goes on from there; effects that later
+    ones have made superfluous are taken out again.
+
+    Arguments:
+        record: the measurement.
+        effects: effects to try, by name or as objects; by default the library and all auxiliary
+            columns.  To try one's own beside the library: `[*pj.effects().values(), Mine()]`.
+        levels: levels N of the plane; by default 25, and finer where that pays.
+        progress: called with a text and a share done.
+
+    Returns:
+        The diagnosis.
+
+    Raises:
+        InputError: if an effect is unknown, or levels is not an integer from 2 to 200.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(3000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> z = u**1.1 + 0.01 * np.random.default_rng(0).normal(size=3000)
+        >>> pj.diagnose(pj.Record.from_arrays(t, u, z), ["drift"], levels=9).verdict
+        'adequate'
+    """
+    tried = _to_try(record, effects)
+    search = _Search(record, tried, levels, progress or (lambda text, done: None))
+    with jax.enable_x64(True):
+        return search.run()
+
+
+def _to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
+    asked: list[str | Effect] = list(library() if effects is None else effects)
+    auxiliary = [f"aux:{name}" for name in record.aux]
+    names = [item if isinstance(item, str) else item.name for item in asked]
+    if "aux:COL" in names:  # the library's placeholder: one effect a column
+        asked = [item for item, name in zip(asked, names, strict=True) if name != "aux:COL"]
+        asked += [name for name in auxiliary if name not in names]
+    return resolve(asked, aux_units(record))
+
+
+class _Search:
+    """Forward selection with a backward check, on one record."""
+
+    def __init__(
+        self, record: Record, tried: tuple[Effect, ...], levels: int | None, progress: Progress
+    ):
+        self.record = record
+        self.problem = Problem.of(record, SEARCH_ROWS)
+        self.tried = tried
+        self.levels_are_given = levels is not None
+        self.levels = checked_levels(levels)
+        self.progress = progress
+        self.path: list[Point] = []
+        self.finer: Point | None = None
+        self.accepted: list[tuple[Trial, tuple[str, ...]]] = []
+        self.trials: list[tuple[Trial, bool, str]] = []
+
+    def run(self) -> Diagnosis:
+        self.progress("fitting the rate-independent model", 0.0)
+        self.path.append(base_point(self.problem, self.levels))
+        self._refine_plane()
+        while len(self.accepted) < MOST_EFFECTS:
+            if self._add_best():
+                self._check_backward()
+            # A finer plane may bring out what the coarse one has hidden.
+            elif not self._refine_plane():
+                break
+        return self._conclude()
+
+    @property
+    def now(self) -> Point:
+        return self.path[-1]
+
+    def _refine_plane(self) -> bool:
+        """Go to finer planes while the held-out error of the present model falls."""
+        refined = False
+        while True:
+            self.finer = None
+            finer = refined_levels(min(len(self.record), FINAL_ROWS), self.now.chain.plane.levels)
+            if finer is None:
+                return refined
+            self.progress(f"trying a plane of {finer} levels", self._done(1.0))
+            self.finer = at_levels(self.problem, self.now, finer)
+            fall = 1 - self.finer.validation_mean_square / self.now.validation_mean_square
+            if self.levels_are_given or not fall > REFINEMENT_PAYS:
+                return refined
+            before = [at_levels(self.problem, point, finer) for point in self.path[:-1]]
+            self.path = [*before, self.finer]
+            refined = True
+
+    def _done(self, share: float) -> float:
+        """Share of the work done, from the share of the present round."""
+        return 0.8 * (len(self.accepted) + share) / (len(self.accepted) + 2)
+
+    def _add_best(self) -> bool:
+        present = {effect.name for effect in self.now.chain.effects}
+        left = [effect for effect in self.tried if effect.name not in present]
+        trials = []
+        for position, effect in enumerate(left):
+            self.progress(f"trying {effect.name}", self._done(position / len(left)))
+            trials.append(self._try(effect))
+        passing = [trial for trial in trials if trial.passes]
+        best = min(passing, key=lambda trial: trial.point.validation_mean_square, default=None)
+        name = best.effect.name if best is not None else ""
+        self.trials += [(trial, trial is best, name) for trial in trials]
+        if best is None:
+            return False
+        others = [trial for trial in passing if trial is not best]
+        family = [other.effect.name for other in others if self._alike(best, other)]
+        self.accepted.append((best, (name, *family)))
+        self.path.append(best.point)
+        return True
+
+    def _try(self, effect: Effect) -> Trial:
+        step = len(self.accepted)
+        try:
+            point = with_effect(self.problem, self.now, effect)
+            return Trial(effect, step, point, compare(self.problem, self.now, point))
+        except (FloatingPointError, np.linalg.LinAlgError) as error:
+            return Trial(effect, step, None, None, f"could not be fitted: {error}")
+        except Exception as error:
+            if type(effect).__module__.startswith("preisach_jax."):
+                raise
+            # A user's own effect must not take the diagnosis of the others with it.
+            return Trial(effect, step, None, None, f"failed: {type(error).__name__}: {error}")
+
+    def _alike(self, best: Trial, other: Trial) -> bool:
+        """Whether the record cannot tell another effect from the best one."""
+        return bool(compare(self.problem, other.point, best.point).against)
+
+    def _check_backward(self) -> None:
+        """Take out effects that those added after them have made superfluous."""
+        for trial, family in self.accepted[:-1]:
+            without = without_effect(self.problem, self.now, trial.effect.name)
+            if compare(self.problem, without, self.now).against:
+                self.accepted.remove((trial, family))
+                names = [kept.effect.name for kept, _ in self.accepted]
+                self.path = [self.path[0], *self._ladder(names[:-1]), without]
+                return
+
+    def _ladder(self, names: list[str]) -> list[Point]:
+        points, point = [], self.path[0]
+        for name in names:
+            effect = next(effect for effect in self.tried if effect.name == name)
+            point = with_effect(self.problem, point, effect)
+            points.append(point)
+        return points
+
+    def _conclude(self) -> Diagnosis:
+        self.progress("fitting all rows", 0.8)
+        discretisation = discretisation_rms(self.problem, self.now, self.finer)
+        problem = Problem.of(self.record, FINAL_ROWS)
+        fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
+        self.progress("measuring the error budget", 0.95)
+        noise = noise_rms(problem, fits[-1].point)
+        rms = fits[-1].rms_validation
+        rest = float(np.sqrt(max(rms**2 - noise**2 - discretisation**2, 0.0)))
+        unit = problem.record.channels["output"].unit
+        budget = Budget(noise, discretisation, rest, unit)
+        within = rest <= np.hypot(noise, discretisation)
+        verdict = (
+            ("explained" if within else "partly_explained")
+            if self.accepted
+            else ("adequate" if within else "unexplained")
+        )
+        fits[-1] = replace(fits[-1], model=fits[-1].model.with_budget(noise, discretisation))
+        findings = self._findings(fits)
+        return Diagnosis(
+            verdict=verdict,
+            sentence=sentence(verdict, findings, budget, fits),
+            findings=findings,
+            ladder=tuple(Rung.of(fit) for fit in fits),
+            budget=budget,
+            candidates=tuple(
+                trial.candidate(problem.unit, accepted, better)
+                for trial, accepted, better in self.trials
+            ),
+            next_experiment=next_experiment(verdict, findings, self.tried),
+            located="" if within else located(problem.record, fits[-1]),
+            steps=tuple(fits),
+        )
+
+    def _findings(self, fits) -> tuple[Finding, ...]:
+        findings = []
+        for position, (trial, family) in enumerate(self.accepted):
+            before, after = fits[position], fits[position + 1]
+            name = trial.effect.name
+            findings.append(
+                Finding(
+                    name,
+                    family,
+                    fits[-1].model.parameters[name],
+                    before.rms_validation,
+                    after.rms_validation,
+                    trial.evidence.numbers(),
+                )
+            )
+        return tuple(findings)

@@ -1,0 +1,126 @@
+"""The diagnosis in words: the verdict, where the rest sits, what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from preisach_jax.diagnosis.residuals import input_rate, time_since_reversal
+from preisach_jax.diagnosis.result import Budget, Experiment, Finding
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import Fit
+from preisach_jax.record import Record
+
+PLAIN = {
+    "creep": "creep (the output goes on moving after the input has stopped)",
+    "input_lag": "a lag of the drive (the material gets the input late and rounded)",
+    "delay": "a pure delay between input and measured output",
+    "drift": "a drift of the measurement that does not depend on the input",
+    "ageing": "a loop that shrinks as time goes by",
+}
+
+
+def plain(name: str) -> str:
+    """An effect's name in words that a mechanic understands."""
+    if name.startswith("aux:"):
+        return f"the influence of {name.removeprefix('aux:')}"
+    return PLAIN.get(name, name)
+
+
+def sentence(verdict: str, findings: Sequence[Finding], budget: Budget, fits: Sequence[Fit]) -> str:
+    """The verdict in one sentence."""
+    unit = budget.unit
+    first, last = fits[0].rms_validation, fits[-1].rms_validation
+    if verdict == "adequate":
+        return (
+            "Nothing is missing: the plain hysteresis model predicts the output to "
+            f"{last:.3g} {unit} RMS, which is noise and the grid of the model."
+        )
+    if verdict == "unexplained":
+        return (
+            f"Something is missing, but none of the effects tried explains it: of the error of "
+            f"{last:.3g} {unit} RMS, {budget.unexplained:.3g} {unit} are neither noise nor grid."
+        )
+    named = " and ".join(
+        plain(finding.effect)
+        + (
+            f" — or {' or '.join(finding.family[1:])}, which this record cannot tell from it —"
+            if len(finding.family) > 1
+            else ""
+        )
+        for finding in findings
+    )
+    rest = (
+        "; what remains is noise and the grid of the model"
+        if verdict == "explained"
+        else f"; {budget.unexplained:.3g} {unit} of it are still not explained"
+    )
+    return (
+        f"The plain hysteresis model lacks {named}: with it, the error falls from {first:.3g} to "
+        f"{last:.3g} {unit} RMS{rest}."
+    )
+
+
+def located(record: Record, fit: Fit) -> str:
+    """Where the residual of a fit sits: the stretch of an axis that holds most of its power.
+
+    Each axis is cut into ten parts of equal numbers of samples; the part with the greatest share
+    of the squared residual is named, for the three axes that concentrate it most.
+    """
+    rows = np.flatnonzero(record.measured)
+    power = fit.residual[rows] ** 2
+    unit_u, unit_z = record.channels["input"].unit, record.channels["output"].unit
+    axes = {
+        "time": (record.time, "s"),
+        "input": (record.input, unit_u),
+        "output": (record.output, unit_z),
+        "input rate": (np.abs(input_rate(record.time, record.input)), f"{unit_u}/s"),
+        "time since the last reversal": (time_since_reversal(record.time, record.input), "s"),
+    }
+    places = []
+    for name, (values, unit) in axes.items():
+        order = np.argsort(values[rows], kind="stable")
+        tenths = np.array_split(order, 10)
+        shares = np.array([power[tenth].sum() for tenth in tenths]) / power.sum()
+        worst = int(np.argmax(shares))
+        inside = values[rows][tenths[worst]]
+        places.append(
+            (
+                shares[worst],
+                f"{100 * shares[worst]:.0f} % of its power lie where the {name} is "
+                f"{inside.min():.3g} to {inside.max():.3g} {unit}",
+            )
+        )
+    places.sort(reverse=True)
+    return "; ".join(text for _, text in places[:3]) + " (each a tenth of the samples)"
+
+
+def next_experiment(
+    verdict: str, findings: Sequence[Finding], tried: Sequence[Effect]
+) -> Experiment | None:
+    """What to record next: what splits the families, or brings out what is unexplained."""
+    families = tuple(finding.family for finding in findings if len(finding.family) > 1)
+    if families:
+        by_name = {effect.name: effect for effect in tried}
+        texts = [by_name[family[0]].experiment for family in families]
+        names = "; ".join(" and ".join(family) for family in families)
+        return Experiment(
+            text=" Also: ".join(texts),
+            why=f"this record cannot tell apart: {names}",
+            families=families,
+        )
+    if verdict in ("unexplained", "partly_explained"):
+        return Experiment(
+            text=(
+                "three exact repeats of one loop over the full range, the same loop at three rates "
+                "over a decade and a half, and holds of increasing length after moves in both "
+                "directions"
+            ),
+            why=(
+                "something above noise and grid remains: repeats show what is noise, rates what is "
+                "dynamic, holds what is slow"
+            ),
+            families=(),
+        )
+    return None

@@ -1,0 +1,305 @@
+"""Fit a model of chosen effects to a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax
+import numpy as np
+
+from preisach_jax.chain import Chain, response, signals_of
+from preisach_jax.confidence import estimates
+from preisach_jax.effects import resolve
+from preisach_jax.effects.base import Effect
+from preisach_jax.errors import InputError
+from preisach_jax.identify import (
+    VALIDATION,
+    Point,
+    Problem,
+    evaluate,
+    promised_objective,
+    refine,
+    search,
+    with_all_rows,
+    with_strength,
+)
+from preisach_jax.model import Model, Origin, Prediction
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress = Callable[[str, float], None]
+
+DEFAULT_LEVELS = 25
+COARSE_LEVELS = 13
+"""Levels of the plane on which a new effect's starting points are compared."""
+
+FIRST_STRENGTH = 1e-4
+
+SEARCH_ROWS = 9_000
+"""Samples to which a longer record is thinned while effects are searched for."""
+
+FINAL_ROWS = 60_000
+"""Samples to which a still longer record is thinned for the final fit, to bound its memory."""
+
+LEAST_PROMISE = 0.01
+"""Relative fall of the objective that a linearisation must promise for an effect to be refined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model fitted to a record, with what it leaves.
+
+    Attributes:
+        record: the record.
+        model: the model, identified on all rows.
+        prediction: (time,) output of the same model identified on the identification rows alone.
+        identification: (time,) rows that identified `prediction`.
+        validation: (time,) rows held out: contiguous blocks spread over the record.
+        point: the numerical state, from which a larger model starts.
+    """
+
+    record: Record
+    model: Model
+    prediction: np.ndarray
+    identification: np.ndarray
+    validation: np.ndarray
+    point: Point
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the model."""
+        return tuple(effect.name for effect in self.model.effects)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(time,) measured minus predicted output; NaN where nothing was measured."""
+        return self.record.output - self.prediction
+
+    @property
+    def rms_identification(self) -> float:
+        """RMS residual on the identification rows, in output units."""
+        return float(np.sqrt(np.mean(self.residual[self.identification] ** 2)))
+
+    @property
+    def rms_validation(self) -> float:
+        """RMS residual on the held-out rows, in output units."""
+        return float(np.sqrt(np.mean(self.residual[self.validation] ** 2)))
+
+    @property
+    def max_abs_validation(self) -> float:
+        """Largest residual on the held-out rows, in output units."""
+        return float(np.max(np.abs(self.residual[self.validation])))
+
+    @property
+    def fit_percent(self) -> float:
+        r"""\(100\,(1 - \|e\| / \|z - \bar z\|)\) on the held-out rows."""
+        output = self.record.output[self.validation]
+        spread = np.linalg.norm(output - output.mean())
+        return float(100 * (1 - np.linalg.norm(self.residual[self.validation]) / spread))
+
+    def summary(self) -> str:
+        """Errors and parameters as text."""
+        unit = self.record.channels["output"].unit or "(no unit)"
+        stroke = np.ptp(self.record.output[self.record.measured])
+        rms, largest = self.rms_validation, self.max_abs_validation
+        lines = [
+            f"Preisach model, {self.model.plane.levels} levels"
+            + "".join(f" + {name}" for name in self.effects),
+            f"  held-out error {rms:.4g} {unit} RMS ({100 * rms / stroke:.3g} % of stroke), "
+            f"{largest:.4g} {unit} at most; fit {self.fit_percent:.2f} %",
+            f"  identification error {self.rms_identification:.4g} {unit} RMS",
+        ]
+        for effect, parameters in self.model.parameters.items():
+            for name, estimate in parameters.items():
+                lines.append(
+                    f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
+                    f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
+                )
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Measured against model, and the residual, as a matplotlib figure."""
+        from preisach_jax.plot import overview
+
+        return overview(self)
+
+    def predict(self, record: Record) -> Prediction:
+        """Predict the output of a record; see `Model.predict`."""
+        return self.model.predict(record)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as JSON; see `Model.save`."""
+        self.model.save(path)
+
+
+def fit(
+    record: Record,
+    effects: Iterable[str | Effect] = (),
+    levels: int | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Fit:
+    r"""Fit the Preisach model with chosen effects to a record.
+
+    Minimises \(\|z - \hat z(R, \theta)\|^2 + \lambda\, R^\top P R\) over weights \(R \ge 0\) and the
+    parameters \(\theta\) of the effects; the record chooses \(\lambda\) (see `regression`).
+
+    Arguments:
+        record: the measurement.
+        effects: names of the library, or effects of one's own.
+        levels: levels N of the plane; by default 25.
+        progress: called with a text and a share done.
+
+    Returns:
+        The fit.
+
+    Raises:
+        InputError: if an effect is unknown, or levels is not an integer from 2 to 200.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> fit = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9)
+        >>> fit.fit_percent > 99
+        True
+    """
+    chosen = resolve(effects, aux_units(record))
+    with jax.enable_x64(True):
+        problem = Problem.of(record, SEARCH_ROWS)
+        point = base_point(problem, checked_levels(levels))
+        for position, effect in enumerate(chosen):
+            if progress is not None:
+                progress(f"fitting {effect.name}", position / len(chosen))
+            point = with_effect(problem, point, effect, always=True)
+        whole = Problem.of(record, FINAL_ROWS)
+        return finished(whole, moved_to(whole, point), record)
+
+
+def aux_units(record: Record) -> dict[str, str]:
+    """Units of a record's auxiliary columns by name."""
+    return {name: record.channels[name].unit for name in record.aux}
+
+
+def checked_levels(levels: int | None) -> int:
+    """The number of levels, or an error that says what it may be."""
+    if levels is None:
+        return DEFAULT_LEVELS
+    if isinstance(levels, bool) or int(levels) != levels or not 2 <= levels <= 200:
+        raise InputError(f"levels is {levels}; give an integer from 2 to 200 (25 is usual)")
+    return int(levels)
+
+
+def plane_of(problem: Problem, levels: int) -> Plane:
+    """The plane that the input of a record spans."""
+    values = problem.record.input
+    return Plane(levels, float(values.min()), float(values.max()))
+
+
+def base_point(problem: Problem, levels: int) -> Point:
+    """The rate-independent model."""
+    chain = Chain(plane_of(problem, levels))
+    return with_strength(evaluate(problem, chain, {}, FIRST_STRENGTH))
+
+
+def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = False) -> Point:
+    """The best model that has an effect beside those of a point, all refitted jointly.
+
+    The starts are compared and roughly refined on a coarse plane; the best of them is refined on
+    the point's own.
+    """
+    effect = effect.bound_to(problem.span)
+    plane = plane_of(problem, min(COARSE_LEVELS, point.chain.plane.levels))
+    coarse = evaluate(
+        problem,
+        replace(point.chain, plane=plane),
+        point.values,
+        point.strength,
+    )
+    rough = [refine(problem, start, iterations=3) for start in search(problem, coarse, effect)]
+    best = min(rough, key=lambda trial: trial.objective)
+    chain = replace(best.chain, plane=point.chain.plane)
+    full = evaluate(problem, chain, best.values, point.strength)
+    promise = min(full.objective, promised_objective(problem, full))
+    if promise > (1 - LEAST_PROMISE) * point.objective and not always:
+        return full
+    return settled(problem, full)
+
+
+def without_effect(problem: Problem, point: Point, name: str) -> Point:
+    """The model that lacks one of a point's effects, the others refitted jointly."""
+    effects = tuple(effect for effect in point.chain.effects if effect.name != name)
+    values = {key: value for key, value in point.values.items() if key != name}
+    chain = point.chain.with_effects(effects)
+    return settled(problem, evaluate(problem, chain, values, point.strength))
+
+
+def at_levels(problem: Problem, point: Point, levels: int) -> Point:
+    """The same model on a plane of other levels, refitted."""
+    chain = replace(point.chain, plane=plane_of(problem, levels))
+    return settled(problem, evaluate(problem, chain, point.values, point.strength))
+
+
+def moved_to(problem: Problem, point: Point) -> Point:
+    """The same model refitted to another cut of its record."""
+    return settled(problem, evaluate(problem, point.chain, point.values, point.strength))
+
+
+def settled(problem: Problem, point: Point) -> Point:
+    """Refined, with the strength of the prior that the data choose for it."""
+    point = refine(problem, point)
+    before = point.strength
+    point = with_strength(point)
+    return point if point.strength == before else refine(problem, point, iterations=4)
+
+
+def finished(problem: Problem, point: Point, record: Record) -> Fit:
+    """The fit of a point: the model identified on all rows, the prediction without those held out.
+
+    Arguments:
+        problem: the record as it was cut for the final fit.
+        point: the refined point.
+        record: the record with all its samples.
+    """
+    whole = refine(problem, with_all_rows(point), iterations=2)
+    coefficients = point.coefficients(problem.unit)
+    signals = signals_of(record)
+    prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
+    held_out = _held_out_rows(problem, record)
+    residual = (record.output - prediction)[held_out]
+    cells = whole.chain.plane.cells
+    units = {role: channel.unit for role, channel in record.channels.items()}
+    model = Model(
+        chain=whole.chain,
+        values=whole.values,
+        coefficients=whole.coefficients(problem.unit),
+        parameters=estimates(problem, whole),
+        visited=np.ptp(whole.matrix[:, :cells], axis=0) > 1e-9,
+        columns={
+            **{role: record.channels[role].name for role in ("time", "input", "output")},
+            "aux": list(record.aux),
+        },
+        units=units,
+        origin=Origin.of(record),
+        rms_validation=float(np.sqrt(np.mean(residual**2))),
+    )
+    return Fit(record, model, prediction, record.measured & ~held_out, held_out, point)
+
+
+def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:
+    """(time,) measured rows of the whole record that lie in the stretches held out."""
+    order = problem.in_time
+    times = problem.record.time[problem.rows[order]]
+    held_out = problem.fold[order] == VALIDATION[0]
+    measured = np.flatnonzero(record.measured)
+    # Each row goes with the last row of the cut that is not after it.
+    before = np.searchsorted(times, record.time[measured], side="right") - 1
+    mask = np.zeros(len(record.time), dtype=bool)
+    mask[measured] = held_out[np.maximum(before, 0)]
+    return mask

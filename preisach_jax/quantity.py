@@ -1,0 +1,107 @@
+"""Numbers with units as a person reads them: 17.2 nm, not 1.72e-08 m."""
+
+from __future__ import annotations
+
+import math
+import re
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items()} | {"u": -6, "μ": -6}
+
+# Units that take prefixes; longer ones first, so that `mN` is not read as `m` and `N`.
+_SCALABLE = "A·m² A·m2 Am² Am2 A/m V/m V/s m/s Hz Pa Nm rad emu Oe Wb m s V A W N T g G".split()
+
+
+def scaled(magnitude: float, unit: str) -> tuple[float, str]:
+    """The factor and the unit in which values of a magnitude read best.
+
+    Arguments:
+        magnitude: the largest absolute value to be shown, in `unit`.
+        unit: unit as in the file, `""` if unknown.
+
+    Returns:
+        What to multiply values by, and the unit that they then have; 1 and the unit itself where
+        it takes no prefix.
+
+    Example:
+        >>> scaled(1.72e-8, "m"), scaled(75.0, "um"), scaled(0.4, "%")
+        ((1000000000.0, 'nm'), (1.0, 'µm'), (1.0, '%'))
+    """
+    parsed = _prefix_and_base(unit)
+    if parsed is None or not 0 < abs(magnitude) < math.inf:
+        return 1.0, pretty_unit(unit)
+    prefix, base = parsed
+    given = _EXPONENTS[prefix]
+    # Rounded to the digits that are shown, so that 999.96 nm becomes 1 µm and not 1000 nm.
+    wanted = 3 * math.floor((math.log10(float(f"{abs(magnitude):.3g}")) + given) / 3 + 1e-12)
+    highest = 0 if base == "s" else 9
+    wanted = min(max(wanted, -12), highest)
+    return 10.0 ** (given - wanted), _PREFIXES[wanted] + base
+
+
+def pretty_unit(unit: str) -> str:
+    """A unit with µ for u, and nothing for the unit one.
+
+    Example:
+        >>> pretty_unit("um/N"), pretty_unit("1")
+        ('µm/N', '')
+    """
+    if unit in {"1", "-"}:
+        return ""
+    return re.sub(r"(?<![A-Za-z])u(?=(?:m|s|V|A|N|T|W|g|rad|Oe|emu)(?![A-Za-z]))", "µ", unit)
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A value with its unit, in the prefix that reads best.
+
+    Arguments:
+        value: the value.
+        unit: its unit as in the file, `""` if unknown.
+        digits: significant digits.
+
+    Returns:
+        Text such as `54.2 ms`; `unknown` for NaN.
+
+    Example:
+        >>> quantity(0.05417, "s"), quantity(0.00712, "um"), quantity(float("nan"), "V")
+        ('54.17 ms', '7.12 nm', 'unknown')
+    """
+    if math.isnan(value):
+        return "unknown"
+    factor, shown = scaled(value, unit)
+    return f"{number(factor * value, digits)} {shown}".rstrip()
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A value without unit to some significant digits.
+
+    Example:
+        >>> number(1234.56), number(float("-inf")), number(1.25e-7, 2)
+        ('1235', '-∞', '1.2e-07')
+    """
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return "unknown" if math.isnan(value) else f"{value:.{digits}g}"
+
+
+def interval(value: float, low: float, high: float, unit: str, digits: int = 4) -> str:
+    """A value with its 95 % interval, all in one unit.
+
+    Example:
+        >>> interval(0.0541, 0.0538, 0.0544, "s")
+        '54.1 ms (95 %: 53.8 to 54.4)'
+        >>> interval(-0.2, -0.3, -0.1, "um/N")
+        '-0.2 µm/N (95 %: -0.3 to -0.1)'
+    """
+    factor, shown = scaled(value, unit)
+    numbers = [number(factor * x, digits) for x in (value, low, high)]
+    unit_part = f" {shown}" if shown else ""
+    return f"{numbers[0]}{unit_part} (95 %: {numbers[1]} to {numbers[2]})"
+
+
+def _prefix_and_base(unit: str) -> tuple[str, str] | None:
+    for base in _SCALABLE:
+        if unit.endswith(base):
+            prefix = unit[: -len(base)]
+            return (prefix, base) if prefix in _EXPONENTS else None
+    return None

@@ -1,0 +1,124 @@
+"""Reports: one self-contained page, its figures as files, and the results as JSON."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+
+from preisach_jax import plot
+from preisach_jax.report.content import comparison_page, diagnosis_page
+from preisach_jax.report.files import check_folder, json_bytes, write_files
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from preisach_jax.diagnosis.comparison import Comparison
+    from preisach_jax.diagnosis.result import Diagnosis
+
+__all__ = ["write_comparison", "write_report"]
+
+
+def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) -> list[Path]:
+    """Write the report of a diagnosis.
+
+    Arguments:
+        found: the diagnosis.
+        folder: where to; it is made if it does not exist.
+        command: the command line that made it, for the page.
+
+    Returns:
+        The files: `report.html`, `diagnosis.json`, `base.json` (the model without effects),
+        `model.json` (the final one), and the figures as PNG.
+
+    Raises:
+        InputError: if the folder cannot be written to; then nothing was.
+
+    Example:
+        >>> write_report(found, Path("report"))  # doctest: +SKIP
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    traces = plot.before_and_after(found)
+    figures = {
+        "waterfall": plot.waterfall(found),
+        "measured_and_model": plot.measured_and_model(traces),
+        "loop": plot.loop(traces),
+        "residuals": plot.residuals(traces),
+        "residual_tests": plot.residual_tests(traces),
+        "density": plot.density(found.model),
+        "candidates": plot.candidates(found),
+    }
+    page = diagnosis_page(found, command)
+    files = {
+        "report.html": _rendered("report.html.j2", page, figures),
+        "diagnosis.json": json_bytes(found.to_json()),
+        "base.json": json_bytes(found.base.model.to_json()),
+        "model.json": json_bytes(found.model.to_json()),
+    }
+    return _write(folder, files, figures)
+
+
+def write_comparison(
+    comparison: Comparison, folder: Path, *, command: str | None = None
+) -> list[Path]:
+    """Write the report of a comparison.
+
+    Arguments:
+        comparison: a model beside a measurement.
+        folder: where to; it is made if it does not exist.
+        command: the command line that made it, for the page.
+
+    Returns:
+        The files: `report.html`, `comparison.json`, and the figures as PNG.
+
+    Raises:
+        InputError: if the folder cannot be written to; then nothing was.
+
+    Example:
+        >>> write_comparison(compare(model, record), Path("report"))  # doctest: +SKIP
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    traces = {"model": comparison}
+    figures = {
+        "measured_and_model": plot.measured_and_model(traces),
+        "loop": plot.loop(traces),
+        "residuals": plot.residuals(traces),
+        "residual_tests": plot.residual_tests(traces),
+        "density": plot.density(comparison.model),
+    }
+    page = comparison_page(comparison, command)
+    files = {
+        "report.html": _rendered("comparison.html.j2", page, figures),
+        "comparison.json": json_bytes(comparison.to_json()),
+    }
+    return _write(folder, files, figures)
+
+
+def _write(
+    folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]
+) -> list[Path]:
+    pictures = {f"{name}.png": plot.png(figure) for name, figure in figures.items()}
+    everything = {folder / name: content for name, content in {**files, **pictures}.items()}
+    return write_files(everything)
+
+
+def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figure]) -> bytes:
+    # Names of columns and effects come from files and may hold anything: all is escaped.
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("preisach_jax", "report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    sources = {name: _data_uri(plot.svg(figure)) for name, figure in figures.items()}
+    return environment.get_template(template).render(page, figures=sources).encode()
+
+
+def _data_uri(svg: str) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()

@@ -1,0 +1,300 @@
+"""What the pages say, as texts and tables; the templates only lay it out."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from preisach_jax.diagnosis import evidence
+from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
+from preisach_jax.diagnosis.wording import plain
+from preisach_jax.identify import BLOCKS, FOLDS
+from preisach_jax.quantity import interval, number, pretty_unit, quantity, scaled
+
+if TYPE_CHECKING:
+    from preisach_jax.diagnosis.comparison import Comparison
+    from preisach_jax.diagnosis.result import Diagnosis, Finding
+    from preisach_jax.effects.base import Effect
+    from preisach_jax.model import Model
+    from preisach_jax.record import Record
+
+HEADLINES = {
+    "adequate": "Nothing is missing",
+    "explained": "The missing effect is found",
+    "partly_explained": "An effect is found, and something remains",
+    "unexplained": "Something is missing that is not in the library",
+}
+
+REFERENCES = (
+    "F. Preisach, Über die magnetische Nachwirkung, Zeitschrift für Physik 94 (1935) 277–302.",
+    "I. D. Mayergoyz, Mathematical Models of Hysteresis and Their Applications, Elsevier 2003.",
+    "M. Ruderman, D. Rachinskii, Discrete-time adaptive hysteresis filter for parallel computing "
+    "and recursive identification of Preisach model.",
+    "G. H. Golub, V. Pereyra, The differentiation of pseudo-inverses and nonlinear least squares "
+    "problems whose variables separate, SIAM Journal on Numerical Analysis 10 (1973) 413–432.",
+    "G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461–464.",
+    "G. E. P. Box, G. M. Jenkins, Time Series Analysis: Forecasting and Control, Holden-Day 1976.",
+)
+
+
+def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
+    """All that the page of a diagnosis says.
+
+    Arguments:
+        found: the diagnosis.
+        command: the command line that made it.
+
+    Returns:
+        Texts and tables by name.
+    """
+    record = found.base.record
+    several = len(found.effects) > 1 and found.verdict == "explained"
+    headline = "The missing effects are found" if several else HEADLINES[found.verdict]
+    return {
+        "title": record.name,
+        "verdict": found.verdict,
+        "headline": headline,
+        "sentence": found.sentence,
+        "effects": found.effects,
+        "ladder": ladder_rows(found),
+        "findings": [_finding(finding, found.model) for finding in found.findings],
+        "families": [f.family for f in found.findings if len(f.family) > 1],
+        "next_experiment": found.next_experiment,
+        "located": found.located,
+        "budget": budget_rows(found),
+        "sampling": sampling_note(record),
+        "record": _record_rows(record),
+        "model": _model_rows(found.model),
+        "software": _software_rows(),
+        "command": command,
+        "method": _method(found),
+        "references": REFERENCES,
+    }
+
+
+def comparison_page(comparison: Comparison, command: str | None) -> dict[str, Any]:
+    """All that the page of a comparison says.
+
+    Arguments:
+        comparison: a model beside a measurement.
+        command: the command line that made it.
+
+    Returns:
+        Texts and tables by name.
+    """
+    record, model = comparison.record, comparison.model
+    return {
+        "title": record.name,
+        "sentence": comparison_sentence(comparison),
+        "errors": error_rows(comparison),
+        "tests": test_rows(comparison),
+        "sampling": sampling_note(record),
+        "record": _record_rows(record),
+        "model": _model_rows(model),
+        "software": _software_rows(),
+        "command": command,
+    }
+
+
+def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
+    """The ladder as texts: one row a model, errors in one common unit."""
+    record = found.base.record
+    greatest = max(rung.rms_validation for rung in found.ladder)
+    factor, unit = scaled(greatest, found.budget.unit)
+    rows = []
+    for rung in found.ladder:
+        rows.append(
+            {
+                "model": " + ".join(("Preisach model", *rung.effects)),
+                "rms_identification": number(factor * rung.rms_identification),
+                "rms_validation": number(factor * rung.rms_validation),
+                "max_abs_validation": number(factor * rung.max_abs_validation),
+                "percent_of_stroke": number(100 * rung.rms_validation / record.output_range, 3),
+                "fit_percent": f"{rung.fit_percent:.2f}",
+                "unit": unit,
+            }
+        )
+    return rows
+
+
+def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
+    """The error budget: what, how much, and where the number is from."""
+    budget = found.budget
+    rest = "what neither explains"
+    return [
+        ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
+        (
+            "discretisation",
+            quantity(budget.discretisation, budget.unit, 3),
+            "the cells of the plane, from a finer or coarser one",
+        ),
+        ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
+        (
+            "together",
+            quantity(found.ladder[-1].rms_validation, budget.unit, 3),
+            "held-out error of the final model (the squares add up)",
+        ),
+    ]
+
+
+def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
+    """The parameters of a finding with their intervals, as texts."""
+    return [
+        (name, interval(e.value, e.low, e.high, e.unit)) for name, e in finding.parameters.items()
+    ]
+
+
+def comparison_sentence(comparison: Comparison) -> str:
+    """What a comparison shows, in one sentence."""
+    unit = comparison.record.output_unit
+    share = 100 * comparison.rms / comparison.record.output_range
+    expected = comparison.model.rms_validation
+    text = (
+        f"The model predicts this record to {quantity(comparison.rms, unit, 3)} RMS "
+        f"({number(share, 3)} % of stroke)"
+    )
+    if not expected > 0:
+        return text + "."
+    ratio = comparison.rms / expected
+    own = quantity(expected, unit, 3)
+    if ratio <= 1.5:
+        return f"{text}, as well as the record on which it was identified ({own}, held out)."
+    return f"{text}, {number(ratio, 2)} times the {own} on the record where it was identified."
+
+
+def error_rows(comparison: Comparison) -> list[tuple[str, str]]:
+    """The errors of a comparison, as texts."""
+    unit = comparison.record.output_unit
+    share = 100 * comparison.rms / comparison.record.output_range
+    return [
+        ("RMS error", quantity(comparison.rms, unit)),
+        ("of the stroke", f"{number(share, 3)} %"),
+        ("largest error", quantity(comparison.max_abs, unit)),
+        ("fit", f"{comparison.fit_percent:.2f} %"),
+    ]
+
+
+def test_rows(comparison: Comparison) -> list[tuple[str, str, str]]:
+    """The residual tests of a comparison: what, how much, what a good model gives."""
+    tests, unit = comparison.tests, comparison.record.output_unit
+    chance = f"about {100 * (1 - LEVEL):.0f} % by chance"
+    return [
+        ("mean error", quantity(tests.bias, unit, 3), "about 0"),
+        ("inside the model's 95 % band", f"{100 * tests.inside_band:.1f} %", "about 95 %"),
+        (
+            "autocorrelation outside its 99 % band",
+            f"{100 * tests.autocorrelation_outside:.0f} % of the lags",
+            chance,
+        ),
+        (
+            "correlation with the input outside its 99 % band",
+            f"{100 * tests.cross_correlation_outside:.0f} % of the lags",
+            chance,
+        ),
+        (
+            "cumulated periodogram, distance from white noise",
+            number(tests.periodogram_deviation, 3),
+            f"up to {number(tests.periodogram_band, 2)} by chance",
+        ),
+    ]
+
+
+def _finding(finding: Finding, model: Model) -> dict[str, Any]:
+    known: dict[str, Effect] = {effect.name: effect for effect in model.effects}
+    effect = known[finding.effect]
+    unit = model.units.get("output", "")
+    factor, shown = scaled(finding.rms_before, unit)
+    numbers = finding.evidence
+    return {
+        "effect": finding.effect,
+        "plain": plain(finding.effect),
+        "family": finding.family,
+        "parameters": finding_parameters(finding),
+        "meanings": _meanings(effect),
+        "before": f"{number(factor * finding.rms_before, 3)} {shown}".rstrip(),
+        "after": f"{number(factor * finding.rms_after, 3)} {shown}".rstrip(),
+        "evidence": [(_EVIDENCE.get(name, name), number(x, 3)) for name, x in numbers.items()],
+        "physics": effect.physics,
+        "signature": effect.signature,
+        "source": effect.source,
+    }
+
+
+_EVIDENCE = {
+    "gain": "fall of the held-out mean square (share)",
+    "z": "gain over the held-out blocks, in standard errors",
+    "blocks": "held-out blocks",
+    "delta_bic": "ΔBIC on whitened residuals",
+}
+
+
+def _meanings(effect: Effect) -> Mapping[str, str]:
+    parameters = [*effect.parameters(), *getattr(effect, "coefficients", tuple)()]
+    return {parameter.name: parameter.meaning for parameter in parameters}
+
+
+def _record_rows(record: Record) -> list[tuple[str, str]]:
+    columns = []
+    for role, channel in record.channels.items():
+        unit = pretty_unit(channel.unit)
+        name = role if role == channel.name else f"{role} {channel.name}"
+        columns.append(f"{name} in {unit}" if unit else f"{name} (unit unknown)")
+    measured = int(record.measured.sum())
+    rows = f"{len(record.time):,}"
+    if measured < len(record.time):
+        rows += f", {measured:,} of them with a measured output"
+    return [
+        ("data", record.name),
+        ("SHA-256 of its values", record.sha256),
+        ("columns", "; ".join(columns)),
+        ("rows", rows),
+        ("duration", f"{number(record.duration_s)} s, step {quantity(record.step_s, 's')}"),
+        ("stroke", quantity(record.output_range, record.output_unit)),
+        ("state at the first sample", record.initial_memory),
+    ]
+
+
+def _model_rows(model: Model) -> list[tuple[str, str]]:
+    plane, unit = model.plane, model.units.get("input", "")
+    factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
+    span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
+    return [
+        ("plane", f"{plane.levels} levels, {plane.cells:,} cells, input from {span}"),
+        ("cells visited", f"{100 * model.visited.mean():.0f} %"),
+        ("effects", ", ".join(effect.name for effect in model.effects) or "none"),
+        ("identified on", f"{model.origin.record}, {model.origin.rows:,} rows"),
+    ]
+
+
+def _software_rows() -> list[tuple[str, str]]:
+    packages = ("preisach_jax", "jax", "numpy", "scipy")
+    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    return [("software", f"{versions}, Python {platform.python_version()}")]
+
+
+def _method(found: Diagnosis) -> list[str]:
+    plane = found.model.plane
+    return [
+        "The output is modelled as a weighted sum of hysterons on the Preisach plane [1, 2] in the "
+        f"discrete-time form of [3], with {plane.levels} levels an axis ({plane.cells:,} cells) and "
+        "switching ramps one cell wide in place of jumps. Weights are not negative, and smooth as "
+        "far as the data choose. They are solved for by linear least squares at each value of the "
+        "effects' parameters, which are found outside by Gauss-Newton steps (variable "
+        "projection [4]).",
+        f"The measured rows are cut into {BLOCKS} contiguous blocks, of which every "
+        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. All "
+        "errors named held-out are from these blocks, of a model that was identified without them. "
+        "The model that is saved was identified on all rows.",
+        "An effect is named only if two locks open. First, the held-out mean square falls by at "
+        f"least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
+        "errors over the blocks. Second, the Bayesian information criterion [5] of the residuals, "
+        f"whitened by an autoregression, falls by more than {evidence.LEAST_DELTA_BIC:g}. Effects "
+        "that pass as well as the best one form its family: this record cannot tell them apart.",
+        "Intervals are 95 %, from the joint linearisation in weights and parameters, with residuals "
+        "that may be correlated within a block. Bands of the residual tests are 99 % [6].",
+    ]
+
+
+_ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}

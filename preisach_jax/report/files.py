@@ -1,0 +1,106 @@
+"""Writing results so that a folder never holds half of one."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+
+
+def plain_json(value: Any) -> Any:
+    """A value with NumPy's numbers made Python's, and what JSON lacks (NaN, infinity) made null.
+
+    Example:
+        >>> plain_json({"a": np.float64(1.5), "b": (np.nan, 2)})
+        {'a': 1.5, 'b': [None, 2]}
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain_json(inner) for key, inner in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [plain_json(inner) for inner in value]
+    if isinstance(value, np.generic):
+        return plain_json(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def json_bytes(content: Any) -> bytes:
+    """A JSON file's bytes; there are no NaN in it."""
+    text = json.dumps(plain_json(content), indent=1, ensure_ascii=False, allow_nan=False)
+    return (text + "\n").encode()
+
+
+def check_folder(folder: Path) -> None:
+    """Make sure before the work that results can be written into a folder afterwards.
+
+    Arguments:
+        folder: the folder; it need not exist yet.
+
+    Raises:
+        InputError: if it is a file, or it or what it would be made in cannot be written to.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: this is a file; give a folder for the report with --report")
+    place = folder
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{folder}: {place} is a file, so no folder can be made in it")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: {place} cannot be written to; choose another folder")
+
+
+def check_file(path: Path) -> None:
+    """Make sure before the work that a file can be written afterwards.
+
+    Arguments:
+        path: the file; its folder must exist.
+
+    Raises:
+        InputError: if it is a folder, or its folder is missing or cannot be written to.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: this is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; make it, or choose another")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: {path.parent} cannot be written to; choose another place")
+
+
+def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
+    """Write files; those that are there stay whole until all new ones are.
+
+    Arguments:
+        contents: bytes by path; folders are made.
+
+    Returns:
+        The paths.
+
+    Raises:
+        InputError: if one cannot be written; then none has been changed.
+    """
+    unfinished: dict[Path, Path] = {}
+    try:
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = path.with_name(f".{path.name}.{os.getpid()}.part")
+            unfinished[path] = part
+            part.write_bytes(content)
+        for path, part in unfinished.items():
+            os.replace(part, path)
+    except OSError as error:
+        place = error.filename or next(iter(contents))
+        raise InputError(
+            f"{place}: cannot be written ({error.strerror}); choose another place"
+        ) from error
+    finally:
+        for part in unfinished.values():
+            part.unlink(missing_ok=True)
+    return list(contents)

@@ -236,17 +236,14 @@ class AdaptiveFilter(eqx.Module):
 
         s = states - state.reference_states
         squared = jnp.sum(s * s)
-        measured = jnp.isfinite(z)
-        compared = measured & jnp.isfinite(state.reference_output)
-        # NaN is replaced before the arithmetic as well as after: the gradient passes through both.
-        increment = jnp.where(compared, z, 0.0) - jnp.where(compared, state.reference_output, 0.0)
-        error = increment - jnp.sum(state.weights * s)
-        # In sample form, a smaller move of the states than eps is not known from its rounding.
+        error = z - state.reference_output - jnp.sum(state.weights * s)
+        # In sample form, a move of the states below √eps is not told from rounding.
         least = EVENT_SIZE if self.sampling == "event" else jnp.finfo(dtype).eps
-        event = compared & (squared >= least)
+        event = jnp.isfinite(error) & (squared >= least)
+        # The inner `where` keeps 0/0 out of the gradient, the outer one out of the update.
         rate = jnp.where(event, error / jnp.where(event, squared, 1.0), 0.0)
 
-        starting = measured & ~compared
+        starting = jnp.isfinite(z) & ~jnp.isfinite(state.reference_output)
         renew = (event | starting) if self.sampling == "event" else jnp.asarray(True)
         following = FilterState(
             weights=state.weights + rate * s,
@@ -257,7 +254,7 @@ class AdaptiveFilter(eqx.Module):
         )
         info = FilterInfo(
             output=output,
-            error=jnp.where(compared, error, jnp.nan),
+            error=error,
             switched=jnp.where(event, squared, 0.0),
         )
         return following, info

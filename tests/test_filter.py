@@ -421,8 +421,8 @@ def filled(z):
 
 
 @both_kinds
-def test_online_and_batch_pass_the_state_to_each_other(hysteron, precision, tolerance, tmp_path):
-    x = wandering(dtype=precision)
+def test_online_and_batch_pass_the_state_to_each_other(hysteron, x64, tmp_path):
+    x = wandering()
     z = np.sin(x) + x
     z[40:43] = np.nan
     filt = AdaptiveFilter(PLANE, hysteron)
@@ -438,9 +438,9 @@ def test_online_and_batch_pass_the_state_to_each_other(hysteron, precision, tole
         *(online(*s) for s in zip(x[200:], z[200:], strict=True)),
     ]
     assert isinstance(outputs[0], float)
-    np.testing.assert_allclose(outputs, whole.output, rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(outputs, whole.output, rtol=1e-12, atol=1e-12)
     assert online.state is not None
-    np.testing.assert_allclose(online.state.weights, whole.weights, atol=tolerance)
+    np.testing.assert_allclose(online.state.weights, whole.weights, atol=1e-12)
 
     resumed = OnlineFilter.load(tmp_path / "state.npz")
     assert resumed.filter.plane == PLANE
@@ -485,19 +485,19 @@ def test_online_filter_is_unharmed_by_a_refused_sample():
 
 
 @both_kinds
-def test_a_batch_of_outputs_is_a_loop_over_them(hysteron, precision, tolerance):
-    x, truth = wandering(dtype=precision), true_weights(PLANE, precision)
-    noise = np.random.default_rng(17).normal(0, 0.1, (4, SAMPLES)).astype(precision)
+def test_a_batch_of_outputs_is_a_loop_over_them(hysteron, x64):
+    x, truth = wandering(), true_weights(PLANE)
+    noise = np.random.default_rng(17).normal(0, 0.1, (4, SAMPLES))
     z = np.asarray(simulate(PLANE, truth, x, hysteron))[np.newaxis] + noise
     filt = AdaptiveFilter(PLANE, hysteron)
     batch = jax.vmap(lambda z: filt.run(x, z).weights)(z)
     loop = np.array([filt.run(x, row).weights for row in z])
-    np.testing.assert_allclose(batch, loop, atol=tolerance)
+    np.testing.assert_allclose(batch, loop, atol=1e-12)
 
 
 @both_kinds
-def test_state_and_filter_are_pytrees(hysteron, precision):
-    x = wandering(dtype=precision)
+def test_state_and_filter_are_pytrees(hysteron, x64):
+    x = wandering()
     filt = AdaptiveFilter(PLANE, hysteron)
     result = filt.run(x, np.sin(x))
     for tree in (filt, result.state):

@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.stats
 
 from preisach_jax.effects.base import AddedEffect, Parameter
-from preisach_jax.identify import ALL, BLOCKS, Point, Problem, linearise
+from preisach_jax.identify import Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
 
 LEVEL = 0.95
@@ -23,7 +23,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
 
     Arguments:
         problem: the record.
-        point: a refined point, identified on all rows.
+        point: a refined point.
 
     Returns:
         Estimates by effect and parameter name; intervals never leave the parameters' bounds.
@@ -31,18 +31,17 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     parameters = point.parameters
     linear = linearise(problem, point, parameters)
     size = len(point.solution)
-    gram, _ = linear.equations.system(ALL, point.strength)
+    gram, _ = linear.equations.system(point.folds, point.strength)
     free = ~point.equations.nonnegative | (point.solution > 0)
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
     matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
     residual = problem.target / problem.unit - point.matrix @ point.solution
-    scores = np.stack(
-        [matrix[problem.block == b].T @ residual[problem.block == b] for b in range(BLOCKS)]
-    )
+    used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
+    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
     influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
     deviation = np.zeros(gram.shape[0])
-    deviation[inside] = np.sqrt((influence**2).sum(axis=0) * BLOCKS / (BLOCKS - 1))
-    factor = scipy.stats.t.ppf(0.5 + LEVEL / 2, BLOCKS - 1)
+    deviation[inside] = np.sqrt((influence**2).sum(axis=0) * len(used) / (len(used) - 1))
+    factor = scipy.stats.t.ppf(0.5 + LEVEL / 2, len(used) - 1)
     found = {effect.name: {} for effect in point.chain.effects}
     for position, (effect, parameter) in enumerate(parameters):
         half = factor * deviation[size + position] / linear.scale[position]
@@ -61,6 +60,30 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
             )
             column += 1
     return found
+
+
+def differs_from_nothing(
+    point: Point, effect: str, found: dict[str, dict[str, ParameterEstimate]]
+) -> bool:
+    """Whether an amount of an effect (a gain, a loss, a coefficient) is surely not zero.
+
+    Effects without an amount, such as a lag, are there as soon as they are in the model.
+
+    Arguments:
+        point: the model.
+        effect: the effect's name.
+        found: its `estimates`.
+    """
+    amounts = [
+        parameter.name
+        for name, parameter in point.parameters
+        if name == effect and parameter.start == (0.0,)
+    ]
+    for added in point.chain.at(AddedEffect):
+        if added.name == effect:
+            amounts += [coefficient.name for coefficient in added.coefficients()]
+    intervals = [found[effect][name] for name in amounts]
+    return not amounts or any(interval.low * interval.high > 0 for interval in intervals)
 
 
 def _interval(

@@ -147,8 +147,8 @@ def fit(
 ) -> Fit:
     r"""Fit the Preisach model with chosen effects to a record.
 
-    Minimises \(\|z - \hat z(R, \theta)\|^2 + \lambda\, R^\top P R\) over weights \(R \ge 0\) and the
-    parameters \(\theta\) of the effects; the record chooses \(\lambda\) (see `regression`).
+    Minimises \(\|z - \hat z(R, \theta)\|^2 + \lambda\, R^\top P R\) over weights \(R \ge 0\)
+    and the parameters \(\theta\) of the effects; the record chooses \(\lambda\).
 
     Arguments:
         record: the measurement.
@@ -215,21 +215,26 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     the point's own.
     """
     effect = effect.bound_to(problem.span)
-    plane = plane_of(problem, min(COARSE_LEVELS, point.chain.plane.levels))
-    coarse = evaluate(
-        problem,
-        replace(point.chain, plane=plane),
-        point.values,
-        point.strength,
-    )
-    rough = [refine(problem, start, iterations=3) for start in search(problem, coarse, effect)]
-    best = min(rough, key=lambda trial: trial.objective)
-    chain = replace(best.chain, plane=point.chain.plane)
-    full = evaluate(problem, chain, best.values, point.strength)
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    names = tuple(other.name for other in chain.effects)
+    if ("start", names) not in problem.cache:
+        problem.cache["start", names] = _coarse_start(problem, point, effect)
+    # The start depends little on the plane: on a finer one it is found again where it was.
+    values = {**point.values, effect.name: problem.cache["start", names]}
+    full = evaluate(problem, chain, values, point.strength)
     promise = min(full.objective, promised_objective(problem, full))
     if promise > (1 - LEAST_PROMISE) * point.objective and not always:
         return full
     return settled(problem, full)
+
+
+def _coarse_start(problem: Problem, point: Point, effect: Effect) -> dict[str, float]:
+    """Values of an effect's parameters from which to refine it, found on a coarse plane."""
+    plane = plane_of(problem, min(COARSE_LEVELS, point.chain.plane.levels))
+    chain = replace(point.chain, plane=plane)
+    coarse = evaluate(problem, chain, point.values, point.strength)
+    rough = [refine(problem, start, iterations=3) for start in search(problem, coarse, effect)]
+    return min(rough, key=lambda trial: trial.objective).values[effect.name]
 
 
 def without_effect(problem: Problem, point: Point, name: str) -> Point:

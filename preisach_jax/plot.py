@@ -1,7 +1,7 @@
 """Figures from result objects; they compute nothing that a result should hold.
 
-Every function returns a new `matplotlib.figure.Figure` and touches no global state, so that it
-works in servers, threads and notebooks alike.  A *trace* is a simulation beside its measurement:
+Every function returns a new `matplotlib.figure.Figure` and leaves no global state changed, so it
+works in scripts, servers and notebooks alike.  A *trace* is a simulation beside its measurement:
 a `Fit`, or whatever else has its record, prediction, residual, held-out rows and effects.
 """
 
@@ -10,13 +10,14 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.quantity import number, quantity, scaled
@@ -35,7 +36,7 @@ FLOOR = "#009E73"
 REFUSED = "#B0B0B0"
 HELD_OUT = "#F0E442"
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
     "font.family": "DejaVu Sans",
     "font.size": 9,
@@ -154,10 +155,11 @@ def waterfall(found: Diagnosis) -> Figure:
             axes.plot([place - 0.69, place + 0.31], [errors[place - 1]] * 2, color="0.4", lw=0.8)
             label += f"\n−{100 * saved / errors[place - 1]:.0f} %"
         inside = logarithmic or error > 0.2 * errors.max()
+        box = {"facecolor": shade, "lw": 0, "pad": 1} if inside else None
         axes.annotate(
             label, (place, error), xytext=(0, -4 if inside else 4), textcoords="offset points",
             ha="center", va="top" if inside else "bottom", color="white" if inside else "black",
-            fontsize=8.5, zorder=6, bbox={"facecolor": shade, "lw": 0, "pad": 1} if inside else None,
+            fontsize=8.5, zorder=6, bbox=box,
         )  # fmt: skip
     if floor > 0:
         axes.axhline(floor, color=FLOOR, lw=1.8, ls="--", zorder=5)
@@ -168,7 +170,9 @@ def waterfall(found: Diagnosis) -> Figure:
     if logarithmic:
         axes.set_yscale("log")
         axes.set_ylim(bottom, 1.25 * errors.max())
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter(_plain_number)
+        axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(-0.6, len(errors) - 0.4)
     axes.set_xticks(range(len(names)), names)
     axes.grid(axis="x", visible=False)
@@ -257,15 +261,15 @@ def residuals(traces: Traces) -> Figure:
     limit = factor * max(np.nanquantile(np.abs(t.residual), 0.999) for t in traces.values())
     for key, (position, its_unit, name) in against.items():
         axes = panels[key]
-        its_factor, shown = (
-            (1.0, "s") if key == "time" else scaled(_greatest(position), its_unit)
-        )
+        its_factor, shown = (1.0, "s") if key == "time" else scaled(_greatest(position), its_unit)
         for trace in traces.values():
             _cloud(axes, its_factor * position, factor * trace.residual, colour(trace))
         axes.axhline(0, color="0.3", lw=0.7)
         axes.set_ylim(-1.1 * limit, 1.1 * limit)
         axes.set_xlabel(_with_unit(name, shown))
         axes.set_ylabel(_with_unit("residual", unit))
+        if key != "time":
+            axes.locator_params(axis="x", nbins=6)
     if since.max() > 100 * record.step_s:
         panels["since"].set_xscale("log")
     _shade_held_out(panels["time"], _first(traces), slice(0, len(record.time)))
@@ -320,7 +324,9 @@ def residual_tests(traces: Traces) -> Figure:
     for axes in (own, crossed):
         axes.axhline(0, color="0.3", lw=0.7)
         axes.set_ylabel("correlation")
-    band = Patch(color="0.5", alpha=0.35, label="shaded: 99 % band of a residual that holds nothing")
+    band = Patch(
+        color="0.5", alpha=0.35, label="shaded: 99 % band of a residual that holds nothing"
+    )
     _legend(figure, traces, measured=False, more=[band], held_out=False)
     return figure
 
@@ -389,9 +395,7 @@ def candidates(found: Diagnosis) -> Figure:
         The figure.
     """
     tried = sorted(found.candidates, key=lambda c: (c.step, not c.accepted, -c.gain))
-    reasons = [
-        "\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 76)) for c in tried
-    ]
+    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 76)) for c in tried]
     places, headings, place = [], [], 0.0
     for position, (candidate, reason) in enumerate(zip(tried, reasons, strict=True)):
         if not position or candidate.step != tried[position - 1].step:
@@ -410,7 +414,7 @@ def candidates(found: Diagnosis) -> Figure:
         beyond = "< " if gain < lowest else ""
         shown = lowest if gain < lowest else gain
         axes.annotate(
-            f"{beyond}{number(shown, 3)} %", (max(shown, 0), y), xytext=(4, 0),
+            f"{beyond}{shown:.1f} %", (max(shown, 0), y), xytext=(4, 0),
             textcoords="offset points", va="center", fontsize=8,
         )  # fmt: skip
         axes.annotate(
@@ -450,9 +454,7 @@ def overview(fit: Trace) -> Figure:
     traces = {"model": fit}
     everything = slice(0, len(fit.record.time))
     figure = Figure(figsize=(8.2, 6.0), layout="constrained")
-    panels = figure.subplot_mosaic(
-        [["time", "time"], ["loop", "residual"]], height_ratios=[1, 1.2]
-    )
+    panels = figure.subplot_mosaic([["time", "time"], ["loop", "residual"]], height_ratios=[1, 1.2])
     _course(panels["time"], traces, everything, "output")
     _loop(panels["loop"], fit.record, traces, everything)
     _course(panels["residual"], traces, everything, "residual")
@@ -490,7 +492,7 @@ def worst_stretch(traces: Traces, reversals: int = 10) -> slice:
     return slice(max(centre - half, 0), min(centre + half, count))
 
 
-def _plain_number(value: float, position: int | None = None) -> str:
+def _plain_number(value: float, position: float) -> str:
     del position  # which tick it is does not matter
     return number(value)
 
@@ -561,9 +563,7 @@ def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
     axes.margins(x=0.01)
 
 
-def _loop(
-    axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6
-) -> None:
+def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6) -> None:
     in_factor, in_unit = scaled(_greatest(record.input), record.input_unit)
     out_factor, out_unit = scaled(_greatest(record.output), record.output_unit)
     u = in_factor * record.input[rows]
@@ -574,6 +574,7 @@ def _loop(
     for trace in traces.values():
         values = out_factor * np.where(record.measured, trace.prediction, np.nan)[rows]
         axes.plot(u[stride], values[stride], color=colour(trace), lw=0.9, rasterized=True)
+    axes.locator_params(axis="x", nbins=6)
     axes.set_xlabel(_with_unit(_name(record, "input"), in_unit))
     axes.set_ylabel(_with_unit(_name(record, "output"), out_unit))
 

@@ -33,7 +33,7 @@ def scaled(magnitude: float, unit: str) -> tuple[float, str]:
     prefix, base = parsed
     given = _EXPONENTS[prefix]
     # Rounded to the digits that are shown, so that 999.96 nm becomes 1 µm and not 1000 nm.
-    wanted = 3 * math.floor((math.log10(float(f"{abs(magnitude):.3g}")) + given) / 3 + 1e-12)
+    wanted = 3 * math.floor((math.log10(float(f"{abs(magnitude):.4g}")) + given) / 3 + 1e-12)
     highest = 0 if base == "s" else 9
     wanted = min(max(wanted, -12), highest)
     return 10.0 ** (given - wanted), _PREFIXES[wanted] + base
@@ -81,7 +81,9 @@ def number(value: float, digits: int = 4) -> str:
     """
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    return "unknown" if math.isnan(value) else f"{value:.{digits}g}"
+    if math.isnan(value):
+        return "unknown"
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.{digits}g}"
 
 
 def interval(value: float, low: float, high: float, unit: str, digits: int = 4) -> str:

@@ -11,7 +11,7 @@ from preisach_jax.identify import VALIDATION, Point, Problem
 LEAST_GAIN = 0.02
 """Relative fall of the held-out mean square below which nothing is named."""
 
-LEAST_Z = 2.0
+LEAST_Z = 3.0
 """Standardised mean gain over the held-out blocks below which nothing is named."""
 
 LEAST_DELTA_BIC = 10.0

@@ -382,8 +382,8 @@ def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _lagged(first: np.ndarray, second: np.ndarray, lag: np.ndarray) -> np.ndarray:
     """Sums over t of first(t) second(t + lag)."""
     size = scipy.fft.next_fast_len(2 * len(first))
-    product = np.conj(scipy.fft.rfft(first, size)) * scipy.fft.rfft(second, size)
-    return np.asarray(scipy.fft.irfft(product, size))[lag]
+    spectra = [np.asarray(scipy.fft.rfft(values, size)) for values in (first, second)]
+    return np.asarray(scipy.fft.irfft(np.conj(spectra[0]) * spectra[1], size))[lag]
 
 
 def _normal_quantile() -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
+from preisach_jax.confidence import differs_from_nothing, estimates
 from preisach_jax.diagnosis.budget import (
     discretisation_rms,
     noise_rms,
@@ -42,6 +43,8 @@ from preisach_jax.record import Record
 
 MOST_EFFECTS = 4
 
+NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
+
 REFINEMENT_PAYS = 0.1
 """Relative fall of the held-out mean square for which a finer plane is kept."""
 
@@ -59,13 +62,13 @@ class Trial:
     @property
     def passes(self) -> bool:
         """Whether both locks open."""
-        return self.evidence is not None and not self.evidence.against
+        return self.evidence is not None and not self.evidence.against and not self.failure
 
     def candidate(self, unit: float, accepted: bool, better: str = "") -> Candidate:
         """The row of the table of candidates."""
         if self.point is None or self.evidence is None:
             return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, False, self.failure)
-        why_not = "" if accepted else self.evidence.against
+        why_not = "" if accepted else self.evidence.against or self.failure
         if not accepted and not why_not:
             why_not = f"{better} does more"
         return Candidate(
@@ -206,7 +209,11 @@ class _Search:
         step = len(self.accepted)
         try:
             point = with_effect(self.problem, self.now, effect)
-            return Trial(effect, step, point, compare(self.problem, self.now, point))
+            evidence = compare(self.problem, self.now, point)
+            certain = bool(evidence.against) or differs_from_nothing(
+                point, effect.name, estimates(self.problem, point)
+            )
+            return Trial(effect, step, point, evidence, "" if certain else NOT_CERTAIN)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             return Trial(effect, step, None, None, f"could not be fitted: {error}")
         except Exception as error:

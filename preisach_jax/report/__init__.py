@@ -99,9 +99,7 @@ def write_comparison(
     return _write(folder, files, figures)
 
 
-def _write(
-    folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]
-) -> list[Path]:
+def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:
     pictures = {f"{name}.png": plot.png(figure) for name, figure in figures.items()}
     everything = {folder / name: content for name, content in {**files, **pictures}.items()}
     return write_files(everything)

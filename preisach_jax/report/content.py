@@ -277,23 +277,25 @@ def _software_rows() -> list[tuple[str, str]]:
 def _method(found: Diagnosis) -> list[str]:
     plane = found.model.plane
     return [
-        "The output is modelled as a weighted sum of hysterons on the Preisach plane [1, 2] in the "
-        f"discrete-time form of [3], with {plane.levels} levels an axis ({plane.cells:,} cells) and "
-        "switching ramps one cell wide in place of jumps. Weights are not negative, and smooth as "
-        "far as the data choose. They are solved for by linear least squares at each value of the "
-        "effects' parameters, which are found outside by Gauss-Newton steps (variable "
-        "projection [4]).",
+        "The output is modelled as a weighted sum of hysterons on the Preisach plane [1, 2] in "
+        f"the discrete-time form of [3], with {plane.levels} levels an axis "
+        f"({plane.cells:,} cells) and switching ramps one cell wide in place of jumps. Weights "
+        "are not negative, and smooth as far as the data choose. They are solved for by linear "
+        "least squares at each value of the effects' parameters, which are found outside by "
+        "Gauss-Newton steps (variable projection [4]).",
         f"The measured rows are cut into {BLOCKS} contiguous blocks, of which every "
-        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. All "
-        "errors named held-out are from these blocks, of a model that was identified without them. "
-        "The model that is saved was identified on all rows.",
+        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. "
+        "All errors named held-out are from these blocks, of a model that was identified without "
+        "them. The model that is saved was identified on all rows.",
         "An effect is named only if two locks open. First, the held-out mean square falls by at "
         f"least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
-        "errors over the blocks. Second, the Bayesian information criterion [5] of the residuals, "
-        f"whitened by an autoregression, falls by more than {evidence.LEAST_DELTA_BIC:g}. Effects "
-        "that pass as well as the best one form its family: this record cannot tell them apart.",
-        "Intervals are 95 %, from the joint linearisation in weights and parameters, with residuals "
-        "that may be correlated within a block. Bands of the residual tests are 99 % [6].",
+        "errors over the blocks. Second, the Bayesian information criterion [5] of the "
+        "residuals, whitened by an autoregression, falls by more than "
+        f"{evidence.LEAST_DELTA_BIC:g}. Effects that pass as well as the best one form its "
+        "family: this record cannot tell them apart.",
+        "Intervals are 95 %, from the joint linearisation in weights and parameters, with "
+        "residuals that may be correlated within a block. Bands of the residual tests are "
+        "99 % [6].",
     ]
 
 

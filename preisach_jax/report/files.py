@@ -84,8 +84,11 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
         The paths.
 
     Raises:
-        InputError: if one cannot be written; then none has been changed.
+        InputError: if one cannot be written.
     """
+    for path in contents:
+        if path.is_dir():
+            raise InputError(f"{path}: this is a folder, and a file is to be written there")
     unfinished: dict[Path, Path] = {}
     try:
         for path, content in contents.items():

@@ -1,0 +1,287 @@
+"""Preisach hysteresis: fit it to a record, find the effect that is missing, predict."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from preisach_jax.cli import screen
+from preisach_jax.cli.options import (
+    Aux,
+    Columns,
+    Data,
+    Effects,
+    InitialMemory,
+    Input,
+    Levels,
+    ModelFile,
+    Output,
+    Rate,
+    Time,
+    Unit,
+    effect_names,
+)
+from preisach_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from preisach_jax.effects.base import Effect, Parameter
+    from preisach_jax.plant import StageRecord
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        screen.say(f"preisach {version('preisach_jax')}")
+        raise typer.Exit
+
+
+def common(
+    show_version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="show the version and exit"
+        ),
+    ] = False,
+) -> None:
+    """Fit Preisach hysteresis to a record, find the effect that is missing, predict."""
+    del show_version
+    import jax
+
+    # Identification needs double precision; as a library, the package leaves this to its user.
+    jax.config.update("jax_enable_x64", True)
+
+
+def diagnose(
+    context: typer.Context,
+    data: Data,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
+    aux: Aux = None,
+    effects: Effects = None,
+    levels: Levels = None,
+    rate: Rate = None,
+    unit: Unit = None,
+    initial_memory: InitialMemory = None,
+    report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
+        "preisach-report"
+    ),
+) -> None:
+    """Find out which effects a plain hysteresis model lacks."""
+    from preisach_jax.diagnosis import diagnose as run
+    from preisach_jax.report import write_report
+    from preisach_jax.report.files import check_folder
+
+    check_folder(report)
+    names = effect_names(effects)
+    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
+    notes: list[str] = []
+    record = columns.with_effects(names).load(data, announce=notes.append)
+    screen.show_record(record, notes)
+    with screen.progress() as show:
+        found = run(record, names or None, levels, progress=show)
+        show("writing the report", 0.97)
+        write_report(found, report, command=context.obj["command"])
+    screen.show_diagnosis(found)
+    screen.say(f"\nReport: {report / 'report.html'}")
+
+
+def fit(
+    data: Data,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the model")],
+    effects: Effects = None,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
+    aux: Aux = None,
+    levels: Levels = None,
+    rate: Rate = None,
+    unit: Unit = None,
+    initial_memory: InitialMemory = None,
+) -> None:
+    """Fit a model with chosen effects, or with none."""
+    from preisach_jax.fit import fit as run
+    from preisach_jax.report.files import check_file, json_bytes, write_files
+
+    check_file(out)
+    names = effect_names(effects)
+    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
+    notes: list[str] = []
+    record = columns.with_effects(names).load(data, announce=notes.append)
+    screen.show_record(record, notes)
+    with screen.progress() as show:
+        show("fitting", 0.0)
+        fitted = run(record, names, levels, progress=show)
+    write_files({out: json_bytes(fitted.model.to_json())})
+    screen.say(f"\n{fitted.summary()}\n\nModel: {out}")
+
+
+def compare(
+    context: typer.Context,
+    model: ModelFile,
+    data: Data,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
+    aux: Aux = None,
+    rate: Rate = None,
+    unit: Unit = None,
+    initial_memory: InitialMemory = None,
+    report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
+        "preisach-comparison"
+    ),
+) -> None:
+    """Test an existing model against a record."""
+    from preisach_jax.diagnosis.comparison import compare as run
+    from preisach_jax.model import Model
+    from preisach_jax.report import write_comparison
+    from preisach_jax.report.content import comparison_sentence, error_rows, test_rows
+    from preisach_jax.report.files import check_folder
+
+    check_folder(report)
+    loaded = Model.load(model)
+    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
+    notes: list[str] = []
+    record = columns.load(data, loaded, announce=notes.append)
+    screen.show_record(record, notes)
+    comparison = run(loaded, record)
+    write_comparison(comparison, report, command=context.obj["command"])
+    screen.say(f"\n{comparison_sentence(comparison)}\n")
+    screen.table(("", "value"), error_rows(comparison))
+    screen.say()
+    screen.table(("test of the residual", "found", "expected"), test_rows(comparison))
+    screen.say(f"\nReport: {report / 'report.html'}")
+
+
+def predict(
+    model: ModelFile,
+    data: Data,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the prediction (CSV)")],
+    time: Time = None,
+    input: Input = None,
+    aux: Aux = None,
+    rate: Rate = None,
+    unit: Unit = None,
+    initial_memory: InitialMemory = None,
+) -> None:
+    """Predict the output of a record from its input alone."""
+    from preisach_jax.model import Model
+    from preisach_jax.report.files import check_file, write_files
+
+    check_file(out)
+    loaded = Model.load(model)
+    columns = Columns(time, input, None, aux or (), rate, unit or (), initial_memory)
+    record = columns.load(data, loaded, need_output=False)
+    prediction = loaded.predict(record)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("t", "z_pred", "z_low", "z_high"))
+    series = (record.time_values, prediction.output, prediction.low, prediction.high)
+    writer.writerows(zip(*(values.tolist() for values in series), strict=True))
+    write_files({out: text.getvalue().encode()})
+    screen.say(f"{out}: {len(record.time):,} rows")
+
+
+def simulate(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the record (CSV)")],
+    effects: Effects = None,
+    seed: Annotated[int, typer.Option(metavar="S", help="draws the stage and its effects")] = 0,
+    seconds: Annotated[float, typer.Option(metavar="T", help="duration in s")] = 24.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="sampling rate")] = 2000.0,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="where to write what is hidden (JSON)")
+    ] = None,
+) -> None:
+    """Simulate a piezo stage with chosen effects."""
+    from preisach_jax.plant import simulate_stage
+    from preisach_jax.report.files import check_file, write_files
+
+    check_file(out)
+    if truth is not None:
+        check_file(truth)
+        if truth.resolve() == out.resolve():
+            raise InputError(f"{out} is both --out and --truth; give two files")
+    stage = simulate_stage(seed, seconds, effect_names(effects), rate)
+    write_files(stage_files(stage, out, truth))
+    columns = ", ".join(["t_s", "u_V", "z_um", *stage.aux])
+    screen.say(f"{out}: {len(stage.time):,} rows of {columns}")
+    if truth is not None:
+        screen.say(f"{truth}: what is hidden in it")
+
+
+def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path, bytes]:
+    """A simulated record and its truth as the contents of files."""
+    from preisach_jax.report.files import json_bytes
+
+    contents = {} if truth is None else {truth: json_bytes(stage.truth)}
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / "stage.csv"
+        stage.save(whole)
+        contents[out] = whole.read_bytes()
+    return contents
+
+
+def effects(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="show all about this one")
+    ] = None,
+) -> None:
+    """List the library of effects, or show all about one."""
+    from preisach_jax.effects import library, resolve
+
+    if name is None:
+        rows = [
+            (
+                effect.name,
+                effect.place,
+                ", ".join(f"{p.name} ({_unit(p)})".replace(" ()", "") for p in _parameters(effect)),
+                ", ".join(effect.confused_with) or "none",
+            )
+            for effect in library().values()
+        ]
+        screen.table(("effect", "acts on", "parameters", "confused with"), rows, numbers=False)
+        screen.say(f"\n{_UNITS}\n'preisach effects NAME' shows all about one")
+        return
+    if name.startswith("aux:"):
+        name = "aux:COL"
+    (effect,) = [library()[name]] if name in library() else resolve([name], {})
+    screen.say(f"{effect.name}: acts on the {_PLACES.get(effect.place, effect.place)}\n")
+    screen.say(effect.physics)
+    screen.say(f"\nParameters ({_UNITS})")
+    for parameter in _parameters(effect):
+        unit = _unit(parameter)
+        bounds = f"{parameter.low:.3g} to {parameter.high:.3g} {unit}".rstrip()
+        if not math.isfinite(parameter.high - parameter.low):
+            bounds = f"any value, in {unit}"
+        screen.say(f"  {parameter.name}: {parameter.meaning} ({bounds})")
+    screen.say(f"\nSeen in the residual as: {effect.signature}")
+    screen.say(f"Confused with: {', '.join(effect.confused_with) or 'none'}")
+    screen.say(f"Told apart by: {effect.experiment}")
+    screen.say(f"Source: {effect.source}")
+
+
+_PLACES = {
+    "input": "input, before the hysteresis",
+    "hysteresis": "thresholds of the hysterons",
+    "weights": "weights of the hysterons",
+    "output": "output of the hysteresis",
+    "added": "sum, beside the hysteresis",
+}
+
+
+_UNITS = "units: {u} is that of the input, {z} of the output, {aux} of the auxiliary column"
+
+
+def _unit(parameter: Parameter) -> str:
+    """A parameter's unit where there is no record yet to say what the placeholders are."""
+    return "" if parameter.unit == "1" else parameter.unit.replace("/1", "/{aux}")
+
+
+def _parameters(effect: Effect) -> list[Parameter]:
+    return [*effect.parameters(), *getattr(effect, "coefficients", tuple)()]

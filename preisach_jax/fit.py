@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates
@@ -171,7 +173,7 @@ def fit(
         True
     """
     chosen = resolve(effects, aux_units(record))
-    with jax.enable_x64(True):
+    with double_precision():
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, checked_levels(levels))
         for position, effect in enumerate(chosen):
@@ -180,6 +182,17 @@ def fit(
             point = with_effect(problem, point, effect, always=True)
         whole = Problem.of(record, FINAL_ROWS)
         return finished(whole, moved_to(whole, point), record)
+
+
+@contextmanager
+def double_precision() -> Iterator[None]:
+    """Work in double precision, and with one thread for the many small factorisations.
+
+    Several threads of the linear algebra library gain nothing at these sizes, and lose a factor
+    of five where other processes want the cores.
+    """
+    with jax.enable_x64(True), threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 def aux_units(record: Record) -> dict[str, str]:

@@ -86,6 +86,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not hasattr(error, "format_message"):
             return _fail(error)
         return _complain(_usage(error), USER_MISTAKE)
+    if code == INTERRUPTED:  # so typer ends when it catches the interruption itself
+        return _complain("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else OK
 
 

@@ -26,6 +26,7 @@ from preisach_jax.cli.options import (
     Rate,
     Time,
     Unit,
+    check_choice,
     effect_names,
 )
 from preisach_jax.errors import InputError
@@ -80,6 +81,7 @@ def diagnose(
 
     check_folder(report)
     names = effect_names(effects)
+    check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
     notes: list[str] = []
     record = columns.with_effects(names).load(data, announce=notes.append)
@@ -111,6 +113,7 @@ def fit(
 
     check_file(out)
     names = effect_names(effects)
+    check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
     notes: list[str] = []
     record = columns.with_effects(names).load(data, announce=notes.append)

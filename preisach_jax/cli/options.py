@@ -106,6 +106,20 @@ class Columns:
         )
 
 
+def check_choice(effects: Sequence[str], levels: int | None) -> None:
+    """Make sure that there are such effects and levels, before anything is read or shown.
+
+    Raises:
+        InputError: if there are not.
+    """
+    from preisach_jax.effects import resolve
+    from preisach_jax.fit import checked_levels
+
+    columns = [name.removeprefix("aux:") for name in effects if name.startswith("aux:")]
+    resolve(effects, dict.fromkeys(columns, ""))
+    checked_levels(levels)
+
+
 def units_by_column(options: Sequence[str]) -> dict[str, str]:
     """Units from options such as `u=V`.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from preisach_jax.quantity import number, pretty_unit, quantity
+from preisach_jax.quantity import pretty_unit, quantity
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -126,10 +126,7 @@ def show_diagnosis(found: Diagnosis) -> None:
     refused = [c for c in found.candidates if not c.accepted and c.step == len(found.effects)]
     if refused:
         best = max(refused, key=lambda c: c.gain)
-        say(
-            f"\nBest of the {len(refused)} effects not added: {best.effect}, which lowers the "
-            f"held-out mean square by {number(100 * best.gain, 3)} %: {best.why_not}"
-        )
+        say(f"\nBest of the {len(refused)} effects not added: {best.effect} ({best.why_not})")
     if found.located:
         say(f"\nWhat remains: {found.located}")
     if found.next_experiment:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 
 from preisach_jax.confidence import differs_from_nothing, estimates
@@ -33,6 +32,7 @@ from preisach_jax.fit import (
     aux_units,
     base_point,
     checked_levels,
+    double_precision,
     finished,
     moved_to,
     with_effect,
@@ -118,7 +118,7 @@ def diagnose(
     """
     tried = _to_try(record, effects)
     search = _Search(record, tried, levels, progress or (lambda text, done: None))
-    with jax.enable_x64(True):
+    with double_precision():
         return search.run()
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -173,6 +174,8 @@ def waterfall(found: Diagnosis) -> Figure:
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter(_plain_number)
         axes.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.set_ylim(0, 1.08 * max(errors.max(), floor))
     axes.set_xlim(-0.6, len(errors) - 0.4)
     axes.set_xticks(range(len(names)), names)
     axes.grid(axis="x", visible=False)
@@ -350,15 +353,16 @@ def density(model: Model) -> Figure:
     visited = np.asarray(model.visited, dtype=bool)
     values = np.where(visited, np.asarray(model.weights) / area, np.nan)
     off_diagonal = values[(plane.alpha_index != plane.beta_index) & visited]
-    top = float(np.quantile(off_diagonal, 0.99)) if off_diagonal.size else float("nan")
+    top = float(off_diagonal.max()) if off_diagonal.size else 0.0
     if not top > 0:
         top = float(np.nanmax(values)) if visited.any() else 1.0
+    top = top if top > 0 else 1.0
     out_factor, out_shown = scaled(top, output_unit)
     figure = Figure(figsize=(5.6, 4.8), layout="constrained")
     axes = figure.add_subplot()
     picture = axes.pcolormesh(
         edges, edges, np.ma.masked_invalid(out_factor * plane.matrix(values)),
-        cmap="viridis", vmin=0, vmax=out_factor * top if top > 0 else 1.0, rasterized=True,
+        cmap="viridis", norm=PowerNorm(0.5, 0, out_factor * top), rasterized=True,
     )  # fmt: skip
     unvisited = plane.matrix(np.where(visited, np.nan, 1.0))
     if not visited.all():
@@ -566,14 +570,25 @@ def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
 def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6) -> None:
     in_factor, in_unit = scaled(_greatest(record.input), record.input_unit)
     out_factor, out_unit = scaled(_greatest(record.output), record.output_unit)
-    u = in_factor * record.input[rows]
     # Of a million points, every so-manyth draws the same line.
-    stride = slice(None, None, max(len(u) // 40_000, 1))
-    measured = out_factor * record.output[rows]
-    axes.plot(u[stride], measured[stride], color=MEASURED, lw=width, rasterized=True)
-    for trace in traces.values():
-        values = out_factor * np.where(record.measured, trace.prediction, np.nan)[rows]
-        axes.plot(u[stride], values[stride], color=colour(trace), lw=0.9, rasterized=True)
+    chosen = np.arange(len(record))[rows]
+    chosen = chosen[:: max(len(chosen) // 40_000, 1)]
+    u = in_factor * record.input[chosen]
+    # Between far apart points there is no curve that was measured.
+    steps = np.abs(np.diff(u))
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    far = np.flatnonzero(steps > max(10 * usual, 0.02 * in_factor * record.input_range)) + 1
+    courses = [(MEASURED, width, record.output)]
+    courses += [
+        (colour(trace), 0.9, np.where(record.measured, trace.prediction, np.nan))
+        for trace in traces.values()
+    ]
+    for shade, line, values in courses:
+        z = out_factor * values[chosen]
+        axes.plot(
+            np.insert(u, far, np.nan), np.insert(z, far, np.nan), color=shade, lw=line,
+            marker=".", ms=line, mew=0, rasterized=True,
+        )  # fmt: skip
     axes.locator_params(axis="x", nbins=6)
     axes.set_xlabel(_with_unit(_name(record, "input"), in_unit))
     axes.set_ylabel(_with_unit(_name(record, "output"), out_unit))

@@ -1,0 +1,216 @@
+"""Figures show the numbers of the results, with units, and leave matplotlib as it was."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from stand_ins import make_diagnosis, make_fit, make_model, make_record
+
+from preisach_jax import plot
+from preisach_jax.diagnosis.result import Budget, Rung
+from preisach_jax.effects.creep import Creep
+
+
+@pytest.fixture(scope="module")
+def found():
+    return make_diagnosis()
+
+
+def texts(figure: Any) -> str:
+    """All texts of a figure."""
+    found = [text.get_text() for axes in figure.axes for text in axes.texts]
+    found += [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    for axes in figure.axes:
+        found += [axes.get_title(loc="left"), axes.get_xlabel(), axes.get_ylabel()]
+    return "\n".join(found)
+
+
+def bars(axes: Any) -> list[Any]:
+    """The bars of an axis; matplotlib declares them as patches of any form."""
+    return list(axes.patches)
+
+
+def line_colours(axes: Any) -> set[str]:
+    return {to_hex(line.get_color()).upper() for line in axes.lines}
+
+
+def test_waterfall_bars_stand_for_the_held_out_errors(found):
+    (axes,) = plot.waterfall(found).axes
+    tops = [bar.get_y() + bar.get_height() for bar in bars(axes)]
+    # in nm, as the greatest is 0.6 um; between the models, the bars of what was saved
+    np.testing.assert_allclose(tops, [600, 210, 600, 31, 210])
+    assert axes.get_yscale() == "log"
+    assert "(nm)" in axes.get_ylabel()
+    floor = next(line for line in axes.lines if to_hex(line.get_color()).upper() == plot.FLOOR)
+    np.testing.assert_allclose(np.asarray(floor.get_ydata(), dtype=float), 20.0)
+    names = [label.get_text() for label in axes.get_xticklabels()]
+    assert names[1:] == ["+ creep", "+ drift"]
+    assert "−65 %" in texts(axes.figure)
+
+
+def test_waterfall_of_like_errors_is_linear_from_zero(found):
+    like = replace(
+        found,
+        ladder=(found.ladder[0], Rung(("creep",), 0.4, 0.3, 1.0, 97.0)),
+        budget=Budget(0.1, 0.0, 0.28, "um"),
+    )
+    (axes,) = plot.waterfall(like).axes
+    assert axes.get_yscale() == "linear"
+    assert axes.get_ylim()[0] == 0.0
+
+
+def test_waterfall_without_effects_and_without_floor():
+    alone = make_diagnosis("adequate", budget=Budget(0.0, 0.0, 0.0, ""))
+    (axes,) = plot.waterfall(alone).axes
+    assert len(axes.patches) == 1
+    assert axes.get_ylabel() == "held-out error, RMS"
+    assert "noise" not in texts(axes.figure)
+
+
+def test_before_and_after_have_the_same_colours_everywhere(found):
+    traces = plot.before_and_after(found)
+    assert list(traces) == ["without effects", "with creep + drift"]
+    figures = [plot.measured_and_model(traces), plot.residuals(traces), plot.residual_tests(traces)]
+    axes = [axes for figure in figures for axes in figure.axes] + plot.loop(traces).axes[1:]
+    assert len(axes) == 12
+    for one in axes:
+        assert {plot.BEFORE, plot.AFTER} <= line_colours(one), one.get_title(loc="left")
+    alone = plot.before_and_after(make_diagnosis("adequate"))
+    assert list(alone) == ["without effects"]
+    assert plot.AFTER not in line_colours(plot.measured_and_model(alone).axes[0])
+
+
+def test_axes_carry_units(found):
+    traces = plot.before_and_after(found)
+    time, drive, rate, output, since = plot.residuals(traces).axes
+    assert [a.get_xlabel().rpartition("(")[2] for a in (time, drive, rate, output, since)] == [
+        "s)", "V)", "V/s)", "µm)", "ms)",
+    ]  # fmt: skip
+    assert all(a.get_ylabel() == "residual (µm)" for a in (time, drive, rate, output, since))
+    whole = plot.measured_and_model(traces).axes[0]
+    assert whole.get_ylabel() == "output (µm)"
+    figure = plot.density(found.model)
+    assert figure.axes[0].get_xlabel() == "switching-off threshold β (V)"
+    assert figure.axes[1].get_ylabel() == "density (nm/V²)"
+
+
+def test_small_values_are_shown_in_units_that_read_well():
+    record = make_record(units={"input": "A", "output": "m"})
+    fit = make_fit(record, error=2e-8)
+    axes = plot.residuals({"model": fit}).axes[0]
+    assert axes.get_ylabel() == "residual (nm)"
+    drawn = max(np.nanmax(np.abs(line.get_ydata())) for line in axes.lines)
+    assert drawn == pytest.approx(1e9 * np.nanmax(np.abs(fit.residual)), rel=0.01)
+
+
+def test_held_out_blocks_are_shaded():
+    fit = make_fit(make_record())
+    axes = plot.measured_and_model({"model": fit}).axes[0]
+    shaded = [
+        (patch.get_x(), patch.get_x() + patch.get_width())
+        for patch in bars(axes)
+        if to_hex(patch.get_facecolor()).upper() == plot.HELD_OUT
+    ]
+    inside = np.zeros(len(fit.record), dtype=bool)
+    for begin, end in shaded:
+        inside |= (fit.record.time >= begin) & (fit.record.time <= end)
+    np.testing.assert_array_equal(inside & fit.record.measured, fit.validation)
+
+
+def test_a_record_held_out_as_a_whole_is_not_shaded():
+    fit = make_fit(make_record())
+    fit.validation = fit.record.measured
+    figure = plot.measured_and_model({"model": fit})
+    assert "held out" not in texts(figure)
+
+
+def test_the_stretch_shown_is_where_the_error_is_greatest():
+    fit = make_fit(make_record())
+    row = int(np.flatnonzero(fit.validation)[50])
+    fit.residual[row - 3 : row + 3] += 40.0
+    rows = plot.worst_stretch({"model": fit})
+    assert rows.start <= row < rows.stop
+    assert rows.stop - rows.start < 200
+
+
+def test_clouds_are_thinned_and_bands_are_not():
+    record = make_record(40_000)
+    axes = plot.residuals({"model": make_fit(record)}).axes[1]
+    clouds = [line for line in axes.lines if line.get_marker() == "."]
+    assert np.size(clouds[0].get_xdata()) == 5000
+    assert len(axes.collections) == 1
+
+
+def test_envelopes_keep_the_extremes():
+    record = make_record(60_000)
+    fit = make_fit(record)
+    fit.prediction[12_345] = 400.0
+    axes = plot.measured_and_model({"model": fit}).axes[0]
+    line = next(line for line in axes.lines if to_hex(line.get_color()).upper() == plot.BEFORE)
+    assert np.size(line.get_xdata()) < 10_000
+    assert np.max(line.get_ydata()) == 400.0
+
+
+def test_density_is_weight_over_area_and_unvisited_cells_are_hatched():
+    model = make_model(levels=4)
+    figure = plot.density(model)
+    collections: list[Any] = list(figure.axes[0].collections)
+    shown, hatched = collections[:2]
+    area = (100 / 4) ** 2
+    values = np.ma.filled(shown.get_array(), np.nan) / 1e3  # nm to um
+    expected = model.plane.matrix(np.where(model.visited, model.weights / area, np.nan))
+    np.testing.assert_allclose(values, expected)
+    assert hatched.get_hatch()
+    assert np.sum(~np.ma.getmaskarray(hatched.get_array())) == np.sum(~model.visited)
+    assert "never visited by this record (20 % of the cells)" in texts(figure)
+
+
+def test_density_without_a_visit_or_without_a_hole():
+    nothing = make_model(visited=np.zeros(21, dtype=bool))
+    assert "(100 % of the cells)" in texts(plot.density(nothing))
+    everything = make_model(visited=np.ones(21, dtype=bool))
+    assert not plot.density(everything).legends
+
+
+def test_candidates_show_gain_and_reason(found):
+    (axes,) = plot.candidates(found).axes
+    widths = [bar.get_width() for bar in bars(axes)]
+    np.testing.assert_allclose(widths, [87.8, 41.0, -20.0, 97.8, 1.0])
+    shown = texts(axes.figure)
+    assert "creep does more" in shown
+    assert "< -20.0 %" in shown
+    assert "on the model with creep + drift" in shown
+    blue = [to_hex(bar.get_facecolor()).upper() == plot.AFTER for bar in bars(axes)]
+    assert blue == [True, False, False, True, False]
+
+
+@pytest.mark.filterwarnings("error")
+def test_figures_of_odd_records_can_be_drawn():
+    name = r"$\frac{x}{$ <b>&</b> Weg [µm]"
+    record = make_record(60, units={}, name=name)
+    fit = make_fit(record, (Creep(),))
+    for figure in (plot.overview(fit), plot.loop({name: fit}), plot.residual_tests({name: fit})):
+        assert plot.png(figure).startswith(b"\x89PNG")
+
+
+def test_equal_figures_give_equal_files(found):
+    first, second = (plot.svg(plot.waterfall(found)) for _ in range(2))
+    assert first == second
+    assert "<svg" in first
+
+
+def test_settings_of_matplotlib_are_left_alone(found):
+    before = dict(mpl.rcParams)
+    plot.png(plot.waterfall(found))
+    assert dict(mpl.rcParams) == before
+
+
+def test_no_window_system_is_touched():
+    code = "import preisach_jax.plot, sys; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

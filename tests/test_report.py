@@ -1,0 +1,256 @@
+"""Reports stand by themselves, say what was found, and are written whole or not at all."""
+
+import json
+import math
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from stand_ins import make_diagnosis, make_model, make_record
+
+from preisach_jax.diagnosis.comparison import Comparison, ResidualTests, compare
+from preisach_jax.errors import InputError
+from preisach_jax.model import Prediction
+from preisach_jax.report import write_comparison, write_report
+from preisach_jax.report.content import comparison_sentence
+from preisach_jax.report.files import check_file, check_folder, json_bytes, plain_json, write_files
+
+
+class Page(HTMLParser):
+    """Tags, addresses and texts of a page; fails on tags that are not closed in order."""
+
+    VOID = frozenset({"meta", "img", "br", "link", "hr", "input"})
+
+    def __init__(self, source: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.texts: list[str] = []
+        self.feed(source)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in {"src", "href"}]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.texts).split())
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A report with a hostile column and record name; its folder, its diagnosis, its page."""
+    folder = tmp_path_factory.mktemp("out") / "deep" / "report"
+    record = make_record(
+        name="<script>alert(1)</script>.csv",
+        aux={"load <b>": np.linspace(0, 1, 1200)},
+        units={"input": "V", "output": "um", "load <b>": "<i>"},
+    )
+    found = make_diagnosis(record=record)
+    files = write_report(found, folder, command="preisach diagnose 'a & b.csv'")
+    assert sorted(files) == sorted(folder.iterdir())
+    return folder, found, Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_the_files_of_a_report(written):
+    folder, _, _ = written
+    names = {path.name for path in folder.iterdir()}
+    assert {"report.html", "diagnosis.json", "base.json", "model.json"} <= names
+    pictures = {name for name in names if name.endswith(".png")}
+    assert len(pictures) == 7
+    assert names - pictures == {"report.html", "diagnosis.json", "base.json", "model.json"}
+
+
+def test_the_page_needs_nothing_from_elsewhere(written):
+    folder, _, page = written
+    assert "script" not in page.tags
+    assert "link" not in page.tags
+    assert page.tags.count("img") == 7
+    assert all(address.startswith("data:image/svg+xml;base64,") for address in page.addresses)
+    source = (folder / "report.html").read_text(encoding="utf-8")
+    assert "@import" not in source
+    assert "url(" not in source
+    assert (folder / "report.html").stat().st_size < 6e6
+
+
+def test_the_page_says_what_was_found(written):
+    _, found, page = written
+    for text in (
+        found.sentence,
+        "An effect is found, and something remains: creep, drift",
+        "most of it lies at the turns",
+        "The held-out error falls from 600 nm to 210 nm RMS with it.",
+        "This record cannot tell it from drift.",
+        "0.0213 (95 %: 0.0201 to 0.0225)",
+        "54.2 ms (95 %: 53.8 to ∞)",
+        "hold for a minute",
+        "Why: it splits them.",
+        "creep / drift",
+        "16 nm",
+        "held-out RMS (nm)",
+        "Domains go on switching by thermal activation",
+        "96 contiguous blocks, of which every fourth is held out",
+        found.base.record.sha256,
+        "preisach diagnose 'a & b.csv'",
+        "input in V",
+    ):
+        assert text in page.text, text
+
+
+def test_names_from_a_file_are_text_and_never_markup(written):
+    _, _, page = written
+    assert "<script>alert(1)</script>.csv" in page.text
+    assert "load <b> in <i>" in page.text
+    assert "script" not in page.tags
+    assert "i" not in page.tags
+
+
+def test_a_page_without_effects(tmp_path):
+    found = make_diagnosis("unexplained", located="", next_experiment=None)
+    write_report(found, tmp_path)
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "No effect was added." in page.text
+    assert "Nothing: the question is answered by this record." in page.text
+    assert "preisach diagnose" not in page.text
+
+
+def test_diagnosis_json_is_the_contract_and_strict(written):
+    folder, _, _ = written
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    content = json.loads(
+        (folder / "diagnosis.json").read_text(encoding="utf-8"), parse_constant=refuse
+    )
+    for key in ("verdict", "effects", "findings", "ladder", "budget", "candidates"):
+        assert key in content
+    assert content["effects"] == ["creep", "drift"]
+    tau = content["findings"][0]["parameters"]["tau_s"]
+    assert tau == {"value": 0.0542, "low": 0.0538, "high": None, "unit": "s"}
+    assert content["findings"][0]["family"] == ["creep", "drift"]
+    assert content["budget"] == {
+        "noise": 0.012, "discretisation": 0.016, "unexplained": 0.024, "unit": "um",
+    }  # fmt: skip
+    assert [rung["effects"] for rung in content["ladder"]] == [[], ["creep"], ["creep", "drift"]]
+    model = json.loads((folder / "model.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert model["noise"] is None
+
+
+def test_json_has_no_numpy_and_no_nan():
+    value = {1: np.float32(0.5), "a": np.array([1, 2]), "b": (np.nan, math.inf), "c": np.bool_(1)}
+    assert plain_json(value) == {"1": 0.5, "a": [1, 2], "b": [None, None], "c": True}
+    assert json.loads(json_bytes({"x": "µ"})) == {"x": "µ"}
+
+
+def test_files_stay_whole_if_one_cannot_be_written(tmp_path, monkeypatch):
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.write_text("old")
+
+    def full(path, content):
+        if "second" in path.name:
+            raise OSError(28, "No space left on device", str(path))
+        path.write_text(content.decode())
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        write_files({first: b"new", second: b"new"})
+    assert first.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["first"]
+
+
+def test_nothing_is_written_where_a_folder_has_the_name_of_a_file(tmp_path):
+    (tmp_path / "model.json").mkdir()
+    with pytest.raises(InputError, match=r"model\.json: this is a folder"):
+        write_files({tmp_path / "report.html": b"", tmp_path / "model.json": b""})
+    assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(InputError, match="this is a file"):
+        check_folder(file)
+    with pytest.raises(InputError, match="is a file, so no folder"):
+        check_folder(file / "report")
+    with pytest.raises(InputError, match="this is a folder"):
+        check_file(tmp_path)
+    with pytest.raises(InputError, match="there is no folder"):
+        check_file(tmp_path / "none" / "model.json")
+    check_folder(tmp_path / "new" / "report")
+    check_file(tmp_path / "new.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(InputError, match="cannot be written to"):
+        check_folder(tmp_path / "new")
+    with pytest.raises(InputError, match="cannot be written to"):
+        check_file(tmp_path / "new.json")
+
+
+class Linear:
+    """A model that predicts a fixed line, with a band of one unit."""
+
+    rms_validation = 0.5
+    effects = ()
+
+    def __init__(self, offset):
+        self.offset = offset
+
+    def predict(self, record):
+        output = 0.6 * record.input + self.offset
+        return Prediction(record.time, output, output - 1, output + 1)
+
+
+def test_a_comparison_measures_what_the_model_leaves():
+    rng = np.random.default_rng(0)
+    time = np.arange(4000) * 0.01
+    drive = 50 + 40 * np.sin(time)
+    noise = rng.normal(0, 0.5, time.size)
+    output = 0.6 * drive + noise
+    output[100:200] = np.nan
+    record = make_record().from_arrays(time, drive, output, units={"output": "um"})
+    noise = noise[record.measured]
+    fair = compare(Linear(0.0), record)  # pyright: ignore[reportArgumentType]
+    assert fair.rms == pytest.approx(np.sqrt(np.mean(noise**2)))
+    assert fair.max_abs == pytest.approx(np.max(np.abs(noise)))
+    stroke = 0.6 * drive[record.measured] + noise
+    assert fair.fit_percent == pytest.approx(
+        100 * (1 - np.linalg.norm(noise) / np.linalg.norm(stroke - stroke.mean()))
+    )
+    assert fair.tests.inside_band == pytest.approx(np.mean(np.abs(noise) <= 1))
+    assert fair.tests.autocorrelation_outside < 0.05
+    assert fair.tests.periodogram_deviation < fair.tests.periodogram_band
+    assert "as well as the record" in comparison_sentence(fair)
+    biased = compare(Linear(3.0), record)  # pyright: ignore[reportArgumentType]
+    assert biased.tests.bias == pytest.approx(fair.tests.bias - 3.0)
+    assert biased.tests.inside_band < 0.05
+    assert "6.1 times" in comparison_sentence(biased)
+    assert biased.to_json()["percent_of_stroke"] == pytest.approx(
+        100 * biased.rms / record.output_range
+    )
+
+
+def test_the_report_of_a_comparison(tmp_path):
+    record = make_record()
+    band = np.where(record.measured, record.output, 0.0) + 0.1
+    tests = ResidualTests(-0.1, 0.93, 0.4, 0.02, 0.31, 0.05)
+    simulated = Prediction(record.time, band, band - 1, band + 1)
+    comparison = Comparison(make_model(), record, simulated, tests)
+    write_comparison(comparison, tmp_path, command="preisach compare m.json d.csv")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.tags.count("img") == 5
+    for text in ("-100 nm", "93.0 %", "40 % of the lags", "up to 0.05 by chance", "100 nm"):
+        assert text in page.text, text
+    content = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
+    assert content["rms"] == pytest.approx(0.1)
+    assert content["tests"]["inside_band"] == 0.93

@@ -78,12 +78,14 @@ class Columns:
         matrix: (time, column), in the order cells, initial memory, offset, added effects.
         cells: how many columns belong to the cells of the plane.
         groups: for each column of the initial memory, the cells whose unknown start it carries.
+        start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
         added: names of the effects of the last columns, one each.
     """
 
     matrix: np.ndarray
     cells: int
     groups: tuple[np.ndarray, ...]
+    start: np.ndarray
     added: tuple[str, ...]
 
     @property
@@ -119,7 +121,7 @@ class Coefficients:
     def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
         """Sort a solution vector over the columns into its parts."""
         weights = solution[: columns.cells]
-        memory = np.zeros(columns.cells)
+        memory = weights * columns.start
         for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
             # The column fixes only the sum over the group: each cell gets its share by weight.
             share = weights[group] + 1e-12 * (1 + weights.max())
@@ -195,10 +197,12 @@ class HysteresisColumns:
     Attributes:
         states: (time, cell + group) states, then a column for each group of the initial memory.
         groups: the cells of each group.
+        start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
     """
 
     states: jax.Array
     groups: tuple[np.ndarray, ...]
+    start: np.ndarray
 
 
 def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> HysteresisColumns:
@@ -212,9 +216,28 @@ def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> Hy
     low, high = _state_bounds(chain.plane, path, chain.hysteron)
     if initial_memory == "free":
         states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
-        return HysteresisColumns(jnp.asarray(states), groups)
-    start = chain.plane.initial_states(initial_memory, path[0], chain.hysteron)
-    return HysteresisColumns(jnp.clip(start[None, :], low, high), ())
+        return HysteresisColumns(jnp.asarray(states), groups, np.zeros(chain.plane.cells))
+    start = stated_start(chain, path, initial_memory)
+    return HysteresisColumns(low + jnp.asarray(start) * (high - low), (), start)
+
+
+def stated_start(chain: Chain, path: jax.Array, initial_memory: str) -> np.ndarray:
+    """Share of what the first sample leaves open that a stated initial memory switches on.
+
+    Arguments:
+        chain: what is in the model.
+        path: (time,) input as the hysteresis sees it.
+        initial_memory: `"low"`, `"high"` or `"demagnetised"`.
+
+    Returns:
+        (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.
+    """
+    low, high = (
+        np.asarray(bound[0]) for bound in _state_bounds(chain.plane, path[:1], chain.hysteron)
+    )
+    states = np.asarray(chain.plane.initial_states(initial_memory, path[0], chain.hysteron))
+    gap = high - low
+    return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
 
 
 def hysteresis_output(chain: Chain, path: jax.Array, coefficients: Coefficients) -> jax.Array:
@@ -275,22 +298,16 @@ def tangents(
     inputs = {effect.name for effect in chain.at(InputEffect)}
     columns = []
     for effect, name in parameters:
+        if effect not in inputs and hysteresis is None:
+            path = driven_path(chain, values, signals)
+            hysteresis = hysteresis_output(chain, path, coefficients)
+        given = None if effect in inputs else hysteresis
 
-        def moved(value, effect=effect, name=name):
-            return {**values, effect: {**values[effect], name: value}}
-
-        if effect in inputs:
-
-            def output(value, moved=moved):
-                return response(chain, moved(value), signals, coefficients)
-
-        else:
-            if hysteresis is None:
-                path = driven_path(chain, values, signals)
-                hysteresis = hysteresis_output(chain, path, coefficients)
-
-            def output(value, moved=moved, hysteresis=hysteresis):
-                return behind_hysteresis(chain, moved(value), signals, hysteresis, coefficients)
+        def output(value, effect=effect, name=name, given=given):
+            moved = {**values, effect: {**values[effect], name: value}}
+            if given is None:
+                return response(chain, moved, signals, coefficients)
+            return behind_hysteresis(chain, moved, signals, given, coefficients)
 
         at = jnp.asarray(values[effect][name], dtype=float)
         columns.append(np.asarray(jax.jvp(output, (at,), (jnp.ones_like(at),))[1]))
@@ -325,25 +342,27 @@ def regressors(
         parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
         names += [effect.name] * parts[-1].shape[1]
     matrix = np.concatenate(parts, axis=1)
-    return Columns(matrix, chain.plane.cells, hysteresis.groups, tuple(names))
+    return Columns(matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, tuple(names))
 
 
 def _with_memory_columns(
     low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Columns of the cells, and one for each group of them whose unknown start ends together.
+    """Columns of the cells, and one for each group of them whose unknown start goes alike.
 
-    A hysteron that has not been forced since the start adds an unknown constant.  Those that are
-    forced at the same sample have one course until then, so that one column serves the group;
-    those that are never forced add to the offset.
+    A hysteron that has not been forced since the start adds an unknown constant, a share of what
+    its start leaves open.  Of those whose opening has one course, one column serves the group;
+    those whose opening stays as it was add to the offset.
     """
     gap = high - low
     free = np.flatnonzero(gap[0] > 0)
-    forced = np.where((gap[:, free] <= 0).any(axis=0), (gap[:, free] <= 0).argmax(axis=0), -1)
+    # Equal courses have equal projections on any direction, and different ones hardly ever.
+    direction = np.random.default_rng(0).normal(size=len(gap))
+    course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
     groups, columns = [], []
-    for sample in np.unique(forced):
-        group = free[forced == sample]
-        column = gap[:, group].mean(axis=1)
+    for one in range(course.max(initial=-1) + 1):
+        group = free[course == one]
+        column = gap[:, group[0]]
         if np.ptp(column) > 0:
             groups.append(group)
             columns.append(column)

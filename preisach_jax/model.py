@@ -21,6 +21,7 @@ from preisach_jax.chain import (
     hysteresis_output,
     response,
     signals_of,
+    stated_start,
 )
 from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -258,7 +259,7 @@ class Model:
             if stated == "free":
                 start = np.full(len(weights), 0.5)
             else:
-                start = np.asarray(self.plane.initial_states(stated, path[0], self.chain.hysteron))
+                start = stated_start(self.chain, path, stated)
             coefficients = replace(self.coefficients, memory=weights * start)
             middle = hysteresis_output(self.chain, path, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)

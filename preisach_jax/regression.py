@@ -268,7 +268,8 @@ def choose_strength(equations: NormalEquations, folds: np.ndarray, start: float)
                 gram, moment = equations.system(folds[folds != k], STRENGTHS[position])
                 solution = solve_nonnegative(gram, moment, equations.nonnegative, passive[int(k)])
                 passive[int(k)] = solution > 0
-                squares += equations.mean_square(solution, np.array([k])) * equations.count[k]
+                count = float(equations.count[k])
+                squares += count * equations.mean_square(solution, np.array([k]))
             errors[position] = squares
         return errors[position]
 

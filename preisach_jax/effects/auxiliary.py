@@ -62,14 +62,20 @@ class Auxiliary(AddedEffect):
         return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per auxiliary unit"),)
 
     def bound_to(self, span: Span):
-        return Auxiliary(self.column, self.unit, span.step_s / 10, span.duration_s / 5)
+        return Auxiliary(
+            column=self.column,
+            unit=self.unit,
+            tau_low_s=span.step_s / 10,
+            tau_high_s=span.duration_s / 5,
+        )
 
     def columns(self, values, signals):
         signal = signals.aux[self.column]
         dt = jnp.diff(signals.time, prepend=signals.time[:1])
 
         def advance(state, sample):
-            state = low_pass_step(state, *sample, values["tau_s"])
+            value, step_s = sample
+            state = low_pass_step(state, value, step_s, values["tau_s"])
             return state, state[0]
 
         state = jnp.stack([signal[0], signal[0]])

@@ -222,8 +222,8 @@ class AddedEffect(Effect):
 def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
     r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
 
-    \[ \tau \dot y = v - y,\qquad
-       y^+ = v^+ + e^{-\Delta t/\tau} (y - v) - (v^+ - v)\,\tau\,(1 - e^{-\Delta t/\tau})/\Delta t \]
+    \[ \tau \dot y = v - y,\quad
+       y^+ = v^+ + e^{-\Delta t/\tau} (y - v) - (v^+ - v)\,\tau (1 - e^{-\Delta t/\tau})/\Delta t \]
 
     Arguments:
         state: `(y, v)` stacked on the last axis: output and input after the last step.

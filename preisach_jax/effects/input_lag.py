@@ -33,8 +33,8 @@ class InputLag(InputEffect):
     signature: ClassVar[str] = "residual in proportion to the rate of the input; none at rest"
     confused_with: ClassVar[tuple[str, ...]] = ("delay", "output_lag", "rate_dependence")
     experiment: ClassVar[str] = (
-        "the same loop at several rates over a decade and a half, and a multisine: a lag attenuates "
-        "fast parts, a delay only shifts them"
+        "the same loop at several rates over a decade and a half, and a multisine: a lag "
+        "attenuates fast parts, a delay only shifts them"
     )
     tau_low_s: float = eqx.field(static=True, default=1e-5)
     tau_high_s: float = eqx.field(static=True, default=10.0)

@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int
 
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -146,6 +147,18 @@ def signals_of(record: Record, origin_s: float | None = None) -> Signals:
     )
 
 
+class ThinnedSignals(Signals):
+    """Signals of some samples of a record, with all of them for the effects of the input.
+
+    Attributes:
+        whole: the signals of all samples.
+        kept: (time,) indices of the samples that are kept.
+    """
+
+    whole: Signals
+    kept: Int[Array, " time"]
+
+
 @eqx.filter_jit
 def _apply(effect, values: Values, signal, time):
     return effect.apply(values, signal, time)
@@ -184,6 +197,8 @@ def _arrays(values: Mapping[str, Any]) -> Values:
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
     """The input as the hysteresis sees it, behind the input effects, `(time,)`."""
+    if isinstance(signals, ThinnedSignals):
+        return driven_path(chain, values, signals.whole)[signals.kept]
     path = signals.input
     for effect in chain.at(InputEffect):
         path = _apply(effect, _arrays(values[effect.name]), path, signals.time)

@@ -10,7 +10,9 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 
+import jax.numpy as jnp
 import numpy as np
+import scipy.ndimage
 
 from preisach_jax.chain import (
     Chain,
@@ -18,13 +20,14 @@ from preisach_jax.chain import (
     Columns,
     EffectValues,
     HysteresisColumns,
+    ThinnedSignals,
     driven_path,
     hysteresis_columns,
     regressors,
     signals_of,
     tangents,
 )
-from preisach_jax.effects.base import Effect, InputEffect, Parameter, Span
+from preisach_jax.effects.base import Effect, InputEffect, Parameter, Signals, Span
 from preisach_jax.record import Record
 from preisach_jax.regression import (
     NormalEquations,
@@ -53,6 +56,7 @@ class Problem:
 
     Attributes:
         record: the record, possibly thinned.
+        signals: what drives a model, on the device.
         span: time scales of the record before it was thinned.
         rows: (row,) indices of the measured samples.
         block: (row,) block of each of them.
@@ -60,6 +64,7 @@ class Problem:
     """
 
     record: Record
+    signals: Signals
     span: Span
     rows: np.ndarray
     block: np.ndarray
@@ -72,24 +77,30 @@ class Problem:
 
         Arguments:
             record: the record.
-            limit: number of samples to which a longer record is thinned (see `thinned`).
+            limit: number of samples to which a much longer record is thinned (see
+                `thinned_rows`).
         """
         record.check_identifiable()
         span = Span(record.duration_s, record.step_s)
-        if limit is not None and len(record.time) > limit:
-            record = thinned(record, limit)
+        signals = signals_of(record)
+        if limit is not None and len(record.time) > 1.25 * limit:
+            kept = thinned_rows(record.input, limit)
+            record = replace(
+                record,
+                time=record.time[kept],
+                input=record.input[kept],
+                output=record.output[kept],
+                aux={name: values[kept] for name, values in record.aux.items()},
+                time_values=record.time_values[kept],
+            )
+            some = signals_of(record)
+            signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))
         rows = np.flatnonzero(record.measured)
         block = np.arange(len(rows)) * BLOCKS // len(rows)
         # The third of four is held out: the ends of the record stay with the identification.
         fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
         order = np.argsort(fold, kind="stable")
-        return Problem(record, span, rows[order], block[order], fold[order])
-
-    @property
-    def signals(self):
-        if "signals" not in self.cache:
-            self.cache["signals"] = signals_of(self.record)
-        return self.cache["signals"]
+        return Problem(record, signals, span, rows[order], block[order], fold[order])
 
     @property
     def in_time(self) -> np.ndarray:
@@ -118,33 +129,39 @@ class Problem:
         return self.cache[slot][1]
 
 
-def thinned(record: Record, limit: int) -> Record:
-    """A record with fewer samples that keeps every extreme of the input.
+def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
+    """Samples of an input to keep: its extremes, more where it bends, fewer where it does not.
 
-    The record is cut into stretches, and of each the first sample and those of the least and the
-    greatest input are kept, so that no reversal above the swing inside a stretch is lost.
+    The input is cut into stretches, of which half are shared out evenly and half by the square
+    root of the second difference around a sample: that spreads the error of straight lines between
+    the samples evenly.  Of each stretch the first sample is kept, and where the input turns inside
+    it, those of its least and its greatest value, so that no reversal is lost but inside a stretch.
 
     Arguments:
-        record: the record.
-        limit: greatest number of samples.
+        values: (time,) the input.
+        limit: number of stretches.
 
     Returns:
-        The samples kept, at their own times.
+        Indices of the samples kept, ascending; about `limit`.
     """
-    keep = np.zeros(len(record.time), dtype=bool)
-    edges = np.linspace(0, len(keep), max(limit // 3, 1) + 1).astype(int)
-    for start, stop in itertools.pairwise(edges):
-        part = record.input[start:stop]
-        keep[[start, start + int(np.argmin(part)), start + int(np.argmax(part))]] = True
-    keep[-1] = True
-    return replace(
-        record,
-        time=record.time[keep],
-        input=record.input[keep],
-        output=record.output[keep],
-        aux={name: values[keep] for name, values in record.aux.items()},
-        time_values=record.time_values[keep],
-    )
+    count = len(values)
+    bend = np.zeros(count)
+    bend[1:-1] = np.sqrt(np.abs(np.diff(values, n=2)))
+    share = scipy.ndimage.uniform_filter1d(bend, 15)
+    for _ in range(5):  # a sample needs no more than a stretch of its own
+        share = np.minimum(share / max(share.sum(), np.finfo(float).tiny), 2.0 / limit)
+    share = 0.5 / count + 0.5 * share / max(share.sum(), np.finfo(float).tiny)
+    stretch = np.floor(np.cumsum(share) / share.sum() * limit * (1 - 1e-12)).astype(int)
+    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    keep = np.zeros(count, dtype=bool)
+    keep[[0, -1]] = True
+    keep[starts] = True
+    turns = np.zeros(count, dtype=bool)
+    turns[1:-1] = (values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) < 0
+    sizes = np.diff(starts, append=count)
+    for extreme in (np.minimum, np.maximum):
+        keep |= turns & (values == np.repeat(extreme.reduceat(values, starts), sizes))
+    return np.flatnonzero(keep)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ with the actual time step, and the model maps them over regressors.
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -138,7 +139,7 @@ class Effect(eqx.Module):
 
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class _Stepped(Effect):

@@ -5,10 +5,10 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid
+from preisach_jax.effects.base import InputEffect, Parameter, Span, log_grid
 
 
-class Delay(OutputEffect):
+class Delay(InputEffect):
     r"""Pure delay, by a fraction of a sample as well: \(z(t) = h(t - \theta)\).
 
     Arguments:
@@ -22,6 +22,9 @@ class Delay(OutputEffect):
     """
 
     name: ClassVar[str] = "delay"
+    # The operator and all that follows it commute with a shift of time, so that the delay of the
+    # output is computed as one of the input: exactly, and without a column for each hysteron.
+    place: ClassVar[str] = "output"
     physics: ClassVar[str] = (
         "Converters, the filter of the sensor and its digital link, and a data logger that takes "
         "its channels one after the other deliver the output later than the input by a fixed time, "

@@ -364,7 +364,7 @@ def longest_lag(record: Record) -> int:
     Example:
         >>> t = np.arange(8000.0)
         >>> longest_lag(Record.from_arrays(t, np.sin(2 * np.pi * t / 200), t))
-        200
+        204
     """
     most = int(np.clip(len(record.time) // 20, 10, 2000))
     own = autocorrelation(in_sequence(record, record.input, most), most).value

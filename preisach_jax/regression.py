@@ -166,7 +166,8 @@ def normal_equations(
     columns = matrix.shape[1]
     scale = np.ones(columns)
     behind = slice(cells + len(groups) + 1, columns)
-    scale[behind] = np.maximum(np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0)), 1e-300)
+    size = np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0))
+    scale[behind] = np.where(size > 0, size, 1.0)
     folds = int(fold.max()) + 1
     gram, moment = np.zeros((folds, columns, columns)), np.zeros((folds, columns))
     power, count = np.zeros(folds), np.zeros(folds)

@@ -233,7 +233,7 @@ def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> Hy
         states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
         return HysteresisColumns(jnp.asarray(states), groups, np.zeros(chain.plane.cells))
     start = stated_start(chain, path, initial_memory)
-    return HysteresisColumns(low + jnp.asarray(start) * (high - low), (), start)
+    return HysteresisColumns(low + jnp.asarray(start)[None, :] * (high - low), (), start)
 
 
 def stated_start(chain: Chain, path: jax.Array, initial_memory: str) -> np.ndarray:

@@ -1,0 +1,299 @@
+"""The signal chain: two ways to its output agree, and derivatives are those of differences."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+    driven_path,
+    hysteresis_columns,
+    hysteresis_output,
+    regressors,
+    response,
+    signals_of,
+    stated_start,
+    tangents,
+)
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import Effect, InputEffect
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.hysteron import hysteron_states
+from preisach_jax.plane import Plane
+from preisach_jax.record import INITIAL_MEMORIES, Record
+
+PLANE = Plane(levels=6, low=0.0, high=12.0)
+COUNT = 250
+VALUES = {
+    "creep": {"c_1": 0.1, "c_2": 0.07},
+    "input_lag": {"tau_s": 0.06},
+    "delay": {"delay_s": 0.043},
+    "drift": {"tau_s": 1.7},
+    "ageing": {"loss": 0.2, "tau_s": 2.0},
+    "aux:load_N": {"tau_s": 0.1},
+}
+EFFECTS: dict[str, Effect] = {
+    "creep": Creep(tau_s=(0.1, 1.0)),
+    "input_lag": InputLag(),
+    "delay": Delay(),
+    "drift": Drift(horizon_s=3.0),
+    "ageing": Ageing(horizon_s=3.0),
+    "aux:load_N": Auxiliary(column="load_N", unit="N"),
+}
+SETS = [(), *[(name,) for name in EFFECTS], ("drift", "creep", "aux:load_N"), tuple(EFFECTS)]
+memories = pytest.mark.parametrize("memory", INITIAL_MEMORIES)
+sets = pytest.mark.parametrize("names", SETS, ids="+".join)
+
+
+def record(memory="free", seed=0, jump=1.5, count=COUNT):
+    """A wandering input that starts in the middle of the range, at uneven times."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.005, 0.02, count))
+    path = np.clip(6.5 + np.cumsum(jump * rng.normal(size=count)), 0.0, 12.0)
+    load = np.cumsum(rng.normal(size=count))
+    return Record.from_arrays(
+        time, path, np.zeros(count), aux={"load_N": load}, initial_memory=memory
+    )
+
+
+def setting(names, memory="free", **options):
+    """A chain with some effects, what drives it, its regressors and random coefficients."""
+    rec = record(memory, **options)
+    chain = Chain(PLANE, tuple(EFFECTS[name] for name in names))
+    values: dict[str, dict[str, float]] = {name: VALUES[name] for name in names}
+    signals = signals_of(rec)
+    path = driven_path(chain, values, signals)
+    columns = regressors(chain, values, signals, hysteresis_columns(chain, path, memory))
+    solution = np.random.default_rng(1).uniform(0.2, 1.0, columns.matrix.shape[1])
+    return chain, values, signals, columns, solution
+
+
+@memories
+@sets
+def test_regressors_and_response_agree(x64, names, memory):
+    chain, values, signals, columns, solution = setting(names, memory)
+    coefficients = Coefficients.from_columns(columns, solution)
+    got = response(chain, values, signals, coefficients)
+    assert np.ptp(got) > 1.0
+    np.testing.assert_allclose(columns.matrix @ solution, got, rtol=0, atol=1e-11)
+
+
+def test_regressors_and_response_agree_in_single_precision():
+    chain, values, signals, columns, solution = setting(tuple(EFFECTS))
+    got = response(chain, values, signals, Coefficients.from_columns(columns, solution))
+    assert got.dtype == np.float32
+    np.testing.assert_allclose(columns.matrix @ solution, got, rtol=1e-4)
+
+
+@memories
+def test_columns_are_where_they_are_said_to_be(x64, memory):
+    chain, _, _, columns, _ = setting(tuple(EFFECTS), memory)
+    matrix = columns.matrix
+    assert matrix.shape == (COUNT, columns.offset + 1 + len(columns.added))
+    assert columns.cells == chain.plane.cells
+    assert columns.added == ("drift", "aux:load_N")
+    np.testing.assert_array_equal(matrix[:, columns.offset], 1.0)
+    np.testing.assert_array_equal(np.flatnonzero(~columns.nonnegative)[0], columns.offset)
+    assert bool(columns.groups) == (memory == "free")
+    grouped = np.concatenate([np.array([], dtype=int), *columns.groups])
+    assert len(set(grouped)) == len(grouped)
+
+
+# --- the unknown start ---
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_start_of_the_hysterons_is_in_the_span(x64, seed):
+    """Random weights and random switches before the record, simulated by the operator alone."""
+    rng = np.random.default_rng(seed)
+    rec = record(seed=seed, jump=0.4)
+    weights = rng.uniform(0.1, 1.0, PLANE.cells)
+    start = rng.integers(0, 2, PLANE.cells).astype(float)
+    target = np.asarray(hysteron_states(PLANE, rec.input, start)) @ weights
+    chain, signals = Chain(PLANE), signals_of(rec)
+    columns = regressors(chain, {}, signals, hysteresis_columns(chain, signals.input, "free"))
+    solution = np.concatenate([weights, np.zeros(columns.matrix.shape[1] - PLANE.cells)])
+    for position, group in enumerate(columns.groups):
+        solution[PLANE.cells + position] = weights[group] @ start[group]
+    # Those that the input never forces add a constant.
+    gap = target - columns.matrix @ solution
+    np.testing.assert_allclose(gap, gap[0], atol=1e-10)
+    solution[columns.offset] = gap[0]
+    coefficients = Coefficients.from_columns(columns, solution)
+    got = response(chain, {}, signals, coefficients)
+    np.testing.assert_allclose(got, target, rtol=0, atol=1e-10)
+    assert coefficients.memory.sum() == pytest.approx(
+        sum(weights[group] @ start[group] for group in columns.groups)
+    )
+    # The start matters: without it the output is another one.
+    blank = replace(coefficients, memory=np.zeros(PLANE.cells))
+    assert np.ptp(np.asarray(response(chain, {}, signals, blank)) - target) > 0.3
+
+
+@pytest.mark.parametrize("kind", ["low", "high"])
+def test_a_stated_start_is_that_of_the_plane(x64, kind):
+    rec, chain = record(kind), Chain(PLANE)
+    weights = np.linspace(0.5, 1.0, PLANE.cells)
+    start = stated_start(chain, jnp.asarray(rec.input), kind)
+    got = hysteresis_output(
+        chain, jnp.asarray(rec.input), Coefficients(weights, weights * start, 0.0, np.zeros(0))
+    )
+    expected = hysteron_states(PLANE, rec.input, kind) @ weights
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
+
+
+def test_a_demagnetised_start_is_on_below_the_line(x64):
+    chain = Chain(PLANE)
+    start = stated_start(chain, jnp.asarray([6.0]), "demagnetised")
+    line = PLANE.alpha + PLANE.beta - 12.0
+    unforced = (PLANE.alpha > 6.0) & (PLANE.beta < 6.0)
+    expected = np.where(np.abs(line) < 1e-9, 0.5, line < 0)
+    np.testing.assert_allclose(start[unforced], expected[unforced])
+    assert len(set(start[unforced])) == 3
+
+
+@pytest.mark.parametrize("hysteron", ["ramp", "relay"])
+def test_both_kinds_of_hysteron_make_a_chain(x64, hysteron):
+    rec = record("high")
+    chain = Chain(PLANE, (), hysteron)
+    signals = signals_of(rec)
+    columns = hysteresis_columns(chain, signals.input, "high")
+    expected = hysteron_states(PLANE, rec.input, "high", hysteron)
+    np.testing.assert_allclose(columns.states, expected, rtol=0, atol=1e-12)
+
+
+# --- order of the effects ---
+
+
+def test_added_effects_do_not_pass_the_output_effects(x64):
+    """Drift is added to what is recorded, so that creep does not follow it."""
+    rec, names = record("low"), ("drift", "creep")
+    chain = Chain(PLANE, tuple(EFFECTS[name] for name in names))
+    values = {name: VALUES[name] for name in names}
+    nothing = np.zeros(PLANE.cells)
+    got = response(
+        chain, values, signals_of(rec), Coefficients(nothing, nothing, 2.0, np.array([3.0]))
+    )
+    time = rec.time - rec.time[0]
+    np.testing.assert_allclose(got, 2.0 + 3.0 * np.expm1(-time / 1.7) / np.expm1(-3.0 / 1.7))
+
+
+class Doubled(InputEffect):
+    name = "doubled"
+
+    def parameters(self):
+        return ()
+
+    def apply(self, values, signal, time):
+        return jnp.minimum(2.0 * signal, 10.0)
+
+
+class Halved(InputEffect):
+    name = "halved"
+
+    def parameters(self):
+        return ()
+
+    def apply(self, values, signal, time):
+        return 0.5 * signal
+
+
+def test_effects_of_one_place_act_in_their_order(x64):
+    signals = signals_of(record())
+    values = {"doubled": {}, "halved": {}}
+    first = driven_path(Chain(PLANE, (Doubled(), Halved())), values, signals)
+    second = driven_path(Chain(PLANE, (Halved(), Doubled())), values, signals)
+    np.testing.assert_allclose(first, np.minimum(signals.input, 5.0))
+    np.testing.assert_allclose(second, np.minimum(signals.input, 10.0))
+
+
+def test_two_effects_of_one_name_are_refused():
+    with pytest.raises(ValueError, match="a name twice"):
+        Chain(PLANE, (Creep(), Creep(tau_s=(1.0,))))
+
+
+def test_an_effect_without_a_place_is_refused():
+    class Lost(Effect):
+        name = "lost"
+
+    with pytest.raises(ValueError, match="'lost' is a Lost: derive it from InputEffect"):
+        Chain(PLANE, (Lost(),))
+
+
+# --- derivatives ---
+
+
+@pytest.mark.parametrize("names", [*[(name,) for name in EFFECTS], tuple(EFFECTS)], ids="+".join)
+def test_tangents_against_finite_differences(x64, names):
+    chain, values, signals, columns, solution = setting(names, jump=0.5)
+    coefficients = Coefficients.from_columns(columns, solution)
+    every = [(name, key) for name in names for key in VALUES[name]]
+    got = tangents(chain, values, signals, coefficients, every)
+    assert got.shape == (COUNT, len(every))
+    for column, (name, key) in zip(got.T, every, strict=True):
+        step = 1e-6 * VALUES[name][key]
+
+        def at(value, name=name, key=key):
+            moved = {**values, name: {**values[name], key: value}}
+            return np.asarray(response(chain, moved, signals, coefficients))
+
+        middle = VALUES[name][key]
+        expected = (at(middle + step) - at(middle - step)) / (2 * step)
+        scale = np.abs(expected).max()
+        assert scale > 1e-3
+        # The operator has corners: a sample on the edge of a cell has two one-sided slopes.
+        apart = np.abs(column - expected) > 1e-5 * scale
+        assert apart.mean() < 0.01
+
+
+def test_without_parameters_there_are_no_tangents(x64):
+    chain, values, signals, columns, solution = setting(())
+    coefficients = Coefficients.from_columns(columns, solution)
+    assert tangents(chain, values, signals, coefficients, []).shape == (COUNT, 0)
+
+
+# --- compiling ---
+
+
+def compilations(run):
+    """How many functions JAX compiles while `run()` runs."""
+    seen = []
+
+    def note(event: str, duration_secs: float, **keywords: str | int) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            seen.append(keywords.get("fun_name", event))
+
+    jax.monitoring.register_event_duration_secs_listener(note)
+    try:
+        run()
+    finally:
+        jax.monitoring.unregister_event_duration_listener(note)
+    return seen
+
+
+def test_other_numbers_compile_nothing(x64):
+    names = ("input_lag", "creep", "drift")
+
+    def everything(factor):
+        chain, values, signals, columns, solution = setting(names, seed=3, count=71)
+        values = {
+            name: {key: value * factor for key, value in of_effect.items()}
+            for name, of_effect in values.items()
+        }
+        coefficients = Coefficients.from_columns(columns, solution * factor)
+        hysteresis = hysteresis_columns(chain, driven_path(chain, values, signals), "low")
+        regressors(chain, values, signals, hysteresis)
+        response(chain, values, signals, coefficients)
+        every = [(name, key) for name in values for key in values[name]]
+        tangents(chain, values, signals, coefficients, every)
+
+    assert compilations(lambda: everything(1.0))  # a length that no other test has
+    assert not compilations(lambda: everything(1.3))

@@ -18,6 +18,7 @@ from preisach_jax.fit import Fit, fit
 from preisach_jax.model import Model, ParameterEstimate, Prediction
 from preisach_jax.online import OnlineFilter
 from preisach_jax.plane import Plane
+from preisach_jax.plant import simulate_stage
 from preisach_jax.record import Record
 
 __all__ = [
@@ -43,4 +44,5 @@ __all__ = [
     "effects",
     "fit",
     "simulate",
+    "simulate_stage",
 ]

@@ -16,6 +16,7 @@ PACKAGE = Path(preisach_jax.__file__).parent
 # From below: a file may import from those before its own layer, and within its layer.
 LAYERS = [
     "errors",
+    "quantity",
     "hysteron",
     "plane",
     "filter",
@@ -33,7 +34,6 @@ LAYERS = [
     "confidence",
     "fit",
     "diagnosis",
-    "quantity",
     "plot",
     "report",
     "cli",

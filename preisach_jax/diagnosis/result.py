@@ -8,6 +8,7 @@ from typing import Any
 
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
+from preisach_jax.quantity import quantity
 
 VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
 
@@ -158,17 +159,21 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict and the ladder as text."""
-        unit = self.budget.unit
+
+        def shown(value: float) -> str:
+            return quantity(value, self.budget.unit)
+
         lines = [f"{self.verdict}: {self.sentence}", ""]
         for rung in self.ladder:
             name = " + ".join(rung.effects) or "rate-independent Preisach model"
             lines.append(
-                f"  {name}: held-out error {rung.rms_validation:.4g} {unit} RMS, "
-                f"{rung.max_abs_validation:.4g} {unit} at most, fit {rung.fit_percent:.2f} %"
+                f"  {name}: held-out error {shown(rung.rms_validation)} RMS, "
+                f"{shown(rung.max_abs_validation)} at most, fit {rung.fit_percent:.2f} %"
             )
+        budget = self.budget
         lines.append(
-            f"  budget: noise {self.budget.noise:.3g}, discretisation "
-            f"{self.budget.discretisation:.3g}, unexplained {self.budget.unexplained:.3g} {unit}"
+            f"  budget: noise {shown(budget.noise)}, discretisation "
+            f"{shown(budget.discretisation)}, unexplained {shown(budget.unexplained)}"
         )
         if self.located:
             lines.append(f"  what remains: {self.located}")

@@ -117,9 +117,8 @@ def diagnose(
         'adequate'
     """
     tried = _to_try(record, effects)
-    search = _Search(record, tried, levels, progress or (lambda text, done: None))
     with double_precision():
-        return search.run()
+        return _Search(record, tried, levels, progress or (lambda text, done: None)).run()
 
 
 def _to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
@@ -274,7 +273,7 @@ class _Search:
                 for trial, accepted, better in self.trials
             ),
             next_experiment=next_experiment(verdict, findings, self.tried),
-            located="" if within else located(problem.record, fits[-1]),
+            located="" if within else located(self.record, fits[-1]),
             steps=tuple(fits),
         )
 

@@ -10,14 +10,15 @@ from preisach_jax.diagnosis.residuals import input_rate, time_since_reversal
 from preisach_jax.diagnosis.result import Budget, Experiment, Finding
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
+from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
-    "input_lag": "a lag of the drive (the material gets the input late and rounded)",
+    "input_lag": "a lag of the drive (the material gets the input late and rounded off)",
     "delay": "a pure delay between input and measured output",
     "drift": "a drift of the measurement that does not depend on the input",
-    "ageing": "a loop that shrinks as time goes by",
+    "ageing": "ageing (the loop shrinks as time goes by)",
 }
 
 
@@ -30,36 +31,38 @@ def plain(name: str) -> str:
 
 def sentence(verdict: str, findings: Sequence[Finding], budget: Budget, fits: Sequence[Fit]) -> str:
     """The verdict in one sentence."""
-    unit = budget.unit
-    first, last = fits[0].rms_validation, fits[-1].rms_validation
+    first, last = (
+        quantity(fit.rms_validation, budget.unit, digits=3) for fit in (fits[0], fits[-1])
+    )
+    unexplained = quantity(budget.unexplained, budget.unit, digits=3)
     if verdict == "adequate":
         return (
-            "Nothing is missing: the plain hysteresis model predicts the output to "
-            f"{last:.3g} {unit} RMS, which is noise and the grid of the model."
+            f"Nothing is missing: the plain hysteresis model predicts the output to {last} RMS, "
+            "which is noise and the grid of the model."
         )
     if verdict == "unexplained":
         return (
             f"Something is missing, but none of the effects tried explains it: of the error of "
-            f"{last:.3g} {unit} RMS, {budget.unexplained:.3g} {unit} are neither noise nor grid."
+            f"{last} RMS, {unexplained} are neither noise nor grid."
         )
-    named = " and ".join(
-        plain(finding.effect)
-        + (
-            f" — or {' or '.join(finding.family[1:])}, which this record cannot tell from it —"
-            if len(finding.family) > 1
-            else ""
-        )
-        for finding in findings
-    )
+    named = " and ".join(_with_family(finding) for finding in findings)
     rest = (
-        "; what remains is noise and the grid of the model"
+        "what remains is noise and the grid of the model"
         if verdict == "explained"
-        else f"; {budget.unexplained:.3g} {unit} of it are still not explained"
+        else f"{unexplained} of it are still not explained"
     )
     return (
-        f"The plain hysteresis model lacks {named}: with it, the error falls from {first:.3g} to "
-        f"{last:.3g} {unit} RMS{rest}."
+        f"The plain hysteresis model lacks {named}: with it, the error falls from {first} to "
+        f"{last} RMS; {rest}."
     )
+
+
+def _with_family(finding: Finding) -> str:
+    name = plain(finding.effect)
+    if len(finding.family) == 1:
+        return name
+    others = " or ".join(finding.family[1:])
+    return f"{name} (or {others}, which this record cannot tell from it)"
 
 
 def located(record: Record, fit: Fit) -> str:
@@ -70,12 +73,12 @@ def located(record: Record, fit: Fit) -> str:
     """
     rows = np.flatnonzero(record.measured)
     power = fit.residual[rows] ** 2
-    unit_u, unit_z = record.channels["input"].unit, record.channels["output"].unit
+    unit_u, unit_z = record.input_unit, record.output_unit
     axes = {
         "time": (record.time, "s"),
         "input": (record.input, unit_u),
         "output": (record.output, unit_z),
-        "input rate": (np.abs(input_rate(record.time, record.input)), f"{unit_u}/s"),
+        "speed of the input": (np.abs(input_rate(record.time, record.input)), f"{unit_u}/s"),
         "time since the last reversal": (time_since_reversal(record.time, record.input), "s"),
     }
     places = []
@@ -89,7 +92,7 @@ def located(record: Record, fit: Fit) -> str:
             (
                 shares[worst],
                 f"{100 * shares[worst]:.0f} % of its power lie where the {name} is "
-                f"{inside.min():.3g} to {inside.max():.3g} {unit}",
+                f"{number(inside.min(), 3)} to {quantity(inside.max(), unit, 3)}",
             )
         )
     places.sort(reverse=True)

@@ -5,7 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import InputEffect, Parameter, Span, log_grid
+from preisach_jax.effects.base import InputEffect, Parameter, Span, curvature, log_grid
 
 
 class Delay(InputEffect):
@@ -63,4 +63,10 @@ class Delay(InputEffect):
 
     def apply(self, values, signal, time):
         # A delay needs the past of its signal, not a state of fixed size.
-        return jnp.interp(time - values["delay_s"], time, signal)
+        asked = jnp.maximum(time - values["delay_s"], time[0])
+        interval = jnp.clip(jnp.searchsorted(time, asked, side="right") - 1, 0, len(time) - 2)
+        start, step = time[interval], jnp.diff(time)[interval]
+        share = (asked - start) / step
+        straight = signal[interval] + share * jnp.diff(signal)[interval]
+        bend = curvature(signal, time)[interval]
+        return straight - share * (1 - share) / 2 * bend * step**2

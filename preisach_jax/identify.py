@@ -96,7 +96,9 @@ class Problem:
             some = signals_of(record)
             signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))
         rows = np.flatnonzero(record.measured)
-        block = np.arange(len(rows)) * BLOCKS // len(rows)
+        # A short record has fewer blocks, but all folds of them.
+        blocks = min(BLOCKS, FOLDS * (len(rows) // (2 * FOLDS)))
+        block = np.arange(len(rows)) * blocks // len(rows)
         # The third of four is held out: the ends of the record stay with the identification.
         fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
         order = np.argsort(fold, kind="stable")
@@ -157,7 +159,8 @@ def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
     keep[[0, -1]] = True
     keep[starts] = True
     turns = np.zeros(count, dtype=bool)
-    turns[1:-1] = (values[1:-1] - values[:-2]) * (values[2:] - values[1:-1]) < 0
+    moved = np.flatnonzero(np.diff(values))  # a converter repeats the value at a turning point
+    turns[moved[:-1][np.diff(np.sign(np.diff(values)[moved])) != 0] + 1] = True
     sizes = np.diff(starts, append=count)
     for extreme in (np.minimum, np.maximum):
         keep |= turns & (values == np.repeat(extreme.reduceat(values, starts), sizes))
@@ -224,8 +227,9 @@ def evaluate(
     Raises:
         FloatingPointError: if an effect gives values that are not finite.
     """
-    columns = regressors(chain, values, problem.signals, problem.hysteresis(chain, values))
-    matrix = columns.matrix[problem.rows]
+    hysteresis = problem.hysteresis(chain, values)
+    columns = regressors(chain, values, problem.signals, hysteresis, problem.rows)
+    matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
     equations = normal_equations(

@@ -1,0 +1,426 @@
+"""Identification recovers what was put in, from rows that were measured and not held out."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+import world
+from hypothesis import given
+from threadpoolctl import threadpool_limits
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import InputEffect, OutputEffect, Parameter, Span
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import base_point
+from preisach_jax.identify import (
+    ALL,
+    IDENTIFICATION,
+    VALIDATION,
+    Problem,
+    evaluate,
+    linearise,
+    promised_objective,
+    refine,
+    search,
+    starts_of,
+    thinned_rows,
+    with_all_rows,
+    with_strength,
+)
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As in `fit`: for matrices of these sizes, threads that wait for a processor cost more."""
+    with threadpool_limits(1):
+        yield
+
+
+LEVELS = 6
+TOP = 75.0
+
+
+def wander(seconds=6.0, rate=300.0, seed=1):
+    """Time (s) and an input (V) with ramps at several rates, holds and a chirp, from rest."""
+    count = round(seconds * rate)
+    return np.arange(count) / rate, world.excitation("rich", seconds, rate, seed)
+
+
+def simulated(effects, values, added=(), noise=1e-3, seed=2):
+    """A record of the model itself, with random smooth weights; and its chain."""
+    time, drive = wander()
+    rng = np.random.default_rng(seed)
+    load = np.cumsum(rng.normal(size=len(time))) * 0.1
+    chain = Chain(Plane(LEVELS, float(drive.min()), float(drive.max())), tuple(effects))
+    i, j = np.tril_indices(LEVELS)
+    weights = 0.5 + 0.2 * i + 0.1 * j + np.where(i == j, 1.0, 0.0)  # not drawn to another value
+    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.asarray(added, float))
+    blank = Record.from_arrays(
+        time, drive, np.zeros(len(time)), aux={"load_N": load}, initial_memory="low"
+    )
+    output = np.asarray(response(chain, values, signals_of(blank), coefficients))
+    output = output + noise * rng.normal(size=len(time))
+    record = Record.from_arrays(
+        time,
+        drive,
+        output,
+        aux={"load_N": load},
+        units={"input": "V", "output": "um", "load_N": "N"},
+        initial_memory="low",
+    )
+    return record, chain
+
+
+# --- a record cut into blocks ---
+
+
+@given(
+    count=st.integers(80, 700),
+    holes=st.integers(0, 30),
+    seed=st.integers(0, 100),
+)
+def test_blocks_hold_every_measured_row_once(count, holes, seed):
+    rng = np.random.default_rng(seed)
+    output = rng.normal(size=count)
+    output[rng.choice(count, holes, replace=False)] = np.nan
+    problem = Problem.of(Record.from_arrays(np.arange(count), rng.normal(size=count), output))
+    measured = np.flatnonzero(np.isfinite(output))
+    np.testing.assert_array_equal(np.sort(problem.rows), measured)
+    np.testing.assert_array_equal(problem.rows[problem.in_time], measured)
+    np.testing.assert_array_equal(problem.target, output[problem.rows])
+    assert np.all(np.diff(problem.fold) >= 0)  # a fold is one slice
+    block = problem.block[problem.in_time]
+    fold = problem.fold[problem.in_time]
+    assert np.all(np.diff(block) >= 0)  # a block is one stretch of time
+    for one in np.unique(block):
+        assert len(set(fold[block == one])) == 1
+    assert set(fold) == set(range(4))
+    assert abs(np.mean(fold == VALIDATION[0]) - 0.25) < 0.05
+    # The ends of the record are never predicted beyond what was seen.
+    assert fold[0] in IDENTIFICATION
+    assert fold[-1] in IDENTIFICATION
+    for k in range(4):
+        inside = problem.rows[problem.fold == k]
+        assert np.all(np.diff(inside) > 0)
+
+
+def test_long_records_have_alike_blocks_spread_over_them():
+    time, drive = wander(40.0)
+    problem = Problem.of(Record.from_arrays(time, drive, drive))
+    sizes = np.bincount(problem.block)
+    assert len(sizes) == 96
+    assert np.ptp(sizes) <= 1
+    held_out = np.unique(problem.block[problem.fold == VALIDATION[0]])
+    np.testing.assert_array_equal(np.diff(held_out), 4)
+
+
+def test_what_was_not_measured_is_not_used(x64):
+    record, chain = simulated((), {})
+    output = np.array(record.output)
+    output[300:400] = np.nan
+    holed = replace(record, output=output)
+    problem = Problem.of(holed)
+    point = with_all_rows(evaluate(problem, chain, {}, 1e-6))
+    assert np.isfinite(point.solution).all()
+    assert not np.isin(np.arange(300, 400), problem.rows).any()
+    whole = Problem.of(record)
+    full = with_all_rows(evaluate(whole, chain, {}, 1e-6))
+    # The input there was seen: the memory goes on through the gap.
+    error = holed.output - full.matrix[whole.in_time] @ point.solution * problem.unit
+    assert np.nanmax(np.abs(error)) < 0.02
+
+
+def test_held_out_rows_do_not_identify(x64):
+    record, chain = simulated((), {})
+    problem = Problem.of(record)
+    held_out = problem.rows[problem.fold == VALIDATION[0]]
+    output = np.array(record.output)
+    output[held_out] = output[held_out][::-1]
+    other = Problem.of(replace(record, output=output))
+    assert other.unit == problem.unit
+    points = [with_strength(evaluate(p, chain, {}, 1e-4)) for p in (problem, other)]
+    np.testing.assert_array_equal(points[0].solution, points[1].solution)
+    assert points[0].strength == points[1].strength
+    assert points[1].validation_mean_square > 100 * points[0].validation_mean_square
+    moved = [with_all_rows(point).solution for point in points]
+    assert np.abs(moved[0] - moved[1]).max() > 1e-3
+
+
+# --- thinning ---
+
+
+def test_thinning_keeps_every_reversal_of_a_triangle():
+    corners = np.tile([0.0, 1.0], 40)
+    values = np.interp(np.arange(20_000), np.arange(80) * 250, corners)
+    kept = thinned_rows(values, 1000)
+    assert np.all(np.diff(kept) > 0)
+    assert {0, 19_999} <= set(kept)
+    assert set(np.arange(1, 79) * 250) <= set(kept)
+    assert len(kept) < 2000
+
+
+def test_thinning_keeps_reversals_with_flat_tops():
+    """A converter repeats the value at a turning point."""
+    ramp = np.arange(200.0)
+    values = np.tile(np.concatenate([ramp, ramp[::-1]]), 30)
+    kept = thinned_rows(values, 600)
+    assert len(kept) < 1500
+    np.testing.assert_array_equal(_turns(values[kept]), _turns(values))
+
+
+def _turns(values):
+    """The extremes of a course in their order, by a loop."""
+    found = [values[0]]
+    direction = 0.0
+    for before, now in pairwise(values):
+        if now != before:
+            if direction and np.sign(now - before) != direction:
+                found.append(before)
+            direction = np.sign(now - before)
+    return np.array([*found, values[-1]])
+
+
+@given(seed=st.integers(0, 1000), limit=st.integers(100, 900))
+def test_thinning_keeps_the_extremes_and_the_ends(seed, limit):
+    values = np.cumsum(np.random.default_rng(seed).normal(size=3000))
+    kept = thinned_rows(values, limit)
+    assert np.all(np.diff(kept) > 0)
+    assert kept[0] == 0
+    assert kept[-1] == 2999
+    assert values[kept].max() == values.max()
+    assert values[kept].min() == values.min()
+    assert 0.5 * limit <= len(kept) <= 3 * limit + 2
+
+
+def test_thinning_spends_its_samples_where_the_input_bends():
+    time, drive = wander(24.0, 2000.0)
+    kept = thinned_rows(drive, 6000)
+    even = np.linspace(0, len(time) - 1, len(kept)).astype(int)
+    errors = [
+        np.sqrt(np.mean((np.interp(time, time[rows], drive[rows]) - drive) ** 2))
+        for rows in (kept, even)
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_constant_input_can_be_thinned():
+    kept = thinned_rows(np.full(1000, 3.0), 100)
+    assert 50 <= len(kept) <= 200
+
+
+def test_a_thinned_record_keeps_its_time_scales():
+    time, drive = wander(20.0)
+    record = Record.from_arrays(time, drive, drive, aux={"load_N": drive})
+    problem = Problem.of(record, 1000)
+    assert len(problem.record) < 2500 < len(time)
+    assert problem.span == Span(record.duration_s, record.step_s)
+    rows = np.searchsorted(time, problem.record.time)
+    np.testing.assert_array_equal(problem.record.input, drive[rows])
+    np.testing.assert_array_equal(problem.record.aux["load_N"], drive[rows])
+
+
+# --- linear part ---
+
+
+def test_the_weights_of_the_model_are_found(x64):
+    record, chain = simulated((), {}, noise=1e-6)
+    problem = Problem.of(record)
+    point = evaluate(problem, chain, {}, 1e-8)
+    i, j = np.tril_indices(LEVELS)
+    got = point.coefficients(problem.unit)
+    np.testing.assert_allclose(got.weights, 0.5 + 0.2 * i + 0.1 * j + (i == j), atol=0.01)
+    assert got.offset == pytest.approx(2.0, abs=0.01)
+    assert np.sqrt(point.validation_mean_square) * problem.unit < 1e-3
+
+
+def test_the_objective_is_the_error_plus_the_penalty(x64):
+    record, chain = simulated((), {}, noise=0.05)
+    problem = Problem.of(record)
+    point = evaluate(problem, chain, {}, 1e-3)
+    rows = np.isin(problem.fold, IDENTIFICATION)
+    residual = (problem.target / problem.unit - point.matrix @ point.solution)[rows]
+    penalty = point.equations.penalty(point.solution, 1e-3)
+    assert penalty > 0
+    assert point.objective == pytest.approx(np.mean(residual**2) + penalty, rel=1e-6)
+
+
+def test_a_finer_plane_hardly_ever_harms(x64):
+    rec = world.hidden_record(None, 2, duration_s=8.0, rate_hz=500.0)
+    problem = Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"]))
+    errors = [base_point(problem, levels).validation_mean_square for levels in (25, 50)]
+    assert errors[1] < 1.2 * errors[0]
+
+
+class Broken(OutputEffect):
+    name = "broken"
+
+    def parameters(self):
+        return (Parameter("c", "1", 0.0, 1.0),)
+
+    def apply(self, values, signal, time):
+        return signal * np.nan
+
+
+def test_values_that_are_not_finite_are_refused(x64):
+    record, chain = simulated((), {})
+    with pytest.raises(FloatingPointError, match="not finite"):
+        evaluate(Problem.of(record), chain.with_effects((Broken(),)), {"broken": {"c": 0.0}}, 1e-4)
+
+
+def test_columns_of_the_operator_follow_the_input_effects(x64):
+    """They are kept from one evaluation to the next, and must not be when the path has changed."""
+    record, chain = simulated((), {})
+    chain = chain.with_effects((InputLag(),))
+    problem = Problem.of(record)
+    for tau in (0.02, 0.3, 0.02):
+        values = {"input_lag": {"tau_s": tau}}
+        kept = evaluate(problem, chain, values, 1e-4)
+        fresh = evaluate(Problem.of(record), chain, values, 1e-4)
+        np.testing.assert_array_equal(kept.matrix, fresh.matrix)
+
+
+# --- nonlinear parameters ---
+
+
+def test_starts_are_all_combinations():
+    class Two(InputEffect):
+        name = "two"
+
+        def parameters(self):
+            return (
+                Parameter("a", "1", 0.0, 9.0, start=(1.0, 2.0)),
+                Parameter("b", "1", 0.0, 9.0, start=(3.0, 4.0, 5.0)),
+            )
+
+    starts = starts_of(Two())
+    assert len(starts) == 6
+    assert {(s["a"], s["b"]) for s in starts} == {(a, b) for a in (1, 2) for b in (3, 4, 5)}
+
+
+SPAN = Span(6.0, 1 / 300)
+OWN = [
+    (InputLag(), {"tau_s": 0.031}, ()),
+    (Delay(), {"delay_s": 0.0234}, ()),
+    (Drift(), {"tau_s": 2.1}, (0.8,)),
+    (Ageing(), {"loss": 0.07, "tau_s": 3.0}, ()),
+    (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.15}, (0.5,)),
+    (Creep(), {"c_2": 0.01, "c_4": 0.03}, ()),
+]
+
+
+@pytest.mark.parametrize(("kind", "truth", "added"), OWN, ids=[case[0].name for case in OWN])
+def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added):
+    effect = kind.bound_to(SPAN)
+    every = {parameter.name: 0.0 for parameter in effect.parameters()} | truth
+    record, chain = simulated((effect,), {effect.name: every}, added)
+    problem = Problem.of(record)
+    base = with_strength(evaluate(problem, replace_effects(chain, ()), {}, 1e-4))
+    starts = search(problem, base, effect)
+    found = refine(problem, starts[0], iterations=20, tolerance=1e-7)
+    assert found.objective <= starts[0].objective
+    for name, value in every.items():
+        expected = pytest.approx(value, rel=0.01, abs=3e-4)
+        assert found.values[effect.name][name] == expected, name
+    coefficients = found.coefficients(problem.unit)
+    np.testing.assert_allclose(coefficients.added, added, rtol=0.01)
+    assert np.sqrt(found.validation_mean_square) * problem.unit < 1.3e-3  # the noise is 1e-3
+    assert found.validation_mean_square < 0.05 * base.validation_mean_square
+
+
+def replace_effects(chain, effects):
+    return Chain(chain.plane, tuple(effects), chain.hysteron)
+
+
+def test_two_effects_at_once_are_found(x64):
+    effects = (InputLag().bound_to(SPAN), Drift().bound_to(SPAN))
+    truth = {"input_lag": {"tau_s": 0.05}, "drift": {"tau_s": 1.5}}
+    record, chain = simulated(effects, truth, (0.6,))
+    problem = Problem.of(record)
+    away = {"input_lag": {"tau_s": 0.02}, "drift": {"tau_s": 4.0}}
+    found = refine(problem, evaluate(problem, chain, away, 1e-4), 20, 1e-7)
+    assert found.values["input_lag"]["tau_s"] == pytest.approx(0.05, rel=0.01)
+    assert found.values["drift"]["tau_s"] == pytest.approx(1.5, rel=0.02)
+
+
+def test_refining_stays_inside_the_bounds_and_is_never_worse(x64):
+    narrow = InputLag(tau_low_s=0.001, tau_high_s=0.02)
+    record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.1}})
+    problem = Problem.of(record)
+    chain = replace_effects(chain, (narrow,))
+    start = evaluate(problem, chain, {"input_lag": {"tau_s": 0.004}}, 1e-4)
+    end = refine(problem, start)
+    assert end.values["input_lag"]["tau_s"] == pytest.approx(0.02)
+    assert end.objective < start.objective
+
+
+def test_a_linearisation_promises_what_a_step_keeps(x64):
+    record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.05}}, noise=0.02)
+    problem = Problem.of(record)
+    near = evaluate(problem, chain, {"input_lag": {"tau_s": 0.0495}}, 1e-4)
+    promised = promised_objective(problem, near)
+    kept = refine(problem, near, iterations=10, tolerance=1e-9)
+    assert promised < 0.9 * near.objective
+    assert promised == pytest.approx(kept.objective, rel=0.02)
+    assert promised_objective(problem, kept) == pytest.approx(kept.objective, rel=1e-4)
+
+
+def test_tangents_are_scaled_to_unit_size(x64):
+    record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.05}})
+    problem = Problem.of(record)
+    point = evaluate(problem, chain, {"input_lag": {"tau_s": 0.05}}, 1e-4)
+    linear = linearise(problem, point, point.parameters)
+    np.testing.assert_allclose(np.mean(linear.tangents**2, axis=0), 1.0)
+    step = 1e-4
+    near = [
+        evaluate(problem, chain, {"input_lag": {"tau_s": 0.05 * np.exp(s)}}, 1e-4)
+        for s in (step, -step)
+    ]
+    difference = (near[0].matrix - near[1].matrix) @ point.solution / (2 * step)
+    np.testing.assert_allclose(linear.tangents[:, 0] * linear.scale, difference, atol=1e-3)
+
+
+def test_the_final_fit_uses_all_rows(x64):
+    record, chain = simulated((), {}, noise=0.05)
+    problem = Problem.of(record)
+    point = evaluate(problem, chain, {}, 1e-4)
+    whole = with_all_rows(point)
+    np.testing.assert_array_equal(whole.folds, ALL)
+    assert whole.validation_mean_square < point.validation_mean_square
+
+
+# --- records of another make ---
+
+
+ACTUATOR = {
+    "input_lag": {"tau_s": "tau_s"},
+    "delay": {"delay_s": "delay_s"},
+    "ageing": {"loss": "loss"},
+    "drift": {"amplitude": "amplitude_um"},
+    "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"},
+}
+
+
+@pytest.mark.parametrize("effect", ACTUATOR)
+def test_parameters_of_the_simulated_actuator_are_found(effect):
+    rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=2000.0)
+    name = f"aux:{rec['truth']['column']}" if effect == "aux" else effect
+    record = Record.from_arrays(
+        rec["t"], rec["x"], rec["z"], aux=rec["aux"], units={"output": "um"}, initial_memory="low"
+    )
+    found = pj.fit(record, [name], levels=13)
+    for parameter, truth in ACTUATOR[effect].items():
+        estimate = found.model.parameters[name][parameter]
+        assert estimate.value == pytest.approx(rec["truth"][truth], rel=0.01), parameter
+    assert found.rms_validation < 0.04
+    assert not jax.config.read("jax_enable_x64")  # the precision of the caller is left alone

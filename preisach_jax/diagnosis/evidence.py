@@ -8,7 +8,7 @@ import numpy as np
 
 from preisach_jax.identify import VALIDATION, Point, Problem
 
-LEAST_GAIN = 0.02
+LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square below which nothing is named."""
 
 LEAST_Z = 3.0
@@ -41,19 +41,20 @@ class Evidence:
     def against(self) -> str:
         """Why the locks stay closed; empty if both open."""
         reasons = []
-        if self.gain < LEAST_GAIN:
+        # Written so that numbers that are not finite leave the locks closed.
+        if not self.gain >= LEAST_GAIN:
             reasons.append(
                 f"the held-out mean square falls by {100 * self.gain:.1f} %, less than "
                 f"{100 * LEAST_GAIN:.0f} %"
                 if self.gain > 0
                 else "the held-out error does not fall"
             )
-        elif self.z < LEAST_Z:
+        elif not self.z >= LEAST_Z:
             reasons.append(
                 f"the gain is not alike over the {self.blocks} held-out blocks "
                 f"(z = {self.z:.1f}, below {LEAST_Z:.0f})"
             )
-        if self.delta_bic < LEAST_DELTA_BIC:
+        if not self.delta_bic >= LEAST_DELTA_BIC:
             reasons.append(
                 "the whitened residual does not shrink enough for the parameters spent "
                 f"(ΔBIC = {self.delta_bic:.0f}, below {LEAST_DELTA_BIC:.0f})"

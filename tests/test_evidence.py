@@ -1,0 +1,266 @@
+"""The two locks and the error budget: what they let pass, and what their numbers are."""
+
+import re
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+import world
+from scipy import signal, stats
+from threadpoolctl import threadpool_limits
+
+from preisach_jax.chain import Chain
+from preisach_jax.diagnosis.budget import (
+    MOST_LEVELS,
+    discretisation_rms,
+    noise_rms,
+    quantisation_step,
+    refined_levels,
+)
+from preisach_jax.diagnosis.evidence import (
+    LEAST_DELTA_BIC,
+    LEAST_GAIN,
+    LEAST_Z,
+    Evidence,
+    block_mean_squares,
+    compare,
+    free_parameters,
+    innovation_variance,
+    residual_of,
+    simple_ratio,
+    standardised,
+)
+from preisach_jax.effects.base import AddedEffect, Parameter
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import at_levels, base_point, plane_of, with_effect
+from preisach_jax.identify import VALIDATION, Problem, evaluate
+from preisach_jax.record import Record
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with threadpool_limits(1):
+        yield
+
+
+def problem_of(effect, seed=3, rate_hz=1000.0, **options):
+    rec = world.hidden_record(effect, seed, duration_s=6.0, rate_hz=rate_hz, **options)
+    return Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"], initial_memory="low"))
+
+
+@pytest.fixture(scope="module")
+def points():
+    """A record that drifts: the model without and with the drift."""
+    with jax.enable_x64(True), threadpool_limits(1):
+        problem = problem_of("drift")
+        base = base_point(problem, 11)
+        return problem, base, with_effect(problem, base, Drift(), always=True)
+
+
+# --- the locks ---
+
+
+def test_evidence_above_all_thresholds_opens_the_locks():
+    assert Evidence(LEAST_GAIN, LEAST_Z, 24, LEAST_DELTA_BIC).against == ""
+
+
+@pytest.mark.parametrize(
+    ("evidence", "says"),
+    [
+        (Evidence(0.9 * LEAST_GAIN, 99.0, 24, 1e3), "falls by 1.8 %, less than 2 %"),
+        (Evidence(-0.3, 99.0, 24, 1e3), "does not fall"),
+        (Evidence(0.0, 99.0, 24, 1e3), "does not fall"),
+        (Evidence(0.5, 2.9, 24, 1e3), "not alike over the 24 held-out blocks .z = 2.9"),
+        (Evidence(0.5, 9.0, 24, 9.9), "whitened residual.*ΔBIC = 10"),
+        (Evidence(np.nan, 9.0, 24, 99.0), "does not fall"),
+        (Evidence(0.5, np.nan, 24, 99.0), "not alike"),
+        (Evidence(0.5, 9.0, 24, np.nan), "whitened residual"),
+    ],
+)
+def test_each_lock_says_why_it_stays_closed(evidence, says):
+    assert re.search(says, evidence.against)
+
+
+def test_two_closed_locks_give_two_reasons():
+    assert Evidence(0.0, 0.0, 24, 0.0).against.count(";") == 1
+    assert Evidence(0.1, 5.0, 24, 50.0).numbers() == {
+        "gain": 0.1,
+        "z": 5.0,
+        "blocks": 24,
+        "delta_bic": 50.0,
+    }
+
+
+# --- their numbers ---
+
+
+def test_residuals_are_in_the_order_of_time(points):
+    problem, base, _ = points
+    got = residual_of(problem, base) * problem.unit
+    model = np.empty(len(problem.record))
+    model[problem.rows] = base.matrix @ base.solution * problem.unit
+    np.testing.assert_allclose(got, problem.record.output - model, atol=1e-9)
+
+
+@pytest.mark.parametrize("coefficients", [[], [0.9], [1.4, -0.6]])
+def test_innovations_are_what_an_autoregression_cannot_foretell(coefficients):
+    rng = np.random.default_rng(0)
+    white = 0.3 * rng.normal(size=20_000)
+    residual = np.asarray(signal.lfilter([1.0], [1.0, *[-c for c in coefficients]], white))
+    assert innovation_variance(residual) == pytest.approx(0.09, rel=0.03)
+
+
+def test_few_rows_take_few_lags():
+    rng = np.random.default_rng(1)
+    assert 0.2 < innovation_variance(rng.normal(size=60)) < 2.0
+    assert innovation_variance(np.zeros(100)) > 0.0
+
+
+def test_standardised_mean_is_students_t():
+    values = np.random.default_rng(2).normal(0.4, 1.0, 24)
+    expected = stats.ttest_1samp(values, 0.0)
+    assert standardised(values) == pytest.approx(float(getattr(expected, "statistic")))  # noqa: B009
+    assert standardised(np.ones(5)) == 0.0
+
+
+def test_ratio_to_nothing_is_one():
+    assert simple_ratio(1.0, 4.0) == 0.25
+    assert simple_ratio(0.0, 0.0) == 1.0
+
+
+def test_blocks_are_summed_as_a_loop_does(points):
+    problem, base, _ = points
+    residual = np.random.default_rng(3).normal(size=len(problem.rows))
+    got = block_mean_squares(problem, residual)
+    position = {int(row): k for k, row in enumerate(np.sort(problem.rows))}
+    expected: dict[int, list[float]] = {}
+    for row, block, fold in zip(problem.rows, problem.block, problem.fold, strict=True):
+        if fold == VALIDATION[0]:
+            expected.setdefault(int(block), []).append(residual[position[int(row)]] ** 2)
+    np.testing.assert_allclose(got, [np.mean(expected[block]) for block in sorted(expected)])
+    # With the model's own residuals, they make up its held-out mean square.
+    squares = block_mean_squares(problem, residual_of(problem, base))
+    sizes = [len(expected[block]) for block in sorted(expected)]
+    mean = np.average(squares, weights=sizes)
+    assert mean == pytest.approx(base.validation_mean_square, rel=1e-6)
+
+
+def test_evidence_for_the_right_effect(points):
+    problem, base, drift = points
+    evidence = compare(problem, base, drift)
+    assert evidence.against == ""
+    assert evidence.gain > 0.9
+    assert evidence.blocks == 24
+    before, after = residual_of(problem, base), residual_of(problem, drift)
+    ratio = innovation_variance(before) / innovation_variance(after)
+    count = len(problem.target)
+    expected = count * np.log(ratio) - 2 * np.log(count)  # time constant and amplitude
+    assert evidence.delta_bic == pytest.approx(expected)
+
+
+def test_evidence_turns_round_with_the_models(points):
+    problem, base, drift = points
+    there, back = compare(problem, base, drift), compare(problem, drift, base)
+    assert back.delta_bic == pytest.approx(-there.delta_bic)
+    assert back.gain < 0
+    assert back.against
+    same = compare(problem, base, base)
+    assert (same.gain, same.z, same.delta_bic) == (0.0, 0.0, 0.0)
+    assert same.against
+
+
+class Chance(AddedEffect):
+    """White noise of its own, that no record holds."""
+
+    name = "chance"
+    place = "added"
+
+    def parameters(self):
+        return ()
+
+    def coefficients(self):
+        return (Parameter("gain", "{z}", -np.inf, np.inf),)
+
+    def columns(self, values, signals):
+        rng = np.random.default_rng(7)
+        return np.asarray(rng.normal(size=(len(signals.time), 1)))
+
+
+@pytest.mark.parametrize("effect", [Chance(), Drift()])
+def test_nothing_is_named_where_nothing_is_hidden(x64, effect):
+    for seed in (5, 6):
+        problem = problem_of(None, seed)
+        base = base_point(problem, 11)
+        rich = with_effect(problem, base, effect, always=True)
+        assert compare(problem, base, rich).against
+
+
+def test_parameters_that_are_nothing_are_not_counted(x64):
+    problem = problem_of(None)
+    creep, drift = Creep(tau_s=(0.1, 1.0)), Drift(horizon_s=6.0)
+    chain = Chain(plane_of(problem, 5), (creep, InputLag(), drift))
+    values = {
+        "creep": {"c_1": 0.0, "c_2": 0.01},
+        "input_lag": {"tau_s": 0.01},
+        "drift": {"tau_s": 2.0},
+    }
+    point = evaluate(problem, chain, values, 1e-4)
+    assert free_parameters(point) == 4  # c_2, the lag, the drift's time constant and amplitude
+    assert free_parameters(base_point(problem, 5)) == 0
+
+
+# --- the error budget ---
+
+
+@pytest.mark.parametrize("noise", [0.006, 0.1])
+@pytest.mark.parametrize("effect", [None, "drift"])
+def test_noise_is_measured_whatever_is_hidden(x64, noise, effect):
+    problem = problem_of(effect, rate_hz=3000.0, noise_um=noise)
+    expected = np.hypot(noise, world.ENCODER_STEP / np.sqrt(12))
+    assert noise_rms(problem, base_point(problem, 11)) == pytest.approx(expected, rel=0.12)
+
+
+def test_the_step_of_a_converter_is_found():
+    rng = np.random.default_rng(0)
+    smooth = 10 * np.sin(np.linspace(0, 20, 5000)) + 0.01 * rng.normal(size=5000)
+    assert quantisation_step(smooth) == 0.0
+    assert quantisation_step(np.round(smooth / 0.05) * 0.05) == pytest.approx(0.05)
+    assert quantisation_step(np.zeros(100)) == 0.0
+
+
+def test_a_coarse_converter_is_noise(x64):
+    problem = problem_of(None, noise_um=0.0)
+    output = np.round(problem.record.output / 0.5) * 0.5
+    coarse = Problem.of(replace(problem.record, output=output))
+    assert noise_rms(coarse, base_point(coarse, 9)) >= 0.5 / np.sqrt(12)
+
+
+def test_planes_are_refined_by_half_as_long_as_it_is_cheap():
+    assert refined_levels(10_000, 24) == 36
+    assert refined_levels(10_000, 40) == MOST_LEVELS
+    assert refined_levels(10_000, MOST_LEVELS) is None
+    assert refined_levels(10_000, 80) is None
+    assert refined_levels(10_000_000, 24) is None
+
+
+def test_discretisation_is_what_a_finer_plane_takes_away(x64):
+    """Nothing hidden and no noise: the whole error of a coarse plane is its grid."""
+    problem = problem_of(None, noise_um=0.0)
+    coarse = base_point(problem, 6)
+    fine = at_levels(problem, coarse, 18)
+    error = np.sqrt(coarse.validation_mean_square) * problem.unit
+    assert discretisation_rms(problem, coarse, fine) == pytest.approx(error, rel=0.15)
+
+
+def test_without_a_finer_plane_a_coarser_one_tells(x64):
+    problem = problem_of(None, noise_um=0.0)
+    point = base_point(problem, 9)
+    error = np.sqrt(point.validation_mean_square) * problem.unit
+    assert 0.2 * error < discretisation_rms(problem, point) <= error
+    # Of an error that is no grid error, little is held to be one.
+    noisy = problem_of(None, noise_um=0.5)
+    point = base_point(noisy, 9)
+    assert discretisation_rms(noisy, point) < 0.3 * 0.5

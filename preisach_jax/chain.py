@@ -21,7 +21,7 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import state_bounds
+from preisach_jax.hysteron import hysteron_states, state_bounds
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -185,6 +185,11 @@ def _state_bounds(plane: Plane, path, hysteron: str):
 
 
 @eqx.filter_jit
+def _states_from_low(plane: Plane, path, hysteron: str):
+    return hysteron_states(plane, path, "low", hysteron)
+
+
+@eqx.filter_jit
 def _operator(plane: Plane, weights, memory, path, hysteron: str):
     low, high = state_bounds(plane, path, hysteron)
     return low @ weights + (high - low) @ memory
@@ -228,11 +233,16 @@ def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> Hy
         path: (time,) input as the hysteresis sees it.
         initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
     """
+    nothing = np.zeros(chain.plane.cells)
+    first_low, first_high = _state_bounds(chain.plane, path[:1], chain.hysteron)
+    start = nothing if initial_memory == "free" else stated_start(chain, path, initial_memory)
+    if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
+        # The first sample forces all hysterons, or those it leaves open are off.
+        return HysteresisColumns(_states_from_low(chain.plane, path, chain.hysteron), (), start)
     low, high = _state_bounds(chain.plane, path, chain.hysteron)
     if initial_memory == "free":
         states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
-        return HysteresisColumns(jnp.asarray(states), groups, np.zeros(chain.plane.cells))
-    start = stated_start(chain, path, initial_memory)
+        return HysteresisColumns(jnp.asarray(states), groups, nothing)
     return HysteresisColumns(low + jnp.asarray(start)[None, :] * (high - low), (), start)
 
 
@@ -334,6 +344,7 @@ def regressors(
     values: EffectValues,
     signals: Signals,
     hysteresis: HysteresisColumns,
+    rows: np.ndarray | None = None,
 ) -> Columns:
     """The columns that the linear coefficients multiply, at given nonlinear parameters.
 
@@ -342,21 +353,25 @@ def regressors(
         values: its nonlinear parameters.
         signals: what drives it.
         hysteresis: the `hysteresis_columns` along its `driven_path`.
+        rows: (row,) samples to keep, in their order; all by default.
 
     Returns:
-        The columns, `(time, column)`.
+        The columns, `(row, column)`.
     """
     states = hysteresis.states
     for effect in chain.at(WeightEffect):
         states = states * _gain(effect, _arrays(values[effect.name]), signals)[:, None]
     for effect in chain.at(OutputEffect):
         states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
-    parts = [np.asarray(states), np.ones((len(signals.time), 1))]
-    names: list[str] = []
+    parts, names = [np.asarray(states), np.ones((len(signals.time), 1))], []
     for effect in chain.at(AddedEffect):
         parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
         names += [effect.name] * parts[-1].shape[1]
-    matrix = np.concatenate(parts, axis=1)
+    rows = np.arange(len(signals.time)) if rows is None else rows
+    edges = np.cumsum([0, *(part.shape[1] for part in parts)])
+    matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
+    for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
+        matrix[:, start:stop] = part[rows]
     return Columns(matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, tuple(names))
 
 

@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.stats
 
 from preisach_jax.effects.base import AddedEffect, Parameter
-from preisach_jax.identify import Point, Problem, linearise
+from preisach_jax.identify import FOLDS, Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
 
 LEVEL = 0.95
@@ -36,8 +36,9 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
     matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
     residual = problem.target / problem.unit - point.matrix @ point.solution
-    used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
-    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
+    stretch = problem.block // FOLDS  # longer than a block, to hold longer correlations
+    used = np.unique(stretch[np.isin(problem.fold, point.folds)])
+    scores = np.stack([matrix[stretch == s].T @ residual[stretch == s] for s in used])
     influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
     deviation = np.zeros(gram.shape[0])
     deviation[inside] = np.sqrt((influence**2).sum(axis=0) * len(used) / (len(used) - 1))

@@ -43,7 +43,7 @@ COARSE_LEVELS = 13
 
 FIRST_STRENGTH = 1e-4
 
-SEARCH_ROWS = 12_000
+SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
 
 FINAL_ROWS = 60_000

@@ -43,6 +43,9 @@ from preisach_jax.record import Record
 
 MOST_EFFECTS = 4
 
+HOPELESS = 0.5
+"""Relative rise of the held-out mean square beyond which an effect is not tried again."""
+
 NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
 REFINEMENT_PAYS = 0.1
@@ -63,6 +66,11 @@ class Trial:
     def passes(self) -> bool:
         """Whether both locks open."""
         return self.evidence is not None and not self.evidence.against and not self.failure
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the error grew so much that a finer plane will not help."""
+        return self.evidence is not None and self.evidence.gain < -HOPELESS
 
     def candidate(self, unit: float, accepted: bool, better: str = "") -> Candidate:
         """The row of the table of candidates."""
@@ -188,10 +196,17 @@ class _Search:
     def _add_best(self) -> bool:
         present = {effect.name for effect in self.now.chain.effects}
         left = [effect for effect in self.tried if effect.name not in present]
+        # On a refined plane, only what did not make things much worse on the coarser one.
+        hopeless = {
+            trial.effect.name
+            for trial, _, _ in self.trials
+            if trial.step == len(self.accepted) and trial.hopeless
+        }
         trials = []
         for position, effect in enumerate(left):
-            self.progress(f"trying {effect.name}", self._done(position / len(left)))
-            trials.append(self._try(effect))
+            if effect.name not in hopeless:
+                self.progress(f"trying {effect.name}", self._done(position / len(left)))
+                trials.append(self._try(effect))
         passing = [trial for trial in trials if trial.passes]
         best = min(passing, key=lambda trial: trial.point.validation_mean_square, default=None)
         name = best.effect.name if best is not None else ""

@@ -19,7 +19,8 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     Joint linearisation in weights and parameters, with the sandwich covariance
     \(M^{-1} \bigl(\sum_b s_b s_b^\top\bigr) M^{-1}\) over contiguous blocks b, whose scores
     \(s_b = \sum_{k \in b} a_k e_k\) carry whatever correlation the residuals have inside a block
-    (H. White, Asymptotic Theory for Econometricians, 2nd ed., Academic Press 2001, ch. 6).
+    (H. White, Asymptotic Theory for Econometricians, 2nd ed., Academic Press 2001, ch. 6).  It is
+    computed over blocks and over stretches of four of them, and the greater variance is taken.
 
     Arguments:
         problem: the record.
@@ -36,12 +37,14 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
     matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
     residual = problem.target / problem.unit - point.matrix @ point.solution
-    stretch = problem.block // FOLDS  # longer than a block, to hold longer correlations
-    used = np.unique(stretch[np.isin(problem.fold, point.folds)])
-    scores = np.stack([matrix[stretch == s].T @ residual[stretch == s] for s in used])
+    used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
+    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
     influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
     deviation = np.zeros(gram.shape[0])
-    deviation[inside] = np.sqrt((influence**2).sum(axis=0) * len(used) / (len(used) - 1))
+    # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
+    stretch = used // FOLDS
+    longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
+    deviation[inside] = np.maximum(_scatter(influence), _scatter(longer))
     factor = scipy.stats.t.ppf(0.5 + LEVEL / 2, len(used) - 1)
     found = {effect.name: {} for effect in point.chain.effects}
     for position, (effect, parameter) in enumerate(parameters):
@@ -61,6 +64,12 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
             )
             column += 1
     return found
+
+
+def _scatter(parts: np.ndarray) -> np.ndarray:
+    """Standard deviation of the sum of independent parts, `(part, column)`."""
+    count = len(parts)
+    return np.sqrt((parts**2).sum(axis=0) * count / (count - 1))
 
 
 def differs_from_nothing(

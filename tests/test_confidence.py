@@ -1,0 +1,225 @@
+"""Intervals cover the truth as often as they say, and are wider where noise is correlated."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import world
+from scipy import signal
+from threadpoolctl import threadpool_limits
+
+from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.confidence import differs_from_nothing, estimates
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Parameter
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
+from preisach_jax.model import ParameterEstimate
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+SEEDS = 40
+SECONDS, COUNT, LEVELS = 6.0, 400, 5
+NOISE = 0.05
+UNITS = {"input": "V", "output": "um"}
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with threadpool_limits(1):
+        yield
+
+
+class Slope(AddedEffect):
+    """A straight drift: one linear coefficient and nothing else."""
+
+    name = "slope"
+
+    def parameters(self):
+        return ()
+
+    def coefficients(self):
+        return (Parameter("per_record", "{z}", -np.inf, np.inf),)
+
+    def columns(self, values, signals):
+        return signals.time[:, None] / SECONDS
+
+
+def clean(effects, values, added, count=COUNT):
+    """A record of the model itself without noise, and its chain."""
+    time = np.arange(count) * SECONDS / count
+    drive = world.excitation("rich", SECONDS, count / SECONDS, seed=1)
+    chain = Chain(Plane(LEVELS, float(drive.min()), float(drive.max())), tuple(effects))
+    i, j = np.tril_indices(LEVELS)
+    weights = 0.5 + 0.2 * i + 0.1 * j + (i == j)
+    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.asarray(added, float))
+    record = Record.from_arrays(time, drive, np.zeros(count), units=UNITS, initial_memory="low")
+    output = np.asarray(response(chain, values, signals_of(record), coefficients))
+    return record, output, chain
+
+
+def identified(record, output, chain, values):
+    noisy = Record.from_arrays(record.time, record.input, output, units=UNITS, initial_memory="low")
+    problem = Problem.of(noisy)
+    point = refine(problem, with_all_rows(evaluate(problem, chain, values, 1e-5)))
+    return problem, point, estimates(problem, point)
+
+
+def noise_of(seed, colour, count=COUNT):
+    """Noise of one power, whatever the correlation of its neighbours."""
+    white = np.random.default_rng(seed).normal(size=count + 200)
+    blend = np.sqrt(1 - colour**2)
+    return NOISE * np.asarray(signal.lfilter([blend], [1.0, -colour], white))[200:]
+
+
+def over_seeds(effects, truth, added, colour=0.0) -> list[dict[str, Any]]:
+    record, output, chain = clean(effects, truth, added)
+    return [
+        identified(record, output + noise_of(seed, colour), chain, truth)[2]
+        for seed in range(SEEDS)
+    ]
+
+
+def coverage(found, effect, name, truth):
+    inside = [each[effect][name].low <= truth <= each[effect][name].high for each in found]
+    return float(np.mean(inside))
+
+
+@pytest.mark.parametrize(("colour", "least"), [(0.0, 0.85), (0.5, 0.85), (0.8, 0.7)])
+def test_intervals_of_a_coefficient_cover_the_truth(x64, colour, least):
+    """Neighbours correlated by 0.8 are remembered for longer than a block of four samples."""
+    found = over_seeds((Slope(),), {"slope": {}}, (0.5,), colour)
+    assert least <= coverage(found, "slope", "per_record", 0.5) <= 1.0
+    # Their width is the scatter from record to record, which nothing in the code knows.
+    values = np.array([each["slope"]["per_record"].value for each in found])
+    widths = [each["slope"]["per_record"].high - each["slope"]["per_record"].low for each in found]
+    assert np.mean(widths) / 4 == pytest.approx(np.std(values), rel=0.35)
+    assert np.mean(values) == pytest.approx(0.5, abs=3 * np.std(values) / np.sqrt(SEEDS) + 1e-3)
+
+
+def test_intervals_of_an_input_lag_cover_the_truth(x64):
+    found = over_seeds((InputLag(),), {"input_lag": {"tau_s": 0.05}}, ())
+    assert coverage(found, "input_lag", "tau_s", 0.05) >= 0.85
+    logs = np.log([each["input_lag"]["tau_s"].value for each in found])
+    widths = [
+        np.log(each["input_lag"]["tau_s"].high / each["input_lag"]["tau_s"].low) for each in found
+    ]
+    assert np.mean(widths) / 4 == pytest.approx(np.std(logs), rel=0.35)
+
+
+def test_intervals_of_a_drift_cover_the_truth(x64):
+    truth = {"drift": {"tau_s": 1.5}}
+    found = over_seeds((Drift(horizon_s=SECONDS),), truth, (0.5,))
+    assert coverage(found, "drift", "amplitude", 0.5) >= 0.85
+    assert coverage(found, "drift", "tau_s", 1.5) >= 0.85
+
+
+def test_correlated_noise_widens_the_intervals(x64):
+    record, output, chain = clean((Slope(),), {"slope": {}}, (0.5,))
+    widths = []
+    for colour in (0.0, 0.9):
+        each = [
+            identified(record, output + noise_of(seed, colour), chain, {"slope": {}})[2]["slope"][
+                "per_record"
+            ]
+            for seed in range(8)
+        ]
+        widths.append(np.mean([estimate.high - estimate.low for estimate in each]))
+    assert widths[1] > 1.7 * widths[0]
+
+
+def test_more_samples_narrow_the_intervals(x64):
+    widths = []
+    for count in (COUNT, 4 * COUNT):
+        record, output, chain = clean((Slope(),), {"slope": {}}, (0.5,), count)
+        each = [
+            identified(record, output + noise_of(seed, 0.0, count), chain, {"slope": {}})[2][
+                "slope"
+            ]["per_record"]
+            for seed in range(6)
+        ]
+        widths.append(np.mean([estimate.high - estimate.low for estimate in each]))
+    assert widths[1] == pytest.approx(widths[0] / 2, rel=0.25)
+
+
+def test_intervals_stay_inside_the_bounds_and_hold_their_value(x64):
+    truth = {"creep": {"c_1": 0.0, "c_2": 0.02}, "ageing": {"loss": 0.05, "tau_s": 2.0}}
+    effects = (Creep(tau_s=(0.1, 1.0)), Ageing(horizon_s=SECONDS))
+    record, output, chain = clean(effects, truth, ())
+    _, point, found = identified(record, output + 5 * noise_of(1, 0.0), chain, truth)
+    assert set(found) == {"creep", "ageing"}
+    for effect, parameter in point.parameters:
+        estimate = found[effect][parameter.name]
+        assert parameter.low <= estimate.low <= estimate.value <= estimate.high <= parameter.high
+        assert estimate.low < estimate.high
+        assert estimate.value == point.values[effect][parameter.name]
+    assert found["creep"]["c_1"].low == 0.0
+
+
+def test_units_are_those_of_the_record(x64):
+    class Mixed(InputEffect):
+        name = "mixed"
+
+        def parameters(self):
+            return (Parameter("a", "{z}/{u}", 0.0, 1.0, start=(0.5,)),)
+
+        def apply(self, values, signal, time):
+            return signal * (1 - 0.01 * values["a"])
+
+    record, output, chain = clean((Mixed(), Slope()), {"mixed": {"a": 0.5}, "slope": {}}, (0.1,))
+    values = {"mixed": {"a": 0.5}, "slope": {}}
+    _, _, found = identified(record, output + noise_of(0, 0.0), chain, values)
+    assert found["mixed"]["a"].unit == "um/V"
+    assert found["slope"]["per_record"].unit == "um"
+
+
+def test_without_effects_there_is_nothing_to_estimate(x64):
+    record, output, chain = clean((), {}, ())
+    assert identified(record, output + noise_of(0, 0.0), chain, {})[2] == {}
+
+
+# --- whether an effect is there at all ---
+
+
+class Gain(OutputEffect):
+    name = "gain"
+
+    def parameters(self):
+        return (Parameter("g", "1", -1.0, 1.0), Parameter("tau_s", "s", 0.1, 1.0, start=(0.2,)))
+
+    def init(self, values, first):
+        return first
+
+    def step(self, values, state, value, dt):
+        return state, value * (1 + values["g"])
+
+
+def estimate(low, high):
+    return ParameterEstimate((low + high) / 2, low, high, "1")
+
+
+@pytest.mark.parametrize(
+    ("effect", "intervals", "certain"),
+    [
+        (Gain(), {"g": (0.1, 0.2), "tau_s": (0.1, 1.0)}, True),
+        (Gain(), {"g": (-0.2, -0.1), "tau_s": (0.1, 1.0)}, True),
+        (Gain(), {"g": (-0.1, 0.2), "tau_s": (0.1, 0.2)}, False),
+        (Gain(), {"g": (0.0, 0.2), "tau_s": (0.1, 0.2)}, False),
+        (Drift(), {"amplitude": (-0.3, -0.1), "tau_s": (0.1, 9.0)}, True),
+        (Drift(), {"amplitude": (-0.3, 0.1), "tau_s": (0.1, 0.2)}, False),
+        (InputLag(), {"tau_s": (1e-5, 0.2)}, True),
+        (Creep(tau_s=(0.1, 1.0)), {"c_1": (0.0, 0.2), "c_2": (0.01, 0.02)}, True),
+        (Creep(tau_s=(0.1, 1.0)), {"c_1": (0.0, 0.2), "c_2": (0.0, 0.02)}, False),
+    ],
+)
+def test_an_effect_is_there_if_its_amount_is_surely_not_zero(x64, effect, intervals, certain):
+    record, output, _ = clean((), {}, ())
+    problem = Problem.of(Record.from_arrays(record.time, record.input, output))
+    values = {effect.name: {p.name: p.start[0] for p in effect.parameters()}}
+    chain = Chain(Plane(2, 0.0, 75.0), (effect,))
+    found = {effect.name: {name: estimate(*interval) for name, interval in intervals.items()}}
+    assert (
+        differs_from_nothing(evaluate(problem, chain, values, 1e-4), effect.name, found) == certain
+    )

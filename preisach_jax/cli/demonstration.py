@@ -36,7 +36,7 @@ def demo(
     curves, stage = out / "reversal-curves", out / "simulated-stage"
     screen.say("1. Measured: first-order reversal curves of a rock sample (bundled)\n")
     with as_file(files("preisach_jax") / "bundled" / "conventional_example.forc") as path:
-        _diagnose(path, curves)
+        screen.say(f"\n{_at_calibration(_diagnose(path, curves))}")
     screen.say("\n\n2. Simulated: a piezo stage with one hidden effect\n")
     truth, seal = _seal(stage, seed)
     found = _diagnose(stage / "data.csv", stage)
@@ -59,6 +59,22 @@ def _diagnose(path: Path, folder: Path) -> Diagnosis:
         write_report(found, folder, command="preisach demo")
     screen.show_diagnosis(found)
     return found
+
+
+def _at_calibration(found: Diagnosis) -> str:
+    """Errors at the calibration points: the same state, measured again before every curve."""
+    import numpy as np
+
+    record = found.base.record
+    again = np.flatnonzero(record.measured[1:] & ~record.measured[:-1]) + 1
+    shares = [
+        100 * np.sqrt(np.mean(fit.residual[again] ** 2)) / record.output_range
+        for fit in (found.base, found.final)
+    ]
+    return (
+        f"At the {len(again)} calibration points, where one state is measured again and again, the "
+        f"error falls from {shares[0]:.3f} to {shares[1]:.3f} % of the range."
+    )
 
 
 def _seal(folder: Path, seed: int) -> tuple[Path, str]:

@@ -53,16 +53,13 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
             parameter, point.values[effect][parameter.name], half, problem
         )
     column = point.columns.offset + 1
-    for effect in point.chain.at(AddedEffect):
-        for coefficient in effect.coefficients():
-            per_unit = problem.unit / point.equations.scale[column]
-            found[effect.name][coefficient.name] = _interval(
-                coefficient,
-                float(point.solution[column] * per_unit),
-                float(factor * deviation[column] * per_unit),
-                problem,
-            )
-            column += 1
+    values = point.coefficients(problem.unit).added
+    coefficients = [(e.name, c) for e in point.chain.at(AddedEffect) for c in e.coefficients()]
+    for position, (effect, coefficient) in enumerate(coefficients, start=column):
+        half = factor * deviation[position] * problem.unit / point.equations.scale[position]
+        found[effect][coefficient.name] = _interval(
+            coefficient, float(values[position - column]), float(half), problem
+        )
     return found
 
 

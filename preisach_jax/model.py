@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import AddedEffect, Effect
 from preisach_jax.errors import InputError
+from preisach_jax.hysteron import require_hysteron
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -252,7 +253,8 @@ class Model:
     def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
         """Output from the middle of what memory leaves open, and half the width of that."""
         with jax.enable_x64(True):
-            signals = signals_of(record, self.origin.start_s)
+            # A clock that was set back since the fit says nothing about drift: it starts anew.
+            signals = signals_of(record, min(self.origin.start_s, float(record.time[0])))
             path = driven_path(self.chain, self.values, signals)
             weights = self.weights
             stated = record.initial_memory
@@ -404,10 +406,10 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
     parameters = {
         entry["name"]: {
             name: ParameterEstimate(
-                estimate["value"],
+                _checked(estimate["value"], float, f"{entry['name']}.{name}"),
                 -np.inf if estimate["low"] is None else estimate["low"],
                 np.inf if estimate["high"] is None else estimate["high"],
-                estimate["unit"],
+                _checked(estimate["unit"], str, f"the unit of {entry['name']}.{name}"),
             )
             for name, estimate in entry["parameters"].items()
         }
@@ -420,6 +422,14 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
         }
         for effect in effects
     }
+    for effect in effects:
+        for parameter in effect.parameters():
+            value = values[effect.name][parameter.name]
+            if not parameter.low <= value <= parameter.high:
+                raise ValueError(
+                    f"{effect.name}.{parameter.name} is {value}, and must lie between "
+                    f"{parameter.low} and {parameter.high}"
+                )
     added = [
         parameters[effect.name][coefficient.name].value
         for effect in effects
@@ -432,20 +442,52 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
     for name, array in arrays.items():
         if array.shape != (plane.cells,) or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be {plane.cells} finite numbers, one a cell")
-    identification = dict(content["identification"])
-    identification["history"] = np.asarray(identification["history"], dtype=float)
+    for role in ("time", "input", "output"):
+        _checked(content["columns"][role], str, f"the column of {role}")
+    _checked(content["columns"]["aux"], list, "the list of auxiliary columns")
+    require_hysteron(content["hysteron"])
+    budget = [
+        None if content[name] is None else _checked(content[name], float, name)
+        for name in ("noise", "discretisation")
+    ]
     return Model(
         chain=Chain(plane, effects, content["hysteron"]),
         values=values,
         coefficients=Coefficients(
-            arrays["weights"], arrays["memory"], float(content["offset"]), np.asarray(added)
+            arrays["weights"],
+            arrays["memory"],
+            _checked(content["offset"], float, "offset"),
+            np.asarray(added),
         ),
         parameters=parameters,
         visited=arrays["visited"].astype(bool),
         columns=content["columns"],
-        units=content["units"],
-        origin=Origin(**identification),
-        rms_validation=float(content["rms_validation"]),
-        noise=content["noise"],
-        discretisation=content["discretisation"],
+        units=_checked(content["units"], dict, "units"),
+        origin=_origin_from(content["identification"]),
+        rms_validation=_checked(content["rms_validation"], float, "rms_validation"),
+        noise=budget[0],
+        discretisation=budget[1],
     )
+
+
+def _origin_from(content: dict[str, Any]) -> Origin:
+    kinds: dict[Any, type] = {"str": str, "int": int, "float": float}
+    history = np.asarray(content["history"], dtype=float)
+    if history.ndim != 2 or len(history) != 2 or not np.isfinite(history).all():
+        raise ValueError("'history' must be two rows of finite numbers: time and input")
+    checked = {
+        field.name: _checked(content[field.name], kinds[field.type], field.name)
+        for field in fields(Origin)
+        if field.name != "history"
+    }
+    return Origin(**checked, history=history)
+
+
+def _checked(value: Any, kind: type, name: str) -> Any:
+    """A value of a model file, which must be of its kind; numbers must be finite."""
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or (kind is float and not np.isfinite(value)):
+        names = {float: "a finite number", int: "an integer", str: "a text", list: "a list"}
+        raise ValueError(f"{name} is {value!r:.40}, not {names.get(kind, 'a table')}")
+    return value

@@ -1,0 +1,504 @@
+"""Model files read back to the last bit or are refused; predictions go on from what is known."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import world
+from threadpoolctl import threadpool_limits
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import AddedEffect, Parameter, Span
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import finished, plane_of
+from preisach_jax.identify import Problem, evaluate
+from preisach_jax.model import FORMAT_VERSION, Model
+from preisach_jax.record import Record
+
+RATE = 500.0
+UNITS = {"input": "V", "output": "um"}
+
+
+def actuator(seconds=6.0, seed=3, excitation=None, noise=0.02, start=0.0, begin=0.0):
+    """A world with nothing hidden: the operator of `seed` along the excitation of another one."""
+    drive = world.excitation("rich", seconds, RATE, excitation or seed, start)
+    rng = np.random.default_rng(excitation or seed)
+    output = world.make_world(seed).hysteresis(drive) + noise * rng.normal(size=len(drive))
+    return Record.from_arrays(
+        begin + np.arange(len(drive)) / RATE, drive, output, units=UNITS, name="stage.csv"
+    )
+
+
+@pytest.fixture(scope="module")
+def record():
+    return actuator()
+
+
+@pytest.fixture(scope="module")
+def plain(record):
+    return pj.fit(record, levels=12).model
+
+
+@pytest.fixture(scope="module")
+def rich(record):
+    """A model with an effect of every place, on a record that has a load."""
+    load = np.cumsum(np.random.default_rng(0).normal(size=len(record))) * 0.01
+    loaded = Record.from_arrays(
+        record.time, record.input, record.output + 0.3 * load, aux={"load_N": load}, units=UNITS
+    )
+    effects = tuple(
+        effect.bound_to(Span(record.duration_s, record.step_s))
+        for effect in (InputLag(), Ageing(), Drift(), Auxiliary(column="load_N", unit="N"))
+    )
+    effects = (*effects, Creep(tau_s=(0.1, 1.0)))
+    values = {
+        "input_lag": {"tau_s": 0.01},
+        "ageing": {"loss": 0.01, "tau_s": 3.0},
+        "drift": {"tau_s": 2.0},
+        "aux:load_N": {"tau_s": 0.02},
+        "creep": {"c_1": 0.01, "c_2": 0.02},
+    }
+    with jax.enable_x64(True), threadpool_limits(1):
+        problem = Problem.of(loaded)
+        chain = Chain(plane_of(problem, 4), effects)
+        return loaded, finished(problem, evaluate(problem, chain, values, 1e-4), loaded).model
+
+
+def without_output(record, **changes):
+    """The record as a prediction sees it."""
+    arrays = {"time": record.time, "input": record.input, "aux": record.aux} | changes
+    blank = np.full(len(arrays["input"]), np.nan)
+    return Record.from_arrays(
+        arrays["time"],
+        arrays["input"],
+        blank,
+        aux=arrays["aux"],
+        initial_memory=changes.get("initial_memory", "free"),
+        name="new.csv",
+    )
+
+
+def later(record, start, stop, shift=0.0):
+    """A stretch of a record as a record of its own, its clock shifted."""
+    part = record.part(start, stop)
+    return without_output(part, time=part.time + shift)
+
+
+# --- the file ---
+
+
+def test_a_model_reads_back_to_the_last_bit(tmp_path, rich):
+    record, model = rich
+    path = tmp_path / "model.json"
+    model.save(path)
+    again = Model.load(path)
+    assert again.to_json() == model.to_json()
+    for new in (record, without_output(record), later(record, 1000, 2000, 500.0)):
+        before, after = model.predict(new), again.predict(new)
+        np.testing.assert_array_equal(after.output, before.output)
+        np.testing.assert_array_equal(after.low, before.low)
+        np.testing.assert_array_equal(after.high, before.high)
+    assert [effect.name for effect in again.effects] == [e.name for e in model.effects]
+    assert again.parameters == model.parameters
+    np.testing.assert_array_equal(again.visited, model.visited)
+    assert list(tmp_path.iterdir()) == [path]  # nothing unfinished is left
+
+
+def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
+    budgeted = plain.with_budget(0.02, float("nan"))
+    budgeted.save(tmp_path / "model.json")
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    text = (tmp_path / "model.json").read_text(encoding="utf-8")
+    content = json.loads(text, parse_constant=refuse)
+    assert content["format_version"] == FORMAT_VERSION
+    assert content["library_version"]
+    assert content["levels"] == 12
+    assert len(content["weights"]) == 78
+    assert (content["low"], content["high"]) == (record.input.min(), record.input.max())
+    assert content["columns"] == {"time": "time", "input": "input", "output": "output", "aux": []}
+    assert content["units"] == {"time": "s", "input": "V", "output": "um"}
+    assert content["identification"]["record"] == "stage.csv"
+    assert content["identification"]["sha256"] == record.sha256
+    assert content["sampling"] == {"step_s": pytest.approx(1 / RATE), "rows": len(record)}
+    assert content["noise"] == 0.02
+    assert content["discretisation"] is None
+
+
+def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch):
+    path = tmp_path / "model.json"
+    plain.save(path)
+    before = path.read_bytes()
+
+    def full(self, *_, **__):
+        self.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(pj.InputError, match=r"model\.json: the model cannot be written \(No space"):
+        plain.save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_does_not_exist_is_named(tmp_path, plain):
+    with pytest.raises(pj.InputError, match=r"nowhere.model\.json: the model cannot be written"):
+        plain.save(tmp_path / "nowhere" / "model.json")
+
+
+def refused(path, **options):
+    """The message with which a file is refused: one line that begins with its path."""
+    with pytest.raises(pj.InputError) as caught:
+        Model.load(path, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    assert len(message) < 400
+    return message
+
+
+@pytest.fixture
+def content(plain):
+    return json.loads(json.dumps(plain.to_json()))
+
+
+def write(path, content):
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "not valid JSON"),
+        ('{"format": "preisach_jax model", "weights": [1.0, ', "not valid JSON"),
+        ("[1, 2, 3]", "no model of preisach_jax"),
+        ("3", "no model of preisach_jax"),
+        ("null", "no model of preisach_jax"),
+        ('{"verdict": "adequate"}', "no model of preisach_jax"),
+        ('{"format": "preisach_jax model"}', "format version None"),
+    ],
+)
+def test_files_that_are_no_model_are_refused(tmp_path, text, says):
+    path = tmp_path / "broken.json"
+    path.write_text(text, encoding="utf-8")
+    assert says in refused(path)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "model.json"
+    path.write_bytes(b"\xff\xfe\x00\x01" * 40)
+    assert "not valid JSON" in refused(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    assert "cannot be read" in refused(tmp_path / "nothing.json")
+    assert "cannot be read" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("found", [FORMAT_VERSION + 1, 0, "1", None])
+def test_other_versions_are_refused(tmp_path, content, found):
+    content |= {"format_version": found, "library_version": "9.9.9"}
+    message = refused(write(tmp_path / "new.json", content))
+    assert f"format version {found!r}" in message
+    assert "9.9.9" in message
+
+
+KEYS = (
+    "hysteron levels low high offset weights memory visited effects columns units "
+    "identification rms_validation noise discretisation"
+).split()
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_missing_entry_is_named(tmp_path, content, key):
+    del content[key]
+    message = refused(write(tmp_path / "model.json", content))
+    assert f"KeyError: '{key}'" in message
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("weights", [1.0, 2.0]),
+        ("weights", "many"),
+        ("weights", [[1.0] * 78]),
+        ("weights", [float("nan")] * 78),
+        ("weights", [None] * 78),
+        ("weights", [float("inf")] * 78),
+        ("memory", [0.0] * 77),
+        ("visited", []),
+        ("levels", 11),
+        ("levels", 0),
+        ("levels", "twelve"),
+        ("levels", None),
+        ("low", 99.0),
+        ("low", float("nan")),
+        ("high", None),
+        ("high", "high"),
+        ("offset", float("nan")),
+        ("offset", None),
+        ("offset", [1.0]),
+        ("rms_validation", float("nan")),
+        ("rms_validation", "small"),
+        ("noise", "loud"),
+        ("hysteron", "slope"),
+        ("hysteron", None),
+        ("effects", "creep"),
+        ("effects", [{"name": "creep"}]),
+        ("effects", [{"name": "magic", "settings": {}, "parameters": {}}]),
+        ("effects", [3]),
+        ("columns", None),
+        ("columns", {}),
+        ("units", "um"),
+        ("identification", {}),
+        ("identification", "stage.csv"),
+    ],
+)
+def test_damaged_entries_are_refused(tmp_path, content, key, value):
+    content[key] = value
+    message = refused(write(tmp_path / "model.json", content))
+    assert (
+        "damaged" in message or repr(key) in message or f"{key} is" in message or "magic" in message
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("drift", {"value": float("nan")}),
+        ("drift", {"value": None}),
+        ("drift", {"value": "fast"}),
+        ("drift", {"unit": None}),
+        ("creep", {"value": -3.0}),
+    ],
+)
+def test_damaged_parameters_are_refused(tmp_path, rich, name, change):
+    content = json.loads(json.dumps(rich[1].to_json()))
+    effect = next(effect for effect in content["effects"] if effect["name"] == name)
+    first = next(iter(effect["parameters"]))
+    effect["parameters"][first] |= change
+    assert first in refused(write(tmp_path / "model.json", content))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("rows", "many"),
+        ("inputs_sha256", None),
+        ("history", [[0.0, 1.0]]),
+        ("history", [[0.0, 1.0], [0.0, None]]),
+        ("start_s", None),
+        ("step_s", "short"),
+    ],
+)
+def test_a_damaged_origin_is_refused(tmp_path, content, key, value):
+    content["identification"][key] = value
+    assert "damaged" in refused(write(tmp_path / "model.json", content))
+
+
+class Leak(AddedEffect):
+    name = "leak"
+    share: float = 1.0
+
+    def parameters(self):
+        return (Parameter("tau_s", "s", 0.01, 10.0, start=(1.0,), log=True),)
+
+    def coefficients(self):
+        return (Parameter("gain", "{z}", -np.inf, np.inf),)
+
+    def columns(self, values, signals):
+        return (self.share * signals.time / (signals.time + values["tau_s"]))[:, None]
+
+
+def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
+    found = pj.fit(record, [Leak(share=0.5)], levels=4)
+    path = tmp_path / "model.json"
+    found.save(path)
+    message = refused(path)
+    assert "'leak'" in message
+    assert "Model.load(path, effects=" in message
+    again = Model.load(path, effects=[Leak()])
+    assert again.effects[0].settings() == {"share": 0.5}
+    np.testing.assert_array_equal(again.predict(record).output, found.model.predict(record).output)
+
+
+# --- predicting ---
+
+
+def test_the_record_itself_is_predicted_as_it_was_fitted(plain, record):
+    got = plain.predict(without_output(record))
+    np.testing.assert_array_equal(got.output, plain.simulate(record))
+    np.testing.assert_array_equal(got.time, record.time)
+    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+    np.testing.assert_allclose((got.high + got.low) / 2, got.output)
+    assert np.sqrt(np.mean((got.output - record.output) ** 2)) < 1.2 * plain.rms_validation
+
+
+def test_a_record_that_begins_with_it_goes_on(plain, record):
+    whole = actuator(seconds=6.0)
+    more = world.excitation("rich", 3.0, RATE, 8)
+    time = np.concatenate([whole.time, whole.time[-1] + (1 + np.arange(len(more))) / RATE])
+    path = np.concatenate([record.input, more])
+    got = plain.predict(without_output(record, time=time, input=path))
+    np.testing.assert_allclose(got.output[: len(record)], plain.simulate(record), atol=1e-9)
+    truth = world.make_world(3).hysteresis(path)
+    after = (got.output - truth)[len(record) :]
+    assert np.sqrt(np.mean(after**2)) < 2 * plain.rms_validation
+    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+
+
+@pytest.mark.parametrize("cut", [700, 2100])
+def test_a_direct_continuation_knows_the_history(cut):
+    """Fitted on the first part, asked for the second alone, of which only the clock tells."""
+    record = actuator()
+    first = pj.fit(record.part(0, cut), levels=8).model
+    whole = first.predict(without_output(record.part(0, len(record))))
+    inside = (record.input >= first.plane.low) & (record.input <= first.plane.high)
+    assert inside.all()  # the range was seen, or predict would have refused
+    alone = first.predict(later(record, cut, len(record)))
+    gap = alone.output - whole.output[cut:]
+    stroke = np.ptp(record.output)
+    assert np.abs(gap).max() < 0.01 * stroke
+    np.testing.assert_allclose(alone.high - alone.low, 2 * 1.96 * first.rms_validation)
+    # Without the clock, the memory is unknown.
+    lost = first.predict(later(record, cut, len(record), shift=1000.0))
+    assert np.abs(lost.output - whole.output[cut:]).max() > 5 * np.abs(gap).max() or (
+        record.input[cut] in (record.input.min(), record.input.max())
+    )
+
+
+def from_the_middle(seconds=6.0):
+    """An input from 37 V that stays inside for a while and then covers the whole range."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    corners = [37.0, 45.0, 30.0, 50.0, 25.0, 74.4, 0.05, 74.4, 40.0]
+    path = np.interp(time, np.linspace(0, seconds, len(corners)), corners)
+    return Record.from_arrays(1e4 + time, path, np.full(len(time), np.nan), name="new.csv")
+
+
+def test_unknown_memory_widens_the_band_until_it_is_forced(plain):
+    new = from_the_middle()
+    got = plain.predict(new)
+    half = (got.high - got.low) / 2 - 1.96 * plain.rms_validation
+    assert half[0] > 10 * plain.rms_validation
+    assert np.all(np.diff(half) <= 1e-9)  # what has been forced stays known
+    saturated = np.flatnonzero(new.input < 0.1)[0]
+    np.testing.assert_allclose(half[saturated:], 0.0, atol=0.01)
+    # The truth lies inside, whatever came before.
+    for before in ([0.0, 37.0], [0.0, 75.0, 37.0], [0.0, 60.0, 20.0, 55.0, 37.0]):
+        path = np.concatenate([*_ramps(before), new.input])
+        truth = world.make_world(3).hysteresis(path)[-len(new) :]
+        slack = 4 * plain.rms_validation
+        assert np.all(truth > got.low - slack)
+        assert np.all(truth < got.high + slack)
+
+
+def _ramps(levels):
+    return [np.linspace(a, b, 100) for a, b in pairwise(levels)]
+
+
+@pytest.mark.parametrize("stated", ["low", "high", "demagnetised"])
+def test_stated_memory_is_used(plain, stated):
+    new = from_the_middle()
+    free = plain.predict(new)
+    got = plain.predict(Record.from_arrays(new.time, new.input, new.output, initial_memory=stated))
+    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+    expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial=stated)
+    np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
+    slack = 1e-6
+    inside = (got.output >= free.low - slack) & (got.output <= free.high + slack)
+    assert inside.all()
+    if stated != "demagnetised":
+        # Saturation is the edge of what unknown memory leaves open.
+        edge = free.low if stated == "low" else free.high
+        rest = 1.96 * plain.rms_validation * (1 if stated == "low" else -1)
+        np.testing.assert_allclose(got.output, edge + rest, atol=1e-3)
+
+
+def test_the_band_covers_new_records_of_the_same_world(plain):
+    """A world with nothing hidden, another excitation: 95 % in, or nearly so."""
+    inside = []
+    for excitation in (11, 12, 13):
+        new = actuator(excitation=excitation, begin=1e4)
+        got = plain.predict(without_output(new))
+        inside.append((new.output >= got.low) & (new.output <= got.high))
+    assert 0.9 < np.mean(inside) <= 0.99
+
+
+def test_input_beyond_the_plane_is_refused(plain, record):
+    path = np.array(record.input)
+    path[[123, 700]] = [80.25, -9.0]
+    with pytest.raises(pj.InputError) as caught:
+        plain.predict(without_output(record, input=path))
+    message = str(caught.value)
+    for part in ("new.csv", "80.25 V", "sample 124", "2 such samples", "0 to 74.4681 V"):
+        assert part in message, message
+    assert "\n" not in message
+
+
+def test_noise_on_the_input_may_leave_the_plane_a_little(plain, record):
+    path = record.input + 0.3
+    assert np.isfinite(plain.predict(without_output(record, input=path)).output).all()
+
+
+def test_a_missing_auxiliary_column_is_named(rich):
+    record, model = rich
+    with pytest.raises(pj.InputError, match=r"new.csv.*'load_N'.*--aux load_N"):
+        model.predict(without_output(record, aux={}))
+
+
+def test_lags_and_creep_go_on_in_a_continuation(rich):
+    """Of the history, the file keeps a thinned course: enough for what effects remember."""
+    record, model = rich
+    more = world.excitation("rich", 3.0, RATE, 8)
+    time = record.time[-1] + (1 + np.arange(len(more))) / RATE
+    load = np.full(len(more), record.aux["load_N"][-1])
+    arrays = {"time": time, "input": more, "aux": {"load_N": load}}
+    alone = model.predict(without_output(record, **arrays))
+    whole = {
+        "time": np.append(record.time, time),
+        "input": np.append(record.input, more),
+        "aux": {"load_N": np.append(record.aux["load_N"], load)},
+    }
+    expected = model.predict(without_output(record, **whole)).output[len(record) :]
+    np.testing.assert_allclose(alone.output, expected, atol=2e-3 * np.ptp(expected))
+    np.testing.assert_allclose(alone.high - alone.low, 2 * 1.96 * model.rms_validation)
+
+
+def test_a_clock_that_was_set_back_starts_drift_anew(rich):
+    record, model = rich
+    gap = {"input": np.append(37.0, record.input[1:])}  # not the record that was fitted
+    now, before = (
+        model.predict(without_output(record, time=record.time + shift, **gap))
+        for shift in (0.0, -1000.0)
+    )
+    np.testing.assert_allclose(before.output, now.output, atol=1e-6)
+
+
+def test_a_prediction_of_one_sample_and_of_a_rest(plain):
+    one = Record.from_arrays([1e4, 1e4 + 1], [75.0, 75.0], [np.nan, np.nan])
+    got = plain.predict(one)
+    assert got.output[0] == got.output[1]
+    saturated = plain.offset + plain.weights.sum()
+    assert got.output[0] == pytest.approx(saturated, abs=1e-6)
+
+
+def test_a_short_record_is_fitted():
+    """The fewest samples that are taken; whatever is warned of is an error in these tests."""
+    record = actuator()
+    few = np.linspace(0, len(record) - 1, 50).astype(int)
+    short = Record.from_arrays(record.time[few], record.input[few], record.output[few])
+    found = pj.fit(short, ("drift",), levels=4)
+    assert found.validation.sum() + found.identification.sum() == 50
+    assert np.isfinite(found.prediction).all()
+    assert found.fit_percent > 80

@@ -159,24 +159,38 @@ class ThinnedSignals(Signals):
     kept: Int[Array, " time"]
 
 
+def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
+    # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
+    if jnp.shape(got) != shape:
+        raise ValueError(
+            f"the effect {effect.name!r} returns the shape {jnp.shape(got)} from {method}, and it "
+            f"must be {shape}"
+        )
+    return got
+
+
 @eqx.filter_jit
 def _apply(effect, values: Values, signal, time):
-    return effect.apply(values, signal, time)
+    return _expect(effect, "apply", effect.apply(values, signal, time), time.shape)
 
 
 @eqx.filter_jit
 def _apply_to_columns(effect, values: Values, matrix, time):
-    return jax.vmap(effect.apply, in_axes=(None, 1, None), out_axes=1)(values, matrix, time)
+    def apply(column):
+        return _expect(effect, "apply", effect.apply(values, column, time), time.shape)
+
+    return jax.vmap(apply, in_axes=1, out_axes=1)(matrix)
 
 
 @eqx.filter_jit
 def _gain(effect, values: Values, signals: Signals):
-    return effect.gain(values, signals)
+    return _expect(effect, "gain", effect.gain(values, signals), signals.time.shape)
 
 
 @eqx.filter_jit
 def _added_columns(effect, values: Values, signals: Signals):
-    return effect.columns(values, signals)
+    shape = (*signals.time.shape, len(effect.coefficients()))
+    return _expect(effect, "columns", effect.columns(values, signals), shape)
 
 
 @eqx.filter_jit

@@ -150,7 +150,8 @@ class _Search:
         self.tried = tried
         self.levels_are_given = levels is not None
         self.levels = checked_levels(levels)
-        self.progress = progress
+        self._report = progress
+        self._reported = 0.0
         self.path: list[Point] = []
         self.finer: Point | None = None
         self.accepted: list[tuple[Trial, tuple[str, ...]]] = []
@@ -168,6 +169,11 @@ class _Search:
                 break
         return self._conclude()
 
+    def progress(self, text: str, done: float) -> None:
+        """Tell how far the search is; it never goes back, whatever the search decides to try."""
+        self._reported = max(self._reported, done)
+        self._report(text, self._reported)
+
     @property
     def now(self) -> Point:
         return self.path[-1]
@@ -180,7 +186,7 @@ class _Search:
             finer = refined_levels(min(len(self.record), FINAL_ROWS), self.now.chain.plane.levels)
             if finer is None:
                 return refined
-            self.progress(f"trying a plane of {finer} levels", self._done(1.0))
+            self.progress(f"trying a plane of {finer} levels", self._done(0.0))
             self.finer = at_levels(self.problem, self.now, finer)
             fall = 1 - self.finer.validation_mean_square / self.now.validation_mean_square
             if self.levels_are_given or not fall > REFINEMENT_PAYS:

@@ -5,10 +5,10 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import InputEffect, Parameter, Span, curvature, log_grid
+from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid
 
 
-class Delay(InputEffect):
+class Delay(OutputEffect):
     r"""Pure delay, by a fraction of a sample as well: \(z(t) = h(t - \theta)\).
 
     Arguments:
@@ -22,9 +22,6 @@ class Delay(InputEffect):
     """
 
     name: ClassVar[str] = "delay"
-    # The operator and all that follows it commute with a shift of time, so that the delay of the
-    # output is computed as one of the input: exactly, and without a column for each hysteron.
-    place: ClassVar[str] = "output"
     physics: ClassVar[str] = (
         "Converters, the filter of the sensor and its digital link, and a data logger that takes "
         "its channels one after the other deliver the output later than the input by a fixed time, "
@@ -62,11 +59,7 @@ class Delay(InputEffect):
         return Delay(delay_low_s=span.step_s / 4, delay_high_s=span.duration_s / 20)
 
     def apply(self, values, signal, time):
-        # A delay needs the past of its signal, not a state of fixed size.
-        asked = jnp.maximum(time - values["delay_s"], time[0])
-        interval = jnp.clip(jnp.searchsorted(time, asked, side="right") - 1, 0, len(time) - 2)
-        start, step = time[interval], jnp.diff(time)[interval]
-        share = (asked - start) / step
-        straight = signal[interval] + share * jnp.diff(signal)[interval]
-        bend = curvature(signal, time)[interval]
-        return straight - share * (1 - share) / 2 * bend * step**2
+        # A delay needs the past of its signal, not a state of fixed size.  The output is shifted,
+        # and not the input: a shifted input would be sampled beside its turning points, and the
+        # hysteresis would remember the wrong ones.
+        return jnp.interp(time - values["delay_s"], time, signal)

@@ -50,7 +50,6 @@ EFFECTS: dict[str, Effect] = {
 }
 SETS = [(), *[(name,) for name in EFFECTS], ("drift", "creep", "aux:load_N"), tuple(EFFECTS)]
 memories = pytest.mark.parametrize("memory", INITIAL_MEMORIES)
-sets = pytest.mark.parametrize("names", SETS, ids="+".join)
 
 
 def record(memory="free", seed=0, jump=1.5, count=COUNT):
@@ -76,8 +75,15 @@ def setting(names, memory="free", **options):
     return chain, values, signals, columns, solution
 
 
-@memories
-@sets
+@pytest.mark.parametrize(
+    ("names", "memory"),
+    [(names, "free") for names in SETS]
+    + [
+        (names, stated)
+        for names in (SETS[0], SETS[-1])
+        for stated in ("low", "high", "demagnetised")
+    ],
+)
 def test_regressors_and_response_agree(x64, names, memory):
     chain, values, signals, columns, solution = setting(names, memory)
     coefficients = Coefficients.from_columns(columns, solution)
@@ -87,7 +93,7 @@ def test_regressors_and_response_agree(x64, names, memory):
 
 
 def test_regressors_and_response_agree_in_single_precision():
-    chain, values, signals, columns, solution = setting(tuple(EFFECTS))
+    chain, values, signals, columns, solution = setting(("input_lag", "ageing", "drift"))
     got = response(chain, values, signals, Coefficients.from_columns(columns, solution))
     assert got.dtype == np.float32
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=1e-4)
@@ -231,7 +237,7 @@ def test_an_effect_without_a_place_is_refused():
 # --- derivatives ---
 
 
-@pytest.mark.parametrize("names", [*[(name,) for name in EFFECTS], tuple(EFFECTS)], ids="+".join)
+@pytest.mark.parametrize("names", [("creep",), ("aux:load_N",), tuple(EFFECTS)], ids="+".join)
 def test_tangents_against_finite_differences(x64, names):
     chain, values, signals, columns, solution = setting(names, jump=0.5)
     coefficients = Coefficients.from_columns(columns, solution)
@@ -280,7 +286,7 @@ def compilations(run):
 
 
 def test_other_numbers_compile_nothing(x64):
-    names = ("input_lag", "creep", "drift")
+    names = ("delay", "drift")
 
     def everything(factor):
         chain, values, signals, columns, solution = setting(names, seed=3, count=71)

@@ -413,7 +413,7 @@ ACTUATOR = {
 
 @pytest.mark.parametrize("effect", ACTUATOR)
 def test_parameters_of_the_simulated_actuator_are_found(effect):
-    rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=2000.0)
+    rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=1000.0)
     name = f"aux:{rec['truth']['column']}" if effect == "aux" else effect
     record = Record.from_arrays(
         rec["t"], rec["x"], rec["z"], aux=rec["aux"], units={"output": "um"}, initial_memory="low"

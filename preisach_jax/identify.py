@@ -241,6 +241,7 @@ def evaluate(
         columns.groups,
     )
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
+    guess = np.empty(0) if guess is None else guess
     bare = Point(chain, values, strength, folds, matrix, columns, equations, guess, 0.0)
     return _solved(bare)
 
@@ -250,7 +251,7 @@ def _solved(point: Point) -> Point:
     equations, folds, strength = point.equations, point.folds, point.strength
     gram, moment = equations.system(folds, strength)
     guess = point.solution
-    passive = guess > 0 if guess is not None and len(guess) == len(moment) else None
+    passive = guess > 0 if len(guess) == len(moment) else None
     solution = solve_nonnegative(gram, moment, equations.nonnegative, passive)
     objective = equations.mean_square(solution, folds) + equations.penalty(solution, strength)
     return replace(point, solution=solution, objective=objective)

@@ -35,7 +35,9 @@ def noise_rms(problem: Problem, point: Point) -> float:
     """
     residual = residual_of(problem, point) * problem.unit
     differences = np.diff(residual, n=2)
-    deviation = scipy.stats.median_abs_deviation(differences, scale="normal")
+    deviation = scipy.stats.median_abs_deviation(
+        differences, scale=float(scipy.stats.norm.ppf(0.75))
+    )
     return max(float(deviation) / np.sqrt(6), quantisation_step(problem.target) / np.sqrt(12))
 
 

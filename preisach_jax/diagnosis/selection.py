@@ -54,31 +54,27 @@ REFINEMENT_PAYS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """An effect tried beside those of a point."""
+    """An effect tried beside those of a point, and what speaks for it."""
 
     effect: Effect
     step: int
-    point: Point | None
-    evidence: Evidence | None
-    failure: str = ""
+    point: Point
+    evidence: Evidence
+    certain: bool
 
     @property
     def passes(self) -> bool:
-        """Whether both locks open."""
-        return self.evidence is not None and not self.evidence.against and not self.failure
+        """Whether both locks open, and its amount is surely not zero."""
+        return self.certain and not self.evidence.against
 
     @property
     def hopeless(self) -> bool:
         """Whether the error grew so much that a finer plane will not help."""
-        return self.evidence is not None and self.evidence.gain < -HOPELESS
+        return self.evidence.gain < -HOPELESS
 
-    def candidate(self, unit: float, accepted: bool, better: str = "") -> Candidate:
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
-        if self.point is None or self.evidence is None:
-            return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, False, self.failure)
-        why_not = "" if accepted else self.evidence.against or self.failure
-        if not accepted and not why_not:
-            why_not = f"{better} does more"
+        against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
         return Candidate(
             self.effect.name,
             self.step,
@@ -86,8 +82,23 @@ class Trial:
             float(np.sqrt(self.point.validation_mean_square)) * unit,
             self.evidence.numbers(),
             accepted,
-            why_not,
+            "" if accepted else against or f"{better} does more",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """An effect that could not be tried."""
+
+    effect: Effect
+    step: int
+    reason: str
+    hopeless: bool = True
+
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
+        """The row of the table of candidates."""
+        del unit, better
+        return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, accepted, self.reason)
 
 
 def diagnose(
@@ -155,7 +166,7 @@ class _Search:
         self.path: list[Point] = []
         self.finer: Point | None = None
         self.accepted: list[tuple[Trial, tuple[str, ...]]] = []
-        self.trials: list[tuple[Trial, bool, str]] = []
+        self.trials: list[tuple[Trial | Failure, bool, str]] = []
 
     def run(self) -> Diagnosis:
         self.progress("fitting the rate-independent model", 0.0)
@@ -213,7 +224,7 @@ class _Search:
             if effect.name not in hopeless:
                 self.progress(f"trying {effect.name}", self._done(position / len(left)))
                 trials.append(self._try(effect))
-        passing = [trial for trial in trials if trial.passes]
+        passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         best = min(passing, key=lambda trial: trial.point.validation_mean_square, default=None)
         name = best.effect.name if best is not None else ""
         self.trials += [(trial, trial is best, name) for trial in trials]
@@ -225,7 +236,7 @@ class _Search:
         self.path.append(best.point)
         return True
 
-    def _try(self, effect: Effect) -> Trial:
+    def _try(self, effect: Effect) -> Trial | Failure:
         step = len(self.accepted)
         try:
             point = with_effect(self.problem, self.now, effect)
@@ -233,14 +244,14 @@ class _Search:
             certain = bool(evidence.against) or differs_from_nothing(
                 point, effect.name, estimates(self.problem, point)
             )
-            return Trial(effect, step, point, evidence, "" if certain else NOT_CERTAIN)
+            return Trial(effect, step, point, evidence, certain)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
-            return Trial(effect, step, None, None, f"could not be fitted: {error}")
+            return Failure(effect, step, f"could not be fitted: {error}")
         except Exception as error:
             if type(effect).__module__.startswith("preisach_jax."):
                 raise
             # A user's own effect must not take the diagnosis of the others with it.
-            return Trial(effect, step, None, None, f"failed: {type(error).__name__}: {error}")
+            return Failure(effect, step, f"failed: {type(error).__name__}: {error}")
 
     def _alike(self, best: Trial, other: Trial) -> bool:
         """Whether the record cannot tell another effect from the best one."""

@@ -29,6 +29,7 @@ from preisach_jax.effects.base import AddedEffect, Effect
 from preisach_jax.errors import InputError
 from preisach_jax.hysteron import require_hysteron
 from preisach_jax.plane import Plane
+from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
 
 FORMAT = "preisach_jax model"
@@ -209,6 +210,7 @@ class Model:
         return Prediction(record.time, output, output - half, output + half)
 
     def _check(self, record: Record) -> None:
+        self._check_units(record)
         plane = self.plane
         reach = RANGE_TOLERANCE * (plane.high - plane.low)
         beyond = np.flatnonzero(
@@ -228,6 +230,18 @@ class Model:
                 raise InputError(
                     f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
                     f"load the record with it (--aux {effect.column})"
+                )
+
+    def _check_units(self, record: Record) -> None:
+        for role in ("input", "output", *record.aux):
+            own, given = (
+                pretty_unit(units)
+                for units in (self.units.get(role, ""), record.channels[role].unit)
+            )
+            if own and given and own != given:
+                raise InputError(
+                    f"{record.name}, column {record.channels[role].name}: its unit is {given}, and "
+                    f"the model was identified in {own}; convert the column, or fit a model to it"
                 )
 
     def _begins_with_origin(self, record: Record) -> bool:
@@ -250,11 +264,20 @@ class Model:
         )
         return self.simulate(whole)[count:]
 
+    def _drift_origin_s(self, record: Record) -> float:
+        """Time from which drift and ageing count in a record that is not a continuation.
+
+        A clock that was set back since the fit, or that has run on for longer than the record of
+        the fit lasted, says nothing about how far a drift has come: it starts anew.
+        """
+        start, stop = self.origin.start_s, self.origin.stop_s
+        first = float(record.time[0])
+        return start if start <= first <= stop + (stop - start) else first
+
     def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
         """Output from the middle of what memory leaves open, and half the width of that."""
         with jax.enable_x64(True):
-            # A clock that was set back since the fit says nothing about drift: it starts anew.
-            signals = signals_of(record, min(self.origin.start_s, float(record.time[0])))
+            signals = signals_of(record, self._drift_origin_s(record))
             path = driven_path(self.chain, self.values, signals)
             weights = self.weights
             stated = record.initial_memory

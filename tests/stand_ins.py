@@ -40,7 +40,7 @@ def make_model(effects=(), levels: int = 6, visited=None) -> Any:
         visited=visited,
         effects=effects,
         units={"time": "s", "input": "V", "output": "um"},
-        origin=SimpleNamespace(record="stage.csv", rows=ROWS),
+        origin=SimpleNamespace(record="stage.csv", sha256="0" * 64, rows=ROWS),
         rms_validation=0.1,
         to_json=lambda: content,
     )

@@ -462,3 +462,45 @@ def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
     with progress() as show:
         show("trying [creep]", 0.5)
     assert "trying [creep]" in capsys.readouterr().err
+
+
+def test_nothing_that_is_read_is_written_over(work, capsys):
+    data, model = work / "stage.csv", work / "model.json"
+    before = data.read_bytes(), model.read_bytes()
+    columns = ["--time", "t_ms", "--input", "u_V", "--output", "z_um"]
+    assert str(data) in complaint(capsys, "fit", data, *columns, "--out", data)
+    assert str(data) in complaint(capsys, "predict", model, data, "--out", data)
+    assert str(model) in complaint(capsys, "predict", model, data, "--out", model)
+    assert (data.read_bytes(), model.read_bytes()) == before
+
+
+def test_a_column_in_another_unit_than_the_model_s_is_refused(work, tmp_path, capsys):
+    columns = stage_columns()
+    columns["u_mV"] = columns.pop("u_V")
+    data, out = write_csv(tmp_path / "milli.csv", columns), tmp_path / "out.csv"
+    words = ["predict", work / "model.json", data, "--input", "u_mV", "--out", out]
+    message = complaint(capsys, *words)
+    assert "mV" in message
+    assert "u_mV" in message
+    assert not out.exists()
+
+
+def test_another_sampling_rate_than_the_model_s_is_told(work, tmp_path, capsys):
+    columns = {name: values[::3] for name, values in stage_columns().items()}
+    data, out = write_csv(tmp_path / "sparse.csv", columns), tmp_path / "out.csv"
+    assert main(["predict", str(work / "model.json"), str(data), "--out", str(out)]) == 0
+    assert "3 times" in capsys.readouterr().out
+
+
+def test_gaps_and_unmeasured_samples_are_told(tmp_path, capsys):
+    columns = stage_columns()
+    columns["t_ms"][400:] += 500
+    rows = {
+        k: ",".join(f"{columns[c][k - 2]:.9g}" for c in ("t_ms", "u_V")) + ",,5" for k in (9, 10)
+    }
+    data = write_csv(tmp_path / "holes.csv", columns, rows)
+    words = ["fit", str(data), "--levels", "4", "--out", str(tmp_path / "model.json")]
+    assert main([*words, "--time", "t_ms", "--input", "u_V", "--output", "z_um"]) == 0
+    shown = capsys.readouterr().out
+    assert "gap of 510 ms before sample 401" in shown
+    assert "2 samples without a measured output" in shown

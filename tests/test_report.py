@@ -3,6 +3,7 @@
 import json
 import math
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -202,6 +203,7 @@ class Linear:
 
     rms_validation = 0.5
     effects = ()
+    origin = SimpleNamespace(sha256="that of another record")
 
     def __init__(self, offset):
         self.offset = offset
@@ -254,3 +256,10 @@ def test_the_report_of_a_comparison(tmp_path):
     content = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert content["rms"] == pytest.approx(0.1)
     assert content["tests"]["inside_band"] == 0.93
+
+
+def test_a_model_is_not_praised_on_the_record_of_its_fit():
+    record = make_record()
+    model = Linear(0.0)
+    model.origin = SimpleNamespace(sha256=record.sha256)
+    assert "proves little" in comparison_sentence(compare(model, record))

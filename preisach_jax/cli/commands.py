@@ -111,7 +111,7 @@ def fit(
     from preisach_jax.fit import fit as run
     from preisach_jax.report.files import check_file, json_bytes, write_files
 
-    check_file(out)
+    check_file(out, data)
     names = effect_names(effects)
     check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
@@ -177,11 +177,17 @@ def predict(
     from preisach_jax.model import Model
     from preisach_jax.report.files import check_file, write_files
 
-    check_file(out)
+    check_file(out, data, model)
     loaded = Model.load(model)
     columns = Columns(time, input, None, aux or (), rate, unit or (), initial_memory)
     record = columns.load(data, loaded, need_output=False)
     prediction = loaded.predict(record)
+    ratio = record.step_s / loaded.origin.step_s
+    if not 0.5 <= ratio <= 2:
+        screen.say(
+            f"{data}: the median time step is {ratio:.3g} times that of the record on which the "
+            "model was identified; the band z_low to z_high does not allow for that"
+        )
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("t", "z_pred", "z_low", "z_high"))

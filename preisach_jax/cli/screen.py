@@ -100,8 +100,20 @@ def show_record(record: Record, notes: Iterable[str]) -> None:
         parts.append(f"{name} ({unit or 'no unit'})")
     rows, span = len(record.time), quantity(record.duration_s, "s")
     say(f"{record.name}: {rows:,} rows, {span}; {', '.join(parts)}")
-    for note in notes:
+    for note in (*notes, *_holes(record)):
         say(f"  {note}")
+
+
+def _holes(record: Record) -> list[str]:
+    """What is missing in a record: stretches of time, and outputs."""
+    found = []
+    if record.gaps:
+        row, seconds = max(record.gaps, key=lambda gap: gap[1])
+        others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
+        found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
+    if unmeasured := int((~record.measured).sum()):
+        found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
+    return found
 
 
 def show_diagnosis(found: Diagnosis) -> None:

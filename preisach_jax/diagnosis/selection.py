@@ -227,7 +227,10 @@ class _Search:
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         best = min(passing, key=lambda trial: trial.point.validation_mean_square, default=None)
         name = best.effect.name if best is not None else ""
-        self.trials += [(trial, trial is best, name) for trial in trials]
+        # Of an effect that is tried again on a finer plane, the last trial counts.
+        again = {(trial.effect.name, trial.step) for trial in trials}
+        kept = [row for row in self.trials if (row[0].effect.name, row[0].step) not in again]
+        self.trials = kept + [(trial, trial is best, name) for trial in trials]
         if best is None:
             return False
         others = [trial for trial in passing if trial is not best]

@@ -10,7 +10,7 @@ from preisach_jax.diagnosis.residuals import input_rate, time_since_reversal
 from preisach_jax.diagnosis.result import Budget, Experiment, Finding
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
-from preisach_jax.quantity import number, quantity
+from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 
 PLAIN = {
@@ -51,8 +51,9 @@ def sentence(verdict: str, findings: Sequence[Finding], budget: Budget, fits: Se
         if verdict == "explained"
         else f"{unexplained} of it are still not explained"
     )
+    added = "it" if len(findings) == 1 else "them"
     return (
-        f"The plain hysteresis model lacks {named}: with it, the error falls from {first} to "
+        f"The plain hysteresis model lacks {named}: with {added}, the error falls from {first} to "
         f"{last} RMS; {rest}."
     )
 
@@ -92,7 +93,7 @@ def located(record: Record, fit: Fit) -> str:
             (
                 shares[worst],
                 f"{100 * shares[worst]:.0f} % of its power lie where the {name} is "
-                f"{number(inside.min(), 3)} to {quantity(inside.max(), unit, 3)}",
+                f"{quantity(inside.min(), unit, 3)} to {quantity(inside.max(), unit, 3)}",
             )
         )
     places.sort(reverse=True)

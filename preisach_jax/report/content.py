@@ -157,6 +157,8 @@ def comparison_sentence(comparison: Comparison) -> str:
     )
     if not expected > 0:
         return text + "."
+    if comparison.record.sha256 == comparison.model.origin.sha256:
+        return f"{text}; it is the record on which it was identified, so that this proves little."
     ratio = comparison.rms / expected
     own = quantity(expected, unit, 3)
     if ratio <= 1.5:

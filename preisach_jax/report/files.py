@@ -57,15 +57,19 @@ def check_folder(folder: Path) -> None:
         raise InputError(f"{folder}: {place} cannot be written to; choose another folder")
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path, *read: Path) -> None:
     """Make sure before the work that a file can be written afterwards.
 
     Arguments:
         path: the file; its folder must exist.
+        read: files that the work reads, which must not be written over.
 
     Raises:
-        InputError: if it is a folder, or its folder is missing or cannot be written to.
+        InputError: if it is one of the files that are read, if it is a folder, or its folder is
+            missing or cannot be written to.
     """
+    if path.resolve() in [other.resolve() for other in read]:
+        raise InputError(f"{path}: this file is read, and would be lost; choose another for --out")
     if path.is_dir():
         raise InputError(f"{path}: this is a folder; give the name of a file")
     if not path.parent.is_dir():

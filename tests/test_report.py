@@ -4,6 +4,7 @@ import json
 import math
 from html.parser import HTMLParser
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -260,6 +261,6 @@ def test_the_report_of_a_comparison(tmp_path):
 
 def test_a_model_is_not_praised_on_the_record_of_its_fit():
     record = make_record()
-    model = Linear(0.0)
+    model: Any = Linear(0.0)
     model.origin = SimpleNamespace(sha256=record.sha256)
     assert "proves little" in comparison_sentence(compare(model, record))

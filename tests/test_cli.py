@@ -61,7 +61,9 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     write_csv(folder / "stage.csv", stage_columns())
     words = ["fit", str(folder / "stage.csv"), "--effects", "aux:load_N", "--levels", "5"]
+    before = bool(jax.config.read("jax_enable_x64"))
     assert main([*words, "--out", str(folder / "model.json")]) == 0
+    jax.config.update("jax_enable_x64", before)
     return folder
 
 

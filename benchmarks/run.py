@@ -40,7 +40,10 @@ def write_stage(path: Path, samples: int, effects: tuple[str, ...], seed: int) -
 
 
 def whole_process(arguments: list[str]) -> dict[str, float]:
-    """Wall seconds and peak memory of one run of the command line."""
+    """Wall seconds and peak memory of one run of the command line.
+
+    The peak is an upper bound: a child process begins with the peak of the one that starts it.
+    """
     start = time.perf_counter()
     child = subprocess.Popen(
         [sys.executable, "-m", "preisach_jax.cli", *arguments], stdout=subprocess.DEVNULL

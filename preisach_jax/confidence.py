@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.stats
 
 from preisach_jax.effects.base import AddedEffect, Parameter
-from preisach_jax.identify import FOLDS, Point, Problem, linearise
+from preisach_jax.identify import FOLDS, Point, Problem, linearise, residual_of
 from preisach_jax.model import ParameterEstimate
 
 LEVEL = 0.95
@@ -36,7 +36,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     free = ~point.equations.nonnegative | (point.solution > 0)
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
     matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
-    residual = problem.target / problem.unit - point.matrix @ point.solution
+    residual = residual_of(problem, point)
     used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
     scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
     influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T

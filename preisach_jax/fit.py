@@ -255,17 +255,17 @@ def without_effect(problem: Problem, point: Point, name: str) -> Point:
     effects = tuple(effect for effect in point.chain.effects if effect.name != name)
     values = {key: value for key, value in point.values.items() if key != name}
     chain = point.chain.with_effects(effects)
-    return settled(problem, evaluate(problem, chain, values, point.strength))
+    return moved_to(problem, replace(point, chain=chain, values=values))
 
 
 def at_levels(problem: Problem, point: Point, levels: int) -> Point:
     """The same model on a plane of other levels, refitted."""
     chain = replace(point.chain, plane=plane_of(problem, levels))
-    return settled(problem, evaluate(problem, chain, point.values, point.strength))
+    return moved_to(problem, replace(point, chain=chain))
 
 
 def moved_to(problem: Problem, point: Point) -> Point:
-    """The same model refitted to another cut of its record."""
+    """The chain of a point, from its values, refitted to a cut of its record."""
     return settled(problem, evaluate(problem, point.chain, point.values, point.strength))
 
 

@@ -209,6 +209,11 @@ class Point:
         return Coefficients.from_columns(self.columns, unit * solution / self.equations.scale)
 
 
+def residual_of(problem: Problem, point: Point) -> np.ndarray:
+    """(row,) residual of a point over all measured rows, in output ranges."""
+    return problem.target / problem.unit - point.matrix @ point.solution
+
+
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
     """All nonlinear parameters of some effects, with the effects' names."""
     return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]
@@ -308,7 +313,7 @@ def linearise(
     equations = point.equations.extended(np.stack(other), np.stack(own), np.stack(moment))
     # Parameters with a natural zero, such as a gain, are solved for as non-negative amounts: the
     # target is moved so that the column multiplies the amount itself and not its change.
-    amounts = np.array([_is_amount(parameter) for _, parameter in parameters])
+    amounts = np.array([parameter.is_amount for _, parameter in parameters])
     if amounts.any():
         now = np.array([point.values[e][p.name] for e, p in parameters]) * scale * amounts
         size = len(point.solution)
@@ -323,10 +328,6 @@ def linearise(
     return Linearised(raw, scale, equations)
 
 
-def _is_amount(parameter: Parameter) -> bool:
-    return parameter.low == 0 and not parameter.log
-
-
 def _joint_step(
     point: Point, parameters: list[tuple[str, Parameter]], linear: Linearised
 ) -> tuple[np.ndarray, float]:
@@ -338,7 +339,7 @@ def _joint_step(
     promised += linear.equations.penalty(solution, point.strength)
     step = solution[len(point.solution) :] / linear.scale
     for position, (effect, parameter) in enumerate(parameters):
-        if _is_amount(parameter):
+        if parameter.is_amount:
             step[position] -= point.values[effect][parameter.name]
     return step, promised
 

@@ -199,11 +199,11 @@ class Model:
             (2000,)
         """
         self._check(record)
-        start = len(record.time)
+        sure = np.zeros(len(record.time))
         if self._begins_with_origin(record):
-            output, gap = self.simulate(record), np.zeros(start)
+            output, gap = self.simulate(record), sure
         elif self._follows_origin(record):
-            output, gap = self._continue(record), np.zeros(start)
+            output, gap = self._continue(record), sure
         else:
             output, gap = self._from_unknown_memory(record)
         half = 1.96 * self.rms_validation + gap

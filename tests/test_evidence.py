@@ -27,7 +27,7 @@ from preisach_jax.diagnosis.evidence import (
     compare,
     free_parameters,
     innovation_variance,
-    residual_of,
+    residual_in_time,
     simple_ratio,
     standardised,
 )
@@ -99,7 +99,7 @@ def test_two_closed_locks_give_two_reasons():
 
 def test_residuals_are_in_the_order_of_time(points):
     problem, base, _ = points
-    got = residual_of(problem, base) * problem.unit
+    got = residual_in_time(problem, base) * problem.unit
     model = np.empty(len(problem.record))
     model[problem.rows] = base.matrix @ base.solution * problem.unit
     np.testing.assert_allclose(got, problem.record.output - model, atol=1e-9)
@@ -142,7 +142,7 @@ def test_blocks_are_summed_as_a_loop_does(points):
             expected.setdefault(int(block), []).append(residual[position[int(row)]] ** 2)
     np.testing.assert_allclose(got, [np.mean(expected[block]) for block in sorted(expected)])
     # With the model's own residuals, they make up its held-out mean square.
-    squares = block_mean_squares(problem, residual_of(problem, base))
+    squares = block_mean_squares(problem, residual_in_time(problem, base))
     sizes = [len(expected[block]) for block in sorted(expected)]
     mean = np.average(squares, weights=sizes)
     assert mean == pytest.approx(base.validation_mean_square, rel=1e-6)
@@ -154,7 +154,7 @@ def test_evidence_for_the_right_effect(points):
     assert evidence.against == ""
     assert evidence.gain > 0.9
     assert evidence.blocks == 24
-    before, after = residual_of(problem, base), residual_of(problem, drift)
+    before, after = residual_in_time(problem, base), residual_in_time(problem, drift)
     ratio = innovation_variance(before) / innovation_variance(after)
     count = len(problem.target)
     expected = count * np.log(ratio) - 2 * np.log(count)  # time constant and amplitude

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.stats
 
-from preisach_jax.diagnosis.evidence import residual_of
+from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Point, Problem
 
@@ -33,7 +33,7 @@ def noise_rms(problem: Problem, point: Point) -> float:
     Returns:
         The RMS in output units.
     """
-    residual = residual_of(problem, point) * problem.unit
+    residual = residual_in_time(problem, point) * problem.unit
     differences = np.diff(residual, n=2)
     deviation = scipy.stats.median_abs_deviation(
         differences, scale=float(scipy.stats.norm.ppf(0.75))

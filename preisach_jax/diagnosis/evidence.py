@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.identify import VALIDATION, Point, Problem, residual_of
 
 LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square below which nothing is named."""
@@ -66,10 +66,9 @@ class Evidence:
         return asdict(self)
 
 
-def residual_of(problem: Problem, point: Point) -> np.ndarray:
+def residual_in_time(problem: Problem, point: Point) -> np.ndarray:
     """(row,) residual of a point over all measured rows in time order, in output ranges."""
-    residual = problem.target / problem.unit - point.matrix @ point.solution
-    return residual[problem.in_time]
+    return residual_of(problem, point)[problem.in_time]
 
 
 def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:
@@ -96,8 +95,7 @@ def free_parameters(point: Point) -> int:
     """Number of parameters that the effects of a point spend; amounts of zero spend none."""
     spent = len(point.columns.added)
     for effect, parameter in point.parameters:
-        amount = parameter.low == 0 and not parameter.log
-        spent += not (amount and point.values[effect][parameter.name] == 0)
+        spent += not (parameter.is_amount and point.values[effect][parameter.name] == 0)
     return spent
 
 
@@ -119,7 +117,7 @@ def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
     Returns:
         The evidence; positive numbers speak for `rich`.
     """
-    before, after = residual_of(problem, simple), residual_of(problem, rich)
+    before, after = residual_in_time(problem, simple), residual_in_time(problem, rich)
     squares_before = block_mean_squares(problem, before)
     squares_after = block_mean_squares(problem, after)
     count = len(problem.target)

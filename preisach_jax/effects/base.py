@@ -65,6 +65,11 @@ class Parameter(eqx.Module):
                 f"{self.low}: give a positive bound, or log=False"
             )
 
+    @property
+    def is_amount(self) -> bool:
+        """Whether the parameter has a natural zero, at which what it measures vanishes."""
+        return self.low == 0 and not self.log
+
     def to_search(self, value: float) -> float:
         """The search coordinate of a value: its logarithm where `log` is set."""
         return math.log(value) if self.log else value

@@ -12,10 +12,10 @@ from stand_ins import make_diagnosis, make_model, make_record
 
 from preisach_jax.diagnosis.comparison import Comparison, ResidualTests, compare
 from preisach_jax.errors import InputError
+from preisach_jax.files import check_file, check_folder, json_bytes, plain_json, write_files
 from preisach_jax.model import Prediction
 from preisach_jax.report import write_comparison, write_report
 from preisach_jax.report.content import comparison_sentence
-from preisach_jax.report.files import check_file, check_folder, json_bytes, plain_json, write_files
 
 
 class Page(HTMLParser):

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from preisach_jax import plot
+from preisach_jax.files import check_folder, json_bytes, write_files
 from preisach_jax.report.content import comparison_page, diagnosis_page
-from preisach_jax.report.files import check_folder, json_bytes, write_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +50,7 @@ def check_folder(folder: Path) -> None:
         InputError: if it is a file, or it or what it would be made in cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: this is a file; give a folder for the report with --report")
+        raise InputError(f"{folder}: this is a file; give a folder for the results")
     place = folder
     while not place.exists():
         place = place.parent
@@ -111,3 +114,60 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
         for part in unfinished.values():
             part.unlink(missing_ok=True)
     return list(contents)
+
+
+def write_arrays(path: Path, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays and what there is to say about them as one `.npz` file.
+
+    Arguments:
+        path: the file; an old one is replaced whole.
+        about: what JSON can hold, with the number of the format as "format".
+        arrays: arrays by name.
+
+    Raises:
+        InputError: if it cannot be written.
+    """
+    file = io.BytesIO()
+    named: dict[str, Any] = {"about": np.asarray(json.dumps(about)), **arrays}
+    np.savez(file, **named)
+    write_files({path: file.getvalue()})
+
+
+@contextmanager
+def read_arrays(path: Path, newest: int, thing: str, remedy: str) -> Iterator[tuple[dict, Any]]:
+    """Open a file that `write_arrays` wrote.
+
+    Whatever goes wrong in the block that reads from it is taken for damage of the file.
+
+    Arguments:
+        path: the file.
+        newest: number of the newest format that is known.
+        thing: what the file should be, as in "a saved filter".
+        remedy: what to give instead, as in "give a file that `save` wrote".
+
+    Yields:
+        `(about, arrays)`; arrays are read when they are asked for by name.
+
+    Raises:
+        InputError: if the file is missing, broken, or of a newer format.
+    """
+    try:
+        if path.is_file() and not zipfile.is_zipfile(path):
+            raise ValueError("it is no archive of arrays")
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+            if about["format"] > newest:
+                raise InputError(
+                    f"{path} has the format {about['format']}, and {newest} is the newest that "
+                    "this version reads: update preisach_jax"
+                )
+            yield about, stored
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist: {remedy}") from None
+    # Of a damaged file, zipfile may say that it is encrypted or compressed in an unknown way.
+    except (
+        OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile,
+    ) as error:  # fmt: skip
+        raise InputError(f"{path} cannot be read as {thing} ({error}): {remedy}") from error

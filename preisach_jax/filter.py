@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import partial
 from typing import NamedTuple
@@ -14,7 +15,14 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.hysteron import as_float, hysteron_step, path_and_start, require_hysteron
+from preisach_jax.hysteron import (
+    as_float,
+    hysteron_step,
+    path_and_start,
+    require_finite,
+    require_hysteron,
+    require_on_plane,
+)
 from preisach_jax.plane import Plane
 
 SAMPLINGS = ("event", "sample")
@@ -49,7 +57,7 @@ def simulate(
         (time,) output; differentiable in `weights`, and with ramps in `x`.
 
     Raises:
-        InputError: a shape, a type or a name is wrong.
+        InputError: a shape, a type or a name is wrong, or the input leaves the plane.
 
     Example:
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
@@ -61,7 +69,9 @@ def simulate(
         raise InputError(f"weights has the shape {weights.shape}: give ({plane.cells},)")
     if not isinstance(initial, str):
         initial = as_float(initial, "initial")
-    return _simulate(plane, weights, as_float(x, "the input x"), hysteron, initial)
+    x = as_float(x, "the input x")
+    require_on_plane(plane, x)
+    return _simulate(plane, weights, x, hysteron, initial)
 
 
 @eqx.filter_jit
@@ -140,8 +150,14 @@ class AdaptiveFilter(eqx.Module):
     """Recursive identification of the Preisach weights from input and output, eq. (5)-(12).
 
     At each event, e = z - z_ref - R̂ᵀ(y - y_ref) with the current weights on both sides, and then
-    R̂ ← R̂ + s·e/(sᵀs) with s = y - y_ref, where ref is the sample from which the difference runs.
-    For relays this is (8), (12) with A = sᵀs; for ramps, the normalised projection.
+    R̂ ← R̂ + μ s·e/(sᵀs) with s = y - y_ref, where ref is the sample from which the difference runs.
+    For relays and μ = 1 this is (8), (12) with A = sᵀs; for ramps, the normalised projection.
+
+    A step size μ below 1 averages over noise, at the price of slower learning. With A = sᵀs,
+    ΣE = sᵀE the signed sum of the weight errors E = R̂ - R, and ν the noise in the difference,
+    e = ν - ΣE, and (15) becomes
+    ‖E(k+1)‖² = ‖E(k)‖² - μ(2-μ)(ΣE)²/A + μ²ν²/A + 2μ(1-μ) ν ΣE/A.
+    Without noise the error so never grows for 0 < μ < 2, and falls fastest for μ = 1.
 
     With `sampling="event"` the difference runs from the last event: the last sample at which
     hysterons switched (relays), or by which the states had moved by sᵀs ≥ 1/2 since the event
@@ -159,9 +175,11 @@ class AdaptiveFilter(eqx.Module):
         hysteron: "relay" or "ramp".
         sampling: "event" or "sample".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
+        step_size: () step size μ, 0 < μ < 2; 1 is the paper's.
 
     Raises:
-        InputError: a name is unknown, or an initial weight is not finite or has a wrong shape.
+        InputError: a name is unknown, an initial weight is not finite or has a wrong shape, or the
+            step size is out of its range.
 
     Example:
         >>> import numpy as np
@@ -176,6 +194,7 @@ class AdaptiveFilter(eqx.Module):
     hysteron: str = eqx.field(static=True, default="relay")
     sampling: str = eqx.field(static=True, default="event")
     initial_weight: ArrayLike = 1e-9
+    step_size: ArrayLike = 1.0
 
     def __check_init__(self):
         require_hysteron(self.hysteron)
@@ -186,7 +205,14 @@ class AdaptiveFilter(eqx.Module):
                 f"initial_weight has the shape {np.shape(self.initial_weight)}: "
                 f"give one number or ({self.plane.cells},)"
             )
-        _require_finite(self.initial_weight, "initial_weight")
+        require_finite(self.initial_weight, "initial_weight")
+        if np.shape(self.step_size) != ():
+            raise InputError(f"step_size has the shape {np.shape(self.step_size)}: give one number")
+        traced = isinstance(self.step_size, Tracer)
+        if not traced and not 0.0 < np.asarray(self.step_size).item() < 2.0:
+            raise InputError(
+                f"step_size is {self.step_size}: give a number between 0 and 2, both excluded"
+            )
 
     def init(
         self, x0: ArrayLike, z0: ArrayLike, initial_memory: ArrayLike | str = "low"
@@ -204,9 +230,10 @@ class AdaptiveFilter(eqx.Module):
             with the first).
 
         Raises:
-            InputError: `x0` is not a finite number, `z0` is infinite, or the memory is unknown.
+            InputError: `x0` is not a number on the plane, `z0` is infinite, or the memory is
+                unknown.
         """
-        path, z = _input_and_output(jnp.reshape(as_float(x0, "x0"), -1), z0)
+        path, z = input_and_output(self.plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
         path, states = path_and_start(self.plane, path, initial_memory, self.hysteron)
         x = path[0]
         states = hysteron_step(self.plane, states, x, x, self.hysteron)
@@ -223,7 +250,7 @@ class AdaptiveFilter(eqx.Module):
 
         Args:
             state: the state after the sample before.
-            x: () input, in the unit of the plane; finite.
+            x: () input, in the unit of the plane; finite, and beyond the plane it saturates.
             z: () measured output, in its unit; NaN if it is missing.
 
         Returns:
@@ -241,7 +268,8 @@ class AdaptiveFilter(eqx.Module):
         least = EVENT_SIZE if self.sampling == "event" else jnp.finfo(dtype).eps
         event = jnp.isfinite(error) & (squared >= least)
         # The inner `where` keeps 0/0 out of the gradient, the outer one out of the update.
-        rate = jnp.where(event, error / jnp.where(event, squared, 1.0), 0.0)
+        step_size = jnp.asarray(self.step_size, dtype)
+        rate = jnp.where(event, step_size * error / jnp.where(event, squared, 1.0), 0.0)
 
         starting = jnp.isfinite(z) & ~jnp.isfinite(state.reference_output)
         renew = (event | starting) if self.sampling == "event" else jnp.asarray(True)
@@ -259,41 +287,69 @@ class AdaptiveFilter(eqx.Module):
         )
         return following, info
 
-    def run(self, x: ArrayLike, z: ArrayLike, state: FilterState | None = None) -> FilterResult:
-        """Run the filter over a record.
+    def run(
+        self, x: ArrayLike, z: ArrayLike, state: FilterState | None = None, passes: int = 1
+    ) -> FilterResult:
+        """Run the filter over a record, once or several times.
+
+        Each pass starts from the memory at the beginning of the first one, and from the weights at
+        the end of the one before. A noise-free record is so learnt to the end; with noise the
+        weights settle on a cycle that fits the noise as well.
 
         Args:
             x: (time,) input, in the unit of the plane.
             z: (time,) measured output, in its unit; NaN where it is missing.
             state: the state after an earlier part of the record, which this run continues; without
                 it the filter starts from saturated low at the first sample.
+            passes: how often the record is taken in, at least once.
 
         Returns:
-            The weights after the last sample, the rows of each sample and the final state.
+            The weights after the last sample, the rows of each sample and the final state, all of
+            the last pass.
 
         Raises:
-            InputError: lengths differ, values are complex, an input is not finite, or an output is
-                infinite.
+            InputError: lengths or types are wrong, an input leaves the plane or is not finite, an
+                output is infinite, or `passes` is below 1.
         """
-        x, z = _input_and_output(x, z)
+        x, z = input_and_output(self.plane, x, z)
         if state is not None and state.weights.shape != (self.plane.cells,):
             raise InputError(
                 f"state has weights of the shape {state.weights.shape}: give a state of this "
                 f"filter, ({self.plane.cells},)"
             )
-        return _run(self, x, z, state)
+        if passes != int(passes) or passes < 1:
+            raise InputError(f"passes is {passes}: give a whole number of at least 1")
+        return _run(self, x, z, state, int(passes))
 
 
-@jax.jit
-def _run(filt: AdaptiveFilter, x, z, state: FilterState | None) -> FilterResult:
-    if state is None:
-        state = filt.init(x[0], z[0])
-    state, info = jax.lax.scan(lambda state, sample: filt.step(state, *sample), state, (x, z))
+@partial(jax.jit, static_argnames="passes")
+def _run(filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int) -> FilterResult:
+    start = filt.init(x[0], z[0]) if state is None else state
+
+    def one_pass(carry, _):
+        before = dataclasses.replace(start, weights=carry[0].weights)
+        return jax.lax.scan(lambda state, sample: filt.step(state, *sample), before, (x, z)), None
+
+    no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
+    state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
     return FilterResult(state.weights, *info, state)
 
 
-def _input_and_output(x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
-    """Check an input and the measured output of it; bring both to (time,) and one type."""
+def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """Check an input and the measured output of it.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        z: (time,) measured output, in its unit; NaN where it is missing.
+
+    Returns:
+        `(x, z)`, (time,) each, of one floating type.
+
+    Raises:
+        InputError: lengths or types are wrong, an input leaves the plane or is not finite, or an
+            output is infinite.
+    """
     x, z = as_float(x, "the input x"), as_float(z, "the output z")
     if x.ndim == 1 and z.ndim == 0:
         z = z.reshape(-1)
@@ -302,20 +358,7 @@ def _input_and_output(x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]
             f"the input x has the shape {x.shape} and the output z {z.shape}: "
             "give both (time,), with time > 0"
         )
-    _require_finite(x, "the input x")
-    _require_finite(z, "the output z", missing=True)
+    require_on_plane(plane, x)
+    require_finite(z, "the output z", missing=True)
     dtype = jnp.result_type(x, z)
     return x.astype(dtype), z.astype(dtype)
-
-
-def _require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
-    """Refuse values that are not finite (but NaN, with `missing`); traced values have none yet."""
-    if isinstance(values, Tracer):
-        return
-    flat = np.ravel(np.asarray(values))
-    wrong = np.isinf(flat) if missing else ~np.isfinite(flat)
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        where = f" at sample {first}" if flat.size > 1 else ""
-        remedy = "give NaN where the output is missing" if missing else "give finite numbers"
-        raise InputError(f"{name} is {flat[first]}{where}: {remedy}")

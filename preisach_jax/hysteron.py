@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
     from preisach_jax.plane import Plane
 
 HYSTERONS = ("relay", "ramp")
+
+# An input may lie so far beyond the limits of the plane, in parts of their distance: rounding.
+LIMIT_TOLERANCE = 1e-6
 
 
 def require_hysteron(hysteron: str) -> None:
@@ -27,25 +32,84 @@ def require_hysteron(hysteron: str) -> None:
 
 
 def as_float(values: ArrayLike, name: str) -> jax.Array:
-    """Convert real numbers to a floating array; integers become the default float.
+    """Convert real numbers to a floating array.
+
+    Whole numbers written in Python are real numbers. An array of integers is refused, because it
+    usually holds a converter's raw counts.
 
     Args:
         values: real numbers of any shape.
-        name: what they are, for the message.
+        name: what they are, for the message; its last word is the name of the variable.
 
     Returns:
         Array of the same shape; float32 and float64 are kept where JAX allows them.
 
     Raises:
-        InputError: the values are complex or not numbers.
+        InputError: the values are an array of integers, complex or not numbers.
     """
     array = jnp.asarray(values)
     if jnp.issubdtype(array.dtype, jnp.floating):
         # A Python number is weakly typed; a fixed type saves compiling everything twice.
         return array.astype(array.dtype)
-    if jnp.issubdtype(array.dtype, jnp.integer):
-        return array.astype(jnp.result_type(float))
-    raise InputError(f"{name} has the type {array.dtype}: give real numbers")
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"{name} has the type {array.dtype}: give real numbers")
+    if hasattr(values, "dtype"):
+        raise InputError(
+            f"{name} has the type {getattr(values, 'dtype', None)}: convert it first, as in "
+            f"{name.rsplit(maxsplit=1)[-1]}.astype(float)"
+        )
+    return array.astype(jnp.result_type(float))
+
+
+def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
+    """Refuse values that are not finite; traced values have none yet and pass.
+
+    Args:
+        values: numbers of any shape.
+        name: what they are, for the message.
+        missing: whether NaN is allowed, for a value that is missing.
+
+    Raises:
+        InputError: a value is not finite.
+    """
+    if isinstance(values, Tracer):
+        return
+    flat = np.ravel(np.asarray(values))
+    wrong = np.isinf(flat) if missing else ~np.isfinite(flat)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        remedy = "give NaN where the output is missing" if missing else "give finite numbers"
+        raise InputError(f"{name} is {flat[first]}{_at(first, flat.size)}: {remedy}")
+
+
+def require_on_plane(plane: Plane, x: ArrayLike) -> None:
+    """Refuse an input that is not finite or leaves the plane; a traced one passes and saturates.
+
+    Args:
+        plane: the Preisach plane.
+        x: () or (time,) floating input, in the unit of the plane.
+
+    Raises:
+        InputError: an input is not finite, or beyond the plane's limits by more than rounding.
+    """
+    if isinstance(x, Tracer):
+        return
+    require_finite(x, "the input x")
+    values = np.asarray(x)
+    flat = values.ravel()
+    rounding = float(jnp.finfo(values.dtype).eps) * max(abs(plane.low), abs(plane.high))
+    reach = max(LIMIT_TOLERANCE * (plane.high - plane.low), rounding)
+    beyond = (flat < plane.low - reach) | (flat > plane.high + reach)
+    if beyond.any():
+        first = int(np.argmax(beyond))
+        raise InputError(
+            f"the input x is {flat[first]:.8g}{_at(first, flat.size)}, and the plane reaches from "
+            f"{plane.low} to {plane.high}: make the plane wider, or clip the input"
+        )
+
+
+def _at(sample: int, samples: int) -> str:
+    return f" at sample {sample}" if samples > 1 else ""
 
 
 def thresholds_reached(
@@ -126,11 +190,11 @@ def hysteron_states(
         (time, cells) states in [0, 1]; the first row is the state after x[0].
 
     Raises:
-        InputError: `x` is not a row of real numbers, or a name is unknown.
+        InputError: `x` is not a row of real numbers on the plane, or a name is unknown.
 
     Example:
         >>> from preisach_jax.plane import Plane
-        >>> plane = Plane(levels=1, low=0.0, high=1.0)
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
         >>> hysteron_states(plane, [0.0, 0.75, 0.25], "low", "ramp")[:, 0].tolist()
         [0.0, 0.75, 0.25]
     """
@@ -160,7 +224,8 @@ def state_bounds(plane: Plane, x: ArrayLike, hysteron: str = "ramp") -> tuple[ja
         initially on. Their difference is what the unknown initial memory leaves open.
 
     Raises:
-        InputError: `x` is not a row of real numbers, or the kind of hysteron is unknown.
+        InputError: `x` is not a row of real numbers on the plane, or the kind of hysteron is
+            unknown.
 
     Example:
         >>> from preisach_jax.plane import Plane
@@ -177,6 +242,9 @@ def path_and_start(
 ) -> tuple[jax.Array, jax.Array]:
     """Check an input and the states before it, and bring both to one floating type.
 
+    Values are checked where there are any: inside a compiled function an input beyond the plane
+    passes, and the hysterons saturate.
+
     Args:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
@@ -187,12 +255,13 @@ def path_and_start(
         `(x, states)`: (time,) and (cells,).
 
     Raises:
-        InputError: a shape, a type or a name is wrong.
+        InputError: a shape, a type or a name is wrong, or the input leaves the plane.
     """
     require_hysteron(hysteron)
     x = as_float(x, "the input x")
     if x.ndim != 1 or x.shape[0] == 0:
         raise InputError(f"the input x has the shape {x.shape}: give (time,), with time > 0")
+    require_on_plane(plane, x)
     if isinstance(initial_states, str):
         return x, plane.initial_states(initial_states, x[0], hysteron)
     states = as_float(initial_states, "initial_states").astype(x.dtype)

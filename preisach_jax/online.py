@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import zipfile
 from pathlib import Path
 
 import jax
@@ -13,10 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.filter import AdaptiveFilter, FilterInfo, FilterState
+from preisach_jax.hysteron import require_on_plane
 from preisach_jax.plane import Plane
 
-FORMAT = 1
+FORMAT = 2  # 1 had no step size: it was 1.0
 
 _start = jax.jit(AdaptiveFilter.init)
 _step = jax.jit(AdaptiveFilter.step)
@@ -46,6 +46,8 @@ class OnlineFilter:
     """What was recorded of the last sample."""
 
     def __init__(self, filt: AdaptiveFilter, state: FilterState | None = None):
+        if not isinstance(filt, AdaptiveFilter):
+            raise InputError(f"the filter is {type(filt).__name__}: give an AdaptiveFilter")
         self.filter = filt
         self.state = state
         self.info = None
@@ -61,11 +63,11 @@ class OnlineFilter:
             ẑ with the weights before this sample's update, in the unit of the output.
 
         Raises:
-            InputError: `x` is not finite or `z` is infinite; the state is then as before.
+            InputError: `x` is not finite or leaves the plane, or `z` is infinite; the state is then
+                as before.
         """
         x, z = float(x), float(z)
-        if not math.isfinite(x):
-            raise InputError(f"the input x is {x}: give a finite number")
+        require_on_plane(self.filter.plane, x)
         if math.isinf(z):
             raise InputError(f"the output z is {z}: give NaN where the output is missing")
         if self.state is None:
@@ -79,6 +81,9 @@ class OnlineFilter:
 
         Args:
             path: the file, NumPy's `.npz` format whatever its name.
+
+        Raises:
+            InputError: the file cannot be written.
         """
         plane = self.filter.plane
         about = {
@@ -90,19 +95,12 @@ class OnlineFilter:
             "sampling": self.filter.sampling,
         }
         arrays = {
-            "about": np.asarray(json.dumps(about)),
             "initial_weight": np.asarray(self.filter.initial_weight),
+            "step_size": np.asarray(self.filter.step_size),
         }
         if self.state is not None:
             arrays |= {f"state.{name}": np.asarray(a) for name, a in vars(self.state).items()}
-        path = Path(path)
-        unfinished = path.with_name(path.name + ".part")
-        try:
-            with unfinished.open("wb") as file:
-                np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
-            os.replace(unfinished, path)
-        finally:
-            unfinished.unlink(missing_ok=True)
+        write_arrays(Path(path), about, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> OnlineFilter:
@@ -118,29 +116,16 @@ class OnlineFilter:
         Raises:
             InputError: the file is missing, broken, or written by a newer version.
         """
-        try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                about = json.loads(str(stored["about"]))
-                if about["format"] > FORMAT:
-                    raise InputError(
-                        f"{path} has the format {about['format']}, and {FORMAT} is the newest that "
-                        "this version reads: update preisach_jax"
-                    )
-                plane = Plane(levels=about["levels"], low=about["low"], high=about["high"])
-                filt = AdaptiveFilter(
-                    plane, about["hysteron"], about["sampling"], stored["initial_weight"]
-                )
-                names = [name for name in stored.files if name.startswith("state.")]
-                state = None
-                if names:
-                    arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
-                    state = FilterState(**arrays)
-        except InputError:
-            raise
-        except FileNotFoundError:
-            raise InputError(f"{path} does not exist: give a file that `save` wrote") from None
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(
-                f"{path} cannot be read as a saved filter ({error}): give a file that `save` wrote"
-            ) from error
+        remedy = "give a file that `save` wrote"
+        with read_arrays(Path(path), FORMAT, "a saved filter", remedy) as (about, stored):
+            filt = AdaptiveFilter(
+                Plane(levels=about["levels"], low=about["low"], high=about["high"]),
+                about["hysteron"],
+                about["sampling"],
+                stored["initial_weight"],
+                1.0 if about["format"] == 1 else stored["step_size"],
+            )
+            names = [name for name in stored.files if name.startswith("state.")]
+            arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
+            state = FilterState(**arrays) if arrays else None
         return cls(filt, state)

@@ -15,6 +15,13 @@ from preisach_jax.errors import InputError
 from preisach_jax.hysteron import as_float, hysteron_step, require_hysteron, thresholds_reached
 
 
+def _whole_number(levels) -> int:
+    try:
+        return operator.index(levels)
+    except TypeError:
+        raise InputError(f"levels is {levels!r}: give a whole number, as in 37") from None
+
+
 class Plane(eqx.Module):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
@@ -24,12 +31,12 @@ class Plane(eqx.Module):
     flat index i(i+1)/2 + j.
 
     Args:
-        levels: N ≥ 1, the levels of each axis.
+        levels: N ≥ 2, the levels of each axis.
         low: lower limit of the input, in its unit.
         high: upper limit of the input, in its unit; above `low`.
 
     Raises:
-        InputError: `levels` is below 1, or the limits are not finite and ascending.
+        InputError: `levels` is below 2, or the limits are not finite and ascending.
 
     Example:
         >>> plane = Plane(levels=37, low=0.0, high=75.0)
@@ -37,13 +44,13 @@ class Plane(eqx.Module):
         703
     """
 
-    levels: int = eqx.field(static=True, converter=operator.index)
+    levels: int = eqx.field(static=True, converter=_whole_number)
     low: float = eqx.field(static=True, converter=float)
     high: float = eqx.field(static=True, converter=float)
 
     def __check_init__(self):
-        if self.levels < 1:
-            raise InputError(f"levels is {self.levels}: give a whole number of at least 1")
+        if self.levels < 2:
+            raise InputError(f"levels is {self.levels}: give a whole number of at least 2")
         for name, limit in (("low", self.low), ("high", self.high)):
             if not math.isfinite(limit):
                 raise InputError(f"{name} is {limit}: the limits of the plane must be finite")
@@ -111,9 +118,15 @@ class Plane(eqx.Module):
         # The direction of the last movement; rising, if there was none yet.
         moved_at = jax.lax.cummax(jnp.where(x != previous, jnp.arange(x.shape[0]), -1))
         rising = (moved_at < 0) | (x > previous)[moved_at]
-        thresholds = jnp.asarray(self.thresholds, x.dtype)
-        at_or_below = jnp.searchsorted(thresholds, x, side="right")
-        below = jnp.searchsorted(thresholds, x, side="left")
+        thresholds = np.asarray(self.thresholds, x.dtype)
+        last = jnp.asarray(np.append(-np.inf, thresholds).astype(x.dtype))
+        following = jnp.asarray(np.append(thresholds, np.inf).astype(x.dtype))
+        # Ten times as quick as a search; what rounding may do to the count is then mended.
+        position = (x - self.low) / (self.high - self.low) * self.levels
+        count = jnp.clip(jnp.round(position), 0, self.levels).astype(jnp.int32)
+        above, under = following[count], last[count]
+        at_or_below = count + (above <= x) - (under > x)
+        below = count + (above < x) - (under >= x)
         return jnp.where(rising, at_or_below, below)
 
     def matrix(self, values: ArrayLike) -> np.ndarray:

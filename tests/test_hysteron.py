@@ -1,6 +1,7 @@
 """Laws of the relay and the ramp, eq. (1)-(4), against slow oracles written branch by branch."""
 
 from functools import partial
+from typing import Any
 
 import hypothesis.strategies as st
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from preisach_jax.errors import InputError
 from preisach_jax.hysteron import HYSTERONS, hysteron_states, state_bounds
 from preisach_jax.plane import Plane
 
@@ -265,7 +267,55 @@ def test_a_mistake_is_named_with_its_value(arguments, message):
         hysteron_states(PLANE, *arguments)
 
 
-def test_whole_numbers_are_taken_as_reals(precision):
-    states = hysteron_states(PLANE, np.array([0, 3, 1]), "low", "ramp")
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (
+            [0.0, 4.25, 2.0],
+            r"x is 4\.25 at sample 1, and the plane reaches from 0\.0 to 4\.0:",
+        ),
+        ([-0.5, 1.0], r"x is -0\.5 at sample 0, .* clip the input"),
+        ([0.0, np.nan], "x is nan at sample 1: give finite numbers"),
+        ([0.0, np.inf], "x is inf at sample 1"),
+    ],
+)
+def test_an_input_that_leaves_the_plane_is_named(x, message, precision):
+    for function in (hysteron_states, state_bounds):
+        with pytest.raises(InputError, match=message):
+            function(PLANE, np.array(x, precision))
+
+
+@both_kinds
+def test_rounding_at_the_limits_is_no_way_off_the_plane(hysteron, precision):
+    x = np.array([-3e-6, 4 + 3e-6], precision)
+    states = hysteron_states(PLANE, x, "low", hysteron)
+    np.testing.assert_array_equal(states.sum(axis=1), [0, PLANE.cells])
+    # In single precision the limit itself is rounded by more than a millionth of this range.
+    far = Plane(levels=4, low=1e3, high=1e3 + 0.3)
+    high = np.array([far.low, far.high], precision)
+    np.testing.assert_allclose(hysteron_states(far, high, "low", hysteron)[1], 1.0, rtol=1e-12)
+
+
+def test_a_compiled_input_beyond_the_plane_saturates(x64):
+    for end, state in ((9.0, 1.0), (-9.0, 0.0)):
+        states = follow([2.0, end], np.zeros(PLANE.cells), "ramp")
+        np.testing.assert_array_equal(states[1], np.full(PLANE.cells, state))
+
+
+def test_whole_numbers_of_python_are_taken_as_reals(precision):
+    written: Any = [0, 3, 1]
+    states = hysteron_states(PLANE, written, "low", "ramp")
     assert states.dtype == precision
     np.testing.assert_array_equal(states[-1], [1, 1, 0, 1, 0, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize("dtype", ["int64", "int16", "uint8"])
+def test_an_array_of_integers_is_refused(dtype, x64):
+    counts = np.array([0, 3, 1], dtype)
+    message = rf"the input x has the type {dtype}: convert it first, as in x\.astype\(float\)"
+    with pytest.raises(InputError, match=message):
+        hysteron_states(PLANE, counts)
+    with pytest.raises(InputError, match=message):
+        jax.eval_shape(lambda x: hysteron_states(PLANE, x), counts)
+    with pytest.raises(InputError, match=r"as in initial_states\.astype\(float\)"):
+        hysteron_states(PLANE, np.zeros(1), np.zeros(PLANE.cells, dtype))

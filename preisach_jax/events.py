@@ -1,0 +1,269 @@
+"""Switching events of relays: which hysterons an input switches, and when, as lines of the plane.
+
+Where the input passes a threshold upward it switches on a stretch of one row of the plane, and
+where it passes one downward it switches off a stretch of one column. Few samples pass any, so that
+a recursion over events with their cells does in O(N) what costs O(N²) at every sample. Events
+depend on the input alone: one list serves every noise level and every initial weight.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from preisach_jax.hysteron import path_and_start
+from preisach_jax.plane import Plane
+
+
+class Switching(eqx.Module):
+    """The switching events of a plane's relays along an input (a pytree).
+
+    An event is a sample at which the input passes `width` thresholds or fewer, all in one
+    direction. Its crossing c switches, upward, the cells (line, j) of a row with first ≤ j < last,
+    and downward the cells (i, line) of a column with first ≤ i < last. Where there is no event or
+    crossing, first = last; such events have the sample `time`.
+
+    Attributes:
+        sample: (events,) index of the sample of each event.
+        rising: (events,) whether relays switch on there (S⁺), or off (S⁻).
+        line: (events, width) α index of a row, or β index of a column.
+        first: (events, width) first cell on the line.
+        last: (events, width) cell after the last one on the line.
+    """
+
+    sample: jax.Array
+    rising: jax.Array
+    line: jax.Array
+    first: jax.Array
+    last: jax.Array
+
+    @property
+    def area(self) -> jax.Array:
+        """(events,) A(k), eq. (11): how many relays switch; 0 where there is no event."""
+        return jnp.sum(self.last - self.first, axis=-1)
+
+    @property
+    def sign(self) -> jax.Array:
+        """(events,) +1 where relays switch on, -1 where they switch off."""
+        return jnp.where(self.rising, 1, -1)
+
+    def cells(self, plane: Plane) -> jax.Array:
+        """Flat indices of the relays that switch.
+
+        Args:
+            plane: the Preisach plane that the events are of.
+
+        Returns:
+            (events, width · levels) indices; `plane.cells`, which is out of range, as a filling.
+        """
+        steps = jnp.arange(plane.levels).reshape((1,) * self.first.ndim + (-1,))
+        line, last = jnp.expand_dims(self.line, -1), jnp.expand_dims(self.last, -1)
+        along = jnp.expand_dims(self.first, -1) + steps
+        rising = jnp.expand_dims(self.rising, (-1, -2))
+        flat = jnp.where(rising, flat_index(line, along), flat_index(along, line))
+        flat = jnp.where(along < last, flat, plane.cells)
+        return flat.reshape(*self.sample.shape, -1)
+
+
+def flat_index(alpha_index: ArrayLike, beta_index: ArrayLike) -> jax.Array:
+    """Flat index i(i+1)/2 + j of a cell.
+
+    Args:
+        alpha_index: row i of the plane, any shape.
+        beta_index: column j ≤ i, a shape that broadcasts with it.
+
+    Returns:
+        Index of the cell, in the common shape.
+
+    Example:
+        >>> int(flat_index(2, 1)), int(Plane(levels=5, low=0.0, high=1.0).alpha_index[4])
+        (4, 2)
+    """
+    i = jnp.asarray(alpha_index)
+    return i * (i + 1) // 2 + jnp.asarray(beta_index)
+
+
+def switching_events(
+    plane: Plane, x: ArrayLike, events: int | None = None, width: int | None = None
+) -> Switching:
+    """Find the switching events along an input that starts from saturated low.
+
+    S⁺(k) and S⁻(k) of eq. (8), from the level of the input, quantised by (3), (4). A rise from
+    level q to q' switches on, in each row i = q ... q'-1, the relays from the lowest level since
+    the row was last passed upward; a fall switches off, in each column, those below the highest
+    level since that column was last passed downward.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        events: room for so many events.
+        width: room for so many thresholds passed in one sample. Without both, the input must be
+            concrete, and just its events are returned.
+
+    Returns:
+        The events, in order. Events beyond the room, or thresholds beyond the width, are lost: take
+        both from `room_for_events`.
+
+    Raises:
+        InputError: `x` is not a row of real numbers.
+
+    Example:
+        >>> plane = Plane(levels=3, low=0.0, high=3.0)
+        >>> found = switching_events(plane, [0.0, 1.0, 2.0, 1.0, 0.0])
+        >>> found.sample.tolist(), found.area.tolist(), found.sign.tolist()
+        ([1, 2, 3, 4], [1, 2, 1, 2], [1, 1, -1, -1])
+    """
+    x, _ = path_and_start(plane, x, "low", "relay")
+    if events is not None and width is not None:
+        return _switching_events(plane, x, events, width)
+    events, width = room_for_events(plane, x)
+    # Inputs of one length then share what is compiled.
+    events = min(-(-events // 256) * 256, x.shape[0])
+    found = _switching_events(plane, x, events, width)
+    count = max(1, int(jnp.count_nonzero(found.area)))
+    return jax.tree.map(lambda rows: jnp.asarray(np.asarray(rows)[:count]), found)
+
+
+def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
+    """Bound the events along inputs, and the thresholds that one sample passes.
+
+    A stretch between two turning points passes at most one threshold more than its length holds
+    cells, and so does a step.
+
+    Args:
+        plane: the Preisach plane.
+        x: (..., time) inputs, in the unit of the plane; concrete.
+
+    Returns:
+        `(events, width)`, at least 1 each, enough for each of the inputs.
+
+    Example:
+        >>> room_for_events(Plane(levels=3, low=0.0, high=3.0), [0.0, 3.0, 1.2])
+        (2, 3)
+    """
+    x = np.asarray(x, float)
+    steps = np.diff(x.reshape(-1, x.shape[-1]), axis=-1) / plane.delta_x
+    # A rest is no turning point; to count it as one does no harm.
+    turns = np.sum(np.diff(np.sign(steps), axis=-1) != 0, axis=-1)
+    lengths = np.abs(steps)
+    events = int(np.max(lengths.sum(axis=-1) + turns, initial=0.0)) + 2
+    width = int(lengths.max(initial=0.0) * (1.0 + 1e-9)) + 1
+    return max(1, min(events, x.shape[-1] - 1)), min(width, plane.levels)
+
+
+def _levels(plane: Plane, x: jax.Array) -> jax.Array:
+    """(time,) levels of an input; at rest at the start a threshold it lies on is not yet passed."""
+    resting = jnp.cumsum(x != x[0]) == 0
+    passed = jnp.searchsorted(jnp.asarray(plane.thresholds, x.dtype), x[0], side="left")
+    return jnp.where(resting, passed, plane.quantise(x)).astype(jnp.int32)
+
+
+@eqx.filter_jit
+def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Switching:
+    levels = _levels(plane, x)
+    before = jnp.concatenate([levels[:1], levels[:-1]])
+    sample = jnp.nonzero(levels != before, size=events, fill_value=x.shape[0])[0]
+    to = levels.at[sample].get(mode="fill", fill_value=-1)
+    index = jnp.arange(plane.levels, dtype=jnp.int32)
+    passed = jnp.arange(width, dtype=jnp.int32)
+
+    def cross(carry: tuple[jax.Array, jax.Array, jax.Array], goal: jax.Array):
+        lowest, highest, level = carry
+        goal = jnp.where(goal < 0, level, goal)  # a filling stays where it is
+        rising = goal > level
+        line = jnp.where(rising, level + passed, level - 1 - passed)
+        first = jnp.where(rising, lowest.at[line].get(mode="clip"), line)
+        last = jnp.where(rising, line + 1, highest.at[line].get(mode="clip"))
+        last = jnp.where(passed < jnp.abs(goal - level), last, first)
+        upward = (level <= index) & (index < goal)
+        downward = (goal <= index) & (index < level)
+        lowest = jnp.where(upward, goal, jnp.minimum(lowest, goal))
+        highest = jnp.where(downward, goal, jnp.maximum(highest, goal))
+        return (lowest, highest, goal), (rising, line, first, last)
+
+    # Of each row, the lowest level since the input last passed it upward; of each column, the
+    # highest since it last passed that downward.
+    start = levels[0]
+    lowest, highest = jnp.where(index < start, start, 0), jnp.full_like(index, start)
+    found = jax.lax.scan(cross, (lowest, highest, start), to)[1]
+    return Switching(sample, *found)
+
+
+def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.Array:
+    """Rise of the model's output (6) at each event, Σ R on S⁺ less Σ R on S⁻.
+
+    Sums along a line of the plane are differences of cumulated weights, so that an event costs as
+    much as it has lines.
+
+    Args:
+        plane: the Preisach plane.
+        switching: the events.
+        weights: (cells,) weights R, in the unit of the output.
+
+    Returns:
+        (events,) rises, same unit; 0 where there is no event.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> switching = switching_events(plane, [0.0, 2.0, 1.0])
+        >>> output_rises(plane, switching, jnp.asarray([1.0, 2.0, 4.0])).tolist()
+        [7.0, -4.0]
+    """
+    weights = jnp.asarray(weights)
+    matrix = jnp.zeros((plane.levels, plane.levels), weights.dtype)
+    matrix = matrix.at[plane.alpha_index, plane.beta_index].set(weights)
+    rows = jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1)
+    columns = jnp.cumsum(jnp.pad(matrix, ((1, 0), (0, 0))), axis=0)
+    line, first, last = switching.line, switching.first, switching.last
+    on = rows.at[line, last].get(mode="clip") - rows.at[line, first].get(mode="clip")
+    off = columns.at[first, line].get(mode="clip") - columns.at[last, line].get(mode="clip")
+    rises = jnp.where(jnp.expand_dims(switching.rising, -1), on, off)
+    return jnp.sum(jnp.where(last > first, rises, 0.0), axis=-1)
+
+
+def adapt_over_events(
+    plane: Plane, switching: Switching, increments: ArrayLike, weights: ArrayLike
+) -> tuple[jax.Array, jax.Array]:
+    """Run the paper's recursion over switching events, for many outputs of one input at once.
+
+    At each event e = Δz - (Σ R̂ on S⁺ - Σ R̂ on S⁻), eq. (7), and then R̂ ← R̂ ± e/A on S±, eq. (8),
+    (12), which touches only the cells that switch: O(N) an event. The same as `AdaptiveFilter` in
+    its event form.
+
+    Args:
+        plane: the Preisach plane.
+        switching: the events of the input that all lanes share.
+        increments: (events, lanes) rise of the measured output since the event before (at the first
+            one, since the start), in the unit of the output.
+        weights: (cells, lanes) weights to start from, same unit.
+
+    Returns:
+        `(weights, errors)`: (cells, lanes) weights after the last event, and (events, lanes) errors
+        e(k), 0 where there is no event.
+
+    Example:
+        >>> plane = Plane(levels=3, low=0.0, high=3.0)
+        >>> switching = switching_events(plane, [0.0, 1.0, 2.0, 1.0, 0.0])
+        >>> rises = jnp.asarray([[1.0], [2.0], [-2.0], [-1.0]])
+        >>> weights, errors = adapt_over_events(plane, switching, rises, jnp.zeros((6, 1)))
+        >>> weights[:, 0].tolist()
+        [0.5, 0.5, 2.0, 0.0, 0.0, 0.0]
+    """
+    weights = jnp.asarray(weights)
+    increments = jnp.asarray(increments, weights.dtype)
+    sign, area = switching.sign.astype(weights.dtype), switching.area.astype(weights.dtype)
+
+    def adapt(weights, event):
+        crossing, increment, sign, area = event
+        cells = crossing.cells(plane)
+        estimate = jnp.sum(weights.at[cells].get(mode="fill", fill_value=0.0), axis=0)
+        error = jnp.where(area > 0, increment - sign * estimate, 0.0)
+        move = sign * error / jnp.maximum(area, 1.0)
+        move = jnp.broadcast_to(move, (cells.shape[0], move.shape[0]))
+        # Fillings repeat an index, so that indices are not unique; they are dropped.
+        return weights.at[cells].add(move, mode="drop"), error
+
+    return jax.lax.scan(adapt, weights, (switching, increments, sign, area))

@@ -17,14 +17,39 @@ GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def _index(samples: int) -> jax.Array:
-    if samples < 1:
-        raise InputError(f"samples is {samples}: give at least 1")
+    if samples != int(samples) or samples < 1:
+        raise InputError(f"samples is {samples}: give a whole number of at least 1")
     return jnp.arange(samples, dtype=jnp.result_type(float))
 
 
 def _uniform(key: jax.Array, count: int) -> jax.Array:
     """Numbers in [0, 1); drawn in single precision, so that a key means one signal in both."""
-    return jax.random.uniform(key, (count,), jnp.float32).astype(jnp.result_type(float))
+    return jax.random.uniform(as_key(key), (count,), jnp.float32).astype(jnp.result_type(float))
+
+
+def as_key(key: jax.Array) -> jax.Array:
+    """A random key, or an error that says how to make one.
+
+    Args:
+        key: a key of `jax.random.key`, or the older kind of `jax.random.PRNGKey`.
+
+    Returns:
+        A key of the newer kind.
+
+    Raises:
+        InputError: it is no key.
+
+    Example:
+        >>> import jax
+        >>> as_key(jax.random.PRNGKey(0)) == jax.random.key(0)
+        Array(True, dtype=bool)
+    """
+    kind = getattr(key, "dtype", None)
+    if kind is not None and jnp.issubdtype(kind, jax.dtypes.prng_key):
+        return key
+    if kind == jnp.uint32 and key.shape == (2,):
+        return jax.random.wrap_key_data(key)
+    raise InputError(f"the key is {key!r}: make one by jax.random.key(0)")
 
 
 def _positive(**values: float) -> None:
@@ -34,8 +59,10 @@ def _positive(**values: float) -> None:
 
 
 def _ordered(low: float, high: float) -> None:
-    if not low < high:
-        raise InputError(f"the range is {low!r} to {high!r}: low must be below high")
+    if not -math.inf < low < high < math.inf:
+        raise InputError(
+            f"the range is {low!r} to {high!r}: low must be below high, and both finite"
+        )
 
 
 def triangle(
@@ -64,6 +91,10 @@ def triangle(
     """
     _positive(rate_hz=rate_hz, frequency_hz=frequency_hz)
     _ordered(low, high)
+    if 2 * frequency_hz > rate_hz:
+        raise InputError(
+            f"frequency_hz is {frequency_hz!r}: give at most {rate_hz / 2:g}, half the rate"
+        )
     # Modulo in samples, not in seconds: where a period is whole, its repeats are exact.
     period = rate_hz / frequency_hz
     part = jnp.mod(_index(samples), period) / period
@@ -155,6 +186,8 @@ def staircase(
     """
     _positive(rate_hz=rate_hz, hold_s=hold_s, steps=steps)
     _ordered(low, high)
+    if steps != int(steps):
+        raise InputError(f"steps is {steps!r}: give a whole number")
     k = _index(samples)
     # Counted before JAX: a compiled division by a constant may round to the step below.
     stair = np.arange(samples) // max(1, round(hold_s * rate_hz)) % (2 * steps)
@@ -230,9 +263,14 @@ def multisine(
         >>> round(float(abs(u).max()), 5)
         2.0
     """
-    rows = np.asarray(lines, int).reshape(-1)
-    if rows.size == 0 or rows.min() < 1 or 2 * rows.max() >= samples:
-        raise InputError(f"lines are {rows.tolist()}: give 1 to below {samples / 2:g}")
+    given = np.asarray(lines).reshape(-1)
+    rows = given.astype(int)
+    if rows.size == 0 or np.any(rows != given) or rows.min() < 1 or 2 * rows.max() >= samples:
+        raise InputError(
+            f"lines are {given.tolist()}: give whole numbers from 1 to below {samples / 2:g}"
+        )
+    if np.unique(rows).size < rows.size:
+        raise InputError(f"lines are {given.tolist()}: name each only once")
     phases = 2.0 * jnp.pi * _uniform(key, rows.size)
     spectrum = jnp.zeros(samples // 2 + 1, jnp.result_type(phases.dtype, jnp.complex64))
     wave = jnp.fft.irfft(spectrum.at[rows].set(jnp.exp(1j * phases)), samples)

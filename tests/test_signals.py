@@ -204,8 +204,15 @@ def test_diagnostic_record_stretches_to_duration_and_range(diagnostic):
     ("call", "message"),
     [
         (lambda: signals.triangle(10, 0.0, 1.0), "rate_hz is 0.0"),
-        (lambda: signals.triangle(0, 1.0, 1.0), "samples is 0"),
-        (lambda: signals.triangle(10, 1.0, 1.0, 5.0, 5.0), "low must be below high"),
+        (lambda: signals.triangle(0, 1.0, 0.5), "samples is 0"),
+        (lambda: signals.triangle(9.5, 1.0, 0.5), "samples is 9.5"),  # pyright: ignore
+        (lambda: signals.triangle(9, 1.0, 0.6), "frequency_hz is 0.6"),
+        (lambda: signals.triangle(9, 1.0, 0.5, 0.0, np.inf), "both finite"),
+        (lambda: signals.staircase(9, 1.0, 1.0, steps=2.5), "steps is 2.5"),  # pyright: ignore
+        (lambda: signals.multisine(jax.random.key(0), 64, lines=(3.5,)), "whole numbers"),  # pyright: ignore
+        (lambda: signals.multisine(jax.random.key(0), 64, lines=(3, 3)), "only once"),
+        (lambda: signals.bernoulli_ramp(0, 9, 1.0), "key is 0: make one"),  # pyright: ignore
+        (lambda: signals.triangle(10, 1.0, 0.5, 5.0, 5.0), "low must be below high"),
         (lambda: signals.decaying_triangles(10, 1.0, 1.0, centre=80.0), "centre is 80.0"),
         (lambda: signals.staircase(10, 1.0, -1.0), "hold_s is -1.0"),
         (lambda: signals.chirp(10, 100.0, 1.0, 50.0), "high_hz is 50.0"),

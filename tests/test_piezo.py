@@ -1,0 +1,353 @@
+"""The simulated experiment obeys Preisach's laws and looks like the paper's."""
+
+import ast
+import inspect
+from itertools import pairwise
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.signal
+
+from preisach_jax import piezo
+from preisach_jax.errors import InputError
+from preisach_jax.filter import simulate
+from preisach_jax.piezo import (
+    NOTCH_DENOMINATOR,
+    NOTCH_NUMERATOR,
+    RATE_HZ,
+    encode,
+    experiment,
+    frequency_response,
+    linear_filter,
+    notch_filter,
+    paper_stage,
+    resonances,
+)
+from preisach_jax.plane import Plane
+from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
+from preisach_jax.signals import bernoulli_ramp
+
+signal: Any = scipy.signal  # whose results are typed as one of many
+STAGE = paper_stage()
+ONE = np.ones(1)
+KEY = jax.random.key(0)
+SAMPLES = 600  # one length for most paths, so that little has to be compiled
+FILTERS = {
+    "notch": (NOTCH_NUMERATOR, NOTCH_DENOMINATOR),
+    "resonances": (STAGE.numerator, STAGE.denominator),
+    "short numerator": (np.array([0.3]), np.array([2.0, -1.5, 0.4])),
+    "moving average": (np.array([0.2, 0.5, 0.4]), np.array([1.0])),
+}
+
+
+def path(*levels, samples=SAMPLES):
+    """A path that meets levels exactly, in equal numbers of steps, and then rests at the last."""
+    steps = (samples - 1) // (len(levels) - 1)
+    ramps = [np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(levels)]
+    walk = np.concatenate([[levels[0]], *ramps])
+    return np.concatenate([walk, np.full(samples - walk.size, levels[-1])])
+
+
+def stroke(v):
+    """Hysteresis along a path, in double precision."""
+    return np.asarray(STAGE.hysteresis(v))
+
+
+def major_loop():
+    """The rising and the falling branch on one ascending axis."""
+    axis = np.linspace(0.0, RANGE_V, 151)
+    z = stroke(np.concatenate([axis, axis[-2::-1], np.zeros(SAMPLES - 301)]))
+    return axis, z[:151], z[150:301][::-1]
+
+
+def test_it_shares_nothing_with_the_models():
+    tree = ast.parse(inspect.getsource(piezo))
+    names = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    own = {name for name in names if str(name).startswith("preisach_jax")}
+    assert own == {"preisach_jax.errors", "preisach_jax.plant", "preisach_jax.signals"}
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_linear_filter_against_scipy(name, precision, tolerance):
+    b, a = FILTERS[name]
+    x = 40.0 + np.cumsum(np.random.default_rng(0).normal(size=SAMPLES))
+    x = x.astype(precision).astype(float)
+    expected = signal.lfilter(b, a, x, zi=signal.lfilter_zi(b, a) * x[0])[0]
+    got = linear_filter(b, a, jnp.asarray(x, precision))
+    assert got.dtype == precision
+    np.testing.assert_allclose(got, expected, rtol=0, atol=tolerance * np.max(np.abs(x)))
+
+
+def test_resonances_lose_little_in_single_precision():
+    """A lightly damped filter in direct form loses 2.7 nm here; an encoder step is 1.22 nm."""
+    drive = np.asarray(notch_filter(bernoulli_ramp(jax.random.key(1), 20_000, RATE_HZ)), float)
+    b, a = FILTERS["resonances"]
+    expected = signal.lfilter(b, a, 1.5 * drive)  # starts at zero
+    got = linear_filter(b, a, 1.5 * drive)
+    assert got.dtype == "float32"
+    assert np.max(np.abs(got - expected)) < 0.2e-3
+
+
+def test_linear_filter_is_settled_at_the_start(tolerance):
+    x = jnp.full(50, 30.0)
+    np.testing.assert_allclose(notch_filter(x), 30.0, rtol=tolerance)
+    b, a = FILTERS["short numerator"]
+    np.testing.assert_allclose(linear_filter(b, a, x), 30.0 * 0.3 / 0.9, rtol=tolerance)
+
+
+def test_linear_filter_gradient_against_finite_differences(x64):
+    rng = np.random.default_rng(2)
+    x, probe = jnp.asarray(rng.normal(size=60)), jnp.asarray(rng.normal(size=60))
+    b, a = (jnp.asarray(row) for row in FILTERS["notch"])
+
+    def loss(b, a, x):
+        return probe @ linear_filter(b, a, x)
+
+    arguments = (b, a, x)
+    slopes = jax.grad(loss, (0, 1, 2))(*arguments)
+    for place, slope in enumerate(slopes):
+        way = jnp.asarray(rng.normal(size=slope.shape))
+        ends = []
+        for size in (1e-6, -1e-6):
+            moved = [r + size * way if k == place else r for k, r in enumerate(arguments)]
+            ends.append(loss(*moved))
+        assert slope @ way == pytest.approx(float(ends[0] - ends[1]) / 2e-6, rel=1e-6)
+
+
+def test_frequency_response_against_scipy():
+    f = np.linspace(0.0, 0.5 * RATE_HZ, 200)
+    expected = signal.freqz(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, worN=f, fs=RATE_HZ)[1]
+    got = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f)
+    np.testing.assert_allclose(got, expected, rtol=1e-10)
+    assert got[0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_zeros_of_the_notch_are_two_resonances():
+    modes = resonances(NOTCH_NUMERATOR)
+    np.testing.assert_allclose(modes.frequency_hz, [337.675, 586.977], atol=1e-3)
+    np.testing.assert_allclose(modes.damping, [0.01234, 0.01534], atol=1e-5)
+    assert resonances(NOTCH_DENOMINATOR).damping.size == 0
+
+
+def test_resonances_from_the_poles_they_were_made_of():
+    frequency, damping = np.array([20.0, 55.0, 90.0]), np.array([0.01, 0.03, 0.5])
+    poles = np.exp(2 * np.pi * frequency / 400.0 * (-damping + 1j * np.sqrt(1 - damping**2)))
+    modes = resonances(np.real(np.poly(np.concatenate([poles, poles.conj(), [0.3]]))), 400.0)
+    np.testing.assert_allclose(modes.frequency_hz, frequency[:2], rtol=1e-9)
+    np.testing.assert_allclose(modes.damping, damping[:2], rtol=1e-9)
+
+
+def test_notch_and_stage_cancel():
+    """The stage's poles are the notch's zeros, so that only well damped poles remain."""
+    np.testing.assert_allclose(STAGE.denominator, NOTCH_NUMERATOR / 0.43, rtol=1e-9)
+    assert sum(STAGE.numerator) / sum(STAGE.denominator) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_hysteresis_against_a_loop(precision, tolerance):
+    """Oracle: each play sample by sample, branch by branch, from saturated low."""
+    rng = np.random.default_rng(0)
+    v = np.repeat(rng.uniform(0.0, RANGE_V, SAMPLES // 2), 2).astype(precision).astype(float)
+    plays, outputs = STAGE.slack_down.copy(), []
+    for value in [0.0, *v]:
+        ahead, behind = value - STAGE.slack_up > plays, value + STAGE.slack_down < plays
+        plays = np.where(ahead, value - STAGE.slack_up, plays)
+        plays = np.where(behind, value + STAGE.slack_down, plays)
+        outputs.append(np.sum(STAGE.slope * plays + STAGE.curvature * plays**2 / 2))
+    expected = np.array(outputs[1:]) - outputs[0]
+    got = STAGE.hysteresis(jnp.asarray(v, precision))
+    assert got.dtype == precision
+    np.testing.assert_allclose(got, expected, rtol=0, atol=0.05 * tolerance * 112.0)
+
+
+def test_hysteresis_gradient_against_finite_differences(x64):
+    v = jnp.asarray(path(0.0, 61.3, 17.1, 43.7, samples=61))
+    way = jnp.asarray(np.random.default_rng(3).normal(size=61))
+
+    def loss(v):
+        return jnp.sum(STAGE.hysteresis(v) ** 2)
+
+    expected = (loss(v + 1e-6 * way) - loss(v - 1e-6 * way)) / 2e-6
+    assert jax.grad(loss)(v) @ way == pytest.approx(float(expected), rel=1e-6)
+
+
+def test_wiping_out(x64):
+    plain = stroke(path(0.0, 60.0, 20.0, 70.0, 35.0))[-1]
+    nested = stroke(path(0.0, 60.0, 20.0, 50.0, 30.0, 45.0, 38.0, 70.0, 35.0))[-1]
+    assert nested == pytest.approx(plain, abs=1e-9)
+    assert abs(stroke(path(0.0, 35.0))[-1] - plain) > 0.5
+
+
+def test_minor_loops_between_the_same_ends_are_congruent(x64):
+    """Equal loops from 25 V to 50 V, after the whole range and after a part of it."""
+    loop = path(25.0, 50.0, 25.0, samples=301)
+    loops = []
+    for history in ((0.0, 75.0, 25.0), (0.0, 52.0, 5.0, 51.0, 25.0)):
+        before = path(*history, samples=SAMPLES - loop.size)
+        loops.append(stroke(np.concatenate([before, loop]))[-loop.size :])
+    first, second = loops
+    np.testing.assert_allclose(first - first[0], second - second[0], rtol=0, atol=1e-9)
+    assert abs(first[0] - second[0]) > 0.05
+
+
+def test_rate_means_nothing(x64):
+    turns = np.random.default_rng(1).uniform(0.0, RANGE_V, 40)
+    coarse = stroke(np.resize(turns, SAMPLES))[:40]
+    fine = stroke(path(turns[0], *turns[1:], samples=SAMPLES))
+    np.testing.assert_allclose(fine[: 15 * 39 + 1 : 15], coarse, rtol=0, atol=1e-9)
+
+
+def test_it_starts_saturated_low(x64):
+    """Back at 0 V after any history, the stage is where it began, and goes on as from there."""
+    fresh = path(0.0, 48.0, 21.0, 66.0, samples=301)
+    before = path(0.0, 75.0, 12.0, 40.0, 0.0, samples=SAMPLES - fresh.size)
+    later = stroke(np.concatenate([before, fresh]))
+    np.testing.assert_allclose(later[-fresh.size :], stroke(fresh), rtol=0, atol=1e-9)
+    assert later[0] == later[before.size - 1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+def test_a_preisach_model_with_all_hysterons_off_follows_it_from_the_first_sample(x64, hysteron):
+    """Oracle: a model with the stage's Everett function agrees wherever the grid is met exactly."""
+    levels = 15
+    plane = Plane(levels=levels, low=0.0, high=RANGE_V)
+    nodes = np.linspace(0.0, RANGE_V, levels + 1)
+    # f(α, β), the stroke when the drive comes from 0, turns at α and goes back to β
+    paths = np.array([[0.0, a, b] for a in nodes for b in nodes])
+    f = np.asarray(jax.vmap(STAGE.hysteresis)(jnp.asarray(paths)))[:, 2].reshape(levels + 1, -1)
+    fall = np.tril(np.diag(f)[:, None] - f)  # weight of the hysterons switched on the way back
+    weights = (fall[1:, :-1] - fall[:-1, :-1]) - (fall[1:, 1:] - fall[:-1, 1:])
+    weights = weights[plane.alpha_index, plane.beta_index]
+    assert np.all(weights > 0.0)
+    walk = np.random.default_rng(5).integers(0, levels + 1, SAMPLES)
+    v = nodes[np.concatenate([[0, 3], walk[2:]])]
+    model = simulate(plane, weights, v, hysteron)
+    np.testing.assert_allclose(model, stroke(v), rtol=0, atol=1e-9)
+
+
+def test_the_loop_is_like_the_papers(x64):
+    axis, up, down = major_loop()
+    rising, falling = np.diff(up) / 0.5, np.diff(down) / 0.5
+    assert up[-1] == pytest.approx(112.0, abs=1.0)
+    # (27): the greatest slope is at the vertices, where the branches begin and end.
+    greatest = max(rising.max(), falling.max())
+    assert greatest == pytest.approx(2.53, rel=0.02)
+    assert greatest == rising[-1]
+    assert falling.max() == falling[0] == pytest.approx(2.53, rel=0.04)
+    assert np.all(np.diff(rising) > 0.0)  # convex
+    assert np.all(np.diff(falling) < 1e-3)  # concave
+    assert rising[-1] > 1.8 * rising[75]
+    assert 0.10 < np.max(down - up) / up[-1] < 0.18
+    assert np.max(np.abs(up + down[::-1] - up[-1])) > 200 * ENCODER_STEP_UM  # no symmetry
+    assert axis[0] == up[0] == 0.0
+
+
+def test_256_plays_leave_less_than_a_step_of_the_encoder(x64):
+    v = jnp.asarray(bernoulli_ramp(jax.random.key(1), 5000, RATE_HZ))
+    limit = paper_stage(2048).hysteresis(v)
+    error = np.abs(limit - STAGE.hysteresis(v))
+    assert np.max(error) < 0.85e-3 < ENCODER_STEP_UM
+    assert np.sqrt(np.mean(error**2)) < 0.2e-3
+
+
+def test_the_notch_keeps_the_stage_from_ringing(x64):
+    """After a ramp of 267 V/s stops, the stage alone rings at 337.7 Hz, and with the notch not."""
+    v = np.clip(20.0 + 267.0 / RATE_HZ * (np.arange(2000) - 200), 20.0, 55.0)
+    stop = 200 + int(35.0 / 267.0 * RATE_HZ)
+    alone, smooth = (np.asarray(STAGE.response(x)) for x in (v, notch_filter(v)))
+    ringing = (alone - smooth[-1])[stop + 60 : stop + 1060]
+    spectrum = np.abs(np.fft.rfft(ringing * np.hanning(ringing.size)))
+    assert np.argmax(spectrum) * RATE_HZ / ringing.size == pytest.approx(337.7, abs=5.0)
+    assert np.max(np.abs(ringing)) > 0.05
+    assert np.max(np.abs(smooth - smooth[-1])[stop + 60 :]) < 1e-4
+
+
+def test_response_is_hysteresis_then_resonances(x64):
+    v = path(30.0, 70.0, 40.0)
+    b, a = STAGE.numerator, STAGE.denominator
+    h = stroke(v)
+    expected = signal.lfilter(b, a, h, zi=signal.lfilter_zi(b, a) * h[0])[0]
+    np.testing.assert_allclose(STAGE.response(v), expected, rtol=0, atol=1e-9)
+    assert np.max(np.abs(expected - h)) > 0.01
+
+
+def test_encoder_reads_whole_steps(precision):
+    z = jnp.asarray(np.random.default_rng(0).uniform(0.0, 112.0, 500), precision)
+    read = encode(z, ENCODER_STEP_UM)
+    steps = np.asarray(read, float) / ENCODER_STEP_UM
+    np.testing.assert_allclose(steps, np.round(steps), rtol=0, atol=2e-2)
+    assert np.max(np.abs(read - z)) <= 0.51 * ENCODER_STEP_UM
+    assert np.max(np.abs(read - z)) > 0.45 * ENCODER_STEP_UM
+    np.testing.assert_array_equal(jax.grad(lambda z: jnp.sum(encode(z, 0.5)))(z), jnp.ones(500))
+    np.testing.assert_array_equal(encode(z, 0.0), z)
+
+
+def test_experiment_step_by_step(x64):
+    key = jax.random.key(4)
+    record = experiment(key, SAMPLES, encoder_step_um=0.0)
+    kept = [int(2.5 * k) for k in range(SAMPLES)]
+    command = bernoulli_ramp(jax.random.split(key)[0], kept[-1] + 1, RATE_HZ)
+    drive = np.clip(signal.lfilter(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, command), 0.0, RANGE_V)
+    np.testing.assert_array_equal(record.time_s, np.array(kept) / RATE_HZ)
+    np.testing.assert_allclose(record.command_v, np.asarray(command)[kept], atol=1e-12)
+    np.testing.assert_allclose(record.input_v, drive[kept], rtol=0, atol=1e-9)
+    stroke = np.asarray(STAGE.response(jnp.asarray(drive)))[kept]
+    np.testing.assert_allclose(record.stroke_um, stroke, rtol=0, atol=1e-9)
+
+
+def test_experiment_maps_over_keys(precision):
+    keys = jax.random.split(jax.random.key(0), 3)
+    batch = jax.jit(jax.vmap(lambda key: experiment(key, SAMPLES)))(keys)
+    assert batch.stroke_um.shape == (3, SAMPLES)
+    assert batch.stroke_um.dtype == precision
+    assert 0.0 <= batch.input_v.min() < batch.input_v.max() <= RANGE_V
+    one = experiment(keys[1], SAMPLES)
+    for name in piezo.PiezoRecord._fields:
+        got, expected = getattr(batch, name)[1], getattr(one, name)
+        # compiled sums may differ in the last place, and then a step of the encoder tips over
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1.1 * ENCODER_STEP_UM)
+
+
+def test_experiment_without_reduction_and_with_noise(x64):
+    key = jax.random.key(0)
+    quiet, noisy = (
+        experiment(key, 2000, rate_hz=RATE_HZ, noise_um=noise, encoder_step_um=0.0)
+        for noise in (0.0, 0.02)
+    )
+    np.testing.assert_allclose(np.diff(quiet.time_s), 1.0 / RATE_HZ, rtol=1e-9)
+    np.testing.assert_array_equal(noisy.input_v, quiet.input_v)
+    noise = np.asarray(noisy.stroke_um - quiet.stroke_um)
+    assert np.std(noise) == pytest.approx(0.02, rel=0.05)
+    assert abs(np.mean(noise[1:] * noise[:-1])) < 0.1 * np.var(noise)
+
+
+def test_quasi_static_pairs_stay_near_the_loops(x64):
+    """Behind the notch the resonances move the stroke by nanometres, not by a step of a model."""
+    record = experiment(jax.random.key(3), SAMPLES, rate_hz=RATE_HZ, encoder_step_um=0.0)
+    apart = np.asarray(record.stroke_um) - stroke(record.input_v)
+    assert np.sqrt(np.mean(apart**2)) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: linear_filter(ONE, np.array([0.0, 1.0]), ONE), "first coefficient and its sum"),
+        (lambda: linear_filter(ONE, np.array([1.0, -1.0]), ONE), "first coefficient and its sum"),
+        (lambda: linear_filter(ONE[None], ONE, ONE), r"the numerator has the shape \(1, 1\)"),
+        (lambda: notch_filter(ONE[:0]), r"the signal has the shape \(0,\)"),
+        (lambda: notch_filter(1.0j * ONE), "the signal has the type complex64"),
+        (lambda: STAGE.hysteresis(1.0), r"the drive has the shape \(\)"),
+        (lambda: frequency_response(ONE, ONE, 1.0, 0.0), "rate_hz is 0.0"),
+        (lambda: resonances(ONE, -1.0), "rate_hz is -1.0"),
+        (lambda: paper_stage(1), "plays is 1"),
+        (lambda: experiment(KEY, 0), "samples is 0"),
+        (lambda: experiment(KEY, 9, rate_hz=6000.0), "rate_hz is 6000.0"),
+        (lambda: experiment(KEY, 9, noise_um=-1.0), "noise_um is -1.0"),
+        (lambda: experiment(KEY, 9, encoder_step_um=np.inf), "encoder_step_um is inf"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

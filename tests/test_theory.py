@@ -1,0 +1,450 @@
+"""The convergence theory, eq. (13)-(25) and (27)-(31), against the filter, matrices and chance."""
+
+import math
+from fractions import Fraction
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from preisach_jax.errors import InputError
+from preisach_jax.events import adapt_over_events, switching_events
+from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.plane import Plane
+from preisach_jax.theory import (
+    auxiliary_norm,
+    average_over_samples,
+    check_bound,
+    contraction_bound,
+    error_after_period,
+    error_recursion,
+    every_triangle,
+    expected_error,
+    largest_slope,
+    mean_output_error,
+    measured_output,
+    next_squared_error,
+    noise_coefficient,
+    noise_gain_bound,
+    noise_power,
+    propagate_error,
+    quantisation_noise_power,
+    quantisation_step,
+    residual_error_bound,
+    residual_ratio_bound,
+    switching_sum_bound,
+)
+
+LARGE = [
+    pytest.param(19, "jumps", marks=pytest.mark.slow),
+    pytest.param(37, "ramps", marks=pytest.mark.slow),
+]
+
+
+def plane_of(levels):
+    return Plane(levels=levels, low=0.0, high=float(levels))
+
+
+def path(kind, levels, samples, seed=0):
+    """Inputs whose steps pass no or one threshold (ramps), or several (jumps)."""
+    rng = np.random.default_rng(seed)
+    if kind == "jumps":
+        return np.append(0.0, rng.uniform(0, levels, samples - 1))
+    found, goal = [0.0], float(levels)
+    while len(found) < samples:
+        found.append(found[-1] + np.clip(goal - found[-1], -0.37, 0.37))
+        if found[-1] == goal:
+            goal = rng.uniform(0, levels)
+    return np.array(found)
+
+
+def slow_relays(plane, x):
+    """(time, cells) relays from saturated low, by the text around eq. (1)-(4)."""
+    on = (x[0] > plane.alpha).astype(int)
+    rows = [on]
+    for before, now in pairwise(x):
+        if now > before:
+            on = np.where(now >= plane.alpha, 1, on)
+        elif now < before:
+            on = np.where(now <= plane.beta, 0, on)
+        rows.append(on)
+    return np.array(rows)
+
+
+def switching(plane, x):
+    """Samples at which relays switch, and their (events, cells) signs s."""
+    s = np.diff(slow_relays(plane, x), axis=0, prepend=0)
+    at = np.flatnonzero(s.any(axis=1))
+    return at, s[at]
+
+
+@jax.jit
+def weights_by_samples(filt, x, z):
+    def advance(state, sample):
+        state, _ = filt.step(state, *sample)
+        return state, state.weights
+
+    return jax.lax.scan(advance, filt.init(x[0], z[0]), (x, z))[1]
+
+
+def noisy_run(plane, x, truth, noise, start):
+    """Weight errors before the first and after each event, (1 + events, cells), s, and ν."""
+    at, s = switching(plane, x)
+    dtype = noise.dtype
+    z = (slow_relays(plane, x) @ truth + noise).astype(dtype)
+    filt = AdaptiveFilter(plane, initial_weight=start.astype(dtype))
+    weights = np.asarray(weights_by_samples(filt, x.astype(dtype), z))
+    nu = np.diff(np.append(noise[0], noise[at]))
+    return np.vstack([start, weights[at]]) - truth, s, nu
+
+
+def squared(rows):
+    return np.sum(np.square(rows), axis=-1)
+
+
+# Noise, eq. (13)-(15)
+
+
+def test_the_measured_output_is_the_weight_of_the_relays_that_are_on_and_noise(x64):
+    plane, rng = plane_of(5), np.random.default_rng(0)
+    x, weights, noise = path("jumps", 5, 60), rng.uniform(0, 1, 15), rng.normal(0, 1, 60)
+    relays = slow_relays(plane, x)
+    expected = [weights[on == 1].sum() + n for on, n in zip(relays, noise, strict=True)]
+    np.testing.assert_allclose(measured_output(plane, weights, x, noise), expected, rtol=1e-13)
+    with pytest.raises(InputError, match=r"noise has the shape \(59,\) and x \(60,\)"):
+        measured_output(plane, weights, x, noise[1:])
+
+
+def test_the_power_of_noise_is_its_mean_square():
+    noise = np.random.default_rng(1).normal(0, 3, 1000)
+    np.testing.assert_allclose(noise_power(noise), np.vdot(noise, noise) / 1000, rtol=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["ramps", "jumps"])
+def test_the_squared_error_follows_its_identity_at_every_event(kind, precision, tolerance):
+    """Eq. (15) along runs with noise."""
+    plane, rng = plane_of(6), np.random.default_rng(2)
+    x = path(kind, 6, 300)
+    truth, start = rng.uniform(0, 1, (2, plane.cells))
+    noise = rng.normal(0, 0.3, 300).astype(precision)
+    errors, s, nu = noisy_run(plane, x, truth, noise, start)
+    before, after = squared(errors[:-1]), squared(errors[1:])
+    sums = np.sum(s * errors[:-1], axis=1)
+    found = next_squared_error(before, sums, squared(s), nu)
+    assert np.max(np.abs(after - before)) > 0.1
+    assert (np.abs(s).sum(axis=1).max() > 6) == (kind == "jumps")
+    np.testing.assert_allclose(found, after, atol=5 * tolerance)
+
+
+# Bounds, eq. (16)-(25)
+
+
+@pytest.mark.parametrize("levels", [2, 3, 4])
+def test_every_triangle_is_created_and_all_relays_end_off(levels):
+    plane = plane_of(levels)
+    x = every_triangle(plane)
+    states = slow_relays(plane, x)
+    assert len(x) - 1 == 3 * plane.cells - levels
+    assert not states[0].any()
+    assert not states[-1].any()
+    switched = {frozenset(np.flatnonzero(row)) for row in np.diff(states, axis=0)}
+    for a, b in zip(plane.alpha_index, plane.beta_index, strict=True):
+        triangle = (plane.alpha_index <= a) & (plane.beta_index >= b)
+        assert frozenset(np.flatnonzero(triangle)) in switched
+
+
+@pytest.mark.parametrize("levels", [2, 3, 4])
+@pytest.mark.parametrize("sigma", [0.0, 0.01, 1.0])
+def test_a_period_with_every_triangle_is_within_its_bounds(levels, sigma, x64):
+    """Eq. (16) and (17), for several draws."""
+    plane = plane_of(levels)
+    x = every_triangle(plane)
+    T = len(x) - 1
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        truth, start = rng.uniform(0, 1, (2, plane.cells))
+        errors, s, nu = noisy_run(plane, x, truth, rng.normal(0, sigma, T + 1), start)
+        assert len(nu) == T  # every step switches
+        initial, largest = squared(errors[0]), np.max(np.sum(s * errors[:-1], axis=1) ** 2)
+        lower = initial / (16 * levels * (levels * T + 2) ** 2) - T * levels**2 * squared(nu)
+        np.testing.assert_allclose(switching_sum_bound(initial, nu, T, levels), lower, rtol=1e-10)
+        assert largest >= lower
+        if sigma == 0:
+            assert lower > 0
+        upper = (1 - 1 / (16 * levels * (levels * T + 2) ** 2)) * initial
+        upper += (T**2 * levels**2 + T) / T * squared(nu)
+        np.testing.assert_allclose(error_after_period(initial, nu, T, levels), upper, rtol=1e-10)
+        assert squared(errors[-1]) <= upper
+
+
+@pytest.mark.parametrize("levels", [2, 3, 4])
+def test_the_expected_error_is_within_its_bounds_after_every_period(levels):
+    """Eq. (19)-(21) against the exact moments."""
+    plane, periods, W = plane_of(levels), 12, 0.3
+    once = every_triangle(plane)
+    T = len(once) - 1
+    x = np.append(once[:1], np.tile(once[1:], periods))
+    start = np.random.default_rng(0).uniform(-1, 1, plane.cells)
+    moments = propagate_error(plane, x, start, W)
+    exact = (moments.mean_squared + moments.variance)[T - 1 :: T]
+    assert len(exact) == periods
+    before = squared(start)
+    for period, after in enumerate(exact, start=1):
+        assert after <= expected_error(before, W, T, levels)  # (19)
+        assert after <= expected_error(squared(start), W, T, levels, period)  # (20)
+        before = after
+    assert moments.variance[-1] <= residual_error_bound(W, T, levels)  # (21)
+    assert np.all(np.diff(moments.mean_squared[T - 1 :: T]) < 0)
+
+
+CASES = [(1, 2), (7, 2), (15, 3), (26, 4), (300, 37)]
+
+
+@pytest.mark.parametrize(("T", "N"), CASES)
+def test_the_constants_are_those_of_the_paper(T, N):
+    C, D = Fraction(1, 16 * N * (N * T + 2) ** 2), Fraction(T**2 * N**2)  # (24)
+    q, B = 1 - C, D + T  # (18)
+    np.testing.assert_allclose(contraction_bound(T, N), float(C), rtol=1e-14)
+    np.testing.assert_allclose(noise_gain_bound(T, N), float(D), rtol=1e-14)
+    np.testing.assert_allclose(error_recursion(T, N), [float(q), float(B)], rtol=1e-14)
+    # (24), (18) and (21) give (25), as whole numbers exactly.
+    ratio = 32 * N * T * (N * T + 2) ** 2 * (T * N**2 + 1)
+    assert ratio == 2 * B / C
+    np.testing.assert_allclose(residual_ratio_bound(T, N), ratio, rtol=1e-14)
+    np.testing.assert_allclose(residual_error_bound(0.7, T, N), 0.7 * ratio, rtol=1e-13)
+    one = float(q * 2 + 2 * B * Fraction(1, 2))
+    np.testing.assert_allclose(expected_error(2.0, 0.5, T, N), one, rtol=1e-13)
+    three = float(q**3 * 2 + 2 * B / C * Fraction(1, 2))
+    np.testing.assert_allclose(expected_error(2.0, 0.5, T, N, periods=3), three, rtol=1e-9)
+
+
+def test_bounds_over_periods_cover_the_recursion_of_one():
+    bound, W = 5.0, 1e-6
+    for period in range(1, 40):
+        bound = expected_error(bound, W, 7, 2)
+        assert bound <= expected_error(5.0, W, 7, 2, period) * (1 + 1e-12)
+
+
+def test_random_periods_enter_by_their_means():
+    """Eq. (22) and (23)."""
+    T, N, W, start = np.array([7, 9, 20]), 2, 0.1, 3.0
+    C = np.mean([1 / (16 * N * (N * t + 2) ** 2) for t in T])
+    B = np.mean([t**2 * N**2 + t for t in T])
+    long_run = 2 * B / C * W
+    np.testing.assert_allclose(residual_error_bound(W, T, N), long_run, rtol=1e-12)
+    expected = (1 - C) ** 5 * start + long_run
+    np.testing.assert_allclose(expected_error(start, W, T, N, periods=5), expected, rtol=1e-10)
+
+
+def test_constants_have_the_common_shape():
+    T, N = np.array([[7], [15]]), np.array([2, 3, 4])
+    for bound in (contraction_bound, noise_gain_bound, residual_ratio_bound):
+        table = bound(T, N)
+        assert table.shape == (2, 3)
+        assert table[1, 2] == bound(15, 4)
+
+
+ONE, UP = np.array([1.0]), np.array([0.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: contraction_bound(0, 2), r"T is 0\.0: it must be at least 1"),
+        (lambda: noise_gain_bound(2, 0.5), r"N is 0\.5: it must be at least 1"),
+        (lambda: error_recursion(math.nan, 2), "T is nan"),
+        (lambda: residual_ratio_bound(np.array([3, -1]), 2), r"T is -1\.0"),
+        (lambda: residual_error_bound(-1.0, 3, 2), r"noise_variance is -1\.0: give 0 or"),
+        (lambda: expected_error(1.0, math.inf, 3, 2), "noise_variance is inf"),
+        (lambda: propagate_error(plane_of(2), UP, 0.0, math.nan), "noise_variance is nan"),
+        (lambda: propagate_error(plane_of(2), UP, ONE), r"shape \(1,\): give .* \(3,\)"),
+        (lambda: average_over_samples(ONE, 3 * ONE, 2, 9), r"2 to 9.* first event, at sample 3\.0"),
+        (lambda: average_over_samples(ONE, 3 * ONE, 5, 5), "5 to 5: it must not be empty"),
+        (lambda: mean_output_error(ONE), "1 errors are given: .* needs at least 2"),
+        (lambda: largest_slope(UP, ONE), r"shape \(2,\) and z \(1,\)"),
+        (lambda: largest_slope(0 * UP, UP), "x crosses no two lines"),
+        (lambda: check_bound(1), "levels is 1"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+# The example's numbers, eq. (27)-(31)
+
+
+def test_the_largest_slope_of_known_curves():
+    time = np.linspace(0, 6 * np.pi, 20_001)
+    x = 40 + 35 * np.sin(time)
+    for z, steepest in [
+        (2.5 * x, 2.5),
+        (-1.5 * x, -1.5),
+        (10 * np.tanh((x - 40) / 10), 1.0),
+        (2.5 * x + 5 * np.cos(time), None),  # a loop, vertical at its ends
+    ]:
+        found = largest_slope(x, z)
+        if steepest is None:
+            assert 2.5 < found < 4
+        else:
+            np.testing.assert_allclose(found, steepest, rtol=0.01)
+    # Between lines 2 % apart, z = x² on [0, 1] is steepest from 0.98 to 1.
+    ramp = np.linspace(0, 1, 10_001)
+    np.testing.assert_allclose(largest_slope(ramp, ramp**2), 1.98, atol=0.001)
+    np.testing.assert_allclose(largest_slope(ramp, ramp**2, span=0.1), 1.9, atol=0.001)
+
+
+def test_noise_changes_the_largest_slope_by_its_share_of_a_line_only():
+    rng = np.random.default_rng(0)
+    x = 37.5 - 37.5 * np.cos(np.linspace(0, 40, 50_000))
+    sigma, span = 0.002, 1.5
+    found = largest_slope(x, 2.53 * x + rng.normal(0, sigma, x.shape), span)
+    # Two samples' noise over a line, the largest of some hundred lines.
+    assert 0 < found - 2.53 < 5 * math.sqrt(2) * sigma / span
+
+
+def test_quantisation_and_averages_are_their_closed_forms():
+    delta_x = 75 / np.array([75, 37, 9])
+    np.testing.assert_allclose(quantisation_step(2.53, delta_x), 2.53 * delta_x, rtol=1e-15)
+    power = quantisation_noise_power(2.53, delta_x)
+    np.testing.assert_allclose(power, 2.53**2 * delta_x**2 / 12, rtol=1e-14)
+    e = np.random.default_rng(0).normal(0, 2, 50)
+    np.testing.assert_allclose(mean_output_error(e), math.sqrt(sum(e * e) / 49), rtol=1e-14)
+    L, mean = np.array([45.0, 703.0]), np.array([1.5, 0.3])
+    expected = np.sqrt((mean / L) ** 2 * L)  # (31) as it stands
+    np.testing.assert_allclose(auxiliary_norm(mean, L), expected, rtol=1e-14)
+
+
+# Moments of the weight error
+
+
+def dense_moments(plane, x, start, W):
+    """Mean and covariance of (E, n) by full matrices; ‖⟨E⟩‖² and tr Cov(E) after each event."""
+    _, signs = switching(plane, x)
+    mean = np.append(start, 0.0)
+    covariance = np.zeros((mean.size, mean.size))
+    covariance[-1, -1] = W  # noise of the first sample
+    rows = []
+    for s in signs:
+        A = np.abs(s).sum()
+        step = np.zeros_like(covariance)
+        step[:-1, :-1] = np.eye(plane.cells) - np.outer(s, s) / A
+        step[:-1, -1] = -s / A
+        gain = np.append(s / A, 1.0)
+        mean = step @ mean
+        covariance = step @ covariance @ step.T + W * np.outer(gain, gain)
+        rows.append((squared(mean[:-1]), np.trace(covariance[:-1, :-1])))
+    return np.array(rows).T, mean[:-1], covariance[:-1, :-1]
+
+
+@pytest.mark.parametrize("kind", ["ramps", "jumps"])
+@pytest.mark.parametrize("levels", [2, 7])
+def test_moments_are_those_of_the_dense_recursion(kind, levels, x64):
+    plane, W = plane_of(levels), 0.3
+    x = path(kind, levels, 250)
+    start = np.random.default_rng(0).uniform(-1, 1, plane.cells)
+    (mean_squared, variance), mean, covariance = dense_moments(plane, x, start, W)
+    found = propagate_error(plane, x, start, W)
+    np.testing.assert_array_equal(found.sample, switching(plane, x)[0])
+    np.testing.assert_allclose(found.mean_squared, mean_squared, rtol=1e-10)
+    np.testing.assert_allclose(found.variance, variance, rtol=1e-10)
+    np.testing.assert_allclose(found.mean, mean, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
+
+
+def test_moments_of_the_mean_and_of_the_noise_do_not_mix(x64):
+    plane, x = plane_of(5), path("jumps", 5, 150)
+    start = np.random.default_rng(1).uniform(-1, 1, plane.cells)
+    shown = []
+    both = propagate_error(plane, x, start, 0.5, progress=lambda *now: shown.append(now))
+    quiet, alone = propagate_error(plane, x, start, 0.0), propagate_error(plane, x, 0.0)
+    assert not np.any(quiet.variance)
+    assert not np.any(alone.mean_squared)
+    np.testing.assert_allclose(both.variance, 0.5 * alone.variance, rtol=1e-12)
+    np.testing.assert_array_equal(both.mean_squared, quiet.mean_squared)
+    # Without noise the error is no chance at all.
+    errors, _, _ = noisy_run(plane, x, -start, np.zeros(150), np.zeros(plane.cells))
+    np.testing.assert_allclose(quiet.mean_squared, squared(errors[1:]), rtol=1e-10)
+    assert shown[0] == ("covariance of 15 weights", 0.0)
+
+
+def simulated_squared_errors(plane, x, truth, start, sigma, draws, stretches):
+    """‖E‖² at the ends of stretches of events, (stretches, draws), by the filter's recursion."""
+    found = switching_events(plane, x)
+    _, signs = switching(plane, x)
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0, sigma, (len(signs) + 1, draws))
+    rises = (signs @ truth)[:, np.newaxis] + np.diff(noise, axis=0)
+    weights = jnp.asarray(np.broadcast_to(start[:, np.newaxis], (plane.cells, draws)))
+    run, rows = jax.jit(adapt_over_events), []
+    length = len(signs) // stretches
+    for begin in range(0, length * stretches, length):
+        part = jax.tree.map(lambda leaf, at=begin: leaf[at : at + length], found)
+        weights, _ = run(plane, part, rises[begin : begin + length], weights)
+        rows.append(squared((np.asarray(weights) - truth[:, np.newaxis]).T))
+    return np.array(rows), length
+
+
+@pytest.mark.parametrize(("levels", "kind"), [(9, "jumps"), (13, "ramps"), *LARGE])
+def test_moments_are_those_of_many_runs_with_noise(levels, kind, x64):
+    plane, sigma, draws = plane_of(levels), 0.2, 2048 if levels < 19 else 512
+    x = path(kind, levels, 1200 if kind == "ramps" else 400)
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(0, 1, plane.cells)
+    start = truth + rng.normal(0, sigma / 2, plane.cells)
+    simulated, length = simulated_squared_errors(plane, x, truth, start, sigma, draws, 6)
+    moments = propagate_error(plane, x, start - truth, sigma**2)
+    exact = (moments.mean_squared + moments.variance)[length - 1 :: length][:6]
+    assert np.all(moments.variance[length - 1 :] > 0.1 * moments.mean_squared[length - 1 :])
+    mean, error = simulated.mean(axis=1), simulated.std(axis=1, ddof=1) / math.sqrt(draws)
+    assert np.all(error < 0.0075 * mean)  # so that 3 % are four standard errors
+    np.testing.assert_allclose(mean, exact, rtol=0.03)
+    assert np.all(np.abs(mean - exact) < 4 * error)
+
+
+def test_an_average_over_samples_repeats_each_value_until_the_next_event():
+    rng = np.random.default_rng(0)
+    sample = np.array([2, 3, 7, 11, 30])
+    values = rng.normal(size=(5, 3))
+    course = np.repeat(values, np.diff(np.append(sample, 41)), axis=0)  # samples 2 ... 40
+    for first, last in [(2, 41), (3, 8), (9, 10), (31, 40), (2, 3)]:
+        expected = course[first - 2 : last - 2].mean(axis=0)
+        found = average_over_samples(values, sample, first, last)
+        np.testing.assert_allclose(found, expected, rtol=1e-13)
+    assert isinstance(float(average_over_samples(values[:, 0], sample, 2, 9)), float)
+
+
+def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
+    plane, x = plane_of(4), path("ramps", 4, 200)
+    (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
+    at = switching(plane, x)[0]
+    course = np.repeat(variance, np.diff(np.append(at, 200)))
+    expected = course[50 - at[0] :].mean()
+    np.testing.assert_allclose(noise_coefficient(plane, x, 50, 200), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("levels", [2, 4])
+def test_the_bound_is_compared_on_the_input_that_it_asks_for(levels):
+    plane, periods = plane_of(levels), 5
+    once = every_triangle(plane)
+    x = np.append(once[:1], np.tile(once[1:], periods))
+    (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
+    check = check_bound(levels, periods)
+    T = len(once) - 1
+    bound = 32 * levels * T * (levels * T + 2) ** 2 * (T * levels**2 + 1)
+    assert (check.levels, check.steps, check.bound) == (levels, T, bound)
+    np.testing.assert_allclose(check.ratio, variance[-1], rtol=1e-10)
+    np.testing.assert_allclose(check.orders, math.log10(bound / variance[-1]), rtol=1e-10)
+    assert check.ratio < check.bound
+
+
+def test_what_cannot_be_averaged_is_refused():
+    plane = Plane(levels=2, low=0.0, high=2.0)
+    with pytest.raises(ValueError, match="last is 9: the input has only 3 samples"):
+        noise_coefficient(plane, np.array([0.0, 2.0, 2.0]), first=1, last=9)
+    with pytest.raises(ValueError, match="not in order"):
+        average_over_samples(np.array([1.0, 2.0]), np.array([3, 0]), 3, 5)
+    with pytest.raises(ValueError, match="periods is 0"):
+        check_bound(2, periods=0)

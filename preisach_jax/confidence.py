@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-import scipy.stats
+import scipy.special
 
 from preisach_jax.effects.base import AddedEffect, Parameter
 from preisach_jax.identify import FOLDS, Point, Problem, linearise, residual_of
@@ -45,7 +45,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     stretch = used // FOLDS
     longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
     deviation[inside] = np.maximum(_scatter(influence), _scatter(longer))
-    factor = scipy.stats.t.ppf(0.5 + LEVEL / 2, len(used) - 1)
+    factor = scipy.special.stdtrit(len(used) - 1, 0.5 + LEVEL / 2)
     found = {effect.name: {} for effect in point.chain.effects}
     for position, (effect, parameter) in enumerate(parameters):
         half = factor * deviation[size + position] / linear.scale[position]

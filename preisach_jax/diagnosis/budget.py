@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.fit import at_levels
@@ -35,9 +35,8 @@ def noise_rms(problem: Problem, point: Point) -> float:
     """
     residual = residual_in_time(problem, point) * problem.unit
     differences = np.diff(residual, n=2)
-    deviation = scipy.stats.median_abs_deviation(
-        differences, scale=float(scipy.stats.norm.ppf(0.75))
-    )
+    middle = np.median(np.abs(differences - np.median(differences)))
+    deviation = middle / scipy.special.ndtri(0.75)
     return max(float(deviation) / np.sqrt(6), quantisation_step(problem.target) / np.sqrt(12))
 
 

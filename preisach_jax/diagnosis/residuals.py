@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-import scipy.stats
+import scipy.special
 
 from preisach_jax.record import Record
 
@@ -226,7 +226,7 @@ def cumulated_periodogram(values: np.ndarray, step_s: float = 1.0) -> CumulatedP
     order = np.arange(1, count + 1)
     independent = max(count * there.mean(), 1.0)
     # The limit distribution for many samples; it is a little too wide for few.
-    band = float(scipy.stats.kstwobign.ppf(LEVEL) / np.sqrt(independent))
+    band = float(scipy.special.kolmogi(1 - LEVEL) / np.sqrt(independent))
     return CumulatedPeriodogram(
         order / (len(values) * step_s), np.cumsum(power) / total, order / count, band
     )
@@ -387,4 +387,4 @@ def _lagged(first: np.ndarray, second: np.ndarray, lag: np.ndarray) -> np.ndarra
 
 
 def _normal_quantile() -> float:
-    return float(scipy.stats.norm.ppf(0.5 + LEVEL / 2))
+    return float(scipy.special.ndtri(0.5 + LEVEL / 2))

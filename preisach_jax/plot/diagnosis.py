@@ -1,4 +1,4 @@
-"""Figures from result objects; they compute nothing that a result should hold.
+"""Figures of fits and diagnoses; they compute nothing that a result should hold.
 
 Every function returns a new `matplotlib.figure.Figure` and leaves no global state changed, so it
 works in scripts, servers and notebooks alike.  A *trace* is a simulation beside its measurement:
@@ -7,10 +7,9 @@ a `Fit`, or whatever else has its record, prediction, residual, held-out rows an
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +20,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import number, quantity, scaled
 from preisach_jax.record.units import split_unit
 
@@ -29,34 +29,6 @@ if TYPE_CHECKING:
     from preisach_jax.model import Model
     from preisach_jax.record import Record
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-MEASURED = "#8C8C8C"
-BEFORE = "#D55E00"
-AFTER = "#0072B2"
-FLOOR = "#009E73"
-REFUSED = "#B0B0B0"
-HELD_OUT = "#F0E442"
-
-_STYLE: dict[Any, Any] = {
-    "figure.dpi": 110,
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "lines.linewidth": 1.1,
-    "svg.hashsalt": "preisach",
-    "hatch.linewidth": 0.5,
-}
 _POINTS = 5000  # most points of a cloud
 _COLUMNS = 2000  # bins of an envelope: about one a pixel
 
@@ -100,23 +72,7 @@ def colour(trace: Trace) -> str:
     return AFTER if trace.effects else BEFORE
 
 
-@mpl.rc_context(_STYLE)
-def svg(figure: Figure) -> str:
-    """A figure as the text of an SVG file; equal figures give equal texts."""
-    stream = io.StringIO()
-    figure.savefig(stream, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
-    return stream.getvalue()
-
-
-@mpl.rc_context(_STYLE)
-def png(figure: Figure, dpi: int = 140) -> bytes:
-    """A figure as the bytes of a PNG file."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
-    return stream.getvalue()
-
-
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def waterfall(found: Diagnosis) -> Figure:
     """Held-out error against effects added, with the floor of noise and discretisation.
 
@@ -184,7 +140,7 @@ def waterfall(found: Diagnosis) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def measured_and_model(traces: Traces) -> Figure:
     """Measured output and model over time: the whole record, and where the error is greatest.
 
@@ -214,7 +170,7 @@ def measured_and_model(traces: Traces) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def loop(traces: Traces) -> Figure:
     """Output against input: the whole record as measured, and with models where they err most.
 
@@ -235,7 +191,7 @@ def loop(traces: Traces) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def residuals(traces: Traces) -> Figure:
     """Residual against time, input, its rate, output, and time since the input last turned.
 
@@ -282,7 +238,7 @@ def residuals(traces: Traces) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def residual_tests(traces: Traces) -> Figure:
     """Autocorrelation, cross-correlation with the input, and cumulated periodogram of residuals.
 
@@ -334,7 +290,7 @@ def residual_tests(traces: Traces) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def density(model: Model) -> Figure:
     """The identified density on the Preisach plane; cells that were never visited are hatched.
 
@@ -388,7 +344,7 @@ def density(model: Model) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def candidates(found: Diagnosis) -> Figure:
     """Gain of every effect that was tried, and why it was added or not.
 
@@ -442,7 +398,7 @@ def candidates(found: Diagnosis) -> Figure:
     return figure
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def overview(fit: Trace) -> Figure:
     """One simulation at a glance: over time, as a loop, and its residual.
 

@@ -1,0 +1,320 @@
+"""Fig. 8 and 9: residual error against noise, as the paper measures it and with the truth known."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.paper.numbers import FigureData, Progress, report
+from preisach_jax.piezo import RANGE_V
+from preisach_jax.plane import Plane
+from preisach_jax.sweep import (
+    INITIAL_WEIGHT_UM,
+    LEVELS,
+    NOISE_UM,
+    PowerLaw,
+    Sweep,
+    fit_power_law,
+    realisation,
+    sweep,
+    true_weights,
+)
+from preisach_jax.theory import average_over_samples, propagate_error, residual_ratio_bound
+
+
+@functools.lru_cache(maxsize=2)
+def noise_sweep(seed: int, levels: tuple[int, ...], seeds: int, samples: int) -> Sweep:
+    """Run the sweep of Fig. 8 and 9, once for both.
+
+    Args:
+        seed: makes the random key.
+        levels: N of the planes.
+        seeds: number of realisations.
+        samples: time steps at 2 kHz.
+
+    Returns:
+        The sweep over the default powers of noise.
+
+    Example:
+        >>> noise_sweep(0, (9, 5, 3), 1, 1000).levels.tolist()
+        [9, 5, 3]
+    """
+    return sweep(jax.random.key(seed), levels, NOISE_UM, seeds, samples)
+
+
+@dataclass(frozen=True, eq=False)
+class Proportionality(FigureData):
+    """Fig. 8: auxiliary norm of the weight error against the power of the quantisation noise.
+
+    Attributes:
+        levels: (level,) N.
+        noise_power_um2: (level,) W, eq. (29).
+        over_events_um: (level,) norm (31), e² averaged over the switching samples.
+        over_samples_um: (level,) the same averaged over all samples, e = 0 where nothing switches.
+        line_power_um2: (2,) ends of the fitted lines.
+        line_events_um: (2,) fitted power law there, over switching samples.
+        line_samples_um: (2,) fitted power law there, over all samples.
+        events: exponent of the norm in W, over switching samples.
+        samples: exponent over all samples.
+        error_in_levels: exponent of ⟨e⟩ over switching samples in N.
+        root_cells_in_levels: exponent of √L in N.
+        share_in_levels: exponent in N of the share of samples at which something switches.
+        seeds: number of realisations.
+        record_samples: samples of each record.
+    """
+
+    levels: np.ndarray
+    noise_power_um2: np.ndarray
+    over_events_um: np.ndarray
+    over_samples_um: np.ndarray
+    line_power_um2: np.ndarray
+    line_events_um: np.ndarray
+    line_samples_um: np.ndarray
+    events: PowerLaw
+    samples: PowerLaw
+    error_in_levels: PowerLaw
+    root_cells_in_levels: PowerLaw
+    share_in_levels: PowerLaw
+    seeds: int
+    record_samples: int
+
+    @property
+    def caption(self) -> str:
+        e, root, share = self.error_in_levels, self.root_cells_in_levels, self.share_in_levels
+        return (
+            f"Auxiliary norm (31) of the weight error against the power (29) of the quantisation "
+            f"noise, {self.seeds} realisations of {self.record_samples} samples, and fitted power "
+            f"laws: exponent {_with_interval(self.events)} where e² is averaged over the switching "
+            f"samples, {_with_interval(self.samples)} over all samples. W falls as N^-2; ⟨e⟩ over "
+            f"switching samples falls as N^{e.value:.2f} and √L grows as N^{root.value:.2f}, so "
+            f"that the norm ⟨e⟩/√L falls as N^{e.value - root.value:.2f}, which is W^"
+            f"{(root.value - e.value) / 2:.2f}. The share of switching samples grows as "
+            f"N^{share.value:.2f}, and takes {share.value / 4:.2f} off where all samples count."
+        )
+
+
+def proportionality(
+    levels: Sequence[int] = LEVELS,
+    seeds: int = 8,
+    samples: int = 50_000,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Proportionality:
+    """Auxiliary norm of the weight error against the quantisation noise, Fig. 8.
+
+    Args:
+        levels: N of the planes, at least three.
+        seeds: number of realisations.
+        samples: time steps of each at 2 kHz.
+        seed: makes the random key.
+        progress: called with a text and the part that is done.
+
+    Returns:
+        The points and the fitted lines.
+
+    Example:
+        >>> found = proportionality((9, 5, 3), seeds=1, samples=1000)
+        >>> found.noise_power_um2.shape, found.root_cells_in_levels.value.__round__(2)
+        ((3,), 0.92)
+    """
+    report(progress, "sweep over levels, noise and seeds", 0.0)
+    found = noise_sweep(seed, tuple(levels), seeds, samples)
+    W, norms = found.noise_power, [found.auxiliary_norm(over) for over in ("events", "samples")]
+    laws = found.exponents()
+    N = found.levels.astype(float)
+    ends = np.array([W.min() / 1.5, W.max() * 1.5])
+    return Proportionality(
+        levels=found.levels,
+        noise_power_um2=W,
+        over_events_um=norms[0],
+        over_samples_um=norms[1],
+        line_power_um2=ends,
+        line_events_um=power_law_through(W, norms[0], laws["paper"].value, ends),
+        line_samples_um=power_law_through(W, norms[1], laws["paper_all_samples"].value, ends),
+        events=laws["paper"],
+        samples=laws["paper_all_samples"],
+        error_in_levels=fit_power_law(N, found.mean_output_error()),
+        root_cells_in_levels=fit_power_law(N, np.sqrt(found.cells)),
+        share_in_levels=fit_power_law(N, found.events.mean(axis=1) / (samples - found.first)),
+        seeds=seeds,
+        record_samples=samples,
+    )
+
+
+def power_law_through(x: np.ndarray, y: np.ndarray, exponent: float, at: np.ndarray) -> np.ndarray:
+    """Values of the power law of a given exponent that goes through the middle of some points.
+
+    Args:
+        x: (points,) positive numbers.
+        y: (points,) positive numbers.
+        exponent: the exponent.
+        at: where the values are wanted.
+
+    Returns:
+        Values, in the shape of `at`.
+
+    Example:
+        >>> float(power_law_through(np.array([1.0, 4.0]), np.array([3.0, 12.0]), 1.0, 2.0).round(6))
+        6.0
+    """
+    middle = np.mean(np.log(y) - exponent * np.log(x))
+    return np.exp(middle + exponent * np.log(at))
+
+
+def _with_interval(law: PowerLaw) -> str:
+    return f"{law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f})"
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients(FigureData):
+    """Fig. 9: what noise does to the weights where the truth is known.
+
+    Attributes:
+        levels: (level,) N.
+        noise_power_um2: (noise,) W of white noise.
+        noise_part_um2: (level, noise) what noise adds to ⟨‖E‖²⟩.
+        total_um2: (level, noise) ⟨‖E‖²⟩.
+        floor_um2: (level,) ⟨‖E‖²⟩ without noise, which is left of the initial error.
+        line_power_um2: (2,) ends of the fitted lines.
+        lines_um2: (level, 2) fitted power laws with a common exponent there.
+        exponent: the common exponent.
+        coefficient: (level,) mean of the noise part over W.
+        coefficient_error: (level,) its standard error over noise and seeds.
+        same_input: (level,) the same for the first input alone.
+        same_input_error: (level,) its standard error over noise.
+        exact: (level,) exact coefficient for the first input, by the propagation of Cov(E).
+        bound: (level,) bound (25) for T = L.
+        seeds: number of realisations.
+        samples: samples of each record.
+    """
+
+    levels: np.ndarray
+    noise_power_um2: np.ndarray
+    noise_part_um2: np.ndarray
+    total_um2: np.ndarray
+    floor_um2: np.ndarray
+    line_power_um2: np.ndarray
+    lines_um2: np.ndarray
+    exponent: PowerLaw
+    coefficient: np.ndarray
+    coefficient_error: np.ndarray
+    same_input: np.ndarray
+    same_input_error: np.ndarray
+    exact: np.ndarray
+    bound: np.ndarray
+    seeds: int
+    samples: int
+
+    @property
+    def orders(self) -> np.ndarray:
+        """(level,) by how many orders of magnitude the bound exceeds the exact coefficient."""
+        return np.log10(self.bound / self.exact)
+
+    @property
+    def caption(self) -> str:
+        off = np.abs(self.same_input - self.exact)
+        law = self.exponent
+        return (
+            "(a) What white noise of the power W adds to ⟨‖E‖²⟩ (filled), where the truth is "
+            f"known: common exponent {law.value:.3f} (95 % interval {law.low:.3f} to "
+            f"{law.high:.3f}). Faint: all of ⟨‖E‖²⟩, which cannot fall below what is left of the "
+            "initial error (dotted). (b) Their ratio: simulated (bars: standard error over noise "
+            f"and {self.seeds} inputs), exact for the first input, and the bound (25) for T = L, "
+            "the fewest steps in which all L triangles can occur; it is "
+            f"{self.orders.min():.0f} to {self.orders.max():.0f} orders of magnitude above. (c) "
+            "The same without the bound. With the first input alone, the simulation differs from "
+            f"the exact coefficient by {100 * np.max(off / self.exact):.1f} % or "
+            f"{np.max(off / self.same_input_error):.1f} standard errors at most."
+        )
+
+
+def coefficients(
+    levels: Sequence[int] = LEVELS,
+    seeds: int = 8,
+    samples: int = 50_000,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Coefficients:
+    """What noise adds to the weight error, simulated, exact and bounded, Fig. 9.
+
+    Args:
+        levels: N of the planes.
+        seeds: number of realisations.
+        samples: time steps of each at 2 kHz.
+        seed: makes the random key.
+        progress: called with a text and the part that is done.
+
+    Returns:
+        The points, the fitted lines and the coefficients.
+
+    Example:
+        >>> found = coefficients((9, 5, 3), seeds=1, samples=1000)
+        >>> found.exact.shape, bool(np.all(found.orders > 3))
+        ((3,), True)
+    """
+    report(progress, "sweep over levels, noise and seeds", 0.0)
+    found = noise_sweep(seed, tuple(levels), seeds, samples)
+    W = found.noise_um**2
+    exponent = found.exponents()["truth"]
+    part = found.noise_part.mean(axis=2)
+    ends = np.array([W.min() / 2.0, W.max() * 2.0])
+    first = found.noise_part[:, :, 0] / W
+    return Coefficients(
+        levels=found.levels,
+        noise_power_um2=W,
+        noise_part_um2=part,
+        total_um2=found.weight_error_squared.mean(axis=2),
+        floor_um2=found.bias_squared.mean(axis=1),
+        line_power_um2=ends,
+        lines_um2=np.array([power_law_through(W, row, exponent.value, ends) for row in part]),
+        exponent=exponent,
+        coefficient=found.coefficient,
+        coefficient_error=found.coefficient_error,
+        same_input=first.mean(axis=1),
+        same_input_error=first.std(axis=1, ddof=1) / np.sqrt(len(W)),
+        exact=exact_coefficients(found, progress),
+        bound=residual_ratio_bound(found.cells, found.levels),
+        seeds=seeds,
+        samples=samples,
+    )
+
+
+def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.ndarray:
+    """Exact ratio of what noise adds to ⟨‖E‖²⟩ and W, for the first input of a sweep.
+
+    Args:
+        found: the sweep.
+        progress: called with a text and the part that is done.
+
+    Returns:
+        (level,) trace of Cov(E)/W, averaged over the samples of the residual interval.
+
+    Example:
+        >>> exact_coefficients(noise_sweep(0, (9, 5, 3), 1, 1000)).shape
+        (3,)
+    """
+    key = jax.random.wrap_key_data(jnp.asarray(found.key))
+    exact = []
+    with jax.enable_x64(True):
+        drawn = realisation(key, int(found.seeds[0]), found.samples, len(found.noise_um))
+        x = np.asarray(drawn.record.input_v)
+        # The work of a plane grows as N³ at each event, and the events as N.
+        work = found.levels.astype(float) ** 4 / np.sum(found.levels.astype(float) ** 4)
+        for n, N in enumerate(found.levels):
+            plane = Plane(int(N), 0.0, RANGE_V)
+            done = float(work[:n].sum())
+
+            def show(text: str, part: float, done: float = done, share: float = work[n]) -> None:
+                report(progress, text, done + part * share)
+
+            initial = INITIAL_WEIGHT_UM - true_weights(plane)
+            moments = propagate_error(plane, x, initial, progress=show)
+            exact.append(
+                average_over_samples(moments.variance, moments.sample, found.first, found.samples)
+            )
+    return np.array(exact)

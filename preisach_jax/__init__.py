@@ -1,5 +1,7 @@
 """Preisach hysteresis: identify it, diagnose what a model of it lacks, and filter it online."""
 
+from importlib.metadata import version
+
 from preisach_jax.diagnosis import Diagnosis, diagnose
 from preisach_jax.effects import library as effects
 from preisach_jax.effects.base import (
@@ -20,6 +22,10 @@ from preisach_jax.online import OnlineFilter
 from preisach_jax.plane import Plane
 from preisach_jax.plant import simulate_stage
 from preisach_jax.record import Record
+from preisach_jax.recursion import RecursiveLeastSquares, compare_recursions
+from preisach_jax.sweep import Sweep, sweep
+
+__version__ = version("preisach_jax")
 
 __all__ = [
     "AdaptiveFilter",
@@ -37,12 +43,16 @@ __all__ = [
     "Plane",
     "Prediction",
     "Record",
+    "RecursiveLeastSquares",
     "Signals",
     "Span",
+    "Sweep",
     "WeightEffect",
+    "compare_recursions",
     "diagnose",
     "effects",
     "fit",
     "simulate",
     "simulate_stage",
+    "sweep",
 ]

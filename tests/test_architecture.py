@@ -17,12 +17,17 @@ PACKAGE = Path(preisach_jax.__file__).parent
 LAYERS = [
     "errors",
     "quantity",
+    "files",
     "hysteron",
     "plane",
+    "events",
     "filter",
+    "recursion",
     "online",
     "signals",
     "plant",
+    "piezo",
+    "frequency",
     "theory",
     "sweep",
     "record",
@@ -34,6 +39,7 @@ LAYERS = [
     "confidence",
     "fit",
     "diagnosis",
+    "paper",
     "plot",
     "report",
     "cli",
@@ -42,7 +48,12 @@ LAYERS = [
 LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
 
 # The simulated world shares no code with the models that are to explain it.
-WORLD = {"signals": {"errors"}, "plant": {"errors", "signals"}}
+WORLD = {
+    "signals": {"errors"},
+    "plant": {"errors", "signals"},
+    "piezo": {"errors", "signals", "plant"},
+    "frequency": {"errors"},
+}
 
 MAX_FUNCTION_LINES = 80
 

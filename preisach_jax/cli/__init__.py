@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import typer
 from typer.main import get_command
 
-from preisach_jax.cli import commands, demonstration
+from preisach_jax.cli import commands, demonstration, paper
 from preisach_jax.errors import InputError
 
 __all__ = ["main"]
@@ -44,6 +44,8 @@ def build() -> typer.Typer:
     app.command()(commands.predict)
     app.command()(commands.simulate)
     app.command()(commands.effects)
+    app.command()(paper.sweep)
+    app.command()(paper.figures)
     app.command()(demonstration.demo)
     return app
 
@@ -74,6 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except InputError as error:
         return _complain(str(error), USER_MISTAKE)
+    except paper.Interrupted as interruption:
+        return _complain(str(interruption), INTERRUPTED)
     except (typer.Abort, KeyboardInterrupt):
         return _complain("interrupted", INTERRUPTED)
     except OSError as error:

@@ -76,8 +76,8 @@ def diagnose(
 ) -> None:
     """Find out which effects a plain hysteresis model lacks."""
     from preisach_jax.diagnosis import diagnose as run
+    from preisach_jax.files import check_folder
     from preisach_jax.report import write_report
-    from preisach_jax.report.files import check_folder
 
     check_folder(report)
     names = effect_names(effects)
@@ -108,8 +108,8 @@ def fit(
     initial_memory: InitialMemory = None,
 ) -> None:
     """Fit a model with chosen effects, or with none."""
+    from preisach_jax.files import check_file, json_bytes, write_files
     from preisach_jax.fit import fit as run
-    from preisach_jax.report.files import check_file, json_bytes, write_files
 
     check_file(out, data)
     names = effect_names(effects)
@@ -142,10 +142,10 @@ def compare(
 ) -> None:
     """Test an existing model against a record."""
     from preisach_jax.diagnosis.comparison import compare as run
+    from preisach_jax.files import check_folder
     from preisach_jax.model import Model
     from preisach_jax.report import write_comparison
     from preisach_jax.report.content import comparison_sentence, error_rows, test_rows
-    from preisach_jax.report.files import check_folder
 
     check_folder(report)
     loaded = Model.load(model)
@@ -174,8 +174,8 @@ def predict(
     initial_memory: InitialMemory = None,
 ) -> None:
     """Predict the output of a record from its input alone."""
+    from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
-    from preisach_jax.report.files import check_file, write_files
 
     check_file(out, data, model)
     loaded = Model.load(model)
@@ -208,8 +208,8 @@ def simulate(
     ] = None,
 ) -> None:
     """Simulate a piezo stage with chosen effects."""
+    from preisach_jax.files import check_file, write_files
     from preisach_jax.plant import simulate_stage
-    from preisach_jax.report.files import check_file, write_files
 
     check_file(out)
     if truth is not None:
@@ -226,7 +226,7 @@ def simulate(
 
 def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path, bytes]:
     """A simulated record and its truth as the contents of files."""
-    from preisach_jax.report.files import json_bytes
+    from preisach_jax.files import json_bytes
 
     contents = {} if truth is None else {truth: json_bytes(stage.truth)}
     with tempfile.TemporaryDirectory() as folder:

@@ -30,7 +30,7 @@ def demo(
     seed: Annotated[int, typer.Option(metavar="S", help="draws the stage and what it hides")] = 1,
 ) -> None:
     """Diagnose a bundled measurement and a simulated stage."""
-    from preisach_jax.report.files import check_folder
+    from preisach_jax.files import check_folder
 
     check_folder(out)
     curves, stage = out / "reversal-curves", out / "simulated-stage"
@@ -81,8 +81,8 @@ def _seal(folder: Path, seed: int) -> tuple[Path, str]:
     """Write a simulated record and, first, what it hides; returns the latter's file and hash."""
     import numpy as np
 
+    from preisach_jax.files import write_files
     from preisach_jax.plant import simulate_stage
-    from preisach_jax.report.files import write_files
 
     hidden = HIDDEN[int(np.random.default_rng(abs(seed)).integers(len(HIDDEN)))]
     stage = simulate_stage(seed, SECONDS, (hidden,), RATE_HZ)

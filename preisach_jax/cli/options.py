@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -14,6 +14,8 @@ from preisach_jax.record import Record
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
+
+_Number = TypeVar("_Number", int, float)
 
 Data = Annotated[
     Path, typer.Argument(metavar="DATA", help="CSV, MicroMag .forc, NPZ, MAT or Parquet")
@@ -155,3 +157,24 @@ def effect_names(option: str | None) -> list[str]:
     if "" in names:
         raise InputError(f"--effects is {option!r}; give names by commas, as in creep,drift")
     return names
+
+
+def numbers(option: str, text: str, kind: Callable[[str], _Number]) -> tuple[_Number, ...]:
+    """Numbers from a list such as `75,37,19`.
+
+    Raises:
+        InputError: if it is not a list of such numbers.
+
+    Example:
+        >>> numbers("--levels", "75, 37", int)
+        (75, 37)
+    """
+    try:
+        return tuple(kind(word) for word in text.split(","))
+    except ValueError:
+        wanted = (
+            "whole numbers by commas, as in 9,5"
+            if kind is int
+            else "numbers by commas, as in 0.01,0.1"
+        )
+        raise InputError(f"{option} is {text!r}; give {wanted}") from None

@@ -9,9 +9,7 @@ samples, for one output of one input on one device.
 
 from __future__ import annotations
 
-import os
 import time
-from contextlib import suppress
 
 import jax
 import jax.numpy as jnp
@@ -21,13 +19,12 @@ from conditions import write_results
 from preisach_jax.filter import AdaptiveFilter
 from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
-from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep
+from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep, use_all_cores
 from preisach_jax.theory import propagate_error
 
 SEEDS, SAMPLES, REPEATS = 8, 50_000, 11
 
-with suppress(RuntimeError):  # a benchmark before this one has started a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+use_all_cores()
 
 
 def spread(seconds: list[float]) -> dict[str, float]:

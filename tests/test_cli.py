@@ -24,14 +24,6 @@ ROWS = 700
 EFFECTS = importlib.import_module("preisach_jax.effects")
 
 
-@pytest.fixture(autouse=True)
-def precision_as_before():
-    """`main` switches double precision on for its process; the tests share one."""
-    before = bool(jax.config.read("jax_enable_x64"))
-    yield
-    jax.config.update("jax_enable_x64", before)
-
-
 def write_csv(path, columns, rows=None):
     """Write columns; `rows` replaces single rows by the texts given."""
     lines = [",".join(columns)]
@@ -61,9 +53,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     write_csv(folder / "stage.csv", stage_columns())
     words = ["fit", str(folder / "stage.csv"), "--effects", "aux:load_N", "--levels", "5"]
-    before = bool(jax.config.read("jax_enable_x64"))
     assert main([*words, "--out", str(folder / "model.json")]) == 0
-    jax.config.update("jax_enable_x64", before)
     return folder
 
 
@@ -202,6 +192,15 @@ def test_commands_compute_in_double_precision(monkeypatch):
     monkeypatch.setattr(EFFECTS, "library", lambda: seen.append(jax.numpy.ones(1).dtype) or {})
     assert main(["effects"]) == 0
     assert seen == [np.float64]
+
+
+@pytest.mark.parametrize("words", [["effects"], ["effects", "no_such"], ["--version"]])
+@pytest.mark.usefixtures("precision")
+def test_a_command_leaves_the_precision_of_its_caller(words, capsys):
+    before = jax.numpy.ones(1).dtype
+    main(words)
+    capsys.readouterr()
+    assert jax.numpy.ones(1).dtype == before
 
 
 def test_a_terminal_without_greek_letters_is_no_failure():

@@ -16,14 +16,6 @@ SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)
 WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 2 --samples 1000 --seed 5 --chunk 1".split()
 
 
-@pytest.fixture(autouse=True)
-def precision_as_before():
-    """`main` switches double precision on for its process; the tests share one."""
-    before = bool(jax.config.read("jax_enable_x64"))
-    yield
-    jax.config.update("jax_enable_x64", before)
-
-
 @pytest.fixture(scope="module")
 def expected():
     levels, noise, seeds, samples = SETTINGS

@@ -43,6 +43,7 @@ def _show_version(wanted: bool) -> None:
 
 
 def common(
+    context: typer.Context,
     show_version: Annotated[
         bool,
         typer.Option(
@@ -54,8 +55,9 @@ def common(
     del show_version
     import jax
 
-    # Identification needs double precision; as a library, the package leaves this to its user.
-    jax.config.update("jax_enable_x64", True)
+    # Identification needs double precision, for the command alone: whoever calls `main` from a
+    # program of their own keeps the precision that they have.
+    context.with_resource(jax.enable_x64(True))
 
 
 def diagnose(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,14 +20,6 @@ _EXPONENTS = {
     "paper_all_samples": "norm (31) against W (29), all samples",
     "truth": "what noise adds to ‖E‖² against its power",
 }
-
-
-def _use_all_cores() -> None:
-    """Give JAX a device for each core; where it has started one already, leave it that."""
-    import jax
-
-    with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
 
 class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no error
@@ -64,11 +54,11 @@ def sweep(
     import jax
 
     from preisach_jax.files import check_folder
-    from preisach_jax.sweep import LEVELS, NOISE_UM
+    from preisach_jax.sweep import LEVELS, NOISE_UM, use_all_cores
     from preisach_jax.sweep.storage import RESULT, sweep_settings, sweep_to_folder
 
     check_folder(out)
-    _use_all_cores()
+    use_all_cores()
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
@@ -156,9 +146,10 @@ def figures(
     """Draw the figures of the paper, and those that go further."""
     from preisach_jax.files import check_folder
     from preisach_jax.plot.paper import figures as run
+    from preisach_jax.sweep import use_all_cores
 
     check_folder(out)
-    _use_all_cores()
+    use_all_cores()
     chosen = None if only is None else [str(number) for number in numbers("--only", only, int)]
     with screen.progress() as show:
         written = run(out, chosen, quick, show)

@@ -12,8 +12,10 @@ from __future__ import annotations
 import functools
 import math
 import operator
+import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import jax
@@ -46,6 +48,7 @@ __all__ = [
     "realisation",
     "sweep",
     "true_weights",
+    "use_all_cores",
 ]
 
 LEVELS = (75, 37, 19, 13, 9)
@@ -65,6 +68,21 @@ _ROOM = 64
 
 _CACHED = 2**16
 """Weights that a core's cache holds, while a recursion over events updates them."""
+
+
+def use_all_cores() -> None:
+    """Give JAX one CPU device for each core that this process may use, so that a sweep shares them.
+
+    It is a setting of the whole process, and one that JAX takes only before its first computation:
+    after that, the devices stay as they are.
+
+    Example:
+        >>> use_all_cores()  # doctest: +SKIP
+    """
+    affinity = getattr(os, "sched_getaffinity", None)  # on Linux only
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    with suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", cores)
 
 
 def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:

@@ -11,7 +11,7 @@ from preisach_jax.effects.base import (
     OutputEffect,
     Parameter,
     Signals,
-    Span,
+    Survey,
     WeightEffect,
 )
 from preisach_jax.errors import InputError
@@ -45,7 +45,7 @@ __all__ = [
     "Record",
     "RecursiveLeastSquares",
     "Signals",
-    "Span",
+    "Survey",
     "Sweep",
     "WeightEffect",
     "compare_recursions",

@@ -227,7 +227,7 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     The starts are compared and roughly refined on a coarse plane; the best of them is refined on
     the point's own.
     """
-    effect = effect.bound_to(problem.span)
+    effect = effect.bound_to(problem.survey_of(point))
     chain = point.chain.with_effects((*point.chain.effects, effect))
     names = tuple(other.name for other in chain.effects)
     if ("start", names) not in problem.cache:

@@ -27,7 +27,7 @@ from preisach_jax.chain import (
     signals_of,
     tangents,
 )
-from preisach_jax.effects.base import Effect, InputEffect, Parameter, Signals, Span
+from preisach_jax.effects.base import Effect, InputEffect, Parameter, Signals, Survey
 from preisach_jax.record import Record
 from preisach_jax.regression import (
     NormalEquations,
@@ -57,7 +57,7 @@ class Problem:
     Attributes:
         record: the record, possibly thinned.
         signals: what drives a model, on the device.
-        span: time scales of the record before it was thinned.
+        survey: time scales of the record before it was thinned.
         rows: (row,) indices of the measured samples.
         block: (row,) block of each of them.
         fold: (row,) fold of each of them; the last one is held out.
@@ -65,7 +65,7 @@ class Problem:
 
     record: Record
     signals: Signals
-    span: Span
+    survey: Survey
     rows: np.ndarray
     block: np.ndarray
     fold: np.ndarray
@@ -81,7 +81,7 @@ class Problem:
                 `thinned_rows`).
         """
         record.check_identifiable()
-        span = Span(record.duration_s, record.step_s)
+        survey = Survey(record.duration_s, record.step_s)
         signals = signals_of(record)
         if limit is not None and len(record.time) > 1.25 * limit:
             kept = thinned_rows(record.input, limit)
@@ -102,7 +102,19 @@ class Problem:
         # The third of four is held out: the ends of the record stay with the identification.
         fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
         order = np.argsort(fold, kind="stable")
-        return Problem(record, signals, span, rows[order], block[order], fold[order])
+        return Problem(record, signals, survey, rows[order], block[order], fold[order])
+
+    def survey_of(self, point: Point) -> Survey:
+        """What an effect may know of the record, and of what a model without it leaves."""
+        order = self.in_time
+        rows = self.rows[order]
+        return replace(
+            self.survey,
+            time=self.record.time[rows],
+            input=self.record.input[rows],
+            output=self.record.output[rows],
+            residual=residual_of(self, point)[order] * self.unit,
+        )
 
     @property
     def in_time(self) -> np.ndarray:

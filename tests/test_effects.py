@@ -23,7 +23,7 @@ from preisach_jax.effects.base import (
     OutputEffect,
     Parameter,
     Signals,
-    Span,
+    Survey,
     WeightEffect,
     log_grid,
 )
@@ -336,7 +336,7 @@ def test_what_is_confused_is_confused_both_ways():
 )
 def test_bounds_follow_the_time_scales_of_a_record(kind, steps, step_s):
     duration = steps * step_s
-    effect = kind().bound_to(Span(duration_s=duration, step_s=step_s))
+    effect = kind().bound_to(Survey(duration_s=duration, step_s=step_s))
     assert effect.name == kind().name
     for parameter in effect.parameters():
         assert parameter.low < parameter.high
@@ -356,7 +356,7 @@ def test_bounds_follow_the_time_scales_of_a_record(kind, steps, step_s):
 
 @pytest.mark.parametrize("kind", BUILT_IN)
 def test_settings_make_the_same_effect_again(kind):
-    effect = kind().bound_to(Span(24.0, 5e-4))
+    effect = kind().bound_to(Survey(24.0, 5e-4))
     again = kind(**effect.settings())
     assert again.parameters() == effect.parameters()
     assert again.settings() == effect.settings()

@@ -15,7 +15,7 @@ import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import InputEffect, OutputEffect, Parameter, Span
+from preisach_jax.effects.base import InputEffect, OutputEffect, Parameter, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
@@ -224,7 +224,7 @@ def test_a_thinned_record_keeps_its_time_scales():
     record = Record.from_arrays(time, drive, drive, aux={"load_N": drive})
     problem = Problem.of(record, 1000)
     assert len(problem.record) < 2500 < len(time)
-    assert problem.span == Span(record.duration_s, record.step_s)
+    assert problem.survey == Survey(record.duration_s, record.step_s)
     rows = np.searchsorted(time, problem.record.time)
     np.testing.assert_array_equal(problem.record.input, drive[rows])
     np.testing.assert_array_equal(problem.record.aux["load_N"], drive[rows])
@@ -308,7 +308,7 @@ def test_starts_are_all_combinations():
     assert {(s["a"], s["b"]) for s in starts} == {(a, b) for a in (1, 2) for b in (3, 4, 5)}
 
 
-SPAN = Span(6.0, 1 / 300)
+SURVEY = Survey(6.0, 1 / 300)
 OWN = [
     (InputLag(), {"tau_s": 0.031}, ()),
     (Delay(), {"delay_s": 0.0234}, ()),
@@ -321,7 +321,7 @@ OWN = [
 
 @pytest.mark.parametrize(("kind", "truth", "added"), OWN, ids=[case[0].name for case in OWN])
 def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added):
-    effect = kind.bound_to(SPAN)
+    effect = kind.bound_to(SURVEY)
     every = {parameter.name: 0.0 for parameter in effect.parameters()} | truth
     record, chain = simulated((effect,), {effect.name: every}, added)
     problem = Problem.of(record)
@@ -343,7 +343,7 @@ def replace_effects(chain, effects):
 
 
 def test_two_effects_at_once_are_found(x64):
-    effects = (InputLag().bound_to(SPAN), Drift().bound_to(SPAN))
+    effects = (InputLag().bound_to(SURVEY), Drift().bound_to(SURVEY))
     truth = {"input_lag": {"tau_s": 0.05}, "drift": {"tau_s": 1.5}}
     record, chain = simulated(effects, truth, (0.6,))
     problem = Problem.of(record)

@@ -14,7 +14,7 @@ import preisach_jax as pj
 from preisach_jax.chain import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, Parameter, Span
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
@@ -55,7 +55,7 @@ def rich(record):
         record.time, record.input, record.output + 0.3 * load, aux={"load_N": load}, units=UNITS
     )
     effects = tuple(
-        effect.bound_to(Span(record.duration_s, record.step_s))
+        effect.bound_to(Survey(record.duration_s, record.step_s))
         for effect in (InputLag(), Ageing(), Drift(), Auxiliary(column="load_N", unit="N"))
     )
     effects = (*effects, Creep(tau_s=(0.1, 1.0)))

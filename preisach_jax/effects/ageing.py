@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import equinox as eqx
 
-from preisach_jax.effects.base import Parameter, Signals, Span, WeightEffect, log_grid
+from preisach_jax.effects.base import Parameter, Signals, Survey, WeightEffect, log_grid
 from preisach_jax.effects.drift import settling
 
 
@@ -52,8 +52,8 @@ class Ageing(WeightEffect):
             ),
         )
 
-    def bound_to(self, span: Span):
-        return Ageing(horizon_s=span.duration_s)
+    def bound_to(self, survey: Survey):
+        return Ageing(horizon_s=survey.duration_s)
 
     def gain(self, values, signals: Signals):
         return 1 - values["loss"] * settling(signals.time, values["tau_s"], self.horizon_s)

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Span, log_grid, low_pass_step
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid, low_pass_step
 
 
 class Auxiliary(AddedEffect):
@@ -61,12 +61,12 @@ class Auxiliary(AddedEffect):
         unit = f"{{z}}/{self.unit or '1'}"
         return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per auxiliary unit"),)
 
-    def bound_to(self, span: Span):
+    def bound_to(self, survey: Survey):
         return Auxiliary(
             column=self.column,
             unit=self.unit,
-            tau_low_s=span.step_s / 10,
-            tau_high_s=span.duration_s / 5,
+            tau_low_s=survey.step_s / 10,
+            tau_high_s=survey.duration_s / 5,
         )
 
     def columns(self, values, signals):

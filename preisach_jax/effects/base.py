@@ -14,16 +14,21 @@ with the actual time step, and the model maps them over regressors.
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 Values = dict[str, Any]
 """Values of an effect's parameters by name."""
+
+
+_nothing = partial(np.zeros, 0)
 
 
 class Parameter(eqx.Module):
@@ -92,16 +97,24 @@ def log_grid(low: float, high: float, per_decade: float) -> tuple[float, ...]:
     return tuple(low * ratio**i for i in range(count))
 
 
-class Span(eqx.Module):
-    """What an effect may know of a record before it is fitted: its time scales.
+@dataclass(frozen=True)
+class Survey:
+    """What an effect may know of a record before it is fitted.
 
     Arguments:
         duration_s: time from the first sample to the last, in s.
         step_s: median time step, in s.
+        time, input, output: (sample,) the measured samples: s, and units of the record.
+        residual: (sample,) what the model without the effect leaves, in output units; empty where
+            there is no model yet.
     """
 
-    duration_s: float = eqx.field(static=True)
-    step_s: float = eqx.field(static=True)
+    duration_s: float
+    step_s: float
+    time: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
+    input: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
+    output: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
+    residual: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
 
 
 class Signals(eqx.Module):
@@ -137,14 +150,14 @@ class Effect(eqx.Module):
         """The parameters that the search must find (those that enter the model nonlinearly)."""
         raise NotImplementedError(f"{type(self).__name__} must say what its parameters are")
 
-    def bound_to(self, span: Span) -> Effect:
-        """This effect with its time scales set to those of a record; by default unchanged."""
-        del span
+    def bound_to(self, survey: Survey) -> Effect:
+        """This effect with its scales and starts set to a record's; by default unchanged."""
+        del survey
         return self
 
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {own.name: getattr(self, own.name) for own in fields(self)}
 
 
 class _Stepped(Effect):

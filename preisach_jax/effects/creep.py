@@ -5,7 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid, low_pass_step
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
 
 
 class Creep(OutputEffect):
@@ -47,10 +47,12 @@ class Creep(OutputEffect):
             for i, tau in enumerate(self.tau_s, start=1)
         )
 
-    def bound_to(self, span: Span):
+    def bound_to(self, survey: Survey):
         # Shorter elements than these are a lag, longer ones a ramp in disguise.
-        low = max(span.duration_s / 1000, 10 * span.step_s)
-        return Creep(tau_s=log_grid(min(low, span.duration_s / 10), span.duration_s, per_decade=2))
+        low = max(survey.duration_s / 1000, 10 * survey.step_s)
+        return Creep(
+            tau_s=log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
+        )
 
     def init(self, values, first):
         return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))

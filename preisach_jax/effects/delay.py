@@ -5,7 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Span, log_grid
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
 
 
 class Delay(OutputEffect):
@@ -55,8 +55,8 @@ class Delay(OutputEffect):
             ),
         )
 
-    def bound_to(self, span: Span):
-        return Delay(delay_low_s=span.step_s / 4, delay_high_s=span.duration_s / 20)
+    def bound_to(self, survey: Survey):
+        return Delay(delay_low_s=survey.step_s / 4, delay_high_s=survey.duration_s / 20)
 
     def apply(self, values, signal, time):
         # A delay needs the past of its signal, not a state of fixed size.  The output is shifted,

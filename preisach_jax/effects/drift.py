@@ -5,7 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Span, log_grid
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
 
 
 def settling(time_s, tau_s, horizon_s: float):
@@ -66,8 +66,8 @@ class Drift(AddedEffect):
     def coefficients(self):
         return (Parameter("amplitude", "{z}", -jnp.inf, jnp.inf, meaning="change over the record"),)
 
-    def bound_to(self, span: Span):
-        return Drift(horizon_s=span.duration_s)
+    def bound_to(self, survey: Survey):
+        return Drift(horizon_s=survey.duration_s)
 
     def columns(self, values, signals):
         return settling(signals.time, values["tau_s"], self.horizon_s)[:, None]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from preisach_jax.effects.base import (
     InputEffect,
     Parameter,
-    Span,
+    Survey,
     curvature,
     log_grid,
     low_pass_step,
@@ -59,8 +59,8 @@ class InputLag(InputEffect):
             ),
         )
 
-    def bound_to(self, span: Span):
-        return InputLag(tau_low_s=span.step_s / 4, tau_high_s=span.duration_s / 20)
+    def bound_to(self, survey: Survey):
+        return InputLag(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
 
     def apply(self, values, signal, time):
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses

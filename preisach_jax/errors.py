@@ -1,4 +1,7 @@
-"""The one exception that means: what was given cannot be used, and here is how to mend it."""
+"""The one exception that means: what was given cannot be used, and here is how to mend it.
+
+And the checks of single numbers that all modules share.
+"""
 
 
 class InputError(ValueError):
@@ -20,3 +23,23 @@ class InputError(ValueError):
     def __init__(self, message: str):
         # Values quoted from a file may hold line breaks, and the command line promises one line.
         super().__init__(" ".join(str(message).split()))
+
+
+def require_positive(**values: float) -> None:
+    """Refuse numbers that are not above 0, NaN among them.
+
+    Args:
+        **values: the numbers by their names.
+
+    Raises:
+        InputError: a number is not above 0.
+
+    Example:
+        >>> require_positive(rate_hz=0.0)
+        Traceback (most recent call last):
+        ...
+        preisach_jax.errors.InputError: rate_hz is 0.0: give a number above 0
+    """
+    for name, value in values.items():
+        if not value > 0.0:
+            raise InputError(f"{name} is {value!r}: give a number above 0")

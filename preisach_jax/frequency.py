@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize, signal
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_positive
+from preisach_jax.signals import checked_lines
 
 DAMPING = (1e-4, 0.9)  # range searched
 START_DAMPING = 0.02
@@ -62,10 +63,38 @@ class ModalFit(NamedTuple):
         Returns:
             Complex response, of the same shape, output unit per input unit.
         """
-        back = _backward(frequency_hz, self.rate_hz)
-        polyval = np.polynomial.polynomial.polyval
-        bare = polyval(back, self.numerator) / polyval(back, self.denominator)
-        return bare * back**self.delay_samples
+        bare = frequency_response(self.numerator, self.denominator, frequency_hz, self.rate_hz)
+        return bare * _backward(frequency_hz, self.rate_hz) ** self.delay_samples
+
+
+def frequency_response(
+    numerator: ArrayLike, denominator: ArrayLike, frequency_hz: ArrayLike, rate_hz: float
+) -> np.ndarray:
+    """Frequency response of a rational discrete-time filter.
+
+    F(e^{jωT}) = Σ b_i e^{-ijωT} / Σ a_i e^{-ijωT}.
+
+    Args:
+        numerator: (order_b + 1,) coefficients b_i of d^-i.
+        denominator: (order_a + 1,) coefficients a_i of d^-i.
+        frequency_hz: frequencies, Hz, of any shape.
+        rate_hz: sampling rate 1/T, Hz.
+
+    Returns:
+        Complex response, of the same shape; NumPy, in double precision.
+
+    Raises:
+        InputError: the sampling rate is not positive.
+
+    Example:
+        >>> mean_of_two = frequency_response([0.5, 0.5], [1.0], [0.0, 500.0], rate_hz=1000.0)
+        >>> [round(float(h), 3) for h in abs(mean_of_two)]
+        [1.0, 0.0]
+    """
+    require_positive(rate_hz=rate_hz)
+    back = _backward(frequency_hz, rate_hz)
+    above = np.polynomial.polynomial.polyval(back, np.asarray(numerator, float))
+    return above / np.polynomial.polynomial.polyval(back, np.asarray(denominator, float))
 
 
 def measure_frequency_response(
@@ -89,7 +118,8 @@ def measure_frequency_response(
         The response on these lines.
 
     Raises:
-        InputError: the record does not hold whole periods, or a line is not excited.
+        InputError: the record does not hold whole periods, or a line is not whole, is out of range,
+            occurs twice or is not excited.
 
     Example:
         >>> wave = np.tile(np.cos(2 * np.pi * np.arange(8) / 8), 3)
@@ -105,12 +135,9 @@ def measure_frequency_response(
             f"u has the shape {u.shape} and z {z.shape}: give (time,) twice, with time a multiple "
             f"of {periods} periods"
         )
-    if not rate_hz > 0.0:
-        raise InputError(f"rate_hz is {rate_hz!r}: give a number above 0")
+    require_positive(rate_hz=rate_hz)
     size = u.size // periods
-    rows = np.asarray(lines, int).reshape(-1)
-    if rows.size == 0 or rows.min() < 1 or 2 * rows.max() >= size:
-        raise InputError(f"lines are {rows.tolist()}: give 1 to below {size / 2:g}")
+    rows = checked_lines(lines, size)
     spectra_u, spectra_z = (
         np.fft.rfft(x.reshape(periods, size)[1:], axis=1)[:, rows] for x in (u, z)
     )

@@ -17,7 +17,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from scipy import signal
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_positive
 from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
 from preisach_jax.signals import as_key, bernoulli_ramp
 
@@ -126,36 +126,6 @@ def notch_filter(u: ArrayLike) -> jax.Array:
     return linear_filter(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, u)
 
 
-def frequency_response(
-    numerator: ArrayLike, denominator: ArrayLike, frequency_hz: ArrayLike, rate_hz: float = RATE_HZ
-) -> np.ndarray:
-    """Frequency response of a rational discrete-time filter.
-
-    F(e^{jωT}) = Σ b_i e^{-ijωT} / Σ a_i e^{-ijωT}.
-
-    Args:
-        numerator: (order_b + 1,) coefficients b_i of d^-i.
-        denominator: (order_a + 1,) coefficients a_i of d^-i.
-        frequency_hz: frequencies, Hz, of any shape.
-        rate_hz: sampling rate 1/T, Hz.
-
-    Returns:
-        Complex response, of the same shape; NumPy, in double precision.
-
-    Raises:
-        InputError: the sampling rate is not positive.
-
-    Example:
-        >>> notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, [0.0, 337.7])
-        >>> [round(float(h), 3) for h in abs(notch)]
-        [1.0, 0.007]
-    """
-    _positive(rate_hz=rate_hz)
-    back = np.exp(-2j * np.pi * np.asarray(frequency_hz, float) / rate_hz)
-    above = np.polynomial.polynomial.polyval(back, np.asarray(numerator, float))
-    return above / np.polynomial.polynomial.polyval(back, np.asarray(denominator, float))
-
-
 def resonances(polynomial: ArrayLike, rate_hz: float = RATE_HZ) -> Modes:
     """Lightly damped modes, with a damping ratio below 0.1, among the roots of a polynomial.
 
@@ -175,7 +145,7 @@ def resonances(polynomial: ArrayLike, rate_hz: float = RATE_HZ) -> Modes:
         >>> resonances(NOTCH_NUMERATOR).frequency_hz.round(1).tolist()
         [337.7, 587.0]
     """
-    _positive(rate_hz=rate_hz)
+    require_positive(rate_hz=rate_hz)
     roots = np.roots(np.asarray(polynomial, float))
     # One root of each pair; the logarithm of zero is never asked for.
     s = np.log(roots[roots.imag > 0.0]) * rate_hz
@@ -435,9 +405,3 @@ def _check_denominator(denominator: ArrayLike) -> None:
         raise InputError(
             f"the denominator is {a.tolist()}: its first coefficient and its sum must not be zero"
         )
-
-
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise InputError(f"{name} is {value!r}: give a number above 0")

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_positive
 
 # No number is harder to approximate by fractions than the golden section and what ends like it, so
 # that its multiples, wrapped into a range, fall evenly over it and not on a lattice.
@@ -52,12 +52,6 @@ def as_key(key: jax.Array) -> jax.Array:
     raise InputError(f"the key is {key!r}: make one by jax.random.key(0)")
 
 
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise InputError(f"{name} is {value!r}: give a number above 0")
-
-
 def _ordered(low: float, high: float) -> None:
     if not -math.inf < low < high < math.inf:
         raise InputError(
@@ -89,7 +83,7 @@ def triangle(
         >>> triangle(5, rate_hz=4.0, frequency_hz=1.0, low=0.0, high=2.0).tolist()
         [0.0, 1.0, 2.0, 1.0, 0.0]
     """
-    _positive(rate_hz=rate_hz, frequency_hz=frequency_hz)
+    require_positive(rate_hz=rate_hz, frequency_hz=frequency_hz)
     _ordered(low, high)
     if 2 * frequency_hz > rate_hz:
         raise InputError(
@@ -135,7 +129,7 @@ def decaying_triangles(
         >>> u.round(4).astype(int).tolist()
         [-2, -1, 0, 1, 2, 1, 0, -1, 0]
     """
-    _positive(rate_hz=rate_hz, slope=slope, turns=turns)
+    require_positive(rate_hz=rate_hz, slope=slope, turns=turns)
     _ordered(low, high)
     centre = 0.5 * (low + high) if centre is None else centre
     if not low <= centre <= high:
@@ -184,7 +178,7 @@ def staircase(
         >>> staircase(6, rate_hz=1.0, hold_s=1.0, steps=2, low=0.0, high=2.0).tolist()
         [0.0, 1.0, 2.0, 1.0, 0.0, 1.0]
     """
-    _positive(rate_hz=rate_hz, hold_s=hold_s, steps=steps)
+    require_positive(rate_hz=rate_hz, hold_s=hold_s, steps=steps)
     _ordered(low, high)
     if steps != int(steps):
         raise InputError(f"steps is {steps!r}: give a whole number")
@@ -224,7 +218,7 @@ def chirp(
         >>> [round(u, 6) + 0.0 for u in chirp(4, 4.0, 1.0, 1.0, 0.0, 1.0).tolist()]
         [0.0, 1.0, 0.0, -1.0]
     """
-    _positive(rate_hz=rate_hz)
+    require_positive(rate_hz=rate_hz)
     for name, value in (("low_hz", low_hz), ("high_hz", high_hz)):
         if not 0.0 <= value < rate_hz / 2:
             raise InputError(f"{name} is {value!r}: give 0 to below {rate_hz / 2!r}, half the rate")
@@ -233,6 +227,35 @@ def chirp(
     # Whole cycles are dropped before the sine, which loses less in single precision.
     cycles = jnp.mod(k * slow, 1.0) + jnp.mod(0.5 * rise * k * (k / samples), 1.0)
     return centre + amplitude * jnp.sin(2.0 * jnp.pi * cycles)
+
+
+def checked_lines(lines: Sequence[int], period: int) -> np.ndarray:
+    """Lines of a periodic excitation, for those who play it and those who measure its response.
+
+    Args:
+        lines: whole cycles a period of each sine.
+        period: samples of a period.
+
+    Returns:
+        (lines,) whole numbers, in the order given.
+
+    Raises:
+        InputError: there is no line, or one is not whole, is below 1, is not below half the number
+            of samples or occurs twice.
+
+    Example:
+        >>> checked_lines((3, 5), 64).tolist()
+        [3, 5]
+    """
+    given = np.asarray(lines).reshape(-1)
+    rows = given.astype(int)
+    if rows.size == 0 or np.any(rows != given) or rows.min() < 1 or 2 * rows.max() >= period:
+        raise InputError(
+            f"lines are {given.tolist()}: give whole numbers from 1 to below {period / 2:g}"
+        )
+    if np.unique(rows).size < rows.size:
+        raise InputError(f"lines are {given.tolist()}: name each only once")
+    return rows
 
 
 def multisine(
@@ -255,7 +278,7 @@ def multisine(
         (samples,) input.
 
     Raises:
-        InputError: a line is below 1 or not below half the number of samples.
+        InputError: a line is not whole, is out of range or occurs twice.
 
     Example:
         >>> import jax
@@ -263,14 +286,7 @@ def multisine(
         >>> round(float(abs(u).max()), 5)
         2.0
     """
-    given = np.asarray(lines).reshape(-1)
-    rows = given.astype(int)
-    if rows.size == 0 or np.any(rows != given) or rows.min() < 1 or 2 * rows.max() >= samples:
-        raise InputError(
-            f"lines are {given.tolist()}: give whole numbers from 1 to below {samples / 2:g}"
-        )
-    if np.unique(rows).size < rows.size:
-        raise InputError(f"lines are {given.tolist()}: name each only once")
+    rows = checked_lines(lines, samples)
     phases = 2.0 * jnp.pi * _uniform(key, rows.size)
     spectrum = jnp.zeros(samples // 2 + 1, jnp.result_type(phases.dtype, jnp.complex64))
     wave = jnp.fft.irfft(spectrum.at[rows].set(jnp.exp(1j * phases)), samples)
@@ -314,10 +330,10 @@ def bernoulli_ramp(
         >>> bool(((u >= 0.0) & (u <= 75.0)).all())
         True
     """
-    _positive(samples=samples, rate_hz=rate_hz, coin_hz=coin_hz)
+    require_positive(samples=samples, rate_hz=rate_hz, coin_hz=coin_hz)
     _ordered(low, high)
     slope = 2.0 * (high - low) * coin_hz / (5.0 + GOLDEN) if slope is None else slope
-    _positive(slope=slope)
+    require_positive(slope=slope)
     toss = (np.arange(samples) * coin_hz / rate_hz).astype(int)
     coins = _uniform(key, math.ceil(samples * coin_hz / rate_hz) + 1) < 0.5
     # Whole numbers, so that a long walk is as exact as a short one.
@@ -358,7 +374,7 @@ def random_steps(
         >>> len(set(u.tolist()))
         2
     """
-    _positive(samples=samples, rate_hz=rate_hz, hold_s=hold_s)
+    require_positive(samples=samples, rate_hz=rate_hz, hold_s=hold_s)
     _ordered(low, high)
     hold = max(1, round(hold_s * rate_hz))
     levels = low + (high - low) * _uniform(key, math.ceil(samples / hold))
@@ -496,7 +512,7 @@ def diagnostic_record(
         >>> diagnostic_record(seconds=24.0, rate_hz=500.0).shape
         (12000,)
     """
-    _positive(seconds=seconds, rate_hz=rate_hz)
+    require_positive(seconds=seconds, rate_hz=rate_hz)
     _ordered(low, high)
     samples = round(seconds * rate_hz)
     if samples < 6000:

@@ -52,7 +52,7 @@ WORLD = {
     "signals": {"errors"},
     "plant": {"errors", "signals"},
     "piezo": {"errors", "signals", "plant"},
-    "frequency": {"errors"},
+    "frequency": {"errors", "signals"},
 }
 
 MAX_FUNCTION_LINES = 80

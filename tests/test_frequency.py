@@ -8,13 +8,12 @@ import pytest
 import scipy.signal
 
 from preisach_jax.errors import InputError
-from preisach_jax.frequency import fit_modes, measure_frequency_response
+from preisach_jax.frequency import fit_modes, frequency_response, measure_frequency_response
 from preisach_jax.piezo import (
     NOTCH_DENOMINATOR,
     NOTCH_NUMERATOR,
     RATE_HZ,
     encode,
-    frequency_response,
     notch_filter,
     paper_stage,
     resonances,
@@ -83,6 +82,16 @@ def test_deviation_is_that_of_repeated_measurements():
     assert np.mean(measured.deviation) == pytest.approx(expected, rel=0.05)
 
 
+def test_response_of_a_filter_against_scipy():
+    f = np.linspace(0.0, 0.5 * RATE_HZ, 200)
+    expected = signal.freqz(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, worN=f, fs=RATE_HZ)[1]
+    got = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f, RATE_HZ)
+    np.testing.assert_allclose(got, expected, rtol=1e-10)
+    assert got[0] == pytest.approx(1.0, abs=1e-12)
+    with pytest.raises(InputError, match=r"rate_hz is 0\.0: give a number above 0"):
+        frequency_response([1.0], [1.0], f, 0.0)
+
+
 @pytest.mark.parametrize("delay", [0, 3])
 def test_modes_of_a_known_system(delay):
     b, a = known_system()
@@ -125,8 +134,9 @@ def test_hysteresis_adds_gain_and_lag_that_grow_with_the_amplitude(stage_respons
     """Over its reversible 1.2 µm/V, at ±2 V at most 0.6 % and 0.2°, at ±10 V 3 % and 1°."""
     for amplitude, gain, lag in ((2.0, 0.006, 0.2), (10.0, 0.03, 1.0)):
         measured = stage_response[amplitude, False]
-        bare = frequency_response(STAGE.numerator, STAGE.denominator, measured.frequency_hz)
-        extra = (measured.response / bare / 1.2)[measured.frequency_hz < 100.0]
+        f = measured.frequency_hz
+        bare = frequency_response(STAGE.numerator, STAGE.denominator, f, RATE_HZ)
+        extra = (measured.response / bare / 1.2)[f < 100.0]
         assert gain / 3 < np.max(np.abs(extra)) - 1.0 < gain
         assert lag / 3 < -np.degrees(np.min(np.angle(extra))) < lag
 
@@ -140,7 +150,7 @@ def test_notch_and_stage_are_flat_together(stage_response):
     assert np.max(gain) < 0.1
     alone = stage_response[2.0, False].response
     assert np.max(20.0 * np.log10(np.abs(alone) / 1.2)) > 27.5
-    notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f)
+    notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f, RATE_HZ)
     np.testing.assert_allclose(measured.response, notch * alone, rtol=0, atol=0.01)
 
 
@@ -153,6 +163,9 @@ def test_notch_and_stage_are_flat_together(stage_response):
         ({"rate_hz": 0.0}, "rate_hz is 0.0"),
         ({"lines": [0]}, r"lines are \[0\]"),
         ({"lines": [50]}, r"lines are \[50\]"),
+        ({"lines": [3.5]}, r"lines are \[3.5\]: give whole numbers from 1 to below 50"),
+        ({"lines": [3, 3]}, r"lines are \[3, 3\]: name each only once"),
+        ({"lines": []}, r"lines are \[\]"),
         ({"lines": [3, 4]}, r"nothing on the lines \[4\]"),
     ],
 )

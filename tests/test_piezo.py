@@ -20,7 +20,6 @@ from preisach_jax.piezo import (
     RATE_HZ,
     encode,
     experiment,
-    frequency_response,
     linear_filter,
     notch_filter,
     paper_stage,
@@ -115,14 +114,6 @@ def test_linear_filter_gradient_against_finite_differences(x64):
             moved = [r + size * way if k == place else r for k, r in enumerate(arguments)]
             ends.append(loss(*moved))
         assert slope @ way == pytest.approx(float(ends[0] - ends[1]) / 2e-6, rel=1e-6)
-
-
-def test_frequency_response_against_scipy():
-    f = np.linspace(0.0, 0.5 * RATE_HZ, 200)
-    expected = signal.freqz(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, worN=f, fs=RATE_HZ)[1]
-    got = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f)
-    np.testing.assert_allclose(got, expected, rtol=1e-10)
-    assert got[0] == pytest.approx(1.0, abs=1e-12)
 
 
 def test_zeros_of_the_notch_are_two_resonances():
@@ -339,7 +330,6 @@ def test_quasi_static_pairs_stay_near_the_loops(x64):
         (lambda: notch_filter(ONE[:0]), r"the signal has the shape \(0,\)"),
         (lambda: notch_filter(1.0j * ONE), "the signal has the type complex64"),
         (lambda: STAGE.hysteresis(1.0), r"the drive has the shape \(\)"),
-        (lambda: frequency_response(ONE, ONE, 1.0, 0.0), "rate_hz is 0.0"),
         (lambda: resonances(ONE, -1.0), "rate_hz is -1.0"),
         (lambda: paper_stage(1), "plays is 1"),
         (lambda: experiment(KEY, 0), "samples is 0"),

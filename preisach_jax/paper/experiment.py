@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.frequency import fit_modes, measure_frequency_response
+from preisach_jax.frequency import fit_modes, frequency_response, measure_frequency_response
 from preisach_jax.identify import thinned_rows
 from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import (
@@ -23,7 +23,6 @@ from preisach_jax.piezo import (
     RATE_HZ,
     encode,
     experiment,
-    frequency_response,
     paper_stage,
 )
 from preisach_jax.plane import Plane
@@ -145,7 +144,7 @@ def bode(
     model = fit_modes(frequency, mean, RATE_HZ)
     fits = [fit_modes(frequency, response, RATE_HZ) for response in each]
     grid = np.unique(np.concatenate([np.geomspace(5, 2400, 500), *_near(model.frequency_hz)]))
-    notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, grid)
+    notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, grid, RATE_HZ)
     frequencies = np.array([fit.frequency_hz for fit in fits])
     dampings = np.array([fit.damping for fit in fits])
     return Bode(

@@ -31,6 +31,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.errors import InputError
 
 TICK = 1e-3
@@ -42,6 +43,7 @@ CREEP_VALUES = {"c_1": 0.2, "c_2": 0.05, "c_3": 0.3}
 CASES: dict[str, tuple[Any, dict[str, float]]] = {
     "creep": (CREEP, CREEP_VALUES),
     "input_lag": (InputLag(), {"tau_s": 0.011}),
+    "output_lag": (OutputLag(), {"tau_s": 0.013}),
     "delay": (Delay(), {"delay_s": 0.00725}),
     "drift": (Drift(horizon_s=0.6), {"tau_s": 0.2}),
     "ageing": (Ageing(horizon_s=0.6), {"loss": 0.1, "tau_s": 0.4}),
@@ -252,7 +254,7 @@ def test_samples_on_straight_lines_change_nothing(x64, name):
     np.testing.assert_allclose(fine[::2], coarse, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["creep", "input_lag"])
+@pytest.mark.parametrize("name", ["creep", "input_lag", "output_lag"])
 def test_one_sample_at_a_time_is_the_whole_course(x64, name):
     effect, values = CASES[name]
     _, time, h = (part[:25] for part in polyline(11))

@@ -14,10 +14,10 @@ RATE = 1000.0
 UNITS = {"input": "V", "output": "um"}
 
 
-class OutputLag(pj.OutputEffect):
+class SensorLag(pj.OutputEffect):
     """A sensor with a first-order low-pass: tau y' = h - y."""
 
-    name = "output_lag"
+    name = "sensor_lag"
     physics = "The sensor's electronics averages."
     source = "its data sheet"
     signature = "residual in proportion to the rate of the output"
@@ -66,32 +66,32 @@ def lagging(tau):
 
 def test_it_is_fitted_like_one_of_the_library():
     record = lagging(0.02)
-    base, found = pj.fit(record, levels=9), pj.fit(record, [OutputLag()], levels=9)
-    estimate = found.model.parameters["output_lag"]["tau_s"]
+    base, found = pj.fit(record, levels=9), pj.fit(record, [SensorLag()], levels=9)
+    estimate = found.model.parameters["sensor_lag"]["tau_s"]
     assert estimate.value == pytest.approx(0.02, rel=0.01)
     assert estimate.unit == "s"
     assert estimate.low < estimate.value < estimate.high
     assert found.rms_validation < 0.2 * base.rms_validation
-    assert found.effects == ("output_lag",)
-    assert "output_lag.tau_s" in found.summary()
+    assert found.effects == ("sensor_lag",)
+    assert "sensor_lag.tau_s" in found.summary()
 
 
 def test_it_is_found_beside_the_library(tmp_path):
-    found = pj.diagnose(lagging(0.02), [OutputLag(), "drift", "delay"], levels=9)
-    assert found.effects == ("output_lag",)
+    found = pj.diagnose(lagging(0.02), [SensorLag(), "drift", "delay"], levels=9)
+    assert found.effects == ("sensor_lag",)
     assert found.verdict == "explained"
     parameters = found.findings[0].parameters
     assert parameters["tau_s"].value == pytest.approx(0.02, rel=0.01)
-    assert {c.effect for c in found.candidates} >= {"output_lag", "drift", "delay"}
-    assert "output_lag" in found.sentence
+    assert {c.effect for c in found.candidates} >= {"sensor_lag", "drift", "delay"}
+    assert "sensor_lag" in found.sentence
     found.model.save(tmp_path / "model.json")
-    again = pj.Model.load(tmp_path / "model.json", effects=[OutputLag()])
+    again = pj.Model.load(tmp_path / "model.json", effects=[SensorLag()])
     record = lagging(0.02)
     np.testing.assert_array_equal(again.predict(record).output, found.model.predict(record).output)
 
 
 def test_it_is_not_found_where_it_is_not():
-    found = pj.diagnose(stage()[1], [OutputLag(), Mains()], levels=11)
+    found = pj.diagnose(stage()[1], [SensorLag(), Mains()], levels=11)
     assert found.effects == ()
     assert all(candidate.why_not for candidate in found.candidates)
 
@@ -235,7 +235,7 @@ def test_a_mistake_in_a_fit_is_the_users_to_see():
 
 
 def test_a_name_of_the_library_cannot_be_taken():
-    class Creep(OutputLag):
+    class Creep(SensorLag):
         name = "creep"
 
     with pytest.raises(pj.InputError, match="'creep' is asked for twice"):

@@ -13,9 +13,18 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.errors import InputError
 
-BUILT_IN: tuple[type[Effect], ...] = (Creep, InputLag, Delay, Drift, Ageing, Auxiliary)
+BUILT_IN: tuple[type[Effect], ...] = (
+    Creep,
+    InputLag,
+    OutputLag,
+    Delay,
+    Drift,
+    Ageing,
+    Auxiliary,
+)
 ENTRY_POINTS = "preisach_jax.effects"
 
 
@@ -30,7 +39,7 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag']
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

@@ -34,7 +34,7 @@ class Delay(OutputEffect):
         "residual in proportion to the rate of the output; loops too wide at speed, and in the "
         "wrong sense where the material itself has little hysteresis"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag",)
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "resonance")
     experiment: ClassVar[str] = (
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
         "frequency without bound, and its gain stays at one"

@@ -1,0 +1,68 @@
+"""First-order lag between the hysteresis and the recorded output."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
+
+
+class OutputLag(OutputEffect):
+    r"""First-order lag of the output: \(\tau \dot z = h - z\).
+
+    Arguments:
+        tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> t = jnp.arange(5.0)
+        >>> late = t - OutputLag().apply({"tau_s": 0.125}, t, t)
+        >>> late.round(3).tolist()
+        [0.0, 0.125, 0.125, 0.125, 0.125]
+    """
+
+    name: ClassVar[str] = "output_lag"
+    physics: ClassVar[str] = (
+        "The material moves at once, but the reading follows late: the demodulator of a capacitive "
+        "or inductive sensor, a strain gauge amplifier and an anti-aliasing filter average over a "
+        "time constant.  The turning points that the material remembers are those of the input."
+    )
+    source: ClassVar[str] = (
+        "A. J. Fleming, Sens. Actuators A 190 (2013) 106-126 (bandwidth of position sensors)"
+    )
+    signature: ClassVar[str] = (
+        "residual in proportion to the rate of the output, with a tail of the time constant after "
+        "every stop"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("delay", "input_lag", "resonance")
+    experiment: ClassVar[str] = (
+        "a multisine up to a tenth of the sampling rate: a lag attenuates what is fast and a delay "
+        "does not, a resonance amplifies it first; and fast small loops on a slow large one: "
+        "behind a lag of the input the material remembers other turning points"
+    )
+    tau_low_s: float = eqx.field(static=True, default=1e-5)
+    tau_high_s: float = eqx.field(static=True, default=10.0)
+
+    def parameters(self):
+        return (
+            Parameter(
+                "tau_s",
+                "s",
+                self.tau_low_s,
+                self.tau_high_s,
+                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
+                log=True,
+                meaning="time constant",
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        return OutputLag(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
+
+    def init(self, values, first):
+        return jnp.stack([first, first])
+
+    def step(self, values, state, value, dt):
+        state = low_pass_step(state, value, dt, values["tau_s"])
+        return state, state[0]

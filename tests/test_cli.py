@@ -168,7 +168,7 @@ def test_simulate_writes_the_record_and_what_is_hidden(tmp_path, capsys):
 def test_effects_lists_the_library_and_shows_cards(capsys):
     assert main(["effects"]) == 0
     shown = capsys.readouterr().out
-    for name in ("creep", "input_lag", "output_lag", "delay", "drift", "ageing", "aux:COL"):
+    for name in EFFECTS.library():
         assert name in shown
     assert main(["effects", "input_lag"]) == 0
     shown = capsys.readouterr().out

@@ -32,6 +32,7 @@ from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.resonance import Resonance
 from preisach_jax.errors import InputError
 
 TICK = 1e-3
@@ -45,6 +46,7 @@ CASES: dict[str, tuple[Any, dict[str, float]]] = {
     "input_lag": (InputLag(), {"tau_s": 0.011}),
     "output_lag": (OutputLag(), {"tau_s": 0.013}),
     "delay": (Delay(), {"delay_s": 0.00725}),
+    "resonance": (Resonance(), {"f_hz": 21.0, "zeta": 0.08}),
     "drift": (Drift(horizon_s=0.6), {"tau_s": 0.2}),
     "ageing": (Ageing(horizon_s=0.6), {"loss": 0.1, "tau_s": 0.4}),
     "aux:load_N": (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.02}),
@@ -254,7 +256,7 @@ def test_samples_on_straight_lines_change_nothing(x64, name):
     np.testing.assert_allclose(fine[::2], coarse, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["creep", "input_lag", "output_lag"])
+@pytest.mark.parametrize("name", ["creep", "input_lag", "output_lag", "resonance"])
 def test_one_sample_at_a_time_is_the_whole_course(x64, name):
     effect, values = CASES[name]
     _, time, h = (part[:25] for part in polyline(11))

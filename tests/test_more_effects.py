@@ -9,6 +9,7 @@ from scipy import signal
 
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.resonance import Resonance
 
 TICK = 1e-3
 COUNT = 150
@@ -58,3 +59,55 @@ def test_output_lag_trails_a_ramp_by_its_time_constant(x64):
 def test_output_lag_has_the_bounds_of_the_record():
     (tau,) = OutputLag().bound_to(Survey(20.0, 1e-3)).parameters()
     assert (tau.low, tau.high) == pytest.approx((2.5e-4, 1.0))
+
+
+# --- resonance ---
+
+
+@pytest.mark.parametrize("f", [0.3, 21.0, 210.0])
+@pytest.mark.parametrize("zeta", [0.001, 0.08, 0.7])
+def test_resonance_is_a_linear_system(precision, f, zeta):
+    ticks, time, h = course(2)
+    got = applied(Resonance(), {"f_hz": f, "zeta": zeta}, time, h)
+    assert got.dtype == precision
+    w = 2 * np.pi * f
+    expected = filtered(ticks, h, [w**2], [1.0, 2 * zeta * w, w**2])
+    # In single precision the phase w dt is rounded, over some hundred samples.
+    atol = 2e-2 if precision == "float32" else 1e-7
+    np.testing.assert_allclose(got, expected, rtol=0, atol=atol)
+
+
+def test_resonance_rings_after_a_step_as_its_closed_form(x64):
+    time = np.concatenate([[0.0, 1e-9], np.linspace(1e-3, 1.0, 90) ** 2])
+    w, zeta = 2 * np.pi * 13.0, 0.05
+    got = applied(Resonance(), {"f_hz": 13.0, "zeta": zeta}, time, np.where(time > 0, 2.0, 0.0))
+    damped = w * np.sqrt(1 - zeta**2)
+    swing = np.cos(damped * time) + zeta * w / damped * np.sin(damped * time)
+    expected = 2.0 * (1 - np.exp(-zeta * w * time) * swing)
+    np.testing.assert_allclose(got[1:], expected[1:], rtol=0, atol=1e-6)
+
+
+def test_resonance_far_above_the_motion_passes_it_with_a_delay(x64):
+    time = np.sort(np.random.default_rng(3).uniform(0.0, 1.0, 4000))
+    w, zeta = 2 * np.pi * 400.0, 0.3
+    got = np.asarray(applied(Resonance(), {"f_hz": 400.0, "zeta": zeta}, time, np.sin(9.0 * time)))
+    late = np.sin(9.0 * (time - 2 * zeta / w))
+    np.testing.assert_allclose(got[50:], late[50:], rtol=0, atol=1e-3 * 2 * zeta * 9.0)
+
+
+def test_resonance_follows_a_ramp_after_a_long_gap(x64):
+    time = np.array([0.0, 1e6, 2e6])
+    got = applied(Resonance(), {"f_hz": 5.0, "zeta": 0.1}, time, 3.0 * time)
+    late = 2 * 0.1 / (2 * np.pi * 5.0)
+    np.testing.assert_allclose(got[1:], 3.0 * (time[1:] - late), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("duration", "step"), [(24.0, 5e-4), (3600.0, 1.0), (0.05, 1e-3)])
+def test_resonance_is_looked_for_up_to_the_sampling_limit(duration, step):
+    f, zeta = Resonance().bound_to(Survey(duration, step)).parameters()
+    assert (f.low, f.high) == pytest.approx((2 / duration, 0.45 / step))
+    assert (zeta.low, zeta.high) == (0.001, 0.7)
+    starts = np.array(f.start)
+    assert starts[-1] > 0.9 * f.high
+    assert starts[0] < 1.1 * max(f.low, f.high / 10**2.5)
+    np.testing.assert_allclose(np.diff(np.log10(starts)), 0.1, atol=0.015)

@@ -14,6 +14,7 @@ from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.resonance import Resonance
 from preisach_jax.errors import InputError
 
 BUILT_IN: tuple[type[Effect], ...] = (
@@ -21,6 +22,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     InputLag,
     OutputLag,
     Delay,
+    Resonance,
     Drift,
     Ageing,
     Auxiliary,
@@ -39,7 +41,7 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag']
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag', 'resonance']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

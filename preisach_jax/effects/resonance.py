@@ -1,0 +1,86 @@
+"""Resonance: a mode of the mechanics between the hysteresis and the recorded output."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
+
+
+class Resonance(OutputEffect):
+    r"""One mode of unit gain at rest: \(\ddot z + 2\zeta\omega\dot z + \omega^2 (z - h) = 0\).
+
+    Arguments:
+        f_low_hz, f_high_hz: bounds of the search for \(\omega / 2\pi\), in Hz.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> t = jnp.linspace(0.0, 1.0, 101)
+        >>> z = Resonance().apply({"f_hz": 10.0, "zeta": 0.05}, jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> round(float(z.max()), 1)
+        1.8
+    """
+
+    name: ClassVar[str] = "resonance"
+    physics: ClassVar[str] = (
+        "Behind the active material a mass moves on a spring: the stage on its flexures, or the "
+        "stack itself.  The mode follows slow motion, overshoots and rings after fast motion at "
+        "its natural frequency until its damping has taken the energy away, and is late in "
+        "between."
+    )
+    source: ClassVar[str] = (
+        "D. Croft, S. Devasia, Rev. Sci. Instrum. 70 (1999) 4600-4605 (vibration of a piezo "
+        "scanner); exact step: G. F. Franklin, J. D. Powell, M. L. Workman, Digital Control of "
+        "Dynamic Systems, 3rd ed., Addison-Wesley 1998, ch. 6 (triangle hold)"
+    )
+    signature: ClassVar[str] = (
+        "residual that rings at one frequency after steps and corners, and dies away at rest"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("output_lag", "delay", "hum")
+    experiment: ClassVar[str] = (
+        "steps or corners followed by rest, sampled at ten times the mode: a mode rings and dies "
+        "away, a lag and a delay do not ring, and a hum never stops"
+    )
+    f_low_hz: float = eqx.field(static=True, default=1.0)
+    f_high_hz: float = eqx.field(static=True, default=1000.0)
+
+    def parameters(self):
+        # Lower ones are as slow as the excitation itself, and are reached by the search.
+        lowest = max(self.f_high_hz / 10**2.5, self.f_low_hz)
+        return (
+            Parameter(
+                "f_hz",
+                "Hz",
+                self.f_low_hz,
+                self.f_high_hz,
+                start=log_grid(lowest * 1.05, self.f_high_hz / 1.05, per_decade=10),
+                log=True,
+                meaning="natural frequency without damping",
+            ),
+            Parameter(
+                "zeta", "1", 0.001, 0.7, start=(0.02, 0.2), log=True, meaning="damping ratio"
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        return Resonance(f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
+
+    def init(self, values, first):
+        return jnp.stack([jnp.zeros_like(first), jnp.zeros_like(first), first])
+
+    def step(self, values, state, value, dt):
+        # The state is (z - h, dz/dt / omega, h): small numbers, and zero at rest.
+        away, speed, last = state
+        omega, zeta = 2 * jnp.pi * values["f_hz"], values["zeta"]
+        # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
+        angle = omega * jnp.where(dt > 0, dt, 1.0)
+        root = jnp.sqrt(1 - zeta**2)
+        decay = jnp.exp(-zeta * angle)
+        cosine, sine = decay * jnp.cos(root * angle), decay * jnp.sin(root * angle) / root
+        gone = 1 - cosine - zeta * sine
+        slope = (value - last) / angle
+        moved = (1 - gone) * away + sine * speed - slope * (sine + 2 * zeta * gone)
+        faster = (cosine - zeta * sine) * speed - sine * away + slope * gone
+        away, speed = jnp.where(dt > 0, moved, away), jnp.where(dt > 0, faster, speed)
+        return jnp.stack([away, speed, value]), value + away

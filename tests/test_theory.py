@@ -422,7 +422,10 @@ def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
     at = switching(plane, x)[0]
     course = np.repeat(variance, np.diff(np.append(at, 200)))
     expected = course[50 - at[0] :].mean()
-    np.testing.assert_allclose(noise_coefficient(plane, x, 50, 200), expected, rtol=1e-10)
+    shown = []
+    found = noise_coefficient(plane, x, 50, 200, progress=lambda *now: shown.append(now))
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert shown[0] == (f"covariance of {plane.cells} weights", 0.0)
 
 
 @pytest.mark.parametrize("levels", [2, 4])

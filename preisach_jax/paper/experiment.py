@@ -28,6 +28,7 @@ from preisach_jax.piezo import (
 from preisach_jax.plane import Plane
 from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
 from preisach_jax.signals import multisine, triangle
+from preisach_jax.sweep import RESIDUAL_FROM
 from preisach_jax.theory import largest_slope, quantisation_step
 
 IDENTIFICATION_HZ = 2000.0
@@ -473,7 +474,7 @@ def convergence(
     for number in range(records):
         report(progress, "recursive identification", number / records)
         runs.append(identification(seed + number, samples, levels))
-    block, first = samples // 100, round(0.2 * samples)
+    block, first = samples // 100, round(RESIDUAL_FROM * samples)
     middle = (np.arange(100) + 0.5) * block
     power = np.array([_block_power(run, block) for run in runs])
     # A block in which some record has no event is left out.

@@ -14,7 +14,6 @@ from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
 from preisach_jax.sweep import (
-    INITIAL_WEIGHT_UM,
     LEVELS,
     NOISE_UM,
     PowerLaw,
@@ -22,9 +21,8 @@ from preisach_jax.sweep import (
     fit_power_law,
     realisation,
     sweep,
-    true_weights,
 )
-from preisach_jax.theory import average_over_samples, propagate_error, residual_ratio_bound
+from preisach_jax.theory import noise_coefficient, residual_ratio_bound
 
 
 @functools.lru_cache(maxsize=2)
@@ -312,9 +310,5 @@ def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.nda
             def show(text: str, part: float, done: float = done, share: float = work[n]) -> None:
                 report(progress, text, done + part * share)
 
-            initial = INITIAL_WEIGHT_UM - true_weights(plane)
-            moments = propagate_error(plane, x, initial, progress=show)
-            exact.append(
-                average_over_samples(moments.variance, moments.sample, found.first, found.samples)
-            )
+            exact.append(noise_coefficient(plane, x, found.first, found.samples, progress=show))
     return np.array(exact)

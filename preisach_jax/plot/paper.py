@@ -18,6 +18,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLoca
 from preisach_jax import paper
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_folder, json_bytes, write_files
+from preisach_jax.paper.noise import power_law_through
 from preisach_jax.paper.numbers import FigureData, Progress
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, STYLE, pdf, png
 
@@ -375,9 +376,9 @@ def relays_and_ramps(data: paper.HysteronComparison) -> Figure:
         label = name
         if law is not None:
             label += f": $N^{{{law.value:.2f}}}$ ({_minus(f'{law.low:.2f} to {law.high:.2f}')})"
-            middle = np.mean(np.log(error[:fitted]) - law.value * np.log(data.levels[:fitted]))
-            ends = data.levels[[0, fitted - 1]]
-            axes.plot(ends, nm * np.exp(middle + law.value * np.log(ends)), color=shade)
+            N, ends = data.levels[:fitted], data.levels[[0, fitted - 1]]
+            through = power_law_through(N, error[:fitted], law.value, ends)
+            axes.plot(ends, nm * through, color=shade)
         axes.plot(data.levels, nm * error, marker, ms=4, color=shade, label=label)
         axes.plot(data.levels, nm * residual, marker, ms=6.5, mfc="none", mec=shade, mew=0.8)
     axes.axhline(nm * data.noise_um, color=FLOOR, ls="--")

@@ -41,6 +41,7 @@ __all__ = [
     "INITIAL_WEIGHT_UM",
     "LEVELS",
     "NOISE_UM",
+    "RESIDUAL_FROM",
     "PowerLaw",
     "Sweep",
     "fit_power_law",

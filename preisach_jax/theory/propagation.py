@@ -100,7 +100,13 @@ def propagate_error(
     return ErrorMoments(sample, mean_squared, variance, mean, covariance)
 
 
-def noise_coefficient(plane: Plane, x: ArrayLike, first: int, last: int) -> float:
+def noise_coefficient(
+    plane: Plane,
+    x: ArrayLike,
+    first: int,
+    last: int,
+    progress: Callable[[str, float], None] | None = None,
+) -> float:
     """Practical coefficient of proportionality ⟨‖E_res‖²⟩/W of an input, in place of (25).
 
     What noise adds to ⟨‖E‖²⟩ for W = 1, tr Cov(E), averaged over the samples of an interval.
@@ -110,6 +116,7 @@ def noise_coefficient(plane: Plane, x: ArrayLike, first: int, last: int) -> floa
         x: (time,) input, in the unit of the plane; relays start from saturated low.
         first: first sample m of the interval, at or after the first event.
         last: sample after the last one, M.
+        progress: called with a text and the part that is done.
 
     Returns:
         The coefficient; for this input exact, and independent of the weights and of W.
@@ -124,7 +131,7 @@ def noise_coefficient(plane: Plane, x: ArrayLike, first: int, last: int) -> floa
     """
     if last > np.shape(x)[0]:
         raise InputError(f"last is {last}: the input has only {np.shape(x)[0]} samples")
-    moments = propagate_error(plane, x, 0.0)
+    moments = propagate_error(plane, x, 0.0, progress=progress)
     return float(average_over_samples(moments.variance, moments.sample, first, last))
 
 

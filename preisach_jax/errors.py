@@ -3,6 +3,11 @@
 And the checks of single numbers that all modules share.
 """
 
+from __future__ import annotations
+
+import operator
+from typing import Any
+
 
 class InputError(ValueError):
     """A mistake in what the user gave: a file, a column, an option, an argument.
@@ -43,3 +48,32 @@ def require_positive(**values: float) -> None:
     for name, value in values.items():
         if not value > 0.0:
             raise InputError(f"{name} is {value!r}: give a number above 0")
+
+
+def whole_number(what: str, value: Any, least: int) -> int:
+    """A whole number as Python's own, or an error that says which ones are taken.
+
+    Args:
+        what: where the value stands, with the verb, as in "levels is" or "seeds holds".
+        value: a whole number of Python's or NumPy's; 2.0 is none.
+        least: the least one that is taken.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: the value is no whole number, or below `least`.
+
+    Example:
+        >>> whole_number("levels is", 37, least=2)
+        37
+    """
+    try:
+        value = operator.index(value)
+    except TypeError:
+        is_whole = False
+    else:
+        is_whole = value >= least
+    if not is_whole:
+        raise InputError(f"{what} {value!r}: give a whole number of at least {least}")
+    return value

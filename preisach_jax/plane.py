@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 
 import equinox as eqx
 import jax
@@ -11,15 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, whole_number
 from preisach_jax.hysteron import as_float, hysteron_step, require_hysteron, thresholds_reached
 
 
-def _whole_number(levels) -> int:
-    try:
-        return operator.index(levels)
-    except TypeError:
-        raise InputError(f"levels is {levels!r}: give a whole number, as in 37") from None
+def _levels(value: int) -> int:
+    return whole_number("levels is", value, least=2)
 
 
 class Plane(eqx.Module):
@@ -44,13 +40,11 @@ class Plane(eqx.Module):
         703
     """
 
-    levels: int = eqx.field(static=True, converter=_whole_number)
+    levels: int = eqx.field(static=True, converter=_levels)
     low: float = eqx.field(static=True, converter=float)
     high: float = eqx.field(static=True, converter=float)
 
     def __check_init__(self):
-        if self.levels < 2:
-            raise InputError(f"levels is {self.levels}: give a whole number of at least 2")
         for name, limit in (("low", self.low), ("high", self.high)):
             if not math.isfinite(limit):
                 raise InputError(f"{name} is {limit}: the limits of the plane must be finite")

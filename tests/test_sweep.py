@@ -493,8 +493,10 @@ def test_chunks_without_a_manifest_are_not_trusted(key, tmp_path, computed):
 
 
 def test_a_chunk_holds_at_least_one_seed(key, tmp_path):
-    with pytest.raises(InputError, match="chunk is 0: give a whole number of at least 1"):
-        run_to(tmp_path / "new", key, chunk=0)
+    for chunk in (0, 2.5):
+        message = f"chunk is {chunk}: give a whole number of at least 1"
+        with pytest.raises(InputError, match=message):
+            run_to(tmp_path / "new", key, chunk=chunk)
     assert not (tmp_path / "new").exists()
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 import math
-import operator
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -23,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
     Switching,
     adapt_over_events,
@@ -375,9 +374,9 @@ def checked_settings(
     if isinstance(seeds, Sequence | np.ndarray):
         numbers = tuple(seeds)
     else:
-        numbers = tuple(range(_whole("seeds is", seeds, 1)))
-    levels = tuple(_whole("levels holds", N, 2) for N in levels)
-    numbers = tuple(_whole("seeds holds", number, 0) for number in numbers)
+        numbers = tuple(range(whole_number("seeds is", seeds, 1)))
+    levels = tuple(whole_number("levels holds", N, 2) for N in levels)
+    numbers = tuple(whole_number("seeds holds", number, 0) for number in numbers)
     noise = tuple(float(sigma) for sigma in noise)
     for sigma in noise:
         if not 0.0 < sigma < math.inf:
@@ -390,14 +389,4 @@ def checked_settings(
             raise InputError(f"{name} is empty: give at least one")
         if len(set(values)) < len(values):
             raise InputError(f"{name} holds {values}: name each only once")
-    return levels, noise, numbers, _whole("samples is", samples, 1000)
-
-
-def _whole(what: str, value: int, least: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = least - 1
-    if number < least:
-        raise InputError(f"{what} {value!r}: give a whole number of at least {least}")
-    return number
+    return levels, noise, numbers, whole_number("samples is", samples, 1000)

@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, whole_number
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings, sweep
 from preisach_jax.sweep.result import Sweep, merge
@@ -142,15 +142,13 @@ def sweep_settings(
         [0, 3]
     """
     levels, noise, numbers, samples = checked_settings(levels, noise, seeds, samples)
-    if chunk < 1:
-        raise InputError(f"chunk is {chunk}: give a whole number of at least 1")
     return {
         "key": jax.random.key_data(key).tolist(),
         "levels": list(levels),
         "noise": list(noise),
         "seeds": list(numbers),
         "samples": samples,
-        "chunk": int(chunk),
+        "chunk": whole_number("chunk is", chunk, 1),
     }
 
 

@@ -17,7 +17,8 @@ from preisach_jax.plant.effects import limit_rate, low_pass, resonate
 from preisach_jax.signals import diagnostic_record
 
 SHORT: dict[str, Any] = {"seconds": 6.0, "rate_hz": 1000.0}
-CLEAN = {**SHORT, "noise_um": 0.0, "encoder_step_um": 0.0}
+QUIET: dict[str, Any] = {"noise_um": 0.0, "encoder_step_um": 0.0}
+CLEAN = {**SHORT, **QUIET}
 
 
 def path(*levels, points=200):
@@ -322,7 +323,9 @@ def test_moving_drives_the_stage_by_its_own_output():
     rec, truth, bare = hidden("moving")
     inside = rec.input + truth["a_V_per_um"] * rec.output
     np.testing.assert_allclose(make_stage(2).hysteresis(inside), rec.output, rtol=0, atol=1e-6)
-    assert 0.03 <= truth["a_V_per_um"] * rec.truth["stroke_um"] / RANGE_V <= 0.10
+    assert 0.10 <= truth["a_V_per_um"] * bare.truth["stroke_um"] / RANGE_V <= 0.30
+    once = simulate_stage(2, effects=("moving",), drive=np.array([0.0, RANGE_V, 10.0]), **QUIET)
+    assert once.output[1] == pytest.approx(rec.truth["stroke_um"], abs=1e-6)
     assert np.std(rec.output - bare.output) > 0.1
 
 
@@ -391,7 +394,7 @@ def test_output_nonlinearity_is_a_cubic_that_is_right_at_both_ends():
     a2, a3 = truth["coefficients_um"]
     assert bent(stroke / 2) == pytest.approx(a2)
     assert np.diff(bent(steepest)).item() / 2 == pytest.approx(a3)
-    assert 0.005 <= (abs(a2) + abs(a3)) / stroke <= 0.03
+    assert 0.015 <= (abs(a2) + abs(a3)) / stroke <= 0.03
     assert np.all(1.0 + bent.deriv()(np.linspace(0.0, stroke, 200)) > 0.5)
 
 

@@ -115,10 +115,10 @@ def simulate_stage(
             raise InputError(f"{name} is {value!r}: give 0 or a number above it")
     u = _drive(drive, seconds, rate_hz)
     stage = make_stage(int(seed))
-    stroke = float(stage.hysteresis(np.array([RANGE_V]))[0])
     fastest = float(np.max(np.abs(np.diff(u))) * rate_hz)
-    measurement = Measurement(u.size / rate_hz, stroke, fastest)
+    measurement = Measurement(u.size / rate_hz, stage.stroke(), fastest)
     hidden = {name: draw_effect(name, int(seed), measurement) for name in names}
+    stroke = stage.stroke(hidden.get("moving", {}).get("a_V_per_um", 0.0))
 
     fine = math.ceil(INNER_RATE_HZ / rate_hz - 1e-9)
     step = 1.0 / (rate_hz * fine)

@@ -123,6 +123,10 @@ class Stage:
             h = self.hysteresis(inside, widening)
         return h
 
+    def stroke(self, a: float = 0.0) -> float:
+        """Rise over the whole range of the drive, µm, with the feedback of `moving_hysteresis`."""
+        return float(self.moving_hysteresis(np.array([RANGE_V]), a)[0])
+
 
 def _heading(moves: np.ndarray) -> np.ndarray:
     """Direction of each move; a hold belongs to the ramp before it."""

@@ -10,6 +10,7 @@ from scipy import signal
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.slew_limit import SlewLimit
 
 TICK = 1e-3
 COUNT = 150
@@ -111,3 +112,61 @@ def test_resonance_is_looked_for_up_to_the_sampling_limit(duration, step):
     assert starts[-1] > 0.9 * f.high
     assert starts[0] < 1.1 * max(f.low, f.high / 10**2.5)
     np.testing.assert_allclose(np.diff(np.log10(starts)), 0.1, atol=0.015)
+
+
+# --- slew limit ---
+
+
+def slow_slew_limit(time, values, slew, fine=4000):
+    """u' runs towards u at no more than the slew, in many small steps between the samples."""
+    driven, course = values[0], [values[0]]
+    for k in range(1, len(values)):
+        reach = slew * (time[k] - time[k - 1]) / fine
+        for j in range(1, fine + 1):
+            goal = values[k - 1] + (values[k] - values[k - 1]) * j / fine
+            driven += min(max(goal - driven, -reach), reach)
+        course.append(driven)
+    return np.array(course)
+
+
+@pytest.mark.parametrize("slew", [30.0, 200.0, 700.0])
+def test_slew_limit_runs_after_the_input(precision, slew):
+    _, time, u = course(4, 40)
+    got = applied(SlewLimit(), {"slew": slew}, time, u)
+    assert got.dtype == precision
+    np.testing.assert_allclose(got, slow_slew_limit(time, u, slew), rtol=0, atol=3e-3)
+
+
+def test_slew_limit_never_exceeds_its_rate_and_ends_on_the_input(x64):
+    _, time, u = course(5)
+    time, u = np.append(time, time[-1] + 1.0), np.append(u, u[-1])
+    got = np.asarray(applied(SlewLimit(), {"slew": 120.0}, time, u))
+    rate = np.abs(np.diff(got)) / np.diff(time)
+    assert rate.max() == pytest.approx(120.0)
+    assert rate.max() < 0.2 * np.max(np.abs(np.diff(u)) / np.diff(time))
+    assert got[-1] == u[-1]
+
+
+def test_slow_motion_passes_a_slew_limit_unchanged(precision):
+    _, time, u = course(6)
+    time, u = (np.asarray(jnp.asarray(values, float)) for values in (time, u))
+    fastest = np.max(np.abs(np.diff(u)) / np.diff(time))
+    got = applied(SlewLimit(), {"slew": 1.01 * fastest}, time, u)
+    np.testing.assert_array_equal(got, u)
+
+
+def test_slew_limit_is_looked_for_below_the_fastest_motion():
+    time = np.array([0.0, 0.1, 0.3, 0.4])
+    u = np.array([0.0, 1.0, -3.0, -3.0])
+    (slew,) = SlewLimit().bound_to(Survey(0.4, 0.1, time, u)).parameters()
+    assert slew.unit == "{u}/s"
+    assert (slew.low, slew.high) == pytest.approx((0.4, 20.0))
+    ratios = np.array([*slew.start, slew.high]) / np.array([slew.low, *slew.start])
+    assert len(slew.start) == 8
+    np.testing.assert_allclose(ratios, 50 ** (1 / 9))
+
+
+@pytest.mark.parametrize("u", [[], [2.0], [2.0, 2.0]])
+def test_slew_limit_without_motion_keeps_its_bounds(u):
+    bound = SlewLimit().bound_to(Survey(1.0, 0.1, np.arange(len(u)) * 1.0, np.array(u)))
+    assert bound == SlewLimit()

@@ -15,11 +15,13 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.errors import InputError
 
 BUILT_IN: tuple[type[Effect], ...] = (
     Creep,
     InputLag,
+    SlewLimit,
     OutputLag,
     Delay,
     Resonance,
@@ -41,7 +43,8 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag', 'resonance']
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag', 'resonance',
+         'slew_limit']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

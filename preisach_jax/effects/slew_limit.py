@@ -1,0 +1,82 @@
+"""Slew limit: what drives the material cannot change faster than a greatest rate."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import InputEffect, Parameter, Survey
+
+
+class SlewLimit(InputEffect):
+    r"""Limited rate of the input: u' goes towards u, with \(|\dot u'| \le s\).
+
+    Arguments:
+        slew_low, slew_high: bounds of the search for s, in input units per s.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> step = jnp.array([0.0, 4.0, 4.0, 4.0])
+        >>> SlewLimit().apply({"slew": 1.5}, step, jnp.arange(4.0)).tolist()
+        [0.0, 1.5, 3.0, 4.0]
+    """
+
+    name: ClassVar[str] = "slew_limit"
+    physics: ClassVar[str] = (
+        "An amplifier delivers a greatest current, and a piezo stack is a capacitor: the voltage "
+        "cannot change faster than current over capacitance.  Slower motion passes unchanged; "
+        "faster motion becomes a ramp of that slope, and short fast strokes do not reach their end."
+    )
+    source: ClassVar[str] = (
+        "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
+        "Springer 2014, ch. 14 (current and slew limits of amplifiers)"
+    )
+    signature: ClassVar[str] = (
+        "residual after fast moves only, which ends abruptly; none below a certain rate"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence")
+    experiment: ClassVar[str] = (
+        "steps of several heights from rest: behind a slew limit the time to arrive grows with the "
+        "height, behind a lag it does not; and slow loops, on which a limit does nothing"
+    )
+    slew_low: float = eqx.field(static=True, default=1e-3)
+    slew_high: float = eqx.field(static=True, default=1e6)
+
+    def parameters(self):
+        ratio = (self.slew_high / self.slew_low) ** (1 / 9)
+        return (
+            Parameter(
+                "slew",
+                "{u}/s",
+                self.slew_low,
+                self.slew_high,
+                start=tuple(self.slew_low * ratio**k for k in range(1, 9)),
+                log=True,
+                meaning="greatest rate of the drive",
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        if len(survey.input) < 2 or not np.ptp(survey.input) > 0:
+            return self
+        fastest = float(np.max(np.abs(np.diff(survey.input) / np.diff(survey.time))))
+        return SlewLimit(slew_low=0.02 * fastest, slew_high=fastest)
+
+    def init(self, values, first):
+        return jnp.stack([first, first])
+
+    def step(self, values, state, value, dt):
+        # The input goes straight from `last` to `value`: u' runs to meet it, then stays with it
+        # as far as the limit lets it.
+        driven, last = state
+        slew = values["slew"]
+        rate = (value - last) / jnp.where(dt > 0, dt, 1.0)
+        side = jnp.sign(last - driven)
+        closing = slew - side * rate
+        closes = closing > 0
+        meeting = jnp.where(closes, jnp.abs(last - driven) / jnp.where(closes, closing, 1.0), dt)
+        meets = meeting < dt
+        together = value - (rate - jnp.clip(rate, -slew, slew)) * (dt - meeting)
+        driven = jnp.where(meets, together, driven + side * slew * dt)
+        return jnp.stack([driven, value]), driven

@@ -440,6 +440,14 @@ def test_the_amplifier_limits_then_lags_and_the_converter_is_before_it():
     np.testing.assert_allclose(rec.output, expected[rows], rtol=0, atol=0.02)
 
 
+def test_what_has_aged_creeps_less():
+    rec = simulate_stage(2, effects=("creep", "ageing"), **CLEAN)
+    aged, creep = hidden("ageing")[0].output, rec.truth["parameters"]["creep"]
+    pairs = zip(creep["tau_s"], creep["gains"], strict=True)
+    expected = aged + sum(first_order(aged, tau, rec.time, gain) for tau, gain in pairs)
+    np.testing.assert_allclose(rec.output, expected, rtol=0, atol=2e-3)
+
+
 def test_the_sensor_bends_all_that_moves():
     effects = ("output_nonlinearity", "drift", "hum", "aux")
     rec, moved = (simulate_stage(2, effects=e, **CLEAN) for e in (effects, effects[1:]))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from itertools import pairwise
 from typing import Any
 
 import hypothesis.strategies as st
@@ -11,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from oracles import slow_relays
 
 import preisach_jax.filter
 from preisach_jax.errors import InputError
@@ -40,19 +40,6 @@ def wandering(samples=SAMPLES, plane=PLANE, seed=1, speed=0.37, dtype="float64")
         if path[-1] == goal:
             goal = rng.uniform(plane.low, plane.high)
     return np.array(path, dtype)
-
-
-def slow_relays(plane, x):
-    """(time, cells) relays from saturated low, by the text around eq. (1)-(4)."""
-    on = (x[0] > plane.alpha).astype(int)
-    rows = [on]
-    for before, now in pairwise(x):
-        if now > before:
-            on = np.where(now >= plane.alpha, 1, on)
-        elif now < before:
-            on = np.where(now <= plane.beta, 0, on)
-        rows.append(on)
-    return np.array(rows)
 
 
 def slow_filter(plane, x, z, sampling, weight=1e-9):

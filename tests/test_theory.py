@@ -2,12 +2,12 @@
 
 import math
 from fractions import Fraction
-from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles import slow_relays
 
 from preisach_jax.errors import InputError
 from preisach_jax.events import adapt_over_events, switching_events
@@ -58,19 +58,6 @@ def path(kind, levels, samples, seed=0):
         if found[-1] == goal:
             goal = rng.uniform(0, levels)
     return np.array(found)
-
-
-def slow_relays(plane, x):
-    """(time, cells) relays from saturated low, by the text around eq. (1)-(4)."""
-    on = (x[0] > plane.alpha).astype(int)
-    rows = [on]
-    for before, now in pairwise(x):
-        if now > before:
-            on = np.where(now >= plane.alpha, 1, on)
-        elif now < before:
-            on = np.where(now <= plane.beta, 0, on)
-        rows.append(on)
-    return np.array(rows)
 
 
 def switching(plane, x):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.typing import ArrayLike
+from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.errors import InputError
 from preisach_jax.hysteron import (
@@ -64,6 +64,7 @@ def simulate(
         >>> simulate(plane, [1.0, 2.0, 4.0], [0.0, 2.0, 1.0, 0.0]).tolist()
         [0.0, 7.0, 3.0, 0.0]
     """
+    require_plane(plane)
     weights = as_float(weights, "weights")
     if weights.shape != (plane.cells,):
         raise InputError(f"weights has the shape {weights.shape}: give ({plane.cells},)")
@@ -197,17 +198,10 @@ class AdaptiveFilter(eqx.Module):
     step_size: ArrayLike = 1.0
 
     def __check_init__(self):
-        require_hysteron(self.hysteron)
+        check_start(self.plane, self.hysteron, self.initial_weight)
         if self.sampling not in SAMPLINGS:
             raise InputError(f"sampling is {self.sampling!r}: it must be 'event' or 'sample'")
-        if np.shape(self.initial_weight) not in ((), (self.plane.cells,)):
-            raise InputError(
-                f"initial_weight has the shape {np.shape(self.initial_weight)}: "
-                f"give one number or ({self.plane.cells},)"
-            )
-        require_finite(self.initial_weight, "initial_weight")
-        if np.shape(self.step_size) != ():
-            raise InputError(f"step_size has the shape {np.shape(self.step_size)}: give one number")
+        require_one_number("step_size", self.step_size)
         traced = isinstance(self.step_size, Tracer)
         if not traced and not 0.0 < np.asarray(self.step_size).item() < 2.0:
             raise InputError(
@@ -233,12 +227,10 @@ class AdaptiveFilter(eqx.Module):
             InputError: `x0` is not a number on the plane, `z0` is infinite, or the memory is
                 unknown.
         """
-        path, z = input_and_output(self.plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
-        path, states = path_and_start(self.plane, path, initial_memory, self.hysteron)
-        x = path[0]
-        states = hysteron_step(self.plane, states, x, x, self.hysteron)
-        weights = jnp.broadcast_to(jnp.asarray(self.initial_weight, x.dtype), states.shape)
-        return FilterState(weights, states, x, states, z[0])
+        weights, states, x, z = start_at(
+            self.plane, self.hysteron, self.initial_weight, x0, z0, initial_memory
+        )
+        return FilterState(weights, states, x, states, z)
 
     def step(
         self, state: FilterState, x: ArrayLike, z: ArrayLike
@@ -312,14 +304,15 @@ class AdaptiveFilter(eqx.Module):
                 output is infinite, or `passes` is below 1.
         """
         x, z = input_and_output(self.plane, x, z)
-        if state is not None and state.weights.shape != (self.plane.cells,):
-            raise InputError(
-                f"state has weights of the shape {state.weights.shape}: give a state of this "
-                f"filter, ({self.plane.cells},)"
-            )
-        if passes != int(passes) or passes < 1:
-            raise InputError(f"passes is {passes}: give a whole number of at least 1")
-        return _run(self, x, z, state, int(passes))
+        if state is not None:
+            require_state(self.plane, state, FilterState)
+        try:
+            count = int(passes)
+        except (TypeError, ValueError, OverflowError):
+            count = 0
+        if count != passes or count < 1:
+            raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
+        return _run(self, x, z, state, count)
 
 
 @partial(jax.jit, static_argnames="passes")
@@ -333,6 +326,121 @@ def _run(filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int) -> 
     no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
     state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
     return FilterResult(state.weights, *info, state)
+
+
+def require_plane(plane: Plane) -> None:
+    """Refuse what is no plane.
+
+    Args:
+        plane: the Preisach plane.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(plane, Plane):
+        raise InputError(
+            f"the plane is {plane!r}: give a Plane, as in Plane(levels=37, low=0.0, high=75.0)"
+        )
+
+
+def require_one_number(name: str, value: ArrayLike) -> None:
+    """Refuse a setting that is not one real number; a traced one may be.
+
+    Args:
+        name: its name.
+        value: () the setting.
+
+    Raises:
+        InputError: it has a shape, or is no number.
+    """
+    _require_numbers(name, value, "give one number")
+    if np.shape(value) != ():
+        raise InputError(f"{name} has the shape {np.shape(value)}: give one number")
+
+
+def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
+    """Refuse a state from which a run on a plane cannot be continued.
+
+    Args:
+        plane: the Preisach plane.
+        state: the state.
+        kind: what it must be: `FilterState` for the adaptive filter.
+
+    Raises:
+        InputError: it is something else, or the state of another plane.
+    """
+    if not isinstance(state, kind):
+        raise InputError(f"the state is {type(state).__name__}: give a {kind.__name__}")
+    shape = state.weights.shape
+    if shape != (plane.cells,):
+        raise InputError(
+            f"state has weights of the shape {shape}: give a state of this plane, ({plane.cells},)"
+        )
+
+
+def check_start(plane: Plane, hysteron: str, initial_weight: ArrayLike) -> None:
+    """Refuse what no recursion for the weights can start from.
+
+    Args:
+        plane: the Preisach plane.
+        hysteron: "relay" or "ramp".
+        initial_weight: () or (cells,) weights to start from, in the unit of the output.
+
+    Raises:
+        InputError: there is no plane, the kind of hysteron is unknown, or the weights are no finite
+            numbers or have a wrong shape.
+    """
+    require_plane(plane)
+    require_hysteron(hysteron)
+    remedy = f"give one number or ({plane.cells},)"
+    _require_numbers("initial_weight", initial_weight, remedy)
+    if np.shape(initial_weight) not in ((), (plane.cells,)):
+        raise InputError(f"initial_weight has the shape {np.shape(initial_weight)}: {remedy}")
+    require_finite(initial_weight, "initial_weight")
+
+
+def _require_numbers(name: str, values: ArrayLike, remedy: str) -> None:
+    if isinstance(values, Tracer):
+        return
+    dtype = np.asarray(values).dtype
+    if not any(jnp.issubdtype(dtype, kind) for kind in (jnp.floating, jnp.integer)):
+        raise InputError(f"{name} is {values!r}: {remedy}")
+
+
+def start_at(
+    plane: Plane,
+    hysteron: str,
+    initial_weight: ArrayLike,
+    x0: ArrayLike,
+    z0: ArrayLike,
+    initial_memory: ArrayLike | str,
+    dtype: DTypeLike | None = None,
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Bring weights and hysterons to the first sample of a record.
+
+    Args:
+        plane: the Preisach plane.
+        hysteron: "relay" or "ramp".
+        initial_weight: () or (cells,) weights to start from, in the unit of the output.
+        x0: () input, in the unit of the plane.
+        z0: () measured output, in its unit; NaN if it is missing.
+        initial_memory: (cells,) states before the first sample, or the name of an initial memory.
+        dtype: floating type to compute in; None is that of the sample.
+
+    Returns:
+        `(weights, states, x, z)`: (cells,) twice and () twice, of one floating type.
+
+    Raises:
+        InputError: `x0` is not a number on the plane, `z0` is infinite, or the memory is unknown.
+    """
+    path, output = input_and_output(plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
+    if dtype is not None:
+        path, output = path.astype(dtype), output.astype(dtype)
+    path, states = path_and_start(plane, path, initial_memory, hysteron)
+    x = path[0]
+    states = hysteron_step(plane, states, x, x, hysteron)
+    weights = jnp.broadcast_to(jnp.asarray(initial_weight, x.dtype), states.shape)
+    return weights, states, x, output[0]
 
 
 def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
@@ -350,6 +458,7 @@ def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Arra
         InputError: lengths or types are wrong, an input leaves the plane or is not finite, or an
             output is infinite.
     """
+    require_plane(plane)
     x, z = as_float(x, "the input x"), as_float(z, "the output z")
     if x.ndim == 1 and z.ndim == 0:
         z = z.reshape(-1)

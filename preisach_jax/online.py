@@ -12,7 +12,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
-from preisach_jax.filter import AdaptiveFilter, FilterInfo, FilterState
+from preisach_jax.filter import AdaptiveFilter, FilterInfo, FilterState, require_state
 from preisach_jax.hysteron import require_on_plane
 from preisach_jax.plane import Plane
 
@@ -33,6 +33,9 @@ class OnlineFilter:
         filt: the adaptive filter.
         state: the state to continue from; without it the first call starts from saturated low.
 
+    Raises:
+        InputError: `filt` is no adaptive filter, or `state` is not one of its plane.
+
     Example:
         >>> online = OnlineFilter(AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0)))
         >>> outputs = [online(x, 3.0 * x) for x in (0.0, 0.3, 0.6, 0.9, 0.4)]
@@ -48,6 +51,8 @@ class OnlineFilter:
     def __init__(self, filt: AdaptiveFilter, state: FilterState | None = None):
         if not isinstance(filt, AdaptiveFilter):
             raise InputError(f"the filter is {type(filt).__name__}: give an AdaptiveFilter")
+        if state is not None:
+            require_state(filt.plane, state, FilterState)
         self.filter = filt
         self.state = state
         self.info = None
@@ -63,11 +68,17 @@ class OnlineFilter:
             ẑ with the weights before this sample's update, in the unit of the output.
 
         Raises:
-            InputError: `x` is not finite or leaves the plane, or `z` is infinite; the state is then
-                as before.
+            InputError: `x` or `z` is no number, `x` is not finite or leaves the plane, or `z` is
+                infinite; the state is then as before.
         """
-        x, z = float(x), float(z)
-        require_on_plane(self.filter.plane, x)
+        try:
+            x, z = float(x), float(z)
+        except (TypeError, ValueError):
+            raise InputError(f"x is {x!r} and z is {z!r}: give two numbers") from None
+        plane = self.filter.plane
+        # The comparison costs next to nothing; NaN fails it and so is refused below.
+        if not plane.low <= x <= plane.high:
+            require_on_plane(plane, x)
         if math.isinf(z):
             raise InputError(f"the output z is {z}: give NaN where the output is missing")
         if self.state is None:

@@ -18,6 +18,13 @@ def _levels(value: int) -> int:
     return whole_number("levels is", value, least=2)
 
 
+def _limit(value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a limit of the plane is {value!r}: give a number") from error
+
+
 class Plane(eqx.Module):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
@@ -41,8 +48,8 @@ class Plane(eqx.Module):
     """
 
     levels: int = eqx.field(static=True, converter=_levels)
-    low: float = eqx.field(static=True, converter=float)
-    high: float = eqx.field(static=True, converter=float)
+    low: float = eqx.field(static=True, converter=_limit)
+    high: float = eqx.field(static=True, converter=_limit)
 
     def __check_init__(self):
         for name, limit in (("low", self.low), ("high", self.high)):

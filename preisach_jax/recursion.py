@@ -35,16 +35,14 @@ from preisach_jax.filter import (
     EVENT_SIZE,
     AdaptiveFilter,
     FilterInfo,
+    check_start,
     input_and_output,
+    require_one_number,
+    require_state,
     simulate,
+    start_at,
 )
-from preisach_jax.hysteron import (
-    as_float,
-    hysteron_step,
-    path_and_start,
-    require_finite,
-    require_hysteron,
-)
+from preisach_jax.hysteron import hysteron_step
 from preisach_jax.plane import Plane
 
 # What forgetting leaves of the prior of a cell before it is restored, λᴸ, is at least this, so that
@@ -155,24 +153,15 @@ class RecursiveLeastSquares(eqx.Module):
     initial_variance: ArrayLike = 100.0
 
     def __check_init__(self):
-        require_hysteron(self.hysteron)
-        cells = self.plane.cells
-        if np.shape(self.initial_weight) not in ((), (cells,)):
-            raise InputError(
-                f"initial_weight has the shape {np.shape(self.initial_weight)}: "
-                f"give one number or ({cells},)"
-            )
-        require_finite(self.initial_weight, "initial_weight")
-        for name in ("forgetting", "initial_variance"):
-            if np.shape(getattr(self, name)) != ():
-                raise InputError(
-                    f"{name} has the shape {np.shape(getattr(self, name))}: give one number"
-                )
+        check_start(self.plane, self.hysteron, self.initial_weight)
+        require_one_number("forgetting", self.forgetting)
+        require_one_number("initial_variance", self.initial_variance)
         if not isinstance(self.initial_variance, Tracer):
             variance = np.asarray(self.initial_variance).item()
             if not 0.0 < variance < math.inf:
                 raise InputError(f"initial_variance is {variance}: give a number above 0")
         if not isinstance(self.forgetting, Tracer):
+            cells = self.plane.cells
             forgetting, least = np.asarray(self.forgetting).item(), LEAST_PRIOR ** (1.0 / cells)
             if not least <= forgetting <= 1.0:
                 raise InputError(
@@ -200,16 +189,14 @@ class RecursiveLeastSquares(eqx.Module):
                 or JAX is set to single precision.
         """
         _require_double()
-        path, z = input_and_output(self.plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
-        path, states = path_and_start(self.plane, path.astype(float), initial_memory, self.hysteron)
-        x, cells = path[0], self.plane.cells
-        states = hysteron_step(self.plane, states, x, x, self.hysteron)
-        weights = jnp.broadcast_to(jnp.asarray(self.initial_weight, float), (cells,))
-        nothing = jnp.zeros((cells + 1, cells + 1))
+        weights, states, x, z = start_at(
+            self.plane, self.hysteron, self.initial_weight, x0, z0, initial_memory, float
+        )
+        nothing = jnp.zeros((self.plane.cells + 1,) * 2)
         turn, offset = jnp.zeros((), int), jnp.asarray(jnp.nan, float)
         state = LeastSquaresState(weights, offset, nothing, turn, states, x, states)
         # Where z0 is missing, so is the offset, and the first measured output begins anew.
-        return _begin(self, state, z[0].astype(float))
+        return _begin(self, state, z)
 
     def step(
         self, state: LeastSquaresState, x: ArrayLike, z: ArrayLike
@@ -252,11 +239,8 @@ class RecursiveLeastSquares(eqx.Module):
         """
         _require_double()
         x, z = input_and_output(self.plane, x, z)
-        if state is not None and state.weights.shape != (self.plane.cells,):
-            raise InputError(
-                f"state has weights of the shape {state.weights.shape}: give a state of this "
-                f"recursion, ({self.plane.cells},)"
-            )
+        if state is not None:
+            require_state(self.plane, state, LeastSquaresState)
         return _run(self, x.astype(float), z.astype(float), state)
 
     def _look(self, state, states, previous, x, z):

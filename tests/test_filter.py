@@ -531,14 +531,38 @@ def test_only_an_adaptive_filter_runs_online():
         OnlineFilter(PLANE)  # pyright: ignore[reportArgumentType]
 
 
+def test_an_online_filter_goes_on_only_from_a_state_of_its_plane():
+    filt = AdaptiveFilter(PLANE)
+    other = AdaptiveFilter(Plane(levels=3, low=0.0, high=1.0)).init(0.0, 0.0)
+    state: Any
+    for state, message in (
+        (5, "the state is int: give a FilterState"),
+        (other, r"\(6,\).*\(21,\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            OnlineFilter(filt, state)
+
+
 def test_online_filter_is_unharmed_by_a_refused_sample():
     online = OnlineFilter(AdaptiveFilter(PLANE))
     online(1.0, 2.0)
     before = online.state
-    for x, z, message in ((np.nan, 1.0, "x is nan"), (1.0, -np.inf, "z is -inf")):
+    x: Any
+    for x, z, message in (
+        (np.nan, 1.0, "x is nan"),
+        (np.inf, 1.0, "x is inf"),
+        (6.001, 1.0, r"x is 6\.001, and the plane reaches"),
+        (1.0, -np.inf, "z is -inf"),
+        ("high", 1.0, "x is 'high' and z is 1.0: give two numbers"),
+        (None, 1.0, "x is None"),
+    ):
         with pytest.raises(ValueError, match=message):
             online(x, z)
     assert online.state is before
+    # Beyond the plane by rounding is no mistake, and a missing output leaves the weights.
+    online(6.0 * (1.0 + 1e-7))
+    assert online.info is not None
+    assert online.info.switched == 0
 
 
 @both_kinds
@@ -751,6 +775,11 @@ def test_a_mistake_in_a_record_is_named_with_its_value(x, z, message):
         (("relay", "event", 0.0, -0.1), r"step_size is -0\.1"),
         (("relay", "event", 0.0, np.nan), "step_size is nan"),
         (("relay", "event", 0.0, np.ones(3)), r"step_size has the shape \(3,\)"),
+        (("relay", "event", 0.0, "x"), "step_size is 'x': give one number"),
+        (("relay", "event", 0.0, None), "step_size is None: give one number"),
+        (("relay", "event", 0.0, 0.5j), "step_size is 0.5j: give one number"),
+        (("relay", "event", "x"), r"initial_weight is 'x': give one number or \(21,\)"),
+        (("relay", "event", [None] * 21), "initial_weight is .None, None"),
     ],
 )
 def test_a_mistake_in_the_filter_is_named_with_its_value(arguments, message):
@@ -766,11 +795,20 @@ def test_mistakes_elsewhere_are_named_with_their_values():
     with pytest.raises(ValueError, match="x is inf"):
         filt.init(np.inf, 0.0)
     passes: Any
-    for passes in (0, 1.5):
-        with pytest.raises(ValueError, match=f"passes is {passes}: "):
+    for passes in (0, 1.5, "two", None, np.nan, np.inf):
+        with pytest.raises(InputError, match=f"passes is {passes!r}: give a whole number"):
             filt.run(np.arange(2.0), np.arange(2.0), passes=passes)
     with pytest.raises(ValueError, match=r"weights has the shape \(2,\).*\(21,\)"):
         simulate(PLANE, np.arange(2.0), np.arange(2.0))
+    anything: Any = 5
+    with pytest.raises(InputError, match="the state is int: give a FilterState"):
+        filt.run(np.arange(2.0), np.arange(2.0), anything)
+    for call in (
+        lambda: AdaptiveFilter(anything),
+        lambda: simulate(anything, np.arange(2.0), np.arange(2.0)),
+    ):
+        with pytest.raises(InputError, match=r"the plane is 5: give a Plane, as in Plane\(levels="):
+            call()
 
 
 def test_whole_numbers_of_python_are_taken_as_reals(precision):

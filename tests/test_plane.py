@@ -187,6 +187,8 @@ def test_equal_planes_share_one_compilation():
         ((2.0, 0.0, 1.0), r"levels is 2\.0: give a whole number of at least 2"),
         (("two", 0.0, 1.0), "levels is 'two': give a whole number of at least 2"),
         ((-3, 0.0, 1.0), "levels is -3"),
+        ((5, "low", 1.0), "a limit of the plane is 'low': give a number"),
+        ((5, 0.0, None), "a limit of the plane is None: give a number"),
         ((5, 1.0, 1.0), r"low is 1\.0 and high is 1\.0"),
         ((5, 2.0, -1.0), r"low is 2\.0 and high is -1\.0"),
         ((5, float("nan"), 1.0), "low is nan"),

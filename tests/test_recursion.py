@@ -1,5 +1,7 @@
 """Recursive least squares against the batch problem that it claims to solve, and the comparison."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -241,6 +243,9 @@ def test_single_precision_is_refused_and_raised_where_it_can_be():
         (("relay", 1.0, np.inf), "initial_weight is inf"),
         (("relay", 1.0, 0.0, 0.0), r"initial_variance is 0\.0: give a number above 0"),
         (("relay", 1.0, 0.0, np.inf), "initial_variance is inf"),
+        (("relay", "x"), "forgetting is 'x': give one number"),
+        (("relay", 1.0, "x"), r"initial_weight is 'x': give one number or \(21,\)"),
+        (("relay", 1.0, 0.0, None), "initial_variance is None: give one number"),
     ],
 )
 def test_a_mistake_in_the_settings_is_named_with_its_value(arguments, message):
@@ -262,6 +267,13 @@ def test_a_mistake_in_a_record_is_named_with_its_value():
         filt.run(reals, np.arange(7))
     with pytest.raises(InputError, match=r"\(6,\).*\(21,\)"):
         filt.run(reals, reals, other)
+    anything: Any = 5
+    with pytest.raises(InputError, match="the state is int: give a LeastSquaresState"):
+        filt.run(reals, reals, anything)
+    with pytest.raises(InputError, match="the plane is 5: give a Plane"):
+        RecursiveLeastSquares(anything)
+    with pytest.raises(InputError, match="the plane is 5: give a Plane"):
+        compare_recursions(anything, reals, reals, reals, reals)
 
 
 def test_least_squares_replays_what_one_pass_of_the_filter_does_not():

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from preisach_jax.effects.base import Survey
+from preisach_jax.effects.base import Signals, Survey
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.effects.spectrum import strongest_lines
 
 TICK = 1e-3
 COUNT = 150
@@ -170,3 +173,167 @@ def test_slew_limit_is_looked_for_below_the_fastest_motion():
 def test_slew_limit_without_motion_keeps_its_bounds(u):
     bound = SlewLimit().bound_to(Survey(1.0, 0.1, np.arange(len(u)) * 1.0, np.array(u)))
     assert bound == SlewLimit()
+
+
+# --- lines in a spectrum ---
+
+
+def slow_spectrum(position, values, frequencies):
+    return np.array([abs(np.sum(values * np.exp(-2j * np.pi * f * position))) for f in frequencies])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_strongest_line_is_the_peak_of_the_periodogram(seed):
+    rng = np.random.default_rng(seed)
+    x = np.sort(rng.uniform(0.0, 10.0, 400))
+    f, phase = rng.uniform(1.0, 20.0), rng.uniform(0.0, 6.0)
+    values = np.sin(2 * np.pi * f * x + phase) + rng.normal(size=400)
+    (found,) = strongest_lines(x + 77.0, values, 0.5, 25.0, 0.01, count=1)
+    assert found == pytest.approx(f, abs=0.03)
+    near = found + np.linspace(-0.1, 0.1, 2001)
+    peak = near[np.argmax(slow_spectrum(x, values - values.mean(), near))]
+    assert found == pytest.approx(peak, abs=0.003)  # less what the slowest waves take away
+
+
+def test_lines_are_separate_and_ordered_and_noise_has_none():
+    rng = np.random.default_rng(5)
+    x = np.sort(rng.permutation(20_000)[:4000]) * 1e-3
+    noise = rng.normal(size=4000)
+    assert strongest_lines(x, noise, 0.5, 450.0, 2.5e-4, count=3) == []
+    values = noise + 3 * np.sin(2 * np.pi * 211.03 * x) + np.sin(2 * np.pi * 30.4 * x)
+    found = strongest_lines(x, values, 0.5, 450.0, 2.5e-4, count=3)
+    assert found == pytest.approx([211.03, 30.4], abs=2e-3)
+
+
+def test_a_weak_line_is_seen_beside_slow_motion_of_uneven_samples():
+    rng = np.random.default_rng(6)
+    x = np.sort(rng.permutation(40_000)[:8000]) / 2000
+    slow = 50 * np.cos(2 * np.pi * 0.11 * x) + 20 * x
+    values = slow + 0.3 * np.sin(2 * np.pi * 50.02 * x) + rng.normal(size=8000)
+    assert strongest_lines(x, values, 0.25, 900.0, 1.25e-4, 1) == pytest.approx([50.02], abs=5e-3)
+
+
+def test_nothing_has_no_lines():
+    assert strongest_lines(np.arange(50.0), np.zeros(50), 0.1, 0.45, 0.25, count=3) == []
+
+
+# --- hum ---
+
+
+def test_hum_is_a_sum_of_harmonics(precision, tolerance):
+    time = np.array([0.0, 0.013, 0.04, 0.11])
+    drives = Signals(jnp.asarray(time, float), jnp.zeros(4), {})
+    got = Hum().columns({"f_hz": jnp.asarray(7.0)}, drives)
+    assert got.dtype == precision
+    waves = [np.exp(2j * np.pi * 7.0 * k * time) for k in (1, 2, 3)]
+    expected = np.stack([part(wave) for wave in waves for part in (np.real, np.imag)], axis=1)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=tolerance)
+    names = [coefficient.name for coefficient in Hum().coefficients()]
+    assert names == ["cosine_1", "sine_1", "cosine_2", "sine_2", "cosine_3", "sine_3"]
+    assert {coefficient.unit for coefficient in Hum().coefficients()} == {"{z}"}
+
+
+def humming(f, amplitude=0.1, rate=2000.0, seconds=24.0, rows=8000, seed=7):
+    """What a record with a hum shows of itself where it is thinned, and the residual red."""
+    rng = np.random.default_rng(seed)
+    count = round(seconds * rate)
+    kept = np.sort(rng.permutation(count)[:rows])
+    red = signal.lfilter([1.0], [1.0, -0.999], rng.normal(size=count))[kept]
+    time = kept / rate
+    residual = 0.003 * red + amplitude * np.sin(2 * np.pi * f * time + 1.0)
+    return Survey(seconds, 1 / rate, time, time, time, residual)
+
+
+@pytest.mark.parametrize("f", [12.34, 50.03, 59.98, 137.3])
+def test_hum_starts_at_the_line_of_the_residual(f):
+    effect = Hum().bound_to(humming(f))
+    assert effect.harmonics == 3
+    assert effect.starts_hz[0] == pytest.approx(f, abs=0.1 / 24.0)  # a tenth of a turn at the end
+    for mains in (50.0, 60.0):
+        assert min(abs(start / mains - 1) for start in effect.starts_hz) < 0.01
+    (parameter,) = effect.parameters()
+    assert parameter.low == pytest.approx(0.99 * min(effect.starts_hz))
+    assert parameter.high == pytest.approx(1.01 * max(effect.starts_hz))
+
+
+@pytest.mark.parametrize(("f", "rate", "harmonics"), [(55.0, 300.0, 2), (0.31, 1.0, 1)])
+def test_harmonics_stay_below_half_the_sampling_rate(f, rate, harmonics):
+    effect = Hum().bound_to(humming(f, 9.0, rate, seconds=3000 / rate, rows=2500))
+    assert effect.starts_hz[0] == pytest.approx(f, rel=1e-3)
+    assert effect.harmonics == harmonics
+    assert harmonics * effect.parameters()[0].high < 0.5 * rate
+    assert len(effect.coefficients()) == 2 * harmonics
+
+
+def test_hum_without_a_line_starts_at_the_mains_or_where_it_does_no_harm():
+    noise = np.random.default_rng(8).normal(size=500)
+    time = np.arange(500.0)
+    assert Hum().bound_to(Survey(0.499, 1e-3, time * 1e-3, noise, noise, noise)) == Hum()
+    slow = Hum().bound_to(Survey(499.0, 1.0, time, noise, noise, noise))
+    assert slow.starts_hz == (0.225,)
+    assert slow.harmonics == 2
+
+
+def test_a_record_of_any_length_is_searched_on_a_bounded_raster():
+    time = np.sort(np.random.default_rng(9).uniform(0.0, 1e6, 3000))
+    residual = np.sin(2 * np.pi * 0.02 * time)
+    effect = Hum().bound_to(Survey(1e6, 1e-3, time, time, time, residual))
+    assert effect.starts_hz[0] == pytest.approx(0.02, rel=1e-5)
+
+
+# --- steps of the input's converter ---
+
+
+def test_input_quantisation_is_the_nearest_step(precision):
+    u = np.random.default_rng(10).uniform(-40.0, 75.0, 200)
+    got = applied(InputQuantisation(), {"step": 0.625}, np.arange(200.0), u)
+    assert got.dtype == precision
+    lattice = 0.625 * np.arange(-70, 130)
+    expected = lattice[np.argmin(np.abs(u[:, None] - lattice), axis=1)]
+    np.testing.assert_array_equal(got, expected)
+
+
+def stepping(step, seed, noise=0.1, lattice=None):
+    """Survey of a record whose drive has steps that the recorded input does not show."""
+    rng = np.random.default_rng(seed)
+    time = np.sort(rng.uniform(0.0, 20.0, 8000))
+    u = 30.0 + 35.0 * np.sin(2.1 * time) * np.sin(0.37 * time + 0.5)
+    if lattice is not None:
+        u = lattice * np.round(u / lattice)
+    error = step * (np.round(u / step) - u / step) * (0.6 + 0.2 * np.sin(u / 20))
+    residual = error + noise * step * rng.normal(size=8000) + step * np.sin(u / 9.0)
+    return Survey(20.0, 2.5e-3, time, u, u, residual)
+
+
+@pytest.mark.parametrize("step", [75 / 256.3, 75 / 1024, 75 / 4095.0])
+@pytest.mark.parametrize("seed", [11, 12])
+def test_steps_of_the_input_are_found_to_a_small_part_of_one_over_the_range(step, seed):
+    survey = stepping(step, seed)
+    effect = InputQuantisation().bound_to(survey)
+    best = min(effect.starts, key=lambda start: abs(start - step))
+    steps = np.ptp(survey.input) / step
+    assert abs(best / step - 1) * steps < 0.05
+    (parameter,) = effect.parameters()
+    assert parameter.unit == "{u}"
+    assert parameter.low == pytest.approx(0.995 * min(effect.starts))
+    assert parameter.high == pytest.approx(1.005 * max(effect.starts))
+
+
+def test_a_record_that_lies_on_the_steps_already_is_left_as_it_is(x64):
+    survey = stepping(0.1, 13, lattice=0.1)
+    effect = InputQuantisation().bound_to(survey)
+    for start in effect.starts:
+        rounded = applied(effect, {"step": start}, survey.time, survey.input)
+        np.testing.assert_allclose(rounded, survey.input, rtol=0, atol=1e-4)
+
+
+def test_steps_are_looked_for_beside_a_finer_lattice_of_the_record():
+    effect = InputQuantisation().bound_to(stepping(75 / 256.0, 14, lattice=0.01))
+    assert min(abs(start * 256 / 75 - 1) for start in effect.starts) < 1e-4
+
+
+@pytest.mark.parametrize("u", [[], [2.0], [2.0, 2.0, 2.0]])
+def test_steps_without_motion_stay_harmless(u):
+    values = np.array(u)
+    survey = Survey(1.0, 0.1, np.arange(len(u)) * 1.0, values, values, values)
+    assert InputQuantisation().bound_to(survey) == InputQuantisation()

@@ -12,7 +12,9 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
@@ -22,10 +24,12 @@ BUILT_IN: tuple[type[Effect], ...] = (
     Creep,
     InputLag,
     SlewLimit,
+    InputQuantisation,
     OutputLag,
     Delay,
     Resonance,
     Drift,
+    Hum,
     Ageing,
     Auxiliary,
 )
@@ -43,8 +47,8 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'input_lag', 'output_lag', 'resonance',
-         'slew_limit']
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'hum', 'input_lag', 'input_quantisation',
+         'output_lag', 'resonance', 'slew_limit']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

@@ -38,7 +38,12 @@ class InputLag(InputEffect):
         "Springer 2014, ch. 14 (driving capacitive loads)"
     )
     signature: ClassVar[str] = "residual in proportion to the rate of the input; none at rest"
-    confused_with: ClassVar[tuple[str, ...]] = ("delay", "output_lag", "slew_limit")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "delay",
+        "output_lag",
+        "slew_limit",
+        "rate_dependence",
+    )
     experiment: ClassVar[str] = (
         "the same loop at several rates over a decade and a half, and a multisine: a lag "
         "attenuates fast parts, a delay only shifts them"

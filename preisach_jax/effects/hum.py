@@ -1,0 +1,79 @@
+"""Hum: a line of fixed frequency and its harmonics on the recorded output."""
+
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey
+from preisach_jax.effects.spectrum import strongest_lines
+
+MAINS_HZ = (50.0, 60.0)
+MOST_STEPS = 2**19
+"""Time steps to which a longer record is coarsened for the spectrum, to bound its memory."""
+
+
+class Hum(AddedEffect):
+    r"""A line and its harmonics: \(\sum_k a_k \cos 2\pi k f t + b_k \sin 2\pi k f t\).
+
+    Arguments:
+        starts_hz: frequencies from which the search starts; the bounds lie one per cent outside.
+        harmonics: how many multiples of the frequency, with itself, lie below half the sampling
+            rate; at most three.
+
+    Example:
+        >>> [c.name for c in Hum(harmonics=2).coefficients()]
+        ['cosine_1', 'sine_1', 'cosine_2', 'sine_2']
+    """
+
+    name: ClassVar[str] = "hum"
+    physics: ClassVar[str] = (
+        "The mains couple into the wiring of sensor and drive by ground loops and stray fields, at "
+        "their frequency and, from rectifiers, at multiples of it; fans and pumps shake the bench "
+        "at that of their rotation.  Both go on without regard to the input."
+    )
+    source: ClassVar[str] = (
+        "H. W. Ott, Electromagnetic Compatibility Engineering, Wiley 2009, ch. 2 and 3"
+    )
+    signature: ClassVar[str] = (
+        "sharp lines in the spectrum of the residual, of the same height at rest and in motion"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("resonance",)
+    experiment: ClassVar[str] = (
+        "a hold that is much longer than a mode rings: a resonance dies away, a hum goes on"
+    )
+    starts_hz: tuple[float, ...] = eqx.field(static=True, default=MAINS_HZ)
+    harmonics: int = eqx.field(static=True, default=3)
+
+    def parameters(self):
+        low, high = 0.99 * min(self.starts_hz), 1.01 * max(self.starts_hz)
+        return (Parameter("f_hz", "Hz", low, high, start=self.starts_hz, meaning="frequency"),)
+
+    def coefficients(self):
+        return tuple(
+            Parameter(f"{part}_{k}", "{z}", -jnp.inf, jnp.inf, meaning=f"{part} of {k} f_hz")
+            for k in range(1, self.harmonics + 1)
+            for part in ("cosine", "sine")
+        )
+
+    def bound_to(self, survey: Survey):
+        starts = MAINS_HZ
+        if len(survey.residual) and np.ptp(survey.residual) > 0:
+            # A coarser raster keeps to whole steps, so that even samples still lie on it.
+            step = survey.step_s * math.ceil(survey.duration_s / survey.step_s / MOST_STEPS)
+            high = 0.45 / step
+            low = min(5 / survey.duration_s, high / 2)
+            lines = strongest_lines(survey.time, survey.residual, low, high, step / 4, count=3)
+            far = [f for f in MAINS_HZ if all(abs(line / f - 1) > 0.01 for line in lines)]
+            starts = (*lines, *(f for f in far if low <= f <= high)) or (high / 2,)
+        below = int(0.5 / survey.step_s / (1.01 * max(starts)))
+        return Hum(starts_hz=starts, harmonics=min(max(below, 1), 3))
+
+    def columns(self, values, signals):
+        phase = 2 * jnp.pi * values["f_hz"] * signals.time
+        waves = [
+            part(k * phase) for k in range(1, self.harmonics + 1) for part in (jnp.cos, jnp.sin)
+        ]
+        return jnp.stack(waves, axis=1)

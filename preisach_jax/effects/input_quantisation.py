@@ -1,0 +1,75 @@
+"""Steps of the converter that makes the drive from the recorded command."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import InputEffect, Parameter, Survey
+from preisach_jax.effects.spectrum import strongest_lines
+
+MOST_STEPS = 5000
+"""Steps over the range of the input beyond which they are not looked for."""
+
+
+class InputQuantisation(InputEffect):
+    r"""Steps of the drive that the recorded command does not show: \(u' = q\,[u/q]\).
+
+    Rounding has no useful derivative: it is kept along each step, and the search hardly moves a
+    start.  So the starts are found to a small part of a step over the whole range, from the
+    residual, which goes up and down once a step.
+
+    Arguments:
+        starts: values of q from which the search starts, in input units; the bounds lie half a
+            per cent outside.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> u = jnp.array([0.0, 0.2, 0.3, 0.7])
+        >>> InputQuantisation().apply({"step": 0.5}, u, jnp.arange(4.0)).tolist()
+        [0.0, 0.0, 0.5, 0.5]
+    """
+
+    name: ClassVar[str] = "input_quantisation"
+    physics: ClassVar[str] = (
+        "The command is recorded as it was computed, but the digital-to-analogue converter before "
+        "the amplifier has a finite number of steps: the material is driven by the nearest of "
+        "them."
+    )
+    source: ClassVar[str] = (
+        "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 1 and 19"
+    )
+    signature: ClassVar[str] = "sawtooth residual with the period of one step of the input"
+    confused_with: ClassVar[tuple[str, ...]] = ("output_quantisation",)
+    experiment: ClassVar[str] = (
+        "one slow ramp over some tens of steps: those of the input come at equal distances of the "
+        "input, those of the output at equal distances of the output"
+    )
+    starts: tuple[float, ...] = eqx.field(static=True, default=(1e-6,))
+
+    def parameters(self):
+        low, high = 0.995 * min(self.starts), 1.005 * max(self.starts)
+        return (
+            Parameter("step", "{u}", low, high, start=self.starts, meaning="step of the converter"),
+        )
+
+    def bound_to(self, survey: Survey):
+        values = survey.input
+        if len(values) < 2 or not np.ptp(values) > 0:
+            return self
+        reach = float(np.ptp(values))
+        apart = reach * float(np.diff(np.unique(np.round(values / reach, 9))).min())
+        # Of values on a lattice, steps of less than two spacings look like coarser ones.
+        low, high = 4 / reach, min(MOST_STEPS / reach, 0.5 / apart)
+        lines = []
+        if high > 2 * low and np.ptp(survey.residual) > 0:
+            lines = strongest_lines(values, survey.residual, low, high, 1 / (16 * high), count=4)
+        # Where there are none, steps too fine to do anything.
+        return InputQuantisation(starts=tuple(1 / line for line in lines) or (1e-6 * reach,))
+
+    def init(self, values, first):
+        return ()
+
+    def step(self, values, state, value, dt):
+        return state, values["step"] * jnp.round(value / values["step"])

@@ -1,0 +1,96 @@
+"""Spectral lines of a signal whose samples are unevenly spaced."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
+
+FINENESS = 4
+"""Least number of frequencies searched in one over the span; a line loses 5 % between two."""
+
+BACKGROUND = 81
+"""Frequencies over which the level around a line is averaged."""
+
+PROMINENCE = 2.0
+"""Least power of a line, over what the greatest of as many noise values reaches."""
+
+
+def strongest_lines(
+    position: np.ndarray, signal: np.ndarray, low: float, high: float, pitch: float, count: int
+) -> list[float]:
+    r"""Frequencies of the lines that stand out most from the level around them.
+
+    The line of greatest \(|\sum_k r_k e^{-2\pi i f x_k}|^2\) over that level is found on a raster,
+    refined without one, fitted and subtracted, and so on (the CLEAN method: D. H. Roberts,
+    J. Lehár, J. W. Dreher, Astron. J. 93 (1987) 968-989).
+
+    Arguments:
+        position: (sample,) times or places x, in any order.
+        signal: (sample,) values r.
+        low, high: range of frequencies, per unit of position; `low` is a few over the span.
+        pitch: raster on which the samples are put for the Fourier transform, shorter than
+            0.3 / high; even samples should lie on it.
+        count: how many lines at most.
+
+    Returns:
+        The frequencies, most prominent first; only of lines that noise would hardly make.
+
+    Example:
+        >>> x = np.sort(np.random.default_rng(0).uniform(0.0, 20.0, 500))
+        >>> found = strongest_lines(x, np.sin(2 * np.pi * 3.217 * x), 1.0, 9.0, 0.02, count=1)
+        >>> [round(f, 3) for f in found]
+        [3.217]
+    """
+    position = position - position.min()
+    span = float(position.max())
+    # Uneven samples would spread what is slower over all frequencies.  A gap of two over the span
+    # keeps the notch out of the level around the lowest lines.
+    slow = np.pi * np.outer(position / span, np.arange(1 + max(0, int(2 * (low * span - 2)))))
+    rest = _without(signal, np.concatenate([np.cos(slow), np.sin(slow[:, 1:])], axis=1))
+    found: list[float] = []
+    while len(found) < count and rest.any():
+        frequency, prominence = _most_prominent(position, rest, low, high, pitch)
+        if prominence < PROMINENCE:
+            break
+        reach = 1 / (FINENESS * span)
+        refined: Any = minimize_scalar(
+            lambda f, values: -np.abs(np.exp(-2j * np.pi * f * position) @ values),
+            bounds=(max(frequency - reach, low), min(frequency + reach, high)),
+            args=(rest,),
+            method="bounded",
+            options={"xatol": 1e-3 / span},
+        )
+        found.append(float(refined.x))
+        phase = 2 * np.pi * found[-1] * position
+        rest = _without(rest, np.stack([np.cos(phase), np.sin(phase)], axis=1))
+    return found
+
+
+def _without(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """What remains of values behind their best fit by some waves."""
+    return values - waves @ np.linalg.lstsq(waves, values, rcond=None)[0]
+
+
+def _most_prominent(
+    position: np.ndarray, values: np.ndarray, low: float, high: float, pitch: float
+) -> tuple[float, float]:
+    """Frequency of the most prominent line on a raster, and its prominence."""
+    place = position / pitch
+    left = np.floor(place).astype(int)
+    share = place - left
+    count = int(left.max()) + 2
+    raster = np.bincount(left, values * (1 - share), count)
+    raster += np.bincount(left + 1, values * share, count)
+    size = 2 ** int(np.ceil(np.log2(FINENESS * count)))
+    power = np.abs(np.fft.rfft(raster, size)) ** 2
+    first = max(1, round(low * size * pitch))
+    last = max(first + 1, round(high * size * pitch))
+    level = np.log(power[first : last + 1] + np.finfo(float).tiny)
+    above = level - uniform_filter1d(level, BACKGROUND, mode="reflect")
+    best = int(np.argmax(above))
+    # The mean logarithm of exponentially distributed powers lies Euler's gamma below their mean.
+    chance = np.exp(np.euler_gamma) * np.log(len(level))
+    return (first + best) / (size * pitch), float(np.exp(above[best]) / chance)

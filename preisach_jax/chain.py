@@ -1,29 +1,48 @@
-"""The signal chain: input effects, Preisach operator, weight, output and added effects."""
+"""The signal chain: input effects, Preisach operator, weight, output, added and sensor effects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
+    HysteresisEffect,
     InputEffect,
     OutputEffect,
+    Parameter,
+    SensorEffect,
     Signals,
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import hysteron_states, state_bounds
+from preisach_jax.hysteron import hysteron_states, state_bounds, weighted_states
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+
+PLACES = (
+    InputEffect,
+    HysteresisEffect,
+    WeightEffect,
+    OutputEffect,
+    AddedEffect,
+    SensorEffect,
+)
+
+FEEDBACK_ROUNDS = 8
+"""Rounds of the fixed point by which a fed-back output is found; each takes 3/4 and more away."""
+
+SENSOR_ROUNDS = 6
+"""Newton steps by which a sensor's map is inverted."""
 
 EffectValues = Mapping[str, Mapping[str, float]]
 """Values of the nonlinear parameters, by effect and by name."""
@@ -56,15 +75,26 @@ class Chain(eqx.Module):
         if len(set(names)) < len(names):
             raise ValueError(f"the effects {names} have a name twice; give each its own")
         for effect in self.effects:
-            if not isinstance(effect, InputEffect | WeightEffect | OutputEffect | AddedEffect):
+            if not isinstance(effect, PLACES):
                 raise ValueError(
                     f"the effect {effect.name!r} is a {type(effect).__name__}: derive it from "
-                    "InputEffect, WeightEffect, OutputEffect or AddedEffect"
+                    + ", ".join(place.__name__ for place in PLACES)
                 )
 
     def at(self, place: type[Effect]) -> list[Any]:
         """The effects of one place, in order."""
         return [effect for effect in self.effects if isinstance(effect, place)]
+
+    @property
+    def coefficients(self) -> list[tuple[str, Parameter]]:
+        """Effect and coefficient of each column behind the offset, in order."""
+        linear = [*self.at(AddedEffect), *self.at(SensorEffect)]
+        return [(effect.name, each) for effect in linear for each in effect.coefficients()]
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether an effect makes the input of the hysterons depend on their output."""
+        return any(effect.feeds_back for effect in self.at(HysteresisEffect))
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
         """The same plane and hysterons with other effects."""
@@ -80,7 +110,7 @@ class Columns:
         cells: how many columns belong to the cells of the plane.
         groups: for each column of the initial memory, the cells whose unknown start it carries.
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
-        added: names of the effects of the last columns, one each.
+        added: names of the effects of the last columns (added and sensor effects), one each.
     """
 
     matrix: np.ndarray
@@ -110,7 +140,7 @@ class Coefficients:
         weights: (cells,) weights R, in output units.
         memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
         offset: output with all hysterons off.
-        added: (column,) coefficients of the added effects.
+        added: (column,) coefficients of the added effects, and then of the sensor's.
     """
 
     weights: np.ndarray
@@ -194,19 +224,49 @@ def _added_columns(effect, values: Values, signals: Signals):
 
 
 @eqx.filter_jit
-def _state_bounds(plane: Plane, path, hysteron: str):
-    return state_bounds(plane, path, hysteron)
+def _widening(effect, values: Values, path, time):
+    return _expect(effect, "widening", effect.widening(values, path, time), time.shape)
 
 
 @eqx.filter_jit
-def _states_from_low(plane: Plane, path, hysteron: str):
-    return hysteron_states(plane, path, "low", hysteron)
+def _fed_back(effect, values: Values, path, output):
+    return _expect(effect, "fed_back", effect.fed_back(values, path, output), path.shape)
 
 
 @eqx.filter_jit
-def _operator(plane: Plane, weights, memory, path, hysteron: str):
-    low, high = state_bounds(plane, path, hysteron)
-    return low @ weights + (high - low) @ memory
+def _sensor_columns(effect, values: Values, reading):
+    shape = (*reading.shape, len(effect.coefficients()))
+    return _expect(effect, "columns", effect.columns(values, reading), shape)
+
+
+@eqx.filter_jit
+def _reading(effect, values: Values, coefficients, signal):
+    """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal."""
+
+    def excess(reading):
+        return reading - effect.columns(values, reading) @ coefficients - signal
+
+    reading = signal
+    for _ in range(SENSOR_ROUNDS):
+        value, slope = jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
+        # Where the map folds there is no inverse: a step never goes further than twice the excess.
+        reading = reading - value / jnp.maximum(slope, 0.5)
+    return effect.converted(values, reading)
+
+
+@eqx.filter_jit
+def _state_bounds(plane: Plane, drive, hysteron: str):
+    return state_bounds(plane, drive.rising, hysteron, drive.falling)
+
+
+@eqx.filter_jit
+def _states_from_low(plane: Plane, drive, hysteron: str):
+    return hysteron_states(plane, drive.rising, "low", hysteron, drive.falling)
+
+
+@eqx.filter_jit
+def _operator(plane: Plane, weights, memory, drive, hysteron: str):
+    return weighted_states(plane, weights, memory, drive.rising, hysteron, drive.falling)
 
 
 def _arrays(values: Mapping[str, Any]) -> Values:
@@ -215,13 +275,48 @@ def _arrays(values: Mapping[str, Any]) -> Values:
 
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
-    """The input as the hysteresis sees it, behind the input effects, `(time,)`."""
+    """The input behind the effects of the input, `(time,)`."""
     if isinstance(signals, ThinnedSignals):
         return driven_path(chain, values, signals.whole)[signals.kept]
     path = signals.input
     for effect in chain.at(InputEffect):
         path = _apply(effect, _arrays(values[effect.name]), path, signals.time)
     return path
+
+
+class Drive(NamedTuple):
+    """What the hysterons see, `(time,)`: at their thresholds α, and at β where that differs."""
+
+    rising: jax.Array
+    falling: jax.Array | None = None
+
+
+def drive(
+    chain: Chain, values: EffectValues, signals: Signals, output: ArrayLike | None = None
+) -> Drive:
+    """What the hysterons see, behind the effects of the input and with those inside.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        output: (time,) output of the Preisach operator, for an effect that feeds it back; without
+            it nothing is fed back.
+    """
+    path, widened = driven_path(chain, values, signals), None
+    inside = chain.at(HysteresisEffect)
+    if inside:
+        # The speed of the input is that of all samples, also where some are left out.
+        thinned = isinstance(signals, ThinnedSignals)
+        whole = signals.whole if thinned else signals
+        course = driven_path(chain, values, whole) if thinned else path
+        for effect in inside:
+            shift = _widening(effect, _arrays(values[effect.name]), course, whole.time)
+            shift = shift[signals.kept] if thinned else shift
+            widened = shift if widened is None else widened + shift
+            if output is not None:
+                path = _fed_back(effect, _arrays(values[effect.name]), path, jnp.asarray(output))
+    return Drive(path) if widened is None else Drive(path - widened, path + widened)
 
 
 @dataclass(frozen=True)
@@ -239,55 +334,71 @@ class HysteresisColumns:
     start: np.ndarray
 
 
-def hysteresis_columns(chain: Chain, path: jax.Array, initial_memory: str) -> HysteresisColumns:
-    """Columns of the Preisach operator along a path.
+def hysteresis_columns(chain: Chain, course: Drive, initial_memory: str) -> HysteresisColumns:
+    """Columns of the Preisach operator along what drives it.
 
     Arguments:
         chain: what is in the model.
-        path: (time,) input as the hysteresis sees it.
+        course: what the hysterons see.
         initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
     """
     nothing = np.zeros(chain.plane.cells)
-    first_low, first_high = _state_bounds(chain.plane, path[:1], chain.hysteron)
-    start = nothing if initial_memory == "free" else stated_start(chain, path, initial_memory)
+    first_low, first_high = _state_bounds(chain.plane, _first(course), chain.hysteron)
+    start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
     if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
         # The first sample forces all hysterons, or those it leaves open are off.
-        return HysteresisColumns(_states_from_low(chain.plane, path, chain.hysteron), (), start)
-    low, high = _state_bounds(chain.plane, path, chain.hysteron)
+        return HysteresisColumns(_states_from_low(chain.plane, course, chain.hysteron), (), start)
+    low, high = _state_bounds(chain.plane, course, chain.hysteron)
     if initial_memory == "free":
         states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
         return HysteresisColumns(jnp.asarray(states), groups, nothing)
     return HysteresisColumns(low + jnp.asarray(start)[None, :] * (high - low), (), start)
 
 
-def stated_start(chain: Chain, path: jax.Array, initial_memory: str) -> np.ndarray:
+def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray:
     """Share of what the first sample leaves open that a stated initial memory switches on.
 
     Arguments:
         chain: what is in the model.
-        path: (time,) input as the hysteresis sees it.
+        course: what the hysterons see.
         initial_memory: `"low"`, `"high"` or `"demagnetised"`.
 
     Returns:
         (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.
     """
     low, high = (
-        np.asarray(bound[0]) for bound in _state_bounds(chain.plane, path[:1], chain.hysteron)
+        np.asarray(bound[0]) for bound in _state_bounds(chain.plane, _first(course), chain.hysteron)
     )
-    states = np.asarray(chain.plane.initial_states(initial_memory, path[0], chain.hysteron))
+    first = course.rising[0]
+    states = np.asarray(chain.plane.initial_states(initial_memory, first, chain.hysteron))
     gap = high - low
     return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
 
 
-def hysteresis_output(chain: Chain, path: jax.Array, coefficients: Coefficients) -> jax.Array:
-    """Output of the Preisach operator (6) along a path, without offset, `(time,)`."""
-    return _operator(
-        chain.plane,
-        jnp.asarray(coefficients.weights),
-        jnp.asarray(coefficients.memory),
-        path,
-        chain.hysteron,
-    )
+def _first(course: Drive) -> Drive:
+    return Drive(course.rising[:1], None if course.falling is None else course.falling[:1])
+
+
+def hysteresis_output(
+    chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
+) -> jax.Array:
+    """Output of the Preisach operator (6), without offset, `(time,)`.
+
+    Where it is fed back, the output that agrees with itself is found by rounds over the whole
+    course, from a straight line between the ends of the loop.
+    """
+    weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
+
+    def operator(course):
+        return _operator(chain.plane, weights, memory, course, chain.hysteron)
+
+    if not chain.feeds_back:
+        return operator(drive(chain, values, signals))
+    low, high = chain.plane.low, chain.plane.high
+    output = (driven_path(chain, values, signals) - low) / (high - low) * weights.sum()
+    for _ in range(FEEDBACK_ROUNDS):
+        output = operator(drive(chain, values, signals, output))
+    return output
 
 
 def behind_hysteresis(
@@ -310,6 +421,11 @@ def behind_hysteresis(
         stop = start + columns.shape[1]
         signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
         start = stop
+    for effect in chain.at(SensorEffect):
+        stop = start + len(effect.coefficients())
+        share = jnp.asarray(coefficients.added[start:stop])
+        signal = _reading(effect, _arrays(values[effect.name]), share, signal)
+        start = stop
     return signal
 
 
@@ -317,8 +433,7 @@ def response(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
     """The output of a model, `(time,)`."""
-    path = driven_path(chain, values, signals)
-    hysteresis = hysteresis_output(chain, path, coefficients)
+    hysteresis = hysteresis_output(chain, values, signals, coefficients)
     return behind_hysteresis(chain, values, signals, hysteresis, coefficients)
 
 
@@ -331,16 +446,16 @@ def tangents(
 ) -> np.ndarray:
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
 
-    Forward-mode derivatives; the Preisach operator is differentiated for input effects alone.
+    Forward-mode derivatives; the Preisach operator is differentiated only for effects of the input
+    and inside it.
     """
     hysteresis = None
-    inputs = {effect.name for effect in chain.at(InputEffect)}
+    before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
     columns = []
     for effect, name in parameters:
-        if effect not in inputs and hysteresis is None:
-            path = driven_path(chain, values, signals)
-            hysteresis = hysteresis_output(chain, path, coefficients)
-        given = None if effect in inputs else hysteresis
+        if effect not in before and hysteresis is None:
+            hysteresis = hysteresis_output(chain, values, signals, coefficients)
+        given = None if effect in before else hysteresis
 
         def output(value, effect=effect, name=name, given=given):
             moved = {**values, effect: {**values[effect], name: value}}
@@ -359,6 +474,7 @@ def regressors(
     signals: Signals,
     hysteresis: HysteresisColumns,
     rows: np.ndarray | None = None,
+    measured: np.ndarray | None = None,
 ) -> Columns:
     """The columns that the linear coefficients multiply, at given nonlinear parameters.
 
@@ -368,6 +484,7 @@ def regressors(
         signals: what drives it.
         hysteresis: the `hysteresis_columns` along its `driven_path`.
         rows: (row,) samples to keep, in their order; all by default.
+        measured: (row,) measured output at these samples, for the effects of the sensor.
 
     Returns:
         The columns, `(row, column)`.
@@ -382,6 +499,12 @@ def regressors(
         parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
         names += [effect.name] * parts[-1].shape[1]
     rows = np.arange(len(signals.time)) if rows is None else rows
+    for effect in chain.at(SensorEffect):
+        reading = np.full(len(signals.time), np.nan)
+        reading[rows] = measured
+        columns = _sensor_columns(effect, _arrays(values[effect.name]), jnp.asarray(reading))
+        parts.append(np.asarray(columns))
+        names += [effect.name] * parts[-1].shape[1]
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])
     matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
     for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):

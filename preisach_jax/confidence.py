@@ -6,8 +6,8 @@ import numpy as np
 import scipy.linalg
 import scipy.special
 
-from preisach_jax.effects.base import AddedEffect, Parameter
-from preisach_jax.identify import FOLDS, Point, Problem, linearise, residual_of
+from preisach_jax.effects.base import Parameter
+from preisach_jax.identify import FOLDS, Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
 
 LEVEL = 0.95
@@ -36,7 +36,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     free = ~point.equations.nonnegative | (point.solution > 0)
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
     matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
-    residual = residual_of(problem, point)
+    residual = point.residual
     used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
     scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
     influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
@@ -53,9 +53,8 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
             parameter, point.values[effect][parameter.name], half, problem
         )
     column = point.columns.offset + 1
-    values = point.coefficients(problem.unit).added
-    coefficients = [(e.name, c) for e in point.chain.at(AddedEffect) for c in e.coefficients()]
-    for position, (effect, coefficient) in enumerate(coefficients, start=column):
+    values = point.coefficients().added
+    for position, (effect, coefficient) in enumerate(point.chain.coefficients, start=column):
         half = factor * deviation[position] * problem.unit / point.equations.scale[position]
         found[effect][coefficient.name] = _interval(
             coefficient, float(values[position - column]), float(half), problem
@@ -84,11 +83,9 @@ def differs_from_nothing(
     amounts = [
         parameter.name
         for name, parameter in point.parameters
-        if name == effect and parameter.start == (0.0,)
+        if name == effect and (parameter.is_amount or parameter.start == (0.0,))
     ]
-    for added in point.chain.at(AddedEffect):
-        if added.name == effect:
-            amounts += [coefficient.name for coefficient in added.coefficients()]
+    amounts += [each.name for name, each in point.chain.coefficients if name == effect]
     intervals = [found[effect][name] for name in amounts]
     return not amounts or any(interval.low * interval.high > 0 for interval in intervals)
 

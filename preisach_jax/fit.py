@@ -234,7 +234,7 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
         problem.cache["start", names] = _coarse_start(problem, point, effect)
     # The start depends little on the plane: on a finer one it is found again where it was.
     values = {**point.values, effect.name: problem.cache["start", names]}
-    full = evaluate(problem, chain, values, point.strength)
+    full = evaluate(problem, chain, values, point.strength, point)
     promise = min(full.objective, promised_objective(problem, full))
     if promise > (1 - LEAST_PROMISE) * point.objective and not always:
         return full
@@ -245,7 +245,7 @@ def _coarse_start(problem: Problem, point: Point, effect: Effect) -> dict[str, f
     """Values of an effect's parameters from which to refine it, found on a coarse plane."""
     plane = plane_of(problem, min(COARSE_LEVELS, point.chain.plane.levels))
     chain = replace(point.chain, plane=plane)
-    coarse = evaluate(problem, chain, point.values, point.strength)
+    coarse = evaluate(problem, chain, point.values, point.strength, point)
     rough = [refine(problem, start, iterations=3) for start in search(problem, coarse, effect)]
     return min(rough, key=lambda trial: trial.objective).values[effect.name]
 
@@ -255,18 +255,18 @@ def without_effect(problem: Problem, point: Point, name: str) -> Point:
     effects = tuple(effect for effect in point.chain.effects if effect.name != name)
     values = {key: value for key, value in point.values.items() if key != name}
     chain = point.chain.with_effects(effects)
-    return moved_to(problem, replace(point, chain=chain, values=values))
+    return settled(problem, evaluate(problem, chain, values, point.strength, point))
 
 
 def at_levels(problem: Problem, point: Point, levels: int) -> Point:
     """The same model on a plane of other levels, refitted."""
     chain = replace(point.chain, plane=plane_of(problem, levels))
-    return moved_to(problem, replace(point, chain=chain))
+    return settled(problem, evaluate(problem, chain, point.values, point.strength, point))
 
 
 def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
-    return settled(problem, evaluate(problem, point.chain, point.values, point.strength))
+    return settled(problem, evaluate(problem, point.chain, point.values, point.strength, point))
 
 
 def settled(problem: Problem, point: Point) -> Point:
@@ -286,7 +286,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         record: the record with all its samples.
     """
     whole = refine(problem, with_all_rows(point), iterations=2)
-    coefficients = point.coefficients(problem.unit)
+    coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
     held_out = _held_out_rows(problem, record)
@@ -296,7 +296,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     model = Model(
         chain=whole.chain,
         values=whole.values,
-        coefficients=whole.coefficients(problem.unit),
+        coefficients=whole.coefficients(),
         parameters=estimates(problem, whole),
         visited=np.ptp(whole.matrix[:, :cells], axis=0) > 1e-9,
         columns={

@@ -175,7 +175,11 @@ def hysteron_step(
 
 
 def hysteron_states(
-    plane: Plane, x: ArrayLike, initial_states: ArrayLike | str = "low", hysteron: str = "ramp"
+    plane: Plane,
+    x: ArrayLike,
+    initial_states: ArrayLike | str = "low",
+    hysteron: str = "ramp",
+    falling: ArrayLike | None = None,
 ) -> jax.Array:
     """Follow the states of all hysterons along an input, eq. (1)-(4).
 
@@ -185,6 +189,8 @@ def hysteron_states(
         initial_states: (cells,) states in [0, 1] before the first sample, or the name of an initial
             memory (see `Plane.initial_states`).
         hysteron: "relay" or "ramp".
+        falling: (time,) input of the thresholds β, where it is not that of the thresholds α: where
+            thresholds move outward by δ, `x` is the input less δ, and `falling` the input plus δ.
 
     Returns:
         (time, cells) states in [0, 1]; the first row is the state after x[0].
@@ -199,6 +205,8 @@ def hysteron_states(
         [0.0, 0.75, 0.25]
     """
     x, start = path_and_start(plane, x, initial_states, hysteron)
+    if falling is not None:
+        return _states_of_two_paths(plane, x, jnp.asarray(falling, x.dtype), start, hysteron)
 
     def advance(carry, value):
         states, previous = carry
@@ -208,7 +216,78 @@ def hysteron_states(
     return jax.lax.scan(advance, (start, x[0]), x)[1]
 
 
-def state_bounds(plane: Plane, x: ArrayLike, hysteron: str = "ramp") -> tuple[jax.Array, jax.Array]:
+Pair = tuple[jax.Array, jax.Array]
+
+
+def _step_of_two_paths(
+    plane: Plane, states: jax.Array, previous: Pair, now: Pair, hysteron: str
+) -> jax.Array:
+    """`hysteron_step` where thresholds α see the first of two inputs, and β the second."""
+    on_alpha, _ = thresholds_reached(plane, previous[0], now[0], hysteron)
+    _, on_beta = thresholds_reached(plane, previous[1], now[1], hysteron)
+    return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
+
+
+def _states_of_two_paths(
+    plane: Plane, rising: jax.Array, falling: jax.Array, start: jax.Array, hysteron: str
+) -> jax.Array:
+    def advance(carry, now):
+        states, previous = carry
+        states = _step_of_two_paths(plane, states, previous, now, hysteron)
+        return (states, now), states
+
+    first = (rising[0], falling[0])
+    return jax.lax.scan(advance, (start, first), (rising, falling))[1]
+
+
+def weighted_states(
+    plane: Plane,
+    weights: jax.Array,
+    memory: jax.Array,
+    x: jax.Array,
+    hysteron: str = "ramp",
+    falling: jax.Array | None = None,
+) -> jax.Array:
+    """Weigh the states along an input whose earlier history is known by its effect alone.
+
+    h(k) = Σ_i R_i low_i(k) + m_i (high_i(k) - low_i(k)) with the `state_bounds`, and without
+    keeping these.
+
+    Args:
+        plane: the Preisach plane.
+        weights: (cells,) weights R, in output units.
+        memory: (cells,) output m that each unknown start adds until the input forces it.
+        x: (time,) input, in the unit of the plane.
+        hysteron: "relay" or "ramp".
+        falling: (time,) input of the thresholds β, see `hysteron_states`.
+
+    Returns:
+        (time,) output h, in output units.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from preisach_jax.plane import Plane
+        >>> ones = jnp.ones(3)
+        >>> plane, x = Plane(levels=2, low=0.0, high=2.0), jnp.array([1.0, 2.0])
+        >>> weighted_states(plane, ones, 0.5 * ones, x, "relay").tolist()
+        [1.5, 3.0]
+    """
+    other = x if falling is None else falling
+
+    def advance(carry, now):
+        low, high, previous = carry
+        low = _step_of_two_paths(plane, low, previous, now, hysteron)
+        high = _step_of_two_paths(plane, high, previous, now, hysteron)
+        return (low, high, now), low @ weights + (high - low) @ memory
+
+    zero = jnp.zeros(plane.cells, x.dtype)
+    start = (zero, zero + 1.0, (x[0], other[0]))
+    return jax.lax.scan(advance, start, (x, other))[1]
+
+
+def state_bounds(
+    plane: Plane, x: ArrayLike, hysteron: str = "ramp", falling: ArrayLike | None = None
+) -> tuple[jax.Array, jax.Array]:
     """Bound the states of all hysterons along an input whose earlier history is unknown.
 
     Eq. (2) with fixed input maps y(k-1) by a clamp, and clamps compose to clamps, so that the state
@@ -218,6 +297,7 @@ def state_bounds(plane: Plane, x: ArrayLike, hysteron: str = "ramp") -> tuple[ja
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         hysteron: "relay" or "ramp".
+        falling: (time,) input of the thresholds β, see `hysteron_states`.
 
     Returns:
         `(low, high)`, (time, cells) each: the states with all hysterons initially off and with all
@@ -233,8 +313,8 @@ def state_bounds(plane: Plane, x: ArrayLike, hysteron: str = "ramp") -> tuple[ja
         >>> (high - low).sum(axis=1).tolist()
         [1.0, 0.0]
     """
-    low = hysteron_states(plane, x, "low", hysteron)
-    return low, hysteron_states(plane, x, "high", hysteron)
+    low = hysteron_states(plane, x, "low", hysteron, falling)
+    return low, hysteron_states(plane, x, "high", hysteron, falling)
 
 
 def path_and_start(

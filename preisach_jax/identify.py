@@ -21,13 +21,22 @@ from preisach_jax.chain import (
     EffectValues,
     HysteresisColumns,
     ThinnedSignals,
-    driven_path,
+    drive,
     hysteresis_columns,
+    hysteresis_output,
     regressors,
     signals_of,
     tangents,
 )
-from preisach_jax.effects.base import Effect, InputEffect, Parameter, Signals, Survey
+from preisach_jax.effects.base import (
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    Parameter,
+    SensorEffect,
+    Signals,
+    Survey,
+)
 from preisach_jax.record import Record
 from preisach_jax.regression import (
     NormalEquations,
@@ -113,7 +122,7 @@ class Problem:
             time=self.record.time[rows],
             input=self.record.input[rows],
             output=self.record.output[rows],
-            residual=residual_of(self, point)[order] * self.unit,
+            residual=point.residual[order] * point.unit,
         )
 
     @property
@@ -131,16 +140,35 @@ class Problem:
         """Range of the measured output: the solver works on outputs of unit range."""
         return float(np.ptp(self.target))
 
-    def hysteresis(self, chain: Chain, values: EffectValues) -> HysteresisColumns:
-        """Columns of the operator; kept while the input effects do not change."""
-        key = tuple(
-            (effect, tuple(values[effect.name].items())) for effect in chain.at(InputEffect)
-        )
+    def hysteresis(
+        self, chain: Chain, values: EffectValues, like: Point | None = None
+    ) -> HysteresisColumns:
+        """Columns of the operator; kept while what drives it does not change.
+
+        Arguments:
+            chain: what is in the model.
+            values: its nonlinear parameters.
+            like: a point whose output is fed back where an effect of the chain asks for that.
+        """
+        moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
+        key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
         slot = ("hysteresis", chain.plane, chain.hysteron)
-        if self.cache.get(slot, (None,))[0] != key:
-            path = driven_path(chain, values, self.signals)
-            self.cache[slot] = (key, hysteresis_columns(chain, path, self.record.initial_memory))
-        return self.cache[slot][1]
+        if chain.feeds_back:
+            output = None if like is None else self.hysteresis_output(like)
+        elif self.cache.get(slot, (None,))[0] == key:
+            return self.cache[slot][1]
+        else:
+            output = None
+        course = drive(chain, values, self.signals, output)
+        columns = hysteresis_columns(chain, course, self.record.initial_memory)
+        self.cache[slot] = (None if chain.feeds_back else key, columns)
+        return columns
+
+    def hysteresis_output(self, point: Point) -> np.ndarray:
+        """(time,) output of the Preisach operator of a point, in output units."""
+        return np.asarray(
+            hysteresis_output(point.chain, point.values, self.signals, point.coefficients())
+        )
 
 
 def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
@@ -188,6 +216,8 @@ class Point:
         values: nonlinear parameters by effect and name.
         strength: strength of the smoothness prior.
         folds: folds of rows that identify.
+        unit: output range, in output units.
+        target: (row,) measured output, in output ranges.
         matrix: (row, column) scaled regressors of the measured rows.
         columns: what the columns are.
         equations: normal equations, in output ranges.
@@ -199,6 +229,8 @@ class Point:
     values: dict[str, dict[str, float]]
     strength: float
     folds: np.ndarray
+    unit: float
+    target: np.ndarray
     matrix: np.ndarray
     columns: Columns
     equations: NormalEquations
@@ -206,8 +238,20 @@ class Point:
     objective: float
 
     @property
+    def residual(self) -> np.ndarray:
+        """(row,) residual over all measured rows, in output ranges."""
+        predicted = self.matrix @ self.solution
+        for effect in self._converters():
+            reading = effect.converted(self.values[effect.name], jnp.asarray(predicted * self.unit))
+            predicted = np.asarray(reading) / self.unit
+        return self.target - predicted
+
+    @property
     def validation_mean_square(self) -> float:
         """Mean square on the held-out blocks, in squared output ranges."""
+        if self._converters():  # what a converter rounds is in no normal equations
+            held_out = int(self.equations.count[VALIDATION].sum())
+            return float(np.mean(self.residual[-held_out:] ** 2))
         return self.equations.mean_square(self.solution, VALIDATION)
 
     @property
@@ -215,15 +259,13 @@ class Point:
         """All nonlinear parameters with the effects they belong to."""
         return parameters_of(self.chain.effects)
 
-    def coefficients(self, unit: float, solution: np.ndarray | None = None) -> Coefficients:
+    def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
-        return Coefficients.from_columns(self.columns, unit * solution / self.equations.scale)
+        return Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
 
-
-def residual_of(problem: Problem, point: Point) -> np.ndarray:
-    """(row,) residual of a point over all measured rows, in output ranges."""
-    return problem.target / problem.unit - point.matrix @ point.solution
+    def _converters(self) -> list[SensorEffect]:
+        return [effect for effect in self.chain.at(SensorEffect) if effect.converts()]
 
 
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
@@ -236,16 +278,25 @@ def evaluate(
     chain: Chain,
     values: dict[str, dict[str, float]],
     strength: float,
-    guess: np.ndarray | None = None,
+    like: Point | None = None,
     folds: np.ndarray = IDENTIFICATION,
 ) -> Point:
     """Solve for the linear coefficients at given nonlinear parameters.
 
+    Arguments:
+        problem: the record.
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        strength: strength of the smoothness prior.
+        like: a point near by, if there is one: its solution is the first guess, and its output is
+            what is fed back.
+        folds: folds of rows that identify.
+
     Raises:
         FloatingPointError: if an effect gives values that are not finite.
     """
-    hysteresis = problem.hysteresis(chain, values)
-    columns = regressors(chain, values, problem.signals, hysteresis, problem.rows)
+    hysteresis = problem.hysteresis(chain, values, like)
+    columns = regressors(chain, values, problem.signals, hysteresis, problem.rows, problem.target)
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
@@ -258,8 +309,11 @@ def evaluate(
         columns.groups,
     )
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
-    guess = np.empty(0) if guess is None else guess
-    bare = Point(chain, values, strength, folds, matrix, columns, equations, guess, 0.0)
+    guess = np.empty(0) if like is None else like.solution
+    target = problem.target / problem.unit
+    bare = Point(
+        chain, values, strength, folds, problem.unit, target, matrix, columns, equations, guess, 0.0
+    )
     return _solved(bare)
 
 
@@ -305,7 +359,7 @@ def linearise(
 ) -> Linearised:
     """Append the tangents of some parameters to the regression of a point."""
     names = [(effect, parameter.name) for effect, parameter in parameters]
-    coefficients = point.coefficients(problem.unit)
+    coefficients = point.coefficients()
     raw = tangents(point.chain, point.values, problem.signals, coefficients, names)
     raw = raw[problem.rows] / problem.unit
     for column, (effect, parameter) in enumerate(parameters):
@@ -397,9 +451,7 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
         before = point.objective
         for shrink in (1.0, 0.4, 0.1):
             values = _moved(point.values, parameters, shrink * step)
-            trial = evaluate(
-                problem, point.chain, values, point.strength, point.solution, point.folds
-            )
+            trial = evaluate(problem, point.chain, values, point.strength, point, point.folds)
             if trial.objective < before:
                 point = trial
                 break
@@ -435,7 +487,7 @@ def search(problem: Problem, point: Point, effect: Effect, keep: int = 2) -> lis
     ranked: list[tuple[float, Point]] = []
     for start in starts_of(effect):
         values = {**point.values, effect.name: start}
-        trial = evaluate(problem, chain, values, point.strength, point.solution)
+        trial = evaluate(problem, chain, values, point.strength, point)
         linear_like = [
             (effect.name, parameter)
             for parameter in effect.parameters()
@@ -450,7 +502,7 @@ def search(problem: Problem, point: Point, effect: Effect, keep: int = 2) -> lis
         ranked.sort(key=lambda pair: pair[0])
         del ranked[keep:]
     return [
-        evaluate(problem, chain, trial.values, trial.strength, trial.solution)
+        evaluate(problem, chain, trial.values, trial.strength, trial)
         if any(len(parameter.start) == 1 for parameter in effect.parameters())
         else trial
         for _, trial in ranked

@@ -17,7 +17,7 @@ from preisach_jax.chain import (
     Chain,
     Coefficients,
     behind_hysteresis,
-    driven_path,
+    drive,
     hysteresis_output,
     response,
     signals_of,
@@ -25,7 +25,7 @@ from preisach_jax.chain import (
 )
 from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, Effect
+from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
 from preisach_jax.hysteron import require_hysteron
 from preisach_jax.plane import Plane
@@ -278,20 +278,19 @@ class Model:
         """Output from the middle of what memory leaves open, and half the width of that."""
         with jax.enable_x64(True):
             signals = signals_of(record, self._drift_origin_s(record))
-            path = driven_path(self.chain, self.values, signals)
             weights = self.weights
             stated = record.initial_memory
             if stated == "free":
                 start = np.full(len(weights), 0.5)
             else:
-                start = stated_start(self.chain, path, stated)
+                start = stated_start(self.chain, drive(self.chain, self.values, signals), stated)
             coefficients = replace(self.coefficients, memory=weights * start)
-            middle = hysteresis_output(self.chain, path, coefficients)
+            middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
             if stated != "free":
                 return np.asarray(output), np.zeros(len(record.time))
             lowest = replace(self.coefficients, memory=np.zeros_like(weights))
-            gap = middle - hysteresis_output(self.chain, path, lowest)
+            gap = middle - hysteresis_output(self.chain, self.values, signals, lowest)
             return np.asarray(output), np.abs(np.asarray(gap))
 
     def to_json(self) -> dict[str, Any]:
@@ -453,12 +452,8 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
                     f"{effect.name}.{parameter.name} is {value}, and must lie between "
                     f"{parameter.low} and {parameter.high}"
                 )
-    added = [
-        parameters[effect.name][coefficient.name].value
-        for effect in effects
-        if isinstance(effect, AddedEffect)
-        for coefficient in effect.coefficients()
-    ]
+    chain = Chain(plane, effects, content["hysteron"])
+    added = [parameters[effect][each.name].value for effect, each in chain.coefficients]
     arrays = {
         name: np.asarray(content[name], dtype=float) for name in ("weights", "memory", "visited")
     }
@@ -474,7 +469,7 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
         for name in ("noise", "discretisation")
     ]
     return Model(
-        chain=Chain(plane, effects, content["hysteron"]),
+        chain=chain,
         values=values,
         coefficients=Coefficients(
             arrays["weights"],

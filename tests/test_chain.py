@@ -10,6 +10,8 @@ import pytest
 from preisach_jax.chain import (
     Chain,
     Coefficients,
+    Drive,
+    drive,
     driven_path,
     hysteresis_columns,
     hysteresis_output,
@@ -70,7 +72,7 @@ def setting(names, memory="free", **options):
     values: dict[str, dict[str, float]] = {name: VALUES[name] for name in names}
     signals = signals_of(rec)
     path = driven_path(chain, values, signals)
-    columns = regressors(chain, values, signals, hysteresis_columns(chain, path, memory))
+    columns = regressors(chain, values, signals, hysteresis_columns(chain, Drive(path), memory))
     solution = np.random.default_rng(1).uniform(0.2, 1.0, columns.matrix.shape[1])
     return chain, values, signals, columns, solution
 
@@ -125,7 +127,9 @@ def test_any_start_of_the_hysterons_is_in_the_span(x64, seed):
     start = rng.integers(0, 2, PLANE.cells).astype(float)
     target = np.asarray(hysteron_states(PLANE, rec.input, start)) @ weights
     chain, signals = Chain(PLANE), signals_of(rec)
-    columns = regressors(chain, {}, signals, hysteresis_columns(chain, signals.input, "free"))
+    columns = regressors(
+        chain, {}, signals, hysteresis_columns(chain, Drive(signals.input), "free")
+    )
     solution = np.concatenate([weights, np.zeros(columns.matrix.shape[1] - PLANE.cells)])
     for position, group in enumerate(columns.groups):
         solution[PLANE.cells + position] = weights[group] @ start[group]
@@ -148,17 +152,17 @@ def test_any_start_of_the_hysterons_is_in_the_span(x64, seed):
 def test_a_stated_start_is_that_of_the_plane(x64, kind):
     rec, chain = record(kind), Chain(PLANE)
     weights = np.linspace(0.5, 1.0, PLANE.cells)
-    start = stated_start(chain, jnp.asarray(rec.input), kind)
-    got = hysteresis_output(
-        chain, jnp.asarray(rec.input), Coefficients(weights, weights * start, 0.0, np.zeros(0))
-    )
+    signals = signals_of(rec)
+    start = stated_start(chain, drive(chain, {}, signals), kind)
+    coefficients = Coefficients(weights, weights * start, 0.0, np.zeros(0))
+    got = hysteresis_output(chain, {}, signals, coefficients)
     expected = hysteron_states(PLANE, rec.input, kind) @ weights
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
 
 
 def test_a_demagnetised_start_is_on_below_the_line(x64):
     chain = Chain(PLANE)
-    start = stated_start(chain, jnp.asarray([6.0]), "demagnetised")
+    start = stated_start(chain, Drive(jnp.asarray([6.0])), "demagnetised")
     line = PLANE.alpha + PLANE.beta - 12.0
     unforced = (PLANE.alpha > 6.0) & (PLANE.beta < 6.0)
     expected = np.where(np.abs(line) < 1e-9, 0.5, line < 0)
@@ -171,7 +175,7 @@ def test_both_kinds_of_hysteron_make_a_chain(x64, hysteron):
     rec = record("high")
     chain = Chain(PLANE, (), hysteron)
     signals = signals_of(rec)
-    columns = hysteresis_columns(chain, signals.input, "high")
+    columns = hysteresis_columns(chain, Drive(signals.input), "high")
     expected = hysteron_states(PLANE, rec.input, "high", hysteron)
     np.testing.assert_allclose(columns.states, expected, rtol=0, atol=1e-12)
 
@@ -295,7 +299,7 @@ def test_other_numbers_compile_nothing(x64):
             for name, of_effect in values.items()
         }
         coefficients = Coefficients.from_columns(columns, solution * factor)
-        hysteresis = hysteresis_columns(chain, driven_path(chain, values, signals), "low")
+        hysteresis = hysteresis_columns(chain, drive(chain, values, signals), "low")
         regressors(chain, values, signals, hysteresis)
         response(chain, values, signals, coefficients)
         every = [(name, key) for name in values for key in values[name]]

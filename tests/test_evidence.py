@@ -15,7 +15,6 @@ from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     discretisation_rms,
     noise_rms,
-    quantisation_step,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
@@ -35,6 +34,7 @@ from preisach_jax.effects.base import AddedEffect, Parameter
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import at_levels, base_point, plane_of, with_effect
 from preisach_jax.identify import VALIDATION, Problem, evaluate
 from preisach_jax.record import Record
@@ -226,9 +226,9 @@ def test_noise_is_measured_whatever_is_hidden(x64, noise, effect):
 def test_the_step_of_a_converter_is_found():
     rng = np.random.default_rng(0)
     smooth = 10 * np.sin(np.linspace(0, 20, 5000)) + 0.01 * rng.normal(size=5000)
-    assert quantisation_step(smooth) == 0.0
-    assert quantisation_step(np.round(smooth / 0.05) * 0.05) == pytest.approx(0.05)
-    assert quantisation_step(np.zeros(100)) == 0.0
+    assert lattice_step(smooth) == 0.0
+    assert lattice_step(np.round(smooth / 0.05) * 0.05) == pytest.approx(0.05)
+    assert lattice_step(np.zeros(100)) == 0.0
 
 
 def test_a_coarse_converter_is_noise(x64):

@@ -238,7 +238,7 @@ def test_the_weights_of_the_model_are_found(x64):
     problem = Problem.of(record)
     point = evaluate(problem, chain, {}, 1e-8)
     i, j = np.tril_indices(LEVELS)
-    got = point.coefficients(problem.unit)
+    got = point.coefficients()
     np.testing.assert_allclose(got.weights, 0.5 + 0.2 * i + 0.1 * j + (i == j), atol=0.01)
     assert got.offset == pytest.approx(2.0, abs=0.01)
     assert np.sqrt(point.validation_mean_square) * problem.unit < 1e-3
@@ -332,7 +332,7 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
     for name, value in every.items():
         expected = pytest.approx(value, rel=0.01, abs=3e-4)
         assert found.values[effect.name][name] == expected, name
-    coefficients = found.coefficients(problem.unit)
+    coefficients = found.coefficients()
     np.testing.assert_allclose(coefficients.added, added, rtol=0.01)
     assert np.sqrt(found.validation_mean_square) * problem.unit < 1.3e-3  # the noise is 1e-3
     assert found.validation_mean_square < 0.05 * base.validation_mean_square

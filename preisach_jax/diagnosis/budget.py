@@ -6,6 +6,7 @@ import numpy as np
 import scipy.special
 
 from preisach_jax.diagnosis.evidence import residual_in_time
+from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Point, Problem
 
@@ -37,19 +38,7 @@ def noise_rms(problem: Problem, point: Point) -> float:
     differences = np.diff(residual, n=2)
     middle = np.median(np.abs(differences - np.median(differences)))
     deviation = middle / scipy.special.ndtri(0.75)
-    return max(float(deviation) / np.sqrt(6), quantisation_step(problem.target) / np.sqrt(12))
-
-
-def quantisation_step(output: np.ndarray) -> float:
-    """Step of the converter behind an output, 0 if its values lie on no lattice.
-
-    A lattice shows itself by values that come again: the step is the least difference between
-    them, if no more than a tenth of the samples are different from each other.
-    """
-    values = np.unique(output)
-    if len(values) > len(output) / 10 or len(values) < 2:
-        return 0.0
-    return float(np.min(np.diff(values)))
+    return max(float(deviation) / np.sqrt(6), lattice_step(problem.target) / np.sqrt(12))
 
 
 def refined_levels(rows: int, levels: int) -> int | None:

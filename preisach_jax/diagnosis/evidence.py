@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from preisach_jax.identify import VALIDATION, Point, Problem, residual_of
+from preisach_jax.identify import VALIDATION, Point, Problem
 
 LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square below which nothing is named."""
@@ -68,7 +68,7 @@ class Evidence:
 
 def residual_in_time(problem: Problem, point: Point) -> np.ndarray:
     """(row,) residual of a point over all measured rows in time order, in output ranges."""
-    return residual_of(problem, point)[problem.in_time]
+    return point.residual[problem.in_time]
 
 
 def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:

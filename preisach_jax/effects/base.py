@@ -2,8 +2,9 @@
 
 The signal chain of every model is::
 
-    u ──► input effects ──► Preisach operator ──► weight effects ──► output effects ──► (+) ──► z
-                                                                    added effects ──────┘
+    u ─► input ─► hysteresis ─► weight ─► output ─► (+) ─► sensor ─► z
+        effects     effects    effects   effects     │     effects
+                                      added effects ─┘
 
 An effect is one small class.  It derives from the class of its *place* and says what its
 parameters are (`parameters`) and what it does to a signal.  Effects of the input and of the
@@ -208,6 +209,28 @@ class InputEffect(_Stepped):
     place: ClassVar[str] = "input"
 
 
+class HysteresisEffect(Effect):
+    """An effect inside the hysteresis: it moves thresholds with speed, or feeds the output back."""
+
+    place: ClassVar[str] = "hysteresis"
+    feeds_back: ClassVar[bool] = False
+    """Whether `fed_back` makes the input of the hysterons depend on their output."""
+
+    def widening(
+        self, values: Values, path: Float[Array, " time"], time: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
+        """By how much thresholds move outward, α + δ and β - δ, `(time,)`, in input units."""
+        del values, time
+        return jnp.zeros_like(path)
+
+    def fed_back(
+        self, values: Values, path: Float[Array, " time"], output: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
+        """What the hysterons see of an input and of their own output at the same instants."""
+        del values, output
+        return path
+
+
 class OutputEffect(_Stepped):
     """An effect between the hysteresis and the recorded output, linear in its signal."""
 
@@ -236,6 +259,37 @@ class AddedEffect(Effect):
     def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         """What is added for a coefficient of one, `(time, columns)`."""
         raise NotImplementedError(f"{type(self).__name__} must have columns(values, signals)")
+
+
+class SensorEffect(Effect):
+    """What the sensor makes of the output: a memoryless map, and the steps of its converter.
+
+    The map is written backwards, which keeps it linear in its coefficients c: the reading z
+    solves z - Σ c_k φ_k(z) = y, with y the output of the rest of the model.
+    """
+
+    place: ClassVar[str] = "output"
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficient of each φ, found by linear least squares; by default none."""
+        return ()
+
+    def columns(
+        self, values: Values, reading: Float[Array, " time"]
+    ) -> Float[Array, "time column"]:
+        """The functions φ_k of a reading, `(time, columns)`, smooth; by default none."""
+        del values
+        return jnp.zeros((*reading.shape, 0), reading.dtype)
+
+    def converted(self, values: Values, reading: Float[Array, " time"]) -> Float[Array, " time"]:
+        """The reading in the steps of a converter; by default as it is."""
+        del values
+        return reading
+
+    @classmethod
+    def converts(cls) -> bool:
+        """Whether there are such steps."""
+        return cls.converted is not SensorEffect.converted
 
 
 def curvature(

@@ -1,0 +1,67 @@
+"""Moving model: the output acts back on the input of the hysterons."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import numpy as np
+
+from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
+
+
+class Moving(HysteresisEffect):
+    r"""Feedback of the output: \(v = u + a\,h\) drives the hysterons.
+
+    The sum is brought back to the range of the input, so that both ends of the loop stay on the
+    plane, \(x = u_0 + (u - u_0 + a h) / (1 + a H / U)\) with the ranges U of the input and H of
+    the output: another scale of the thresholds, which the density takes up.
+
+    Arguments:
+        low_u, range_u: lower end u0 and range U of the input.
+        range_z: range H of the output.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> ends = jnp.array([0.0, 1.0])
+        >>> Moving().fed_back({"a": 0.5}, ends, ends).tolist()
+        [0.0, 1.0]
+    """
+
+    name: ClassVar[str] = "moving"
+    feeds_back: ClassVar[bool] = True
+    physics: ClassVar[str] = (
+        "The field that a domain feels is that from outside and that of all other domains, which "
+        "goes with the magnetisation (the polarisation, the strain). Minor loops between the same "
+        "inputs are then no longer congruent: their height depends on the output at which they lie."
+    )
+    source: ClassVar[str] = (
+        "E. Della Torre, IEEE Trans. Audio Electroacoust. 14 (1966) 86-92; E. Della Torre, "
+        "Magnetic Hysteresis, IEEE Press 1999, ch. 4 (moving model)"
+    )
+    signature: ClassVar[str] = (
+        "minor loops of equal swing whose heights differ between the branches of the major loop; "
+        "independent of time and rate"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("output_nonlinearity",)
+    experiment: ClassVar[str] = (
+        "equal minor loops at five or more biases, each on both branches: a feedback changes their "
+        "height with the output, a nonlinear sensor does so alike on both branches"
+    )
+    low_u: float = eqx.field(static=True, default=0.0)
+    range_u: float = eqx.field(static=True, default=1.0)
+    range_z: float = eqx.field(static=True, default=1.0)
+
+    def parameters(self):
+        ratio = self.range_u / self.range_z
+        return (
+            Parameter("a", "{u}/{z}", -0.4 * ratio, 1.0 * ratio, meaning="input for unit output"),
+        )
+
+    def bound_to(self, survey: Survey):
+        if len(survey.time) < 2:
+            return self
+        swing_u, swing_z = float(np.ptp(survey.input)), float(np.ptp(survey.output))
+        return Moving(float(survey.input.min()), swing_u, swing_z)
+
+    def fed_back(self, values, path, output):
+        moved = path - self.low_u + values["a"] * output
+        return self.low_u + moved / (1 + values["a"] * self.range_z / self.range_u)

@@ -1,0 +1,75 @@
+"""Coarse converter of the output."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import Parameter, SensorEffect, Survey
+
+RESOLVED = 1e-3
+"""Relative half width of the bounds around the step that the record shows."""
+
+
+def lattice_step(values: np.ndarray) -> float:
+    """Step of the converter behind some readings, 0 if they lie on no lattice.
+
+    A lattice shows itself by values that come again: the step is the least difference between
+    them, if no more than a tenth of the samples are different from each other.
+
+    Example:
+        >>> lattice_step(np.round(np.sin(np.arange(1000.0)) / 0.25) * 0.25)
+        0.25
+    """
+    distinct = np.unique(values)
+    if len(distinct) > len(values) / 10 or len(distinct) < 2:
+        return 0.0
+    return float(np.min(np.diff(distinct)))
+
+
+class OutputQuantisation(SensorEffect):
+    r"""Reading in the steps of a converter: \(z = q\,\mathrm{round}(h / q)\).
+
+    Arguments:
+        step_z: the step that the record shows; `bound_to` reads it off the output.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> OutputQuantisation().converted({"step": 0.5}, jnp.array([0.2, 0.3])).tolist()
+        [0.0, 0.5]
+    """
+
+    name: ClassVar[str] = "output_quantisation"
+    physics: ClassVar[str] = (
+        "The converter behind the sensor has steps. Where they are greater than the noise, the "
+        "reading stands still and jumps; what is lost in between no model can bring back, but a "
+        "model that knows the steps predicts the readings."
+    )
+    source: ClassVar[str] = (
+        "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4"
+    )
+    signature: ClassVar[str] = (
+        "a residual spread evenly over one step; readings that come again exactly"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("input_quantisation",)
+    experiment: ClassVar[str] = (
+        "a slow ramp over a few steps: readings come again exactly with a coarse sensor, and the "
+        "output itself moves in jumps with a coarse drive; or a finer range of the converter"
+    )
+    step_z: float = eqx.field(static=True, default=1e-9)
+
+    def parameters(self):
+        low, high = self.step_z * (1 - RESOLVED), self.step_z * (1 + RESOLVED)
+        return (
+            Parameter(
+                "step", "{z}", low, high, start=(self.step_z,), meaning="step of the reading"
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        fine = 1e-9 * float(np.ptp(survey.output)) if len(survey.output) else self.step_z
+        return OutputQuantisation(lattice_step(survey.output) or fine or 1e-9)
+
+    def converted(self, values, reading):
+        return values["step"] * jnp.round(reading / values["step"])

@@ -1,0 +1,82 @@
+"""Rate dependence: the faster the input, the wider the hysterons."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
+
+
+class RateDependence(HysteresisEffect):
+    r"""Thresholds that move outward with speed: \(\alpha + \delta, \beta - \delta\).
+
+    \[ \delta = c\,|\dot u / v|^p \]
+
+    Arguments:
+        reference_per_s: the speed v, in input units per s: the greatest of the record.
+        range_u: range of the input; bounds the coefficient c, the widening at that speed.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> t = jnp.arange(4.0)
+        >>> values = {"coefficient": 0.5, "exponent": 1.0}
+        >>> RateDependence(reference_per_s=2.0).widening(values, jnp.abs(t - 2), t).tolist()
+        [0.25, 0.25, 0.25, 0.25]
+    """
+
+    name: ClassVar[str] = "rate_dependence"
+    physics: ClassVar[str] = (
+        "Domain walls are damped: to switch in less time they need more field, so the thresholds "
+        "move apart with the speed of the input, and the loop widens with a power of the rate. At "
+        "rest nothing is left of it."
+    )
+    source: ClassVar[str] = (
+        "I. D. Mayergoyz, Mathematical Models of Hysteresis and Their Applications, Elsevier 2003, "
+        "ch. 2 (dynamic models); M. Al Janaideh, S. Rakheja, C.-Y. Su, IEEE/ASME Trans. "
+        "Mechatronics 16 (2011) 734-744 (thresholds that depend on the rate)"
+    )
+    signature: ClassVar[str] = (
+        "loops wider at speed on both branches, by a power of the rate below or near one; none "
+        "where the input rests, and less at turning points"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit")
+    experiment: ClassVar[str] = (
+        "triangles of one size at five or more rates over two decades: a lag widens the loop in "
+        "proportion to the rate, a threshold that moves by its power; and steps with holds, in "
+        "which a lag goes on moving and a threshold does not"
+    )
+    reference_per_s: float = eqx.field(static=True, default=1.0)
+    range_u: float = eqx.field(static=True, default=1.0)
+
+    def parameters(self):
+        return (
+            Parameter(
+                "coefficient",
+                "{u}",
+                0.0,
+                0.25 * self.range_u,
+                start=(0.01 * self.range_u,),
+                meaning=f"widening of each threshold at {self.reference_per_s:.4g} units per s",
+            ),
+            Parameter(
+                "exponent", "1", 0.1, 2.0, start=(0.3, 0.6, 1.0), meaning="power of the rate"
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        if len(survey.time) < 2:
+            return self
+        speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
+        fastest, swing = float(np.quantile(speed, 0.99)), float(np.ptp(survey.input))
+        return RateDependence(reference_per_s=fastest or swing / survey.step_s, range_u=swing)
+
+    def widening(self, values, path, time):
+        dt = jnp.diff(time)
+        speed = jnp.abs(jnp.diff(path)) / jnp.where(dt > 0, dt, 1.0)
+        speed = jnp.concatenate([speed[:1], speed]) / self.reference_per_s
+        # A power has no derivative at rest, where there is no widening either.
+        moving = speed > 1e-6
+        power = jnp.where(moving, speed, 1.0) ** values["exponent"]
+        return values["coefficient"] * jnp.where(moving, power, 0.0)

@@ -1,0 +1,1 @@
+"""The blind benchmark: how often is `preisach_jax.diagnose` right?"""

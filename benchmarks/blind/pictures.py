@@ -1,0 +1,160 @@
+"""Pictures of the benchmark, in colours that colour-blind readers can tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from blind.rates import WAYS
+
+VERDICTS = ("adequate", "unexplained")
+# Okabe and Ito's palette, with a marker each.
+EXCITATIONS = {"rich": ("#0072B2", "o"), "fair": ("#E69F00", "s"), "poor": ("#D55E00", "^")}
+LABELS = {
+    "diagnose": "diagnose\n(both locks)",
+    "criterion": "criterion\nalone",
+    "held_out": "held-out error\nalone",
+    "correlation": "largest\ncorrelation",
+}
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
+
+
+@mpl.rc_context(STYLE)
+def draw_confusion(confusion: Mapping[str, Mapping[str, int]], kind: str, path: Path) -> None:
+    """What is hidden against what is named first, as shares of each row with the counts.
+
+    Arguments:
+        confusion: counts by what is hidden and what is said.
+        kind: the excitation, for the title.
+        path: the PNG to write.
+    """
+    said = {name for counts in confusion.values() for name in counts} - set(VERDICTS)
+    columns = sorted(said | (set(confusion) - {"nothing"} - _outside(confusion)))
+    columns += VERDICTS
+    rows = sorted(confusion, key=lambda row: (row == "nothing", row in _outside(confusion), row))
+    counts = np.array([[confusion[row].get(column, 0) for column in columns] for row in rows])
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    figure = Figure(
+        figsize=(3.2 + 0.42 * len(columns), 2.0 + 0.3 * len(rows)), layout="constrained"
+    )
+    axes = figure.add_subplot()
+    image = axes.imshow(shares, cmap="cividis_r", vmin=0, vmax=1, aspect="auto")
+    for row, column in zip(*np.nonzero(counts), strict=True):
+        dark = shares[row, column] > 0.55
+        axes.text(
+            column,
+            row,
+            str(counts[row, column]),
+            ha="center",
+            va="center",
+            color="white" if dark else "black",
+        )
+    axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(rows)), rows)
+    axes.set_xlabel("named first, or the verdict where nothing is named")
+    axes.set_ylabel("hidden (single effects: nominal size and above)")
+    axes.set_title(f"Hidden against named; excitation: {kind}", loc="left")
+    axes.axvline(len(columns) - len(VERDICTS) - 0.5, color="black", linewidth=0.8)
+    axes.spines[:].set_visible(False)
+    figure.colorbar(image, label="share of the row")
+    figure.savefig(path, dpi=140)
+
+
+def _outside(confusion: Mapping[str, Any]) -> set[str]:
+    return {row for row in confusion if row.endswith("(not in library)")}
+
+
+@mpl.rc_context(STYLE)
+def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """How often an effect is named against its size, one panel an effect.
+
+    Arguments:
+        parts: the summary of each excitation.
+        path: the PNG to write.
+    """
+    names = sorted({name for part in parts.values() for name in part["detection"]})
+    across = min(4, max(1, len(names)))
+    down = max(1, -(-len(names) // across))
+    figure = Figure(figsize=(2.6 * across + 0.6, 2.1 * down + 0.9), layout="constrained")
+    panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    for panel, name in zip(panels, names, strict=False):
+        panel.set_title(name, loc="left")
+        for place, (kind, (colour, marker)) in enumerate(EXCITATIONS.items()):
+            row = parts.get(kind, {}).get("detection", {}).get(name)
+            if row is not None:
+                _curve(panel, row, kind, colour, marker, nudge=1.05 ** (place - 1))
+        panel.set_xscale("log")
+        panel.set_ylim(-0.05, 1.05)
+        panel.grid(color="#E4E4E4", linewidth=0.6)
+    figure.supxlabel("size, 1 is nominal")
+    figure.supylabel("share of the records in which it is named (bars: 95 %)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    figure.savefig(path, dpi=140)
+
+
+def _curve(panel, row: Mapping[str, Any], kind: str, colour: str, marker: str, nudge: float):
+    size = np.array([float(level) for level in row["by_size"]])
+    rates = list(row["by_size"].values())
+    middle = np.array([one["rate"] for one in rates])
+    ends = np.array([[one["low"], one["high"]] for one in rates]).T
+    panel.errorbar(
+        size * nudge,
+        middle,
+        np.maximum(np.abs(ends - middle), 0),
+        color=colour,
+        marker=marker,
+        markersize=4,
+        linewidth=1.1,
+        elinewidth=0.6,
+        label=kind,
+    )
+
+
+@mpl.rc_context(STYLE)
+def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """How often something is named where nothing is hidden, by four ways to name.
+
+    Arguments:
+        parts: the summary of each excitation.
+        path: the PNG to write.
+    """
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for place, (kind, (colour, marker)) in enumerate(EXCITATIONS.items()):
+        if kind not in parts or not parts[kind]["false_alarms"]["diagnose"]["of"]:
+            continue
+        rates = [parts[kind]["false_alarms"][way] for way in WAYS]
+        middle = np.array([one["rate"] for one in rates])
+        ends = np.array([[one["low"], one["high"]] for one in rates]).T
+        axes.errorbar(
+            np.arange(len(WAYS)) + 0.18 * (place - 1),
+            100 * middle,
+            100 * np.abs(ends - middle),
+            color=colour,
+            marker=marker,
+            linestyle="none",
+            capsize=2,
+            label=f"{kind} ({rates[0]['of']} records)",
+        )
+    axes.set_xticks(range(len(WAYS)), [LABELS[way] for way in WAYS])
+    axes.set_ylim(-3, 103)
+    axes.set_ylabel("% of records that hide nothing")
+    axes.set_title("False alarms of four ways to name an effect (bars: 95 %)", loc="left")
+    axes.grid(axis="y", color="#E4E4E4", linewidth=0.6)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left")
+    figure.savefig(path, dpi=140)

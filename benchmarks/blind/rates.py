@@ -1,0 +1,228 @@
+"""Numbers from results: rates with their intervals, detection sizes, errors of parameters."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize
+
+from blind.results import RIVALS
+
+Result = dict[str, Any]
+
+COMBINATIONS = ("single", "pairs", "triples")
+WAYS = ("diagnose", *RIVALS)
+
+CLEAR = 1.0
+"""Least size of the cases of the confusion matrix and of the rivals' hits: nominal."""
+
+STEEPEST = 12.0
+"""Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
+
+
+def rate(hits: Iterable[bool]) -> dict[str, float]:
+    """Share of hits with its 95 % interval (C. J. Clopper, E. S. Pearson, Biometrika 26 (1934)).
+
+    Arguments:
+        hits: whether each case is one.
+
+    Returns:
+        `count`, `of`, `rate`, two-sided `low` and `high`, and `bound`, the one-sided upper limit.
+
+    Example:
+        >>> round(rate([False] * 300)["bound"], 4)
+        0.0099
+    """
+    hits = list(hits)
+    count, of = sum(hits), len(hits)
+    if not of:
+        return {"count": 0, "of": 0, "rate": np.nan, "low": 0.0, "high": 1.0, "bound": 1.0}
+    low = stats.beta.ppf(0.025, count, of - count + 1) if count else 0.0
+    high, bound = (
+        stats.beta.ppf(p, count + 1, of - count) if count < of else 1.0 for p in (0.975, 0.95)
+    )
+    numbers = {"rate": count / of, "low": low, "high": high, "bound": bound}
+    return {"count": count, "of": of} | {name: float(value) for name, value in numbers.items()}
+
+
+def detection_sizes(size: Sequence[float], found: Sequence[bool]) -> dict[str, float]:
+    """Sizes at which an effect is found in 50 and in 90 of 100 cases.
+
+    A logistic curve in the logarithm of size, of the greatest likelihood, no steeper than
+    `STEEPEST` (where all small ones are missed and all large ones found, the data ask for a step).
+
+    Arguments:
+        size: (case,) sizes, positive.
+        found: (case,) whether the effect was named.
+
+    Returns:
+        `size_50` and `size_90`; infinite where nothing is found, 0 where nothing is missed.
+
+    Example:
+        >>> round(detection_sizes([0.5, 2.0], [False, True])["size_50"], 3)
+        1.0
+    """
+    x, y = np.log(np.asarray(size, float)), np.asarray(found, bool)
+    if y.all() or not y.any():
+        end = 0.0 if y.all() else np.inf
+        return {"size_50": end, "size_90": end}
+
+    def loss(line: np.ndarray) -> float:
+        steepness, middle = line
+        return float(np.sum(np.logaddexp(0.0, np.where(y, -1, 1) * steepness * (x - middle))))
+
+    start = (3.0, float(np.mean(x)))
+    bounds = [(0.01, STEEPEST), (x.min() - 5, x.max() + 5)]
+    steepness, middle = minimize(loss, start, method="L-BFGS-B", bounds=bounds).x
+    size_50, size_90 = np.exp(middle), np.exp(middle + np.log(9) / steepness)
+    return {"size_50": float(size_50), "size_90": float(size_90)}
+
+
+def summary_of(results: Sequence[Result]) -> dict[str, Any]:
+    """Everything that is told of some results.
+
+    Arguments:
+        results: finished cases.
+
+    Returns:
+        Numbers as JSON can hold them, see `tables.py` for what they are.
+    """
+    judged = [one for one in results if not one["error"]]
+    inside = [one for one in judged if one["hidden"] and one["in_library"] == one["hidden"]]
+    outside = [one for one in judged if one["hidden"] and one["in_library"] != one["hidden"]]
+    nothing = [one for one in judged if not one["hidden"]]
+    single = [one for one in inside if one["suite"] == "single"]
+    suites = {suite: [one for one in inside if one["suite"] == suite] for suite in COMBINATIONS}
+    return {
+        "cases": len(results),
+        "failed": len(results) - len(judged),
+        "confusion": confusion(judged),
+        "exact": {suite: rate(map(is_exact, rows)) for suite, rows in suites.items()},
+        "in_family": {suite: rate(map(is_in_family, rows)) for suite, rows in suites.items()},
+        "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
+        "false_alarms_by_circumstance": _by(
+            nothing,
+            lambda one: one["circumstances"]["nothing"],
+            lambda rows: rate(bool(one["effects"]) for one in rows),
+        ),
+        "first_name_right": {
+            way: rate(named(one, way) == one["hidden"][0] for one in single if is_clear(one))
+            for way in WAYS
+        },
+        "wrong_name_outside": rate(
+            any(name not in one["hidden"] for name in one["effects"]) for one in outside
+        ),
+        "verdicts_outside": dict(Counter(one["verdict"] for one in outside)),
+        "detection": _by(single, lambda one: short(one["hidden"][0]), _detection),
+        "parameters": parameter_errors(single),
+        "over_oracle": _quartiles(
+            [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside]
+        ),
+        "seconds": _quantiles([one["seconds"] for one in judged], {"median": 0.5, "p90": 0.9}),
+    }
+
+
+def named(result: Result, way: str) -> str | None:
+    """The effect that the diagnosis, or a rival, names first; None where it names nothing."""
+    if way == "diagnose":
+        return next(iter(result["effects"]), None)
+    return result["rivals"][way]
+
+
+def is_clear(result: Result) -> bool:
+    """Whether a single hidden effect has its nominal size or more."""
+    return result["size"] >= CLEAR
+
+
+def is_exact(result: Result) -> bool:
+    """Whether all that is hidden was named, and nothing else."""
+    return set(result["effects"]) == set(result["hidden"])
+
+
+def is_in_family(result: Result) -> bool:
+    """Whether each hidden effect is in some family, and each family holds a hidden effect."""
+    families = [set(family) for family in result["families"]]
+    hidden = set(result["hidden"])
+    return hidden <= set().union(*families) and all(hidden & family for family in families)
+
+
+def short(name: str) -> str:
+    """The name of a row or column: the load's is `aux`, and a decoy's `aux (decoy)`.
+
+    Example:
+        >>> short("aux:load_N"), short("aux:temp_C"), short("creep")
+        ('aux', 'aux (decoy)', 'creep')
+    """
+    if name.startswith("aux:"):
+        return "aux" if name == "aux:load_N" else "aux (decoy)"
+    return name
+
+
+def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
+    """How often each name was given first, by what is hidden.
+
+    Single effects count from their nominal size on.  Where nothing is named, the verdict stands.
+    """
+    rows: dict[str, Counter[str]] = {}
+    for one in results:
+        if one["suite"] in ("pairs", "triples") or (one["suite"] == "single" and not is_clear(one)):
+            continue
+        hidden = "nothing" if not one["hidden"] else short(one["hidden"][0])
+        if one["hidden"] != one["in_library"]:
+            hidden += " (not in library)"
+        said = named(one, "diagnose")
+        rows.setdefault(hidden, Counter())[short(said) if said else one["verdict"]] += 1
+    return {hidden: dict(counts) for hidden, counts in sorted(rows.items())}
+
+
+def parameter_errors(single: Sequence[Result]) -> dict[str, dict[str, Any]]:
+    """Errors and coverage of the parameters that truth and library share, where named rightly."""
+    rows: dict[str, list[tuple[float, bool]]] = {}
+    for one in single:
+        name = one["hidden"][0]
+        truth, said = one["truth"][name], one["parameters"].get(name, {})
+        for parameter in sorted(set(truth) & set(said)):
+            true, estimate = truth[parameter], said[parameter]
+            if true and np.isfinite(true):
+                error = abs(estimate["value"] - true) / abs(true)
+                covered = estimate["low"] <= true <= estimate["high"]
+                rows.setdefault(f"{short(name)}.{parameter}", []).append((error, covered))
+    return {
+        name: {
+            "median_relative_error": float(np.median([error for error, _ in pairs])),
+            "coverage": rate(covered for _, covered in pairs),
+        }
+        for name, pairs in sorted(rows.items())
+    }
+
+
+def _detection(rows: Sequence[Result]) -> dict[str, Any]:
+    size = [one["size"] for one in rows]
+    found = [one["hidden"][0] in one["effects"] for one in rows]
+    by_size = {
+        f"{level:g}": rate(hit for s, hit in zip(size, found, strict=True) if s == level)
+        for level in sorted(set(size))
+    }
+    return detection_sizes(size, found) | {"by_size": by_size}
+
+
+def _by(results, key, value) -> dict[str, Any]:
+    groups: dict[str, list[Result]] = {}
+    for one in results:
+        groups.setdefault(key(one), []).append(one)
+    return {name: value(groups[name]) for name in sorted(groups)}
+
+
+def _quartiles(values: Sequence[float]) -> dict[str, float]:
+    return _quantiles(values, {"q25": 0.25, "median": 0.5, "q75": 0.75})
+
+
+def _quantiles(values: Sequence[float], wanted: dict[str, float]) -> dict[str, float]:
+    found = {
+        name: float(np.quantile(values, p)) if values else np.nan for name, p in wanted.items()
+    }
+    return {"cases": len(values)} | found

@@ -1,0 +1,164 @@
+"""Run the blind benchmark: how often is `preisach_jax.diagnose` right?
+
+    python benchmarks/blind/run.py --out blind                     # all development cases
+    python benchmarks/blind/run.py --out blind --limit 200 --workers 4
+    python benchmarks/blind/run.py --out told --seeds reporting    # for figures that are told
+
+Stages that share no code with the package hide effects of known size.  Each finished case is one
+line of OUT/results.jsonl; the same command goes on where it was interrupted, and writes the tables
+and pictures (`tables.py`) of all that is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from blind.cases import REPEATS, SEEDS, Case, Choice, make_cases
+from blind.results import ResultsFile, read_results
+from blind.tables import write_tables
+
+Judge = Callable[[Case], dict[str, Any]]
+
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NPROC": "1",  # threads of XLA
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    "JAX_PLATFORMS": "cpu",
+}
+CASES_A_WORKER = 40
+"""Cases after which a worker is replaced, so that what it has compiled does not pile up."""
+
+
+def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> int:
+    """Judge the cases that have no result yet, and append each result as it comes.
+
+    Arguments:
+        cases: the cases.
+        folder: where `results.jsonl` lies, or will lie.
+        workers: worker processes; 0 works in this process.
+        judge: what makes a result of a case; a function of a module if there are workers.
+
+    Returns:
+        How many cases were judged.
+
+    Raises:
+        BrokenProcessPool: if a worker was killed; what was finished is kept.
+    """
+    done = {result["id"] for result in read_results(folder)}
+    left = [case for case in cases if case.id not in done]
+    conditions = _conditions()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with ResultsFile(folder) as file, Progress(*columns, TimeRemainingColumn()) as progress:
+        task = progress.add_task("judging", total=len(cases), completed=len(cases) - len(left))
+        for result in _judged(left, workers, judge):
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            file.append(result | conditions | {"finished": now})
+            progress.update(task, advance=1, description=result["id"])
+    return len(left)
+
+
+def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
+    if workers == 0:
+        yield from map(judge, cases)
+        return
+    with ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_leave_interrupts_to_the_parent,
+        max_tasks_per_child=CASES_A_WORKER,
+    ) as pool:
+        futures = [pool.submit(judge, case) for case in cases]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _conditions() -> dict[str, Any]:
+    packages = ("preisach_jax", "jax", "jaxlib", "numpy", "scipy")
+    return {
+        "versions": {package: version(package) for package in packages},
+        "commit": _commit(Path(__file__).parent),
+    }
+
+
+def _commit(folder: Path) -> str:
+    """The commit that is checked out, with a plus sign if the package was changed since."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(folder), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--", ":/preisach_jax")
+        return git("rev-parse", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _names(text: str) -> list[str]:
+    return [name for name in text.split(",") if name]
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description="How often is preisach_jax.diagnose right?  Interrupt at will; the same "
+        "command goes on."
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--seeds", choices=list(SEEDS), default="development")
+    parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(REPEATS)}")
+    parser.add_argument("--effects", type=_names, default=[], help="only cases that hide one")
+    parser.add_argument("--excitation", type=_names, default=[], help="of poor,fair,rich")
+    parser.add_argument("--limit", type=int, help="at most so many cases, spread evenly")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run what the command line asks for, and write the tables."""
+    asked = _arguments()
+    try:
+        choice = Choice(asked.suite, asked.effects, asked.excitation, asked.seeds, asked.limit)
+    except ValueError as error:
+        sys.exit(f"run.py: {error}")
+    os.environ.update(ONE_THREAD)
+    from blind.judge import judge  # loads JAX, which must see the environment
+
+    try:
+        run_cases(make_cases(choice), asked.out, asked.workers, judge)
+    except KeyboardInterrupt:
+        sys.exit("stopped; what was finished is kept, and the same command goes on")
+    except BrokenProcessPool:
+        sys.exit("a worker was killed (too little memory?); the same command goes on")
+    write_tables(asked.out)
+
+
+if __name__ == "__main__":
+    main()

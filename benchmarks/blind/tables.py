@@ -1,0 +1,184 @@
+"""Tables and pictures of the blind benchmark: `python benchmarks/blind/tables.py OUT`.
+
+Writes OUT/summary.json (all numbers, for each excitation and for all), OUT/tables.md, and PNG
+pictures: the confusion matrix, the detection curves, the false alarms of four ways to name.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind.pictures import draw_confusion, draw_detection, draw_false_alarms
+from blind.rates import COMBINATIONS, WAYS, summary_of
+from blind.results import read_results
+
+EXCITATIONS = ("all", "rich", "fair", "poor")
+Summary = Mapping[str, Any]
+
+
+def write_tables(folder: Path) -> dict[str, Any]:
+    """Write summary, tables and pictures of the results in a folder.
+
+    Arguments:
+        folder: where `results.jsonl` lies.
+
+    Returns:
+        The content of `summary.json`.
+
+    Raises:
+        SystemExit: if there is no result.
+    """
+    results = read_results(folder)
+    if not results:
+        sys.exit(f"there is no result in {folder}")
+    parts = {"all": results} | {
+        kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
+    }
+    content = {
+        "library": sorted({name for one in results for name in one["library"]}),
+        "commits": sorted({one["commit"] for one in results}),
+        "versions": results[-1]["versions"],
+        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
+    }
+    text = json.dumps(content, indent=1, default=float)
+    (folder / "summary.json").write_text(text + "\n")
+    (folder / "tables.md").write_text(as_markdown(content))
+    for kind, summary in content["excitation"].items():
+        if summary["confusion"]:
+            draw_confusion(summary["confusion"], kind, folder / f"confusion_{kind}.png")
+    draw_detection(content["excitation"], folder / "detection.png")
+    draw_false_alarms(content["excitation"], folder / "false_alarms.png")
+    return content
+
+
+def as_markdown(content: Summary) -> str:
+    """The tables for people.
+
+    Arguments:
+        content: that of `summary.json`.
+
+    Returns:
+        Markdown.
+    """
+    parts: Summary = content["excitation"]
+    kinds = [kind for kind in EXCITATIONS if kind in parts]
+    commits = ", ".join(commit[:10] for commit in content["commits"])
+    lines = [
+        "# Blind benchmark",
+        "",
+        f"Commit {commits}; library: {', '.join(content['library'])}.  Brackets: 95 % intervals "
+        "(Clopper and Pearson).",
+        "",
+        *_table("", kinds, _overall(), parts),
+    ]
+    for kind in kinds:
+        if parts[kind]["confusion"]:
+            lines += _confusion_table(parts[kind]["confusion"], kind)
+    lines += ["", "## Size at which an effect is named in 50 % and in 90 % of the cases", ""]
+    lines += _table("effect", kinds, _rows_of(parts, "detection", _detection_cell), parts)
+    lines += [
+        "",
+        "## Parameters: median relative error; share of 95 % intervals with the truth",
+        "",
+    ]
+    lines += _table("parameter", kinds, _rows_of(parts, "parameters", _parameter_cell), parts)
+    lines += ["", "## Records that hide nothing: false alarms of the diagnosis", ""]
+    name = "false_alarms_by_circumstance"
+    lines += _table("circumstance", kinds, _rows_of(parts, name, _rate_cell), parts)
+    return "\n".join(lines) + "\n"
+
+
+Cell = Callable[[Any], str]
+Rows = dict[str, Callable[[Summary], str]]
+
+
+def _overall() -> Rows:
+    rows: Rows = {"cases (failed)": lambda part: f"{part['cases']} ({part['failed']})"}
+    for suite in COMBINATIONS:
+        rows[f"{suite}: exactly right"] = lambda part, suite=suite: _rate_cell(part["exact"][suite])
+        rows[f"{suite}: right family"] = lambda part, suite=suite: _rate_cell(
+            part["in_family"][suite]
+        )
+    for way in WAYS:
+        rows[f"nothing hidden, something named: {way}"] = lambda part, way=way: _rate_cell(
+            part["false_alarms"][way]
+        )
+    for way in WAYS:
+        rows[f"single, size from 1: first name right: {way}"] = lambda part, way=way: _rate_cell(
+            part["first_name_right"][way]
+        )
+    return rows | {
+        "outside the library: wrong name": lambda part: _rate_cell(part["wrong_name_outside"]),
+        "held-out error over the oracle's: median (quartiles)": lambda part: _oracle_cell(
+            part["over_oracle"]
+        ),
+        "seconds a diagnosis: median (90 %)": lambda part: (
+            f"{part['seconds']['median']:.0f} ({part['seconds']['p90']:.0f})"
+            if part["seconds"]["cases"]
+            else ""
+        ),
+    }
+
+
+def _rows_of(parts: Summary, table: str, cell: Cell) -> Rows:
+    """Rows of one table of the summary: those that any excitation has."""
+    names = sorted({name for part in parts.values() for name in part[table]})
+
+    def row(name: str) -> Callable[[Summary], str]:
+        return lambda part: cell(part[table][name]) if name in part[table] else ""
+
+    return {name: row(name) for name in names}
+
+
+def _table(corner: str, kinds: list[str], rows: Rows, parts: Summary) -> list[str]:
+    head = [f"| {corner} | {' | '.join(kinds)} |", "|---" * (len(kinds) + 1) + "|"]
+    return head + [
+        f"| {name} | {' | '.join(cell(parts[kind]) for kind in kinds)} |"
+        for name, cell in rows.items()
+    ]
+
+
+def _rate_cell(rate: Summary) -> str:
+    if not rate["of"]:
+        return ""
+    low, high = 100 * rate["low"], 100 * rate["high"]
+    return f"{rate['count']}/{rate['of']} = {100 * rate['rate']:.0f} % [{low:.1f}, {high:.1f}]"
+
+
+def _detection_cell(row: Summary) -> str:
+    def shown(size: float) -> str:
+        return "all" if size == 0 else "never" if np.isinf(size) else f"{size:.2g}"
+
+    return f"{shown(row['size_50'])}, {shown(row['size_90'])}"
+
+
+def _parameter_cell(row: Summary) -> str:
+    coverage = row["coverage"]
+    error = 100 * row["median_relative_error"]
+    return f"{error:.2g} %; {coverage['count']}/{coverage['of']}"
+
+
+def _oracle_cell(row: Summary) -> str:
+    return f"{row['median']:.2f} ({row['q25']:.2f} to {row['q75']:.2f})" if row["cases"] else ""
+
+
+def _confusion_table(confusion: Summary, kind: str) -> list[str]:
+    columns = sorted({name for counts in confusion.values() for name in counts})
+    lines = ["", f"## What is hidden, and what is named first: {kind}", ""]
+    lines += [f"| hidden | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|"]
+    for hidden, counts in confusion.items():
+        cells = " | ".join(str(counts.get(column, "")) for column in columns)
+        lines.append(f"| {hidden} | {cells} |")
+    return lines
+
+
+if __name__ == "__main__":
+    write_tables(Path(sys.argv[1] if len(sys.argv) > 1 else "."))

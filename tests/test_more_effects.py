@@ -293,11 +293,14 @@ def test_input_quantisation_is_the_nearest_step(precision):
     np.testing.assert_array_equal(got, expected)
 
 
-def stepping(step, seed, noise=0.1, lattice=None):
+def stepping(step, seed, noise=0.1, lattice=None, holds=0):
     """Survey of a record whose drive has steps that the recorded input does not show."""
     rng = np.random.default_rng(seed)
     time = np.sort(rng.uniform(0.0, 20.0, 8000))
     u = 30.0 + 35.0 * np.sin(2.1 * time) * np.sin(0.37 * time + 0.5)
+    for begin in rng.uniform(0.0, 19.0, holds):
+        held = (time >= begin) & (time < begin + 0.7)
+        u[held] = u[held][0]
     if lattice is not None:
         u = lattice * np.round(u / lattice)
     error = step * (np.round(u / step) - u / step) * (0.6 + 0.2 * np.sin(u / 20))
@@ -306,13 +309,15 @@ def stepping(step, seed, noise=0.1, lattice=None):
 
 
 @pytest.mark.parametrize("step", [75 / 256.3, 75 / 1024, 75 / 4095.0])
-@pytest.mark.parametrize("seed", [11, 12])
-def test_steps_of_the_input_are_found_to_a_small_part_of_one_over_the_range(step, seed):
-    survey = stepping(step, seed)
+@pytest.mark.parametrize(("seed", "holds"), [(11, 0), (12, 9)])
+def test_steps_of_the_input_are_found_to_a_small_part_of_one_over_the_range(step, seed, holds):
+    survey = stepping(step, seed, holds=holds)
     effect = InputQuantisation().bound_to(survey)
     best = min(effect.starts, key=lambda start: abs(start - step))
     steps = np.ptp(survey.input) / step
-    assert abs(best / step - 1) * steps < 0.05
+    assert abs(best / step - 1) * steps < 0.03
+    assert best == effect.starts[0]
+    assert len(effect.starts) <= 2
     (parameter,) = effect.parameters()
     assert parameter.unit == "{u}"
     assert parameter.low == pytest.approx(0.995 * min(effect.starts))
@@ -337,3 +342,19 @@ def test_steps_without_motion_stay_harmless(u):
     values = np.array(u)
     survey = Survey(1.0, 0.1, np.arange(len(u)) * 1.0, values, values, values)
     assert InputQuantisation().bound_to(survey) == InputQuantisation()
+
+
+@pytest.mark.parametrize("u", [[0.0, 1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0, 1.0]])
+def test_steps_are_not_found_where_the_input_only_jumps(u):
+    values = np.array(u)
+    residual = np.array([0.3, -0.1, 0.2, -0.4, 0.1])
+    survey = Survey(0.4, 0.1, np.arange(5) * 0.1, values, values, residual)
+    assert InputQuantisation().bound_to(survey).starts == (1e-6,)
+
+
+def test_an_input_that_jumps_among_many_values_shows_its_steps():
+    rng = np.random.default_rng(15)
+    u = np.repeat(rng.uniform(0.0, 10.0, 400), 5)
+    residual = 0.37 * np.round(u / 0.37) - u + 0.01 * rng.normal(size=2000)
+    survey = Survey(20.0, 0.01, np.arange(2000) * 0.01, u, u, residual)
+    assert InputQuantisation().bound_to(survey).starts[0] == pytest.approx(0.37, rel=1e-3)

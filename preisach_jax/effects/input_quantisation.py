@@ -62,14 +62,44 @@ class InputQuantisation(InputEffect):
         apart = reach * float(np.diff(np.unique(np.round(values / reach, 9))).min())
         # Of values on a lattice, steps of less than two spacings look like coarser ones.
         low, high = 4 / reach, min(MOST_STEPS / reach, 0.5 / apart)
-        lines = []
+        steps: list[float] = []
         if high > 2 * low and np.ptp(survey.residual) > 0:
-            lines = strongest_lines(values, survey.residual, low, high, 1 / (16 * high), count=4)
-        # Where there are none, steps too fine to do anything.
-        return InputQuantisation(starts=tuple(1 / line for line in lines) or (1e-6 * reach,))
+            # Where the input dwells, one error of rounding would count many times.
+            runs = np.abs(np.diff(values)) > 0.2 * reach / len(values)
+            ends = np.append(runs, False) | np.append(False, runs)
+            steps = _steps_of(values[ends], survey.residual[ends], low, high)
+        # Where there are none, one too fine to do anything.
+        return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,))
 
     def init(self, values, first):
         return ()
 
     def step(self, values, state, value, dt):
         return state, values["step"] * jnp.round(value / values["step"])
+
+
+def _steps_of(values: np.ndarray, residual: np.ndarray, low: float, high: float) -> list[float]:
+    """The two steps whose sawtooth explains most of a residual, the better first.
+
+    They are looked for at the lines of the residual over the input and, as these may be harmonics,
+    at the first parts of their frequencies.  Lines are bent by a tenth of a period over the range
+    where the height of the sawtooth changes; a sawtooth whose height is a parabola is not.
+    """
+    lines = strongest_lines(values, residual, low, high, 1 / (16 * high), count=4)
+    reach = float(np.ptp(values))
+    heights = np.vander((values - values.mean()) / reach, 3)
+
+    def unexplained(step: float) -> float:
+        sawtooth = (step * np.round(values / step) - values)[:, None] * heights
+        moment = sawtooth.T @ residual
+        return -float(moment @ np.linalg.lstsq(sawtooth.T @ sawtooth, moment, rcond=None)[0])
+
+    def best_near(step: float, shifts: np.ndarray) -> tuple[float, float]:
+        # Rounding makes the goal rugged, so a grid of shifts is tried, in periods over the range.
+        return min((unexplained(at), at) for at in (step * (1 + shifts * step / reach)).tolist())
+
+    coarse, fine = np.linspace(-0.3, 0.3, 31), np.linspace(-0.02, 0.02, 17)
+    parts = [k / line for line in lines for k in range(1, 5) if line / k >= low]
+    rough = sorted(best_near(step, coarse) for step in parts)
+    other = [near for near in rough if abs(near[1] / rough[0][1] - 1) > 0.01]
+    return [step for _, step in sorted(best_near(at, fine) for _, at in rough[:1] + other[:1])]

@@ -88,9 +88,12 @@ def _most_prominent(
     power = np.abs(np.fft.rfft(raster, size)) ** 2
     first = max(1, round(low * size * pitch))
     last = max(first + 1, round(high * size * pitch))
-    level = np.log(power[first : last + 1] + np.finfo(float).tiny)
-    above = level - uniform_filter1d(level, BACKGROUND, mode="reflect")
-    best = int(np.argmax(above))
+    power = power[first : last + 1]
+    level = np.log(power + np.finfo(float).tiny)
     # The mean logarithm of exponentially distributed powers lies Euler's gamma below their mean.
-    chance = np.exp(np.euler_gamma) * np.log(len(level))
-    return (first + best) / (size * pitch), float(np.exp(above[best]) / chance)
+    around = uniform_filter1d(level, BACKGROUND, mode="reflect") + np.euler_gamma
+    best = int(np.argmax(level - around))
+    # A line that is modulated has skirts, which are the level around it: then it must stand out
+    # from the white noise that has the power of all.
+    noise = min(np.exp(around[best]), np.sum(values**2))
+    return (first + best) / (size * pitch), float(power[best] / noise / np.log(len(power)))

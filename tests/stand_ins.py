@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding, Rung
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
@@ -100,6 +101,11 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "ladder": (base, first, second) if named else (base,),
         "budget": Budget(0.012, 0.016, 0.024, "um"),
         "candidates": candidates if named else candidates[1:3],
+        "limits": (
+            Limit("delay", "delay_s", 3.1e-6, "s", False, 1.1e-3, 0.39),
+            Limit("moving", "a", None, "V/um", False, None, 0.9999),
+        ),
+        "alternatives": {},
         "next_experiment": Experiment("hold for a minute", "it splits them", (("creep", "drift"),)),
         "located": "most of it lies at the turns",
         "steps": steps if named else steps[:1],

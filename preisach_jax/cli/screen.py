@@ -139,6 +139,10 @@ def show_diagnosis(found: Diagnosis) -> None:
     if refused:
         best = max(refused, key=lambda c: c.gain)
         say(f"\nBest of the {len(refused)} effects not added: {best.effect} ({best.why_not})")
+    if found.limits:
+        say("\nNot found, and with 95 % confidence")
+        for limit in found.limits:
+            say(f"  {limit.effect}: {limit.text(found.budget.unit)}")
     if found.located:
         say(f"\nWhat remains: {found.located}")
     if found.next_experiment:

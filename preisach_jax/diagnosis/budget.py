@@ -18,14 +18,27 @@ MOST_WORK = 3e10
 
 REFINEMENT = 1.5
 
+REST = 1e-6
+"""Movement of the input from one sample to the next, in parts of its range, that is none."""
+
+REST_SAMPLES = 100
+"""Samples of a stretch of rest over which noise is measured."""
+
+SETTLING = 50
+"""Samples after a move that are left out: what rings or lags there is no noise."""
+
+LEAST_RESTS = 10
+"""Stretches of rest below which nothing is read from them."""
+
 
 def noise_rms(problem: Problem, point: Point) -> float:
     r"""RMS of the noise, from what is unpredictable from one sample to the next.
 
     Second differences of the residual of the best model, \(e_{k-1} - 2 e_k + e_{k+1}\), have
     variance \(6\sigma^2\) for white noise, and hardly any share of what a model may lack; their
-    median absolute value does not mind the samples at which a fast move betrays the model.  The
-    step of the converter sets the least value.
+    median absolute value does not mind the samples at which a fast move betrays the model.  Noise
+    of a longer memory shows where the input rests, as what each rest leaves around a straight line
+    of its own.  The step of the converter sets the least value.
 
     Arguments:
         problem: the record.
@@ -38,7 +51,31 @@ def noise_rms(problem: Problem, point: Point) -> float:
     differences = np.diff(residual, n=2)
     middle = np.median(np.abs(differences - np.median(differences)))
     deviation = middle / scipy.special.ndtri(0.75)
-    return max(float(deviation) / np.sqrt(6), lattice_step(problem.target) / np.sqrt(12))
+    step = lattice_step(problem.target) / np.sqrt(12)
+    return max(float(deviation) / np.sqrt(6), step, _rms_at_rest(problem, residual))
+
+
+def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
+    """Median RMS of a residual around straight lines over rests of the input; 0 without rests.
+
+    Arguments:
+        problem: the record.
+        residual: (row,) residual in time order.
+    """
+    rows = problem.rows[problem.in_time]
+    time, values = problem.record.time[rows], problem.record.input[rows]
+    moved = np.abs(np.diff(values, prepend=values[0])) > REST * np.ptp(values)
+    stretch = np.cumsum(moved)
+    powers = []
+    starts, counts = np.unique(stretch, return_index=True, return_counts=True)[1:]
+    for start, count in zip(starts, counts, strict=True):
+        for part in range(start + SETTLING, start + count - REST_SAMPLES + 1, REST_SAMPLES):
+            inside = slice(part, part + REST_SAMPLES)
+            x = time[inside] - time[inside].mean()
+            y = residual[inside] - residual[inside].mean()
+            bent = y - x * (x @ y) / max(x @ x, np.finfo(float).tiny)
+            powers.append(bent @ bent / (REST_SAMPLES - 2))
+    return float(np.sqrt(np.median(powers))) if len(powers) >= LEAST_RESTS else 0.0
 
 
 def refined_levels(rows: int, levels: int) -> int | None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
@@ -108,6 +109,9 @@ class Diagnosis:
         ladder: one rung a model, first the base.
         budget: what the last error is made of.
         candidates: all effects tried.
+        limits: how great each effect that was not found could be without being seen.
+        alternatives: for each other member of a family, the model in which it stands in place of
+            the effect that was named.
         next_experiment: what to record next, or None.
         located: where what remains sits; empty if it is within the budget.
         steps: the fit of each rung.
@@ -119,6 +123,8 @@ class Diagnosis:
     ladder: tuple[Rung, ...]
     budget: Budget
     candidates: tuple[Candidate, ...]
+    limits: tuple[Limit, ...]
+    alternatives: Mapping[str, Model]
     next_experiment: Experiment | None
     located: str
     steps: tuple[Fit, ...]
@@ -153,6 +159,9 @@ class Diagnosis:
             "ladder": [asdict(rung) for rung in self.ladder],
             "budget": asdict(self.budget),
             "candidates": [asdict(candidate) for candidate in self.candidates],
+            "limits": [
+                asdict(limit) | {"text": limit.text(self.budget.unit)} for limit in self.limits
+            ],
             "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
             "located": self.located,
         }

@@ -14,6 +14,7 @@ from preisach_jax.diagnosis.budget import (
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import Evidence, compare
+from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import (
     Budget,
     Candidate,
@@ -35,10 +36,12 @@ from preisach_jax.fit import (
     double_precision,
     finished,
     moved_to,
+    settled,
     with_effect,
     without_effect,
 )
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify import Point, Problem, evaluate
+from preisach_jax.model import Model
 from preisach_jax.record import Record
 
 MOST_EFFECTS = 4
@@ -165,7 +168,7 @@ class _Search:
         self._reported = 0.0
         self.path: list[Point] = []
         self.finer: Point | None = None
-        self.accepted: list[tuple[Trial, tuple[str, ...]]] = []
+        self.accepted: list[tuple[Trial, tuple[Trial, ...]]] = []
         self.trials: list[tuple[Trial | Failure, bool, str]] = []
 
     def run(self) -> Diagnosis:
@@ -234,8 +237,8 @@ class _Search:
         if best is None:
             return False
         others = [trial for trial in passing if trial is not best]
-        family = [other.effect.name for other in others if self._alike(best, other)]
-        self.accepted.append((best, (name, *family)))
+        rivals = tuple(other for other in others if self._alike(best, other))
+        self.accepted.append((best, rivals))
         self.path.append(best.point)
         return True
 
@@ -262,10 +265,10 @@ class _Search:
 
     def _check_backward(self) -> None:
         """Take out effects that those added after them have made superfluous."""
-        for trial, family in self.accepted[:-1]:
+        for trial, rivals in self.accepted[:-1]:
             without = without_effect(self.problem, self.now, trial.effect.name)
             if compare(self.problem, without, self.now).against:
-                self.accepted.remove((trial, family))
+                self.accepted.remove((trial, rivals))
                 names = [kept.effect.name for kept, _ in self.accepted]
                 self.path = [self.path[0], *self._ladder(names[:-1]), without]
                 return
@@ -279,7 +282,14 @@ class _Search:
         return points
 
     def _conclude(self) -> Diagnosis:
-        self.progress("fitting all rows", 0.8)
+        self.progress("limiting what was not found", 0.8)
+        families = [trial for best, rivals in self.accepted for trial in (best, *rivals)]
+        named = {trial.effect.name for trial in families}
+        absent = [effect for effect in self.tried if effect.name not in named]
+        # What the grid of the plane adds must not pass for an effect: the finest plane is best.
+        bounds = limits(self.problem, self.finer or self.now, absent)
+        self.progress("fitting all rows", 0.85)
+        alternatives = self._alternatives()
         discretisation = discretisation_rms(self.problem, self.now, self.finer)
         problem = Problem.of(self.record, FINAL_ROWS)
         fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
@@ -307,20 +317,41 @@ class _Search:
                 trial.candidate(problem.unit, accepted, better)
                 for trial, accepted, better in self.trials
             ),
+            limits=bounds,
+            alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
             located="" if within else located(self.record, fits[-1]),
             steps=tuple(fits),
         )
 
+    def _alternatives(self) -> dict[str, Model]:
+        """The model with each rival in place of the effect that was named."""
+        models = {}
+        for best, rivals in self.accepted:
+            for rival in rivals:
+                name = rival.effect.name
+                effects = tuple(
+                    rival.point.chain.effects[-1] if effect.name == best.effect.name else effect
+                    for effect in self.now.chain.effects
+                )
+                values = {**self.now.values, name: rival.point.values[name]}
+                del values[best.effect.name]
+                chain = self.now.chain.with_effects(effects)
+                point = settled(
+                    self.problem, evaluate(self.problem, chain, values, self.now.strength, self.now)
+                )
+                models[name] = finished(self.problem, point, self.record).model
+        return models
+
     def _findings(self, fits) -> tuple[Finding, ...]:
         findings = []
-        for position, (trial, family) in enumerate(self.accepted):
+        for position, (trial, rivals) in enumerate(self.accepted):
             before, after = fits[position], fits[position + 1]
             name = trial.effect.name
             findings.append(
                 Finding(
                     name,
-                    family,
+                    (name, *(rival.effect.name for rival in rivals)),
                     fits[-1].model.parameters[name],
                     before.rms_validation,
                     after.rms_validation,

@@ -156,6 +156,13 @@ class Effect(eqx.Module):
         del survey
         return self
 
+    def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
+        """What a limit is told in: shares of the amounts in their total, its name and its unit.
+
+        By default the first of the amounts stands for all.
+        """
+        return np.eye(len(amounts))[0], amounts[0].name, amounts[0].unit
+
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
         return {own.name: getattr(self, own.name) for own in fields(self)}

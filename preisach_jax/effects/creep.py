@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
 
@@ -53,6 +54,11 @@ class Creep(OutputEffect):
         return Creep(
             tau_s=log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
         )
+
+    def total_amount(self, amounts):
+        decades = np.log10(self.tau_s[-1] / self.tau_s[0])
+        per_decade = (len(self.tau_s) - 1) / decades
+        return np.full(len(amounts), 1 / per_decade), "gain_per_decade", "1"
 
     def init(self, values, first):
         return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,8 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
 
     Returns:
         The files: `report.html`, `diagnosis.json`, `base.json` (the model without effects),
-        `model.json` (the final one), and the figures as PNG.
+        `model.json` (the final one), `alternatives/` (a model with each other member of a family
+        in place of the effect that was named), and the figures as PNG.
 
     Raises:
         InputError: if the folder cannot be written to; then nothing was.
@@ -59,6 +61,8 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
         "base.json": json_bytes(found.base.model.to_json()),
         "model.json": json_bytes(found.model.to_json()),
     }
+    for name, model in found.alternatives.items():
+        files[f"alternatives/{_file_name(name)}.json"] = json_bytes(model.to_json())
     return _write(folder, files, figures)
 
 
@@ -97,6 +101,11 @@ def write_comparison(
         "comparison.json": json_bytes(comparison.to_json()),
     }
     return _write(folder, files, figures)
+
+
+def _file_name(effect: str) -> str:
+    # Auxiliary columns have names of all kinds.
+    return re.sub(r"[^A-Za-z0-9_-]", "_", effect)
 
 
 def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:

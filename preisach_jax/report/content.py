@@ -63,6 +63,7 @@ def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
         "families": [f.family for f in found.findings if len(f.family) > 1],
         "next_experiment": found.next_experiment,
         "located": found.located,
+        "limits": limit_rows(found),
         "budget": budget_rows(found),
         "sampling": sampling_note(record),
         "record": _record_rows(record),
@@ -117,6 +118,11 @@ def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
             }
         )
     return rows
+
+
+def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
+    """Effects that were not found, and how great they could be (95 %)."""
+    return [(limit.effect, limit.text(found.budget.unit)) for limit in found.limits]
 
 
 def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from scipy import signal
 
+from preisach_jax.chain import PLACES
 from preisach_jax.effects import BUILT_IN, library, resolve
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -22,6 +23,7 @@ from preisach_jax.effects.base import (
     InputEffect,
     OutputEffect,
     Parameter,
+    SensorEffect,
     Signals,
     Survey,
     WeightEffect,
@@ -326,12 +328,12 @@ def test_every_effect_explains_itself(kind):
     effect = kind()
     for text in (effect.physics, effect.source, effect.signature, effect.experiment):
         assert len(text) > 20
-    assert isinstance(effect, InputEffect | WeightEffect | OutputEffect | AddedEffect)
-    assert effect.place in ("input", "weights", "output", "added")
+    assert isinstance(effect, PLACES)
+    assert effect.place in ("input", "hysteresis", "weights", "output", "added")
     assert effect.confused_with
     assert effect.name not in effect.confused_with
     parameters = list(effect.parameters())
-    if isinstance(effect, AddedEffect):
+    if isinstance(effect, AddedEffect | SensorEffect):
         parameters += effect.coefficients()
     assert parameters
     for parameter in parameters:

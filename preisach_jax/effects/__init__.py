@@ -15,7 +15,11 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.moving import Moving
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
+from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.errors import InputError
@@ -25,12 +29,16 @@ BUILT_IN: tuple[type[Effect], ...] = (
     InputLag,
     SlewLimit,
     InputQuantisation,
+    RateDependence,
+    Moving,
     OutputLag,
     Delay,
     Resonance,
     Drift,
     Hum,
     Ageing,
+    OutputNonlinearity,
+    OutputQuantisation,
     Auxiliary,
 )
 ENTRY_POINTS = "preisach_jax.effects"
@@ -48,7 +56,8 @@ def library() -> dict[str, Effect]:
     Example:
         >>> sorted(library())
         ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'hum', 'input_lag', 'input_quantisation',
-         'output_lag', 'resonance', 'slew_limit']
+         'moving', 'output_lag', 'output_nonlinearity', 'output_quantisation', 'rate_dependence',
+         'resonance', 'slew_limit']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

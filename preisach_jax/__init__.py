@@ -3,6 +3,7 @@
 from importlib.metadata import version
 
 from preisach_jax.diagnosis import Diagnosis, diagnose
+from preisach_jax.diagnosis.design import Design, design
 from preisach_jax.effects import library as effects
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -32,6 +33,7 @@ __version__ = version("preisach_jax")
 __all__ = [
     "AdaptiveFilter",
     "AddedEffect",
+    "Design",
     "Diagnosis",
     "Effect",
     "Fit",
@@ -53,6 +55,7 @@ __all__ = [
     "Sweep",
     "WeightEffect",
     "compare_recursions",
+    "design",
     "diagnose",
     "effects",
     "fit",

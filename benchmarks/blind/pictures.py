@@ -48,9 +48,9 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]], kind: str, path: 
         figsize=(3.2 + 0.42 * len(columns), 2.0 + 0.3 * len(rows)), layout="constrained"
     )
     axes = figure.add_subplot()
-    image = axes.imshow(shares, cmap="cividis_r", vmin=0, vmax=1, aspect="auto")
+    image = axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for row, column in zip(*np.nonzero(counts), strict=True):
-        dark = shares[row, column] > 0.55
+        dark = shares[row, column] > 0.5
         axes.text(
             column,
             row,
@@ -96,6 +96,8 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
             if row is not None:
                 _curve(panel, row, kind, colour, marker, nudge=1.05 ** (place - 1))
         panel.set_xscale("log")
+        panel.set_xticks([0.1, 0.5, 1, 4], ["0.1", "0.5", "1", "4"])
+        panel.minorticks_off()
         panel.set_ylim(-0.05, 1.05)
         panel.grid(color="#E4E4E4", linewidth=0.6)
     figure.supxlabel("size, 1 is nominal")
@@ -132,7 +134,7 @@ def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> Non
         parts: the summary of each excitation.
         path: the PNG to write.
     """
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for place, (kind, (colour, marker)) in enumerate(EXCITATIONS.items()):
         if kind not in parts or not parts[kind]["false_alarms"]["diagnose"]["of"]:
@@ -155,6 +157,5 @@ def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> Non
     axes.set_ylabel("% of records that hide nothing")
     axes.set_title("False alarms of four ways to name an effect (bars: 95 %)", loc="left")
     axes.grid(axis="y", color="#E4E4E4", linewidth=0.6)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left")
+    figure.legend(loc="outside right upper")
     figure.savefig(path, dpi=140)

@@ -19,6 +19,15 @@ PLAIN = {
     "delay": "a pure delay between input and measured output",
     "drift": "a drift of the measurement that does not depend on the input",
     "ageing": "ageing (the loop shrinks as time goes by)",
+    "output_lag": "a lag of the sensor (the reading follows the output late and rounded off)",
+    "slew_limit": "a limit of the drive's speed (its fastest moves come late)",
+    "rate_dependence": "rate dependence (the faster the input, the wider the loop)",
+    "resonance": "a resonance of the mechanics",
+    "hum": "a hum of fixed frequency in the reading",
+    "output_nonlinearity": "a sensor that bends the whole loop alike",
+    "moving": "feedback of the output on the material (minor loops that are not congruent)",
+    "input_quantisation": "coarse steps of the drive's converter",
+    "output_quantisation": "coarse steps of the sensor's converter",
 }
 
 

@@ -500,7 +500,7 @@ def test_a_small_run_from_end_to_end(tmp_path):
         *make_cases(Choice(["single"], ["drift", "backlash"], ["fair"], limit=1)),
         *make_cases(Choice(["none"], excitations=["fair"], limit=1)),
     ]
-    short = [dataclasses.replace(case, seconds=5.0, rate_hz=1000.0) for case in cases]
+    short = [dataclasses.replace(case, seconds=4.0, rate_hz=600.0) for case in cases]
     assert run_cases(short, tmp_path, 0, judge) == 2
     results = read_results(tmp_path)
     assert [one["error"] for one in results] == [None, None]

@@ -16,6 +16,7 @@ import typer
 from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
+from preisach_jax.cli.design import design
 from preisach_jax.errors import InputError
 
 __all__ = ["main"]
@@ -41,6 +42,7 @@ def build() -> typer.Typer:
     app.command()(commands.diagnose)
     app.command()(commands.fit)
     app.command()(commands.compare)
+    app.command()(design)
     app.command()(commands.predict)
     app.command()(commands.simulate)
     app.command()(commands.effects)

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from blind.rates import WAYS
 
@@ -44,9 +45,8 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]], kind: str, path: 
     rows = sorted(confusion, key=lambda row: (row == "nothing", row in _outside(confusion), row))
     counts = np.array([[confusion[row].get(column, 0) for column in columns] for row in rows])
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    figure = Figure(
-        figsize=(3.2 + 0.42 * len(columns), 2.0 + 0.3 * len(rows)), layout="constrained"
-    )
+    size = max(6.4, 3.2 + 0.42 * len(columns)), 2.4 + 0.3 * len(rows)
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot()
     image = axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for row, column in zip(*np.nonzero(counts), strict=True):
@@ -62,8 +62,8 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]], kind: str, path: 
     axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(rows)), rows)
     axes.set_xlabel("named first, or the verdict where nothing is named")
-    axes.set_ylabel("hidden (single effects: nominal size and above)")
-    axes.set_title(f"Hidden against named; excitation: {kind}", loc="left")
+    axes.set_ylabel("hidden")
+    axes.set_title(f"Excitation: {kind}; single effects from their nominal size on", loc="left")
     axes.axvline(len(columns) - len(VERDICTS) - 0.5, color="black", linewidth=0.8)
     axes.spines[:].set_visible(False)
     figure.colorbar(image, label="share of the row")
@@ -83,8 +83,8 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         path: the PNG to write.
     """
     names = sorted({name for part in parts.values() for name in part["detection"]})
-    across = min(4, max(1, len(names)))
-    down = max(1, -(-len(names) // across))
+    across = min(4, len(names))
+    down = -(-len(names) // across)
     figure = Figure(figsize=(2.6 * across + 0.6, 2.1 * down + 0.9), layout="constrained")
     panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
     for panel in panels[len(names) :]:
@@ -94,21 +94,23 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         for place, (kind, (colour, marker)) in enumerate(EXCITATIONS.items()):
             row = parts.get(kind, {}).get("detection", {}).get(name)
             if row is not None:
-                _curve(panel, row, kind, colour, marker, nudge=1.05 ** (place - 1))
+                _curve(panel, row, colour, marker, nudge=1.05 ** (place - 1))
         panel.set_xscale("log")
         panel.set_xticks([0.1, 0.5, 1, 4], ["0.1", "0.5", "1", "4"])
         panel.minorticks_off()
         panel.set_ylim(-0.05, 1.05)
         panel.grid(color="#E4E4E4", linewidth=0.6)
     figure.supxlabel("size, 1 is nominal")
-    figure.supylabel("share of the records in which it is named (bars: 95 %)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    figure.supylabel("share named (bars: 95 %)")
+    handles = [
+        Line2D([], [], color=colour, marker=marker, markersize=4, label=kind)
+        for kind, (colour, marker) in EXCITATIONS.items()
+    ]
+    figure.legend(handles=handles, loc="outside upper right", ncols=3)
     figure.savefig(path, dpi=140)
 
 
-def _curve(panel, row: Mapping[str, Any], kind: str, colour: str, marker: str, nudge: float):
+def _curve(panel, row: Mapping[str, Any], colour: str, marker: str, nudge: float):
     size = np.array([float(level) for level in row["by_size"]])
     rates = list(row["by_size"].values())
     middle = np.array([one["rate"] for one in rates])
@@ -122,7 +124,6 @@ def _curve(panel, row: Mapping[str, Any], kind: str, colour: str, marker: str, n
         markersize=4,
         linewidth=1.1,
         elinewidth=0.6,
-        label=kind,
     )
 
 

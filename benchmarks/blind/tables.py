@@ -54,8 +54,10 @@ def write_tables(folder: Path) -> dict[str, Any]:
     for kind, summary in content["excitation"].items():
         if summary["confusion"]:
             draw_confusion(summary["confusion"], kind, folder / f"confusion_{kind}.png")
-    draw_detection(content["excitation"], folder / "detection.png")
-    draw_false_alarms(content["excitation"], folder / "false_alarms.png")
+    if content["excitation"]["all"]["detection"]:
+        draw_detection(content["excitation"], folder / "detection.png")
+    if content["excitation"]["all"]["false_alarms"]["diagnose"]["of"]:
+        draw_false_alarms(content["excitation"], folder / "false_alarms.png")
     return content
 
 

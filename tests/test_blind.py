@@ -23,7 +23,7 @@ FOLDER = Path(blind.__file__).parent
 MODULES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__")
 JAX_FREE = ("world", "stage", "hidden", "excitation")
 
-SCENE = hidden.Scene(-10.0, 110.0, 50.0, 20.0, 100.0, 400.0)
+SCENE = hidden.Scene(-10.0, 110.0, 50.0, 20.0, 100.0, 400.0, 6e3)
 
 
 @cache
@@ -249,6 +249,19 @@ def test_rate_dependence_widens_the_loop_by_its_law():
     shifted = np.interp(x - shift, x, memory) + stage.reversible(x)
     inertia = np.max(np.abs(later - shifted)[rows])
     assert inertia < 0.1 * np.max(np.abs(later - early)[rows])
+
+
+def test_rate_dependence_has_its_coefficient_at_the_greatest_rate_and_its_power_law():
+    law = hidden.draw("rate_dependence", 1.0, SCENE, seed=3)
+    setting = world._setting(3, "fair", 2.0, 1350.0, "smooth")
+    t = np.arange(2000) * setting.step_s
+    ramp = 20.0 + 300.0 * t
+    widening = law["coefficient"] * (300.0 / 6e3) ** law["exponent"]
+    expected = setting.stage.response(
+        setting.position(ramp), np.full_like(t, widening / setting.scene.span_v)
+    )
+    moved = world._moved(setting, {"rate_dependence": law}, ramp)
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
 
 
 def test_quantisers_have_their_steps():

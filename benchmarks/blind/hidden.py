@@ -29,6 +29,7 @@ class Scene:
         stroke_um: the stage's stroke.
         seconds: length of the record, in s.
         usual_v_s, fast_v_s: median and 90 % quantile of the input's rate while it moves.
+        peak_v_s: its greatest rate.
     """
 
     low_v: float
@@ -37,6 +38,7 @@ class Scene:
     seconds: float
     usual_v_s: float
     fast_v_s: float
+    peak_v_s: float
 
 
 def draw(name: str, size: float, scene: Scene, seed: int) -> Truth:
@@ -55,7 +57,7 @@ def draw(name: str, size: float, scene: Scene, seed: int) -> Truth:
         KeyError: if there is no such effect.
 
     Example:
-        >>> scene = Scene(0.0, 100.0, 50.0, 20.0, 100.0, 400.0)
+        >>> scene = Scene(0.0, 100.0, 50.0, 20.0, 100.0, 400.0, 6e3)
         >>> weak, strong = (draw("delay", size, scene, seed=1)["delay_s"] for size in (1, 2))
         >>> strong / weak
         2.0
@@ -78,8 +80,9 @@ def _slew_limit(rng, size, scene) -> Truth:
 
 def _rate_dependence(rng, size, scene) -> Truth:
     exponent = rng.uniform(0.3, 0.7)
-    nominal = scene.span_v * rng.uniform(0.01, 0.04)  # V, at the usual rate
-    return {"exponent": exponent, "coefficient": size * nominal / scene.usual_v_s**exponent}
+    usual = scene.span_v * rng.uniform(0.01, 0.04) * size  # V
+    peak = usual * (scene.peak_v_s / scene.usual_v_s) ** exponent
+    return {"exponent": exponent, "coefficient": peak, "at_v_s": scene.peak_v_s}
 
 
 def _creep(rng, size, scene) -> Truth:

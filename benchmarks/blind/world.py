@@ -153,7 +153,8 @@ def _setting(seed: int, excitation: str, seconds: float, rate_hz: float, density
     rate = np.abs(np.diff(drive(t[lead:]))) / step * span
     moving = rate[rate > 1e-3 * span]
     usual, fast = np.quantile(moving, [0.5, 0.9])
-    scene = Scene(low, span, stage.stroke_um, seconds, float(usual), float(fast))
+    rates = (float(usual), float(fast), float(moving.max()))
+    scene = Scene(low, span, stage.stroke_um, seconds, *rates)
     return Setting(stage, scene, drive, t, step, slice(lead, None, finer))
 
 
@@ -185,7 +186,8 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         shift = fade = None
         if "rate_dependence" in truth:
             law = truth["rate_dependence"]
-            shift = law["coefficient"] * np.abs(rate) ** law["exponent"] / scene.span_v
+            speed = np.abs(rate) / law["at_v_s"]
+            shift = law["coefficient"] * speed ** law["exponent"] / scene.span_v
         if "accommodation" in truth:
             travel = np.abs(np.diff(x, prepend=x[0]))
             fade = -np.expm1(-truth["accommodation"]["fade_per_range"] * travel)

@@ -121,7 +121,7 @@ class Bounds:
 
     def shown(self, *values: float) -> str:
         """Values of the input with their unit, as in `15, 30 and 45 V`."""
-        numbers = [f"{value:.3g}" for value in values]
+        numbers = [f"{float(f'{value:.3g}'):g}" for value in values]
         joined = " and ".join([", ".join(numbers[:-1]), numbers[-1]] if numbers[1:] else numbers)
         return f"{joined} {self.unit}".rstrip()
 
@@ -131,26 +131,25 @@ class Bounds:
 
 
 def greatest_rate(history: np.ndarray) -> float:
-    """Greatest rate of an input over moves large enough not to be noise.
+    """Greatest rate of an input over a tenth of its range: no noise, and no small step.
 
     Arguments:
         history: (2, point) time in s and input.
 
     Returns:
-        The greatest slope of a chord that spans 2 % of the range or more, in input units per s.
+        The greatest slope of a chord that spans a tenth of the range or more, in input units per s.
 
     Example:
         >>> greatest_rate(np.array([[0.0, 1.0, 2.0, 2.1], [0.0, 5.0, 0.0, 0.01]]))
         5.0
     """
     time, values = history
-    enough = 0.02 * np.ptp(values)
-    greatest, apart = 0.0, 1
-    while apart < len(time):
+    enough = 0.1 * np.ptp(values)
+    greatest = 0.0
+    for apart in range(1, len(time)):
         move = np.abs(values[apart:] - values[:-apart])
         slope = move / (time[apart:] - time[:-apart])
         greatest = max(greatest, float(np.max(slope, where=move >= enough, initial=0.0)))
-        apart *= 2
     return greatest
 
 
@@ -254,9 +253,10 @@ def _triangles(path: _Path, seconds: float) -> str:
         for level in levels[2:]:
             path.go(level, rate)
     path.go(0.0)
+    firsts = swings if np.ptp(swings) else swings[:1]
     return (
         f"triangles at {bounds.rates(*rates)}, {quantity(share, 's', 3)} at each, about the middle "
-        f"of the range, with swings that begin with {bounds.shown(*swings)} and shrink"
+        f"of the range, with swings that begin with {bounds.shown(*firsts)} and shrink"
     )
 
 
@@ -336,7 +336,7 @@ def _multisine(path: _Path, seconds: float) -> str:
 
 def _reference_loops(path: _Path, seconds: float) -> str:
     bounds = path.bounds
-    loops = int(np.clip(seconds / bounds.stroke_s / 12, 1, 3))
+    loops = int(np.clip(seconds / bounds.stroke_s / 18, 1, 3))
     rest = seconds - 4 * loops * (bounds.stroke_s + 1 / bounds.rate_hz) - 2 / bounds.rate_hz
     for _ in range(loops):
         path.loop()

@@ -9,6 +9,7 @@ import numpy as np
 
 from preisach_jax.confidence import differs_from_nothing, estimates
 from preisach_jax.diagnosis.budget import (
+    REFINEMENT,
     discretisation_rms,
     noise_rms,
     refined_levels,
@@ -51,6 +52,15 @@ HOPELESS = 0.5
 
 NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
+WEAK = 0.5
+"""Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
+"""
+
+CONFIRMATION_LEVELS = 75
+"""Finest plane on which an effect is confirmed."""
+
+BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
+
 REFINEMENT_PAYS = 0.1
 """Relative fall of the held-out mean square for which a finer plane is kept."""
 
@@ -64,6 +74,7 @@ class Trial:
     point: Point
     evidence: Evidence
     certain: bool
+    by_the_grid: bool = False
 
     @property
     def passes(self) -> bool:
@@ -78,6 +89,7 @@ class Trial:
     def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
         against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
+        against = against or (BY_THE_GRID if self.by_the_grid else "")
         return Candidate(
             self.effect.name,
             self.step,
@@ -153,6 +165,24 @@ def _to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Eff
     return resolve(asked, aux_units(record))
 
 
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that was added, and those that did as well.
+
+    Attributes:
+        trial: the effect as it was tried, and what spoke for it.
+        rivals: the models with each of the others in its place, by their names.
+    """
+
+    trial: Trial
+    rivals: dict[str, Point]
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.trial.effect.name
+
+
 class _Search:
     """Forward selection with a backward check, on one record."""
 
@@ -168,7 +198,7 @@ class _Search:
         self._reported = 0.0
         self.path: list[Point] = []
         self.finer: Point | None = None
-        self.accepted: list[tuple[Trial, tuple[Trial, ...]]] = []
+        self.accepted: list[Named] = []
         self.trials: list[tuple[Trial | Failure, bool, str]] = []
 
     def run(self) -> Diagnosis:
@@ -181,6 +211,7 @@ class _Search:
             # A finer plane may bring out what the coarse one has hidden.
             elif not self._refine_plane():
                 break
+        self._settle_families()
         return self._conclude()
 
     def progress(self, text: str, done: float) -> None:
@@ -228,7 +259,11 @@ class _Search:
                 self.progress(f"trying {effect.name}", self._done(position / len(left)))
                 trials.append(self._try(effect))
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
-        best = min(passing, key=lambda trial: trial.point.validation_mean_square, default=None)
+        passing.sort(key=lambda trial: trial.point.validation_mean_square)
+        while passing and not self._stands_on_a_finer_plane(passing[0]):
+            by_grid = passing.pop(0)
+            trials[trials.index(by_grid)] = replace(by_grid, by_the_grid=True)
+        best = passing[0] if passing else None
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
         again = {(trial.effect.name, trial.step) for trial in trials}
@@ -237,8 +272,8 @@ class _Search:
         if best is None:
             return False
         others = [trial for trial in passing if trial is not best]
-        rivals = tuple(other for other in others if self._alike(best, other))
-        self.accepted.append((best, rivals))
+        rivals = {o.effect.name: o.point for o in others if self._alike(best.point, o.point)}
+        self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
         return True
 
@@ -259,17 +294,30 @@ class _Search:
             # A user's own effect must not take the diagnosis of the others with it.
             return Failure(effect, step, f"failed: {type(error).__name__}: {error}")
 
-    def _alike(self, best: Trial, other: Trial) -> bool:
-        """Whether the record cannot tell another effect from the best one."""
-        return bool(compare(self.problem, other.point, best.point).against)
+    def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
+        """Whether a weak effect helps on a finer plane as well.
+
+        What the cells of a plane cannot represent looks like a feedback or a bent sensor.
+        """
+        levels = self.now.chain.plane.levels
+        finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
+        if trial.evidence.gain >= WEAK or finer <= levels:
+            return True
+        self.progress(f"trying {trial.effect.name} on a plane of {finer} levels", self._done(1.0))
+        plain = at_levels(self.problem, self.now, finer)
+        return not compare(self.problem, plain, at_levels(self.problem, trial.point, finer)).against
+
+    def _alike(self, best: Point, other: Point) -> bool:
+        """Whether the record cannot tell another model from the best one."""
+        return bool(compare(self.problem, other, best).against)
 
     def _check_backward(self) -> None:
         """Take out effects that those added after them have made superfluous."""
-        for trial, rivals in self.accepted[:-1]:
-            without = without_effect(self.problem, self.now, trial.effect.name)
+        for named in self.accepted[:-1]:
+            without = without_effect(self.problem, self.now, named.name)
             if compare(self.problem, without, self.now).against:
-                self.accepted.remove((trial, rivals))
-                names = [kept.effect.name for kept, _ in self.accepted]
+                self.accepted.remove(named)
+                names = [kept.name for kept in self.accepted]
                 self.path = [self.path[0], *self._ladder(names[:-1]), without]
                 return
 
@@ -283,9 +331,8 @@ class _Search:
 
     def _conclude(self) -> Diagnosis:
         self.progress("limiting what was not found", 0.8)
-        families = [trial for best, rivals in self.accepted for trial in (best, *rivals)]
-        named = {trial.effect.name for trial in families}
-        absent = [effect for effect in self.tried if effect.name not in named]
+        spoken_of = {name for named in self.accepted for name in (named.name, *named.rivals)}
+        absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
         bounds = limits(self.problem, self.finer or self.now, absent)
         self.progress("fitting all rows", 0.85)
@@ -324,38 +371,72 @@ class _Search:
             steps=tuple(fits),
         )
 
+    def _settle_families(self) -> None:
+        """Ask of every rival again whether it could stand in the final model, all refitted.
+
+        What one effect alone could not tell may show beside the others.  A rival that does better
+        now takes the place.
+        """
+        for position, named in enumerate(self.accepted):
+            self.progress(f"asking what could stand in place of {named.name}", 0.8)
+            present = {effect.name for effect in self.now.chain.effects}
+            rivals = {
+                name: self._in_place_of(named.name, name, point)
+                for name, point in named.rivals.items()
+                if name not in present
+            }
+            better = {
+                name: point
+                for name, point in rivals.items()
+                if not compare(self.problem, self.now, point).against
+            }
+            if better:
+                rivals[named.name] = self.now
+                name = min(better, key=lambda each: better[each].validation_mean_square)
+                self.accepted[position] = Named(self._try_again(named, name, better[name]), {})
+                names = [each.name for each in self.accepted]
+                self.path = [self.path[0], *self._ladder(names[:-1]), rivals.pop(name)]
+            kept = {name: p for name, p in rivals.items() if self._alike(self.now, p)}
+            self.accepted[position] = Named(self.accepted[position].trial, kept)
+
+    def _in_place_of(self, name: str, rival: str, point: Point) -> Point:
+        """The present model with a rival, as it is at another point, in place of an effect."""
+        effect = next(e for e in point.chain.effects if e.name == rival)
+        effects = tuple(effect if e.name == name else e for e in self.now.chain.effects)
+        values = {**self.now.values, rival: point.values[rival]}
+        del values[name]
+        chain = self.now.chain.with_effects(effects)
+        strength = self.now.strength
+        return settled(self.problem, evaluate(self.problem, chain, values, strength, self.now))
+
+    def _try_again(self, named: Named, rival: str, point: Point) -> Trial:
+        """A rival as a trial of its own, judged against the model that has neither."""
+        without = without_effect(self.problem, self.now, named.name)
+        effect = next(effect for effect in self.tried if effect.name == rival)
+        evidence = compare(self.problem, without, point)
+        return Trial(effect, named.trial.step, point, evidence, True)
+
     def _alternatives(self) -> dict[str, Model]:
         """The model with each rival in place of the effect that was named."""
-        models = {}
-        for best, rivals in self.accepted:
-            for rival in rivals:
-                name = rival.effect.name
-                effects = tuple(
-                    rival.point.chain.effects[-1] if effect.name == best.effect.name else effect
-                    for effect in self.now.chain.effects
-                )
-                values = {**self.now.values, name: rival.point.values[name]}
-                del values[best.effect.name]
-                chain = self.now.chain.with_effects(effects)
-                point = settled(
-                    self.problem, evaluate(self.problem, chain, values, self.now.strength, self.now)
-                )
-                models[name] = finished(self.problem, point, self.record).model
-        return models
+        return {
+            name: finished(self.problem, point, self.record).model
+            for named in self.accepted
+            for name, point in named.rivals.items()
+        }
 
     def _findings(self, fits) -> tuple[Finding, ...]:
         findings = []
-        for position, (trial, rivals) in enumerate(self.accepted):
+        for position, named in enumerate(self.accepted):
             before, after = fits[position], fits[position + 1]
-            name = trial.effect.name
+            name = named.name
             findings.append(
                 Finding(
                     name,
-                    (name, *(rival.effect.name for rival in rivals)),
+                    (name, *named.rivals),
                     fits[-1].model.parameters[name],
                     before.rms_validation,
                     after.rms_validation,
-                    trial.evidence.numbers(),
+                    named.trial.evidence.numbers(),
                 )
             )
         return tuple(findings)

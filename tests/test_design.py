@@ -85,6 +85,10 @@ def test_triangles_have_the_rates_that_their_text_says(bounds):
     for rate in said:  # a slope of this size, up and down
         near = np.abs(slopes / rate - 1) < 0.02
         assert {-1.0, 1.0} <= set(np.sign(np.diff(found.input)[near]))
+    (each,) = in_seconds(found.text)
+    assert rests(found.input) == []  # nowhere idle but at the end
+    busy = np.flatnonzero(found.input > bounds.low)[-1] / bounds.rate_hz
+    assert busy > 5 * 0.6 * each
 
 
 @pytest.mark.parametrize("bounds", BOUNDS)

@@ -11,7 +11,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain import Coefficients, ThinnedSignals, response, signals_of
+from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
 from preisach_jax.diagnosis.excitation import Bounds, Excitation, candidates
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect, Survey
@@ -293,7 +293,11 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
 
     What remains of the density's detail beyond that plane is in the noise that the user states.
     """
-    bare = replace(model, chain=model.chain.with_effects(()))
+    bare = replace(
+        model,
+        chain=model.chain.with_effects(()),
+        coefficients=replace(model.coefficients, added=np.empty(0)),
+    )
     problem = _problem(record, _simulated(bare, record), rows)
     point = with_all_rows(base_point(problem, levels)).coefficients()
     zeros = np.zeros_like(point.weights)
@@ -306,8 +310,8 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
 
 def _simulated(model: Model, record: Record) -> np.ndarray:
     """(time,) output of a model that was saturated low before the record, in output units."""
-    coefficients = replace(model.coefficients, memory=np.zeros(model.plane.cells))
-    return np.asarray(response(model.chain, model.values, signals_of(record), coefficients))
+    # On the clock of the model's own record, so that drift and ageing start anew.
+    return model.predict(replace(record, time=record.time + model.origin.start_s)).output
 
 
 def _error(problem: Problem, levels: int, effects: Sequence[Effect]) -> float:

@@ -236,8 +236,8 @@ def candidates(bounds: Bounds) -> list[Excitation]:
 
 def _triangles(path: _Path, seconds: float) -> str:
     bounds = path.bounds
-    # Between two rates the path crosses half the range, at most.
-    share = (seconds - (2.5 + RATES / 2) * bounds.stroke_s) / RATES - 30 / bounds.rate_hz
+    # Before, between and behind the rates the path crosses three quarters of the range, at most.
+    share = (seconds - (2 + 0.75 * (RATES + 1)) * bounds.stroke_s) / RATES - 30 / bounds.rate_hz
     path.loop()
     rates, swings = [], []
     slowest = TWO_TURNS * bounds.span / share
@@ -252,11 +252,15 @@ def _triangles(path: _Path, seconds: float) -> str:
         swings.append(2 * half * bounds.span)
         for level in levels[2:]:
             path.go(level, rate)
+        once = path.corners[-1] - before
+        for _ in range(int((share * bounds.rate_hz - once) // (2 * once))):  # and back, twice
+            for level in (*levels[::-1], *levels[1:]):
+                path.go(level, rate)
     path.go(0.0)
     firsts = swings if np.ptp(swings) else swings[:1]
     return (
         f"triangles at {bounds.rates(*rates)}, {quantity(share, 's', 3)} at each, about the middle "
-        f"of the range, with swings that begin with {bounds.shown(*firsts)} and shrink"
+        f"of the range, with swings that begin with {bounds.shown(*firsts)}, shrink and grow again"
     )
 
 

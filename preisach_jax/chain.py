@@ -25,7 +25,7 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import hysteron_states, state_bounds, weighted_states
+from preisach_jax.hysteron import Pair, hysteron_states, state_bounds, weighted_states
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -38,8 +38,8 @@ PLACES = (
     SensorEffect,
 )
 
-FEEDBACK_ROUNDS = 8
-"""Rounds of the fixed point by which a fed-back output is found; each takes 3/4 and more away."""
+FEEDBACK_ROUNDS = 12
+"""Secant steps by which a fed-back output is found."""
 
 SENSOR_ROUNDS = 6
 """Newton steps by which a sensor's map is inverted."""
@@ -88,7 +88,7 @@ class Chain(eqx.Module):
     @property
     def coefficients(self) -> list[tuple[str, Parameter]]:
         """Effect and coefficient of each column behind the offset, in order."""
-        linear = [*self.at(AddedEffect), *self.at(SensorEffect)]
+        linear = [*self.at(AddedEffect), *self.at(OutputEffect), *self.at(SensorEffect)]
         return [(effect.name, each) for effect in linear for each in effect.coefficients()]
 
     @property
@@ -110,7 +110,9 @@ class Columns:
         cells: how many columns belong to the cells of the plane.
         groups: for each column of the initial memory, the cells whose unknown start it carries.
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
-        added: names of the effects of the last columns (added and sensor effects), one each.
+        added: names of the effects of the last columns, one each: added effects, free responses of
+            output effects, and effects of the sensor.
+        loose: (column,) whether it is there only for a past that is not known.
     """
 
     matrix: np.ndarray
@@ -118,6 +120,7 @@ class Columns:
     groups: tuple[np.ndarray, ...]
     start: np.ndarray
     added: tuple[str, ...]
+    loose: np.ndarray
 
     @property
     def nonnegative(self) -> np.ndarray:
@@ -140,7 +143,7 @@ class Coefficients:
         weights: (cells,) weights R, in output units.
         memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
         offset: output with all hysterons off.
-        added: (column,) coefficients of the added effects, and then of the sensor's.
+        added: (column,) coefficients of the added effects, of free responses, and of the sensor.
     """
 
     weights: np.ndarray
@@ -234,6 +237,12 @@ def _fed_back(effect, values: Values, path, output):
 
 
 @eqx.filter_jit
+def _free_response(effect, signals: Signals):
+    shape = (*signals.time.shape, len(effect.coefficients()))
+    return _expect(effect, "free_response", effect.free_response(signals), shape)
+
+
+@eqx.filter_jit
 def _sensor_columns(effect, values: Values, reading):
     shape = (*reading.shape, len(effect.coefficients()))
     return _expect(effect, "columns", effect.columns(values, reading), shape)
@@ -251,7 +260,8 @@ def _reading(effect, values: Values, coefficients, signal):
         value, slope = jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
         # Where the map folds there is no inverse: a step never goes further than twice the excess.
         reading = reading - value / jnp.maximum(slope, 0.5)
-    return effect.converted(values, reading)
+    # Steps have no slope: derivatives are those of what is fitted, the reading before them.
+    return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
 
 
 @eqx.filter_jit
@@ -385,20 +395,33 @@ def hysteresis_output(
     """Output of the Preisach operator (6), without offset, `(time,)`.
 
     Where it is fed back, the output that agrees with itself is found by rounds over the whole
-    course, from a straight line between the ends of the loop.
+    course, from a straight line between the ends of the loop, each a secant step at every instant.
     """
-    weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
-
-    def operator(course):
-        return _operator(chain.plane, weights, memory, course, chain.hysteron)
-
     if not chain.feeds_back:
-        return operator(drive(chain, values, signals))
-    low, high = chain.plane.low, chain.plane.high
-    output = (driven_path(chain, values, signals) - low) / (high - low) * weights.sum()
+        return _operator_output(chain, drive(chain, values, signals), coefficients)
+    low, high, total = chain.plane.low, chain.plane.high, coefficients.weights.sum()
+    output = (driven_path(chain, values, signals) - low) / (high - low) * total
+    slope, before = jnp.zeros_like(output), None
     for _ in range(FEEDBACK_ROUNDS):
-        output = operator(drive(chain, values, signals, output))
+        answer = _operator_output(chain, drive(chain, values, signals, output), coefficients)
+        now = (output, answer)
+        slope = slope if before is None else _secant(slope, before, now, total)
+        output, before = output + (answer - output) / (1 - slope), now
     return output
+
+
+def _operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
+    weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
+    return _operator(chain.plane, weights, memory, course, chain.hysteron)
+
+
+def _secant(slope: jax.Array, before: Pair, now: Pair, scale: float) -> jax.Array:
+    """Slope between two pairs of argument and answer, the last one where these hardly moved."""
+    moved = now[0] - before[0]
+    ok = jnp.abs(moved) > 1e-9 * scale
+    return jnp.where(
+        ok, jnp.clip((now[1] - before[1]) / jnp.where(ok, moved, 1.0), -3, 0.75), slope
+    )
 
 
 def behind_hysteresis(
@@ -416,8 +439,7 @@ def behind_hysteresis(
         signal = _apply(effect, _arrays(values[effect.name]), signal, signals.time)
     signal = signal + coefficients.offset
     start = 0
-    for effect in chain.at(AddedEffect):
-        columns = _added_columns(effect, _arrays(values[effect.name]), signals)
+    for columns in _columns_beside(chain, values, signals):
         stop = start + columns.shape[1]
         signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
         start = stop
@@ -427,6 +449,15 @@ def behind_hysteresis(
         signal = _reading(effect, _arrays(values[effect.name]), share, signal)
         start = stop
     return signal
+
+
+def _columns_beside(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
+    """What adds to the output beside the hysteresis: added effects, and free responses."""
+    added = [
+        _added_columns(effect, _arrays(values[effect.name]), signals)
+        for effect in chain.at(AddedEffect)
+    ]
+    return added + [_free_response(effect, signals) for effect in chain.at(OutputEffect)]
 
 
 def response(
@@ -447,20 +478,21 @@ def tangents(
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
 
     Forward-mode derivatives; the Preisach operator is differentiated only for effects of the input
-    and inside it.
+    and inside it.  What is fed back is held fixed, as it is in the `regressors`.
     """
     hysteresis = None
     before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
+    if chain.feeds_back or any(effect not in before for effect, _ in parameters):
+        hysteresis = hysteresis_output(chain, values, signals, coefficients)
     columns = []
     for effect, name in parameters:
-        if effect not in before and hysteresis is None:
-            hysteresis = hysteresis_output(chain, values, signals, coefficients)
-        given = None if effect in before else hysteresis
 
-        def output(value, effect=effect, name=name, given=given):
+        def output(value, effect=effect, name=name):
             moved = {**values, effect: {**values[effect], name: value}}
-            if given is None:
-                return response(chain, moved, signals, coefficients)
+            given = hysteresis
+            if effect in before:
+                course = drive(chain, moved, signals, hysteresis if chain.feeds_back else None)
+                given = _operator_output(chain, course, coefficients)
             return behind_hysteresis(chain, moved, signals, given, coefficients)
 
         at = jnp.asarray(values[effect][name], dtype=float)
@@ -495,8 +527,12 @@ def regressors(
     for effect in chain.at(OutputEffect):
         states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
     parts, names = [np.asarray(states), np.ones((len(signals.time), 1))], []
-    for effect in chain.at(AddedEffect):
-        parts.append(np.asarray(_added_columns(effect, _arrays(values[effect.name]), signals)))
+    for effect, columns in zip(
+        [*chain.at(AddedEffect), *chain.at(OutputEffect)],
+        _columns_beside(chain, values, signals),
+        strict=True,
+    ):
+        parts.append(np.asarray(columns))
         names += [effect.name] * parts[-1].shape[1]
     rows = np.arange(len(signals.time)) if rows is None else rows
     for effect in chain.at(SensorEffect):
@@ -509,7 +545,11 @@ def regressors(
     matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
     for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
         matrix[:, start:stop] = part[rows]
-    return Columns(matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, tuple(names))
+    loose = np.zeros(matrix.shape[1], dtype=bool)
+    loose[len(loose) - len(names) :] = [not each.amount for _, each in chain.coefficients]
+    return Columns(
+        matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, tuple(names), loose
+    )
 
 
 def _with_memory_columns(

@@ -85,7 +85,9 @@ def differs_from_nothing(
         for name, parameter in point.parameters
         if name == effect and (parameter.is_amount or parameter.start == (0.0,))
     ]
-    amounts += [each.name for name, each in point.chain.coefficients if name == effect]
+    amounts += [
+        each.name for name, each in point.chain.coefficients if name == effect and each.amount
+    ]
     intervals = [found[effect][name] for name in amounts]
     return not amounts or any(interval.low * interval.high > 0 for interval in intervals)
 

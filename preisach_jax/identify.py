@@ -307,6 +307,7 @@ def evaluate(
         chain.plane.levels,
         columns.nonnegative,
         columns.groups,
+        columns.loose,
     )
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution

@@ -33,7 +33,7 @@ from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
 
 FORMAT = "preisach_jax model"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 RANGE_TOLERANCE = 0.01
 """Share of the input range by which an input may leave the plane: noise of a converter does."""
@@ -284,7 +284,10 @@ class Model:
                 start = np.full(len(weights), 0.5)
             else:
                 start = stated_start(self.chain, drive(self.chain, self.values, signals), stated)
-            coefficients = replace(self.coefficients, memory=weights * start)
+            # What the past of the first record has left says nothing about this one's.
+            lasting = np.array([each.amount for _, each in self.chain.coefficients], dtype=bool)
+            added = np.where(lasting, self.coefficients.added, 0.0)
+            coefficients = replace(self.coefficients, memory=weights * start, added=added)
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
             if stated != "free":

@@ -18,7 +18,8 @@ RIDGE = 1e-10
 """Ridge relative to the largest diagonal entry: keeps columns that never move determinate."""
 
 MEMORY_STRENGTH = 1e-6
-"""Strength, per sample, with which an unknown start is drawn to half of what is possible."""
+"""Strength, per sample, with which an unknown start is drawn to half of what is possible, and one
+without bounds to zero."""
 
 
 @lru_cache(maxsize=16)
@@ -148,6 +149,7 @@ def normal_equations(
     levels: int,
     nonnegative: np.ndarray,
     groups: tuple[np.ndarray, ...],
+    loose: np.ndarray | None = None,
 ) -> NormalEquations:
     """Normal equations of a regression on the columns of a chain, fold by fold.
 
@@ -158,6 +160,7 @@ def normal_equations(
         levels: levels N of the plane.
         nonnegative: (column,) whether the coefficient must not be negative.
         groups: cells whose unknown initial memory each memory column carries.
+        loose: (column,) columns for an unknown past that are drawn to zero; by default none.
 
     Returns:
         The equations, with the columns behind the offset scaled to unit size.
@@ -183,6 +186,8 @@ def normal_equations(
         pull = np.zeros(columns)
         pull[cells + position], pull[group] = 1.0, -0.5
         memory += np.outer(pull, pull)
+    if loose is not None:
+        memory[loose, loose] = 1.0
     return NormalEquations(gram, moment, power, count, scale, nonnegative, prior, memory)
 
 

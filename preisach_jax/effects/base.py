@@ -42,6 +42,8 @@ class Parameter(eqx.Module):
         start: values from which the search starts; the best of them is refined.
         log: whether the search goes by the logarithm of the value (for times).
         meaning: a few words for the reader.
+        amount: whether the effect is absent where the parameter is zero; not so for what is only
+            there beside an effect, such as the unknown start of its states.
 
     Raises:
         ValueError: if the bounds are not `low < high`, or a logarithmic one is not positive.
@@ -58,6 +60,7 @@ class Parameter(eqx.Module):
     start: tuple[float, ...] = eqx.field(static=True, default=(0.0,))
     log: bool = eqx.field(static=True, default=False)
     meaning: str = eqx.field(static=True, default="")
+    amount: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         if not self.low < self.high:
@@ -74,7 +77,7 @@ class Parameter(eqx.Module):
     @property
     def is_amount(self) -> bool:
         """Whether the parameter has a natural zero, at which what it measures vanishes."""
-        return self.low == 0 and not self.log
+        return self.amount and self.low == 0 and not self.log
 
     def to_search(self, value: float) -> float:
         """The search coordinate of a value: its logarithm where `log` is set."""
@@ -239,9 +242,21 @@ class HysteresisEffect(Effect):
 
 
 class OutputEffect(_Stepped):
-    """An effect between the hysteresis and the recorded output, linear in its signal."""
+    """An effect between the hysteresis and the recorded output, linear in its signal.
+
+    `init` takes the machine to be at rest before the first sample.  An effect of a long memory says
+    in `free_response` what another past leaves, as columns of free coefficients.
+    """
 
     place: ClassVar[str] = "output"
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficient of each column of the free response; by default none."""
+        return ()
+
+    def free_response(self, signals: Signals) -> Float[Array, "time column"]:
+        """What states that were not at rest at the first sample add, `(time, columns)`."""
+        return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
 
 
 class WeightEffect(Effect):
@@ -289,7 +304,10 @@ class SensorEffect(Effect):
         return jnp.zeros((*reading.shape, 0), reading.dtype)
 
     def converted(self, values: Values, reading: Float[Array, " time"]) -> Float[Array, " time"]:
-        """The reading in the steps of a converter; by default as it is."""
+        """The reading in the steps of a converter; by default as it is.
+
+        What the steps depend on is not fitted: it keeps the start that `bound_to` gives it.
+        """
         del values
         return reading
 

@@ -48,6 +48,22 @@ class Creep(OutputEffect):
             for i, tau in enumerate(self.tau_s, start=1)
         )
 
+    def coefficients(self):
+        return tuple(
+            Parameter(
+                f"start_{i}",
+                "{z}",
+                -np.inf,
+                np.inf,
+                meaning=f"what the past before the record leaves in the element of {tau:.3g} s",
+                amount=False,
+            )
+            for i, tau in enumerate(self.tau_s, start=1)
+        )
+
+    def free_response(self, signals):
+        return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s))
+
     def bound_to(self, survey: Survey):
         # Shorter elements than these are a lag, longer ones a ramp in disguise.
         low = max(survey.duration_s / 1000, 10 * survey.step_s)

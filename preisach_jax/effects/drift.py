@@ -4,8 +4,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
+from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, log_grid
 
 
 def settling(time_s, tau_s, horizon_s: float):
@@ -18,12 +19,24 @@ def settling(time_s, tau_s, horizon_s: float):
     return jnp.expm1(-time_s / tau_s) / jnp.expm1(-horizon_s / tau_s)
 
 
+WAVES = (6, 12, 24, 48)
+"""Numbers of waves of a wander."""
+
+WANDERS = 0.5
+"""Share of what a simpler drift leaves that one of more waves must not leave."""
+
+
 class Drift(AddedEffect):
-    r"""Exponential or straight drift, added to the output: \(a\,g(t)\), with `settling` as g.
+    r"""Slow change added to the output: \(a\,g(t)\), with `settling` as g, or a wander.
+
+    A wander without a law is a sum of slow waves, \(\sum_k a_k \cos(\pi k t / T)\); beyond the
+    record it stays where it was last.
 
     Arguments:
-        horizon_s: time in s after which the drift has reached its amplitude: the length of the
+        horizon_s: time T in s after which the drift has reached its amplitude: the length of the
             record that is fitted.
+        waves: number of waves; zero for an exponential or straight drift.  `bound_to` takes waves
+            where the residual follows them much better.
 
     Example:
         >>> Drift().coefficients()[0].name
@@ -49,7 +62,11 @@ class Drift(AddedEffect):
     )
     horizon_s: float = eqx.field(static=True, default=1.0)
 
+    waves: int = eqx.field(static=True, default=0)
+
     def parameters(self):
+        if self.waves:
+            return ()
         low, high = self.horizon_s / 30, self.horizon_s * 30
         return (
             Parameter(
@@ -64,10 +81,43 @@ class Drift(AddedEffect):
         )
 
     def coefficients(self):
-        return (Parameter("amplitude", "{z}", -jnp.inf, jnp.inf, meaning="change over the record"),)
+        def free(name, meaning):
+            return Parameter(name, "{z}", -jnp.inf, jnp.inf, meaning=meaning)
+
+        if self.waves:
+            period = 2 * self.horizon_s
+            return tuple(
+                free(f"wave_{k}", f"amplitude of the wave of period {period / k:.3g} s")
+                for k in range(1, self.waves + 1)
+            )
+        return (free("amplitude", "change over the record"),)
 
     def bound_to(self, survey: Survey):
-        return Drift(horizon_s=survey.duration_s)
+        chosen = Drift(horizon_s=survey.duration_s)
+        if len(survey.residual) < 10 * WAVES[-1]:
+            return chosen
+        time = jnp.asarray(survey.time - survey.time[0])
+        signals = Signals(time, jnp.asarray(survey.input), {})
+        tau = chosen.parameters()[0]
+        least = min(
+            _left(survey.residual, chosen.columns({"tau_s": start}, signals)) for start in tau.start
+        )
+        for waves in WAVES:
+            wander = Drift(horizon_s=survey.duration_s, waves=waves)
+            left = _left(survey.residual, wander.columns({}, signals))
+            if left < WANDERS * least:
+                chosen, least = wander, left
+        return chosen
 
     def columns(self, values, signals):
+        if self.waves:
+            phase = jnp.pi * jnp.clip(signals.time / self.horizon_s, 0.0, 1.0)
+            return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1))
         return settling(signals.time, values["tau_s"], self.horizon_s)[:, None]
+
+
+def _left(residual, columns) -> float:
+    """Sum of squares that a constant and some columns leave of a residual."""
+    matrix = np.concatenate([np.ones((len(residual), 1)), np.asarray(columns)], axis=1)
+    solution = np.linalg.lstsq(matrix, residual, rcond=None)[0]
+    return float(np.sum((residual - matrix @ solution) ** 2))

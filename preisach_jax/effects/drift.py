@@ -64,7 +64,7 @@ class Drift(AddedEffect):
 
     waves: int = eqx.field(static=True, default=0)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         if self.waves:
             return ()
         low, high = self.horizon_s / 30, self.horizon_s * 30

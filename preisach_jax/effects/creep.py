@@ -62,7 +62,7 @@ class Creep(OutputEffect):
         )
 
     def free_response(self, signals):
-        return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s))
+        return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s)[None, :])
 
     def bound_to(self, survey: Survey):
         # Shorter elements than these are a lag, longer ones a ramp in disguise.

@@ -112,7 +112,7 @@ class Drift(AddedEffect):
     def columns(self, values, signals):
         if self.waves:
             phase = jnp.pi * jnp.clip(signals.time / self.horizon_s, 0.0, 1.0)
-            return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1))
+            return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
         return settling(signals.time, values["tau_s"], self.horizon_s)[:, None]
 
 

@@ -49,6 +49,9 @@ SEARCH_ROWS = 8_000
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
 
+VARIANT_PAYS = 0.5
+"""Share of a simpler form's held-out mean square that another form of an effect must not leave."""
+
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
 
@@ -227,13 +230,23 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     The starts are compared and roughly refined on a coarse plane; the best of them is refined on
     the point's own.
     """
-    effect = effect.bound_to(problem.survey_of(point))
+    first, *others = effect.variants(problem.survey_of(point))
+    best = _with_variant(problem, point, first, always)
+    for variant in others:
+        trial = _with_variant(problem, point, variant, always)
+        if trial.validation_mean_square < VARIANT_PAYS * best.validation_mean_square:
+            best = trial
+    return best
+
+
+def _with_variant(problem: Problem, point: Point, effect: Effect, always: bool) -> Point:
+    """The best model that has one form of an effect beside those of a point."""
     chain = point.chain.with_effects((*point.chain.effects, effect))
-    names = tuple(other.name for other in chain.effects)
-    if ("start", names) not in problem.cache:
-        problem.cache["start", names] = _coarse_start(problem, point, effect)
+    slot = ("start", chain.effects)
+    if slot not in problem.cache:
+        problem.cache[slot] = _coarse_start(problem, point, effect)
     # The start depends little on the plane: on a finer one it is found again where it was.
-    values = {**point.values, effect.name: problem.cache["start", names]}
+    values = {**point.values, effect.name: problem.cache[slot]}
     full = evaluate(problem, chain, values, point.strength, point)
     promise = min(full.objective, promised_objective(problem, full))
     if promise > (1 - LEAST_PROMISE) * point.objective and not always:

@@ -107,7 +107,10 @@ def test_columns_are_where_they_are_said_to_be(x64, memory):
     matrix = columns.matrix
     assert matrix.shape == (COUNT, columns.offset + 1 + len(columns.added))
     assert columns.cells == chain.plane.cells
-    assert columns.added == ("drift", "aux:load_N")
+    assert columns.added == ("drift", "aux:load_N", "creep", "creep")
+    np.testing.assert_array_equal(
+        np.flatnonzero(columns.loose), [columns.offset + 3, columns.offset + 4]
+    )
     np.testing.assert_array_equal(matrix[:, columns.offset], 1.0)
     np.testing.assert_array_equal(np.flatnonzero(~columns.nonnegative)[0], columns.offset)
     assert bool(columns.groups) == (memory == "free")
@@ -190,7 +193,10 @@ def test_added_effects_do_not_pass_the_output_effects(x64):
     values = {name: VALUES[name] for name in names}
     nothing = np.zeros(PLANE.cells)
     got = response(
-        chain, values, signals_of(rec), Coefficients(nothing, nothing, 2.0, np.array([3.0]))
+        chain,
+        values,
+        signals_of(rec),
+        Coefficients(nothing, nothing, 2.0, np.array([3.0, 0.0, 0.0])),
     )
     time = rec.time - rec.time[0]
     np.testing.assert_allclose(got, 2.0 + 3.0 * np.expm1(-time / 1.7) / np.expm1(-3.0 / 1.7))

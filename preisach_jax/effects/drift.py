@@ -23,7 +23,7 @@ WAVES = (6, 12, 24, 48)
 """Numbers of waves of a wander."""
 
 WANDERS = 0.5
-"""Share of what a simpler drift leaves that one of more waves must not leave."""
+"""Share of what fewer waves leave that more of them must not leave."""
 
 
 class Drift(AddedEffect):
@@ -35,8 +35,7 @@ class Drift(AddedEffect):
     Arguments:
         horizon_s: time T in s after which the drift has reached its amplitude: the length of the
             record that is fitted.
-        waves: number of waves; zero for an exponential or straight drift.  `bound_to` takes waves
-            where the residual follows them much better.
+        waves: number of waves; zero for an exponential or straight drift.
 
     Example:
         >>> Drift().coefficients()[0].name
@@ -93,21 +92,20 @@ class Drift(AddedEffect):
         return (free("amplitude", "change over the record"),)
 
     def bound_to(self, survey: Survey):
-        chosen = Drift(horizon_s=survey.duration_s)
+        return Drift(horizon_s=survey.duration_s)
+
+    def variants(self, survey: Survey):
+        settled = self.bound_to(survey)
         if len(survey.residual) < 10 * WAVES[-1]:
-            return chosen
-        time = jnp.asarray(survey.time - survey.time[0])
-        signals = Signals(time, jnp.asarray(survey.input), {})
-        tau = chosen.parameters()[0]
-        least = min(
-            _left(survey.residual, chosen.columns({"tau_s": start}, signals)) for start in tau.start
-        )
+            return (settled,)
+        signals = Signals(jnp.asarray(survey.time - survey.time[0]), jnp.asarray(survey.input), {})
+        wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
         for waves in WAVES:
-            wander = Drift(horizon_s=survey.duration_s, waves=waves)
-            left = _left(survey.residual, wander.columns({}, signals))
+            trial = Drift(horizon_s=survey.duration_s, waves=waves)
+            left = _left(survey.residual, trial.columns({}, signals))
             if left < WANDERS * least:
-                chosen, least = wander, left
-        return chosen
+                wander, least = trial, left
+        return (settled,) if wander is None else (settled, wander)
 
     def columns(self, values, signals):
         if self.waves:

@@ -82,12 +82,16 @@ class _Projection:
 
     def see(self, signature: np.ndarray, values: dict[str, float]) -> _Seen:
         """Size of a signature, `(row,)` in output ranges, in the residual, with its deviation."""
+        whole = float(signature @ signature)
+        rms = float(np.sqrt(whole / len(signature)))
+        unseen = _Seen(values, np.nan, np.inf, rms, 1.0)
+        if not np.isfinite(whole):
+            return unseen
         taken_up = scipy.linalg.cho_solve(self.factor, self.matrix.T @ signature)
         left = signature - self.matrix @ taken_up
-        power, whole = float(left @ left), float(signature @ signature)
-        rms = float(np.sqrt(whole / len(signature)))
-        if not np.isfinite(whole) or power <= HIDDEN**2 * whole or whole == 0:
-            return _Seen(values, np.nan, np.inf, rms, 1.0)
+        power = float(left @ left)
+        if power <= HIDDEN**2 * whole:
+            return unseen
         scores = np.bincount(self.problem.block, left * self.residual)
         spread = np.sqrt((scores**2).sum() * len(scores) / (len(scores) - 1))
         size = float(left @ self.residual) / power

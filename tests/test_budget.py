@@ -1,0 +1,75 @@
+"""The noise of a record is measured whatever its colour, with rests of the input and without."""
+
+import numpy as np
+import pytest
+from scipy import signal
+from threadpoolctl import threadpool_limits
+
+from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.diagnosis.budget import noise_rms
+from preisach_jax.effects.creep import Creep
+from preisach_jax.fit import base_point
+from preisach_jax.identify import Problem
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+LEVELS, RATE = 7, 500.0
+NOISE = 0.02
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with threadpool_limits(1):
+        yield
+
+
+def excitation(holds):
+    """Ramps between levels all over the range, each followed by a rest of a second or by none."""
+    rng = np.random.default_rng(4)
+    corners, turns = [0.0], [0.0]
+    for level in [10.0, 0.0, *(10 * rng.uniform(size=24)), 10.0, 0.0]:
+        corners.append(corners[-1] + max(abs(level - turns[-1]) / 40.0, 0.01))
+        turns.append(level)
+        if holds:
+            corners.append(corners[-1] + 1.0)
+            turns.append(level)
+    time = np.arange(round(corners[-1] * RATE)) / RATE
+    return time, np.interp(time, corners, turns)
+
+
+def measured(holds, colour=0.0, seed=0, effects=(), values=None):
+    """A record whose output is that of a plane of the fit, with noise of a given colour."""
+    time, path = excitation(holds)
+    plane = Plane(LEVELS, float(path.min()), float(path.max()))
+    chain = Chain(plane, tuple(effects))
+    i, j = np.tril_indices(LEVELS)
+    weights = 0.5 + 0.2 * i + 0.1 * j + np.where(i == j, 1.0, 0.0)
+    blank = Record.from_arrays(time, path, np.zeros(len(time)), initial_memory="low")
+    nothing = np.zeros(len(chain.coefficients))
+    coefficients = Coefficients(weights, np.zeros(len(i)), 0.0, nothing)
+    clean = np.asarray(response(chain, values or {}, signals_of(blank), coefficients))
+    white = np.random.default_rng(seed).normal(size=len(time) + 1000)
+    noise = np.asarray(signal.lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white))[1000:]
+    record = Record.from_arrays(time, path, clean + NOISE * noise, initial_memory="low")
+    problem = Problem.of(record)
+    return problem, base_point(problem, LEVELS)
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_white_noise_is_measured(x64, holds, seed):
+    assert noise_rms(*measured(holds, seed=seed)) == pytest.approx(NOISE, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_of_a_long_memory_is_measured_where_the_input_rests(x64, seed):
+    assert noise_rms(*measured(True, 0.9, seed)) == pytest.approx(NOISE, rel=0.25)
+
+
+def test_creep_in_the_rests_is_no_noise(x64):
+    creep = Creep(tau_s=(0.03, 0.1, 0.3, 1.0, 3.0))
+    values = {"creep": {f"c_{i}": 0.01 for i in range(1, 6)}}
+    problem, point = measured(True, effects=(creep,), values=values)
+    # The creep that a plain model leaves is several times the noise.
+    assert np.sqrt(np.mean(point.residual**2)) * problem.unit > 3 * NOISE
+    assert noise_rms(problem, point) == pytest.approx(NOISE, rel=0.1)

@@ -283,6 +283,75 @@ def test_resonance_against_lsim():
     np.testing.assert_allclose(got, expected + h[0], rtol=0, atol=1e-6)
 
 
+def test_output_lag_against_lsim():
+    rec, bare = (hidden_record(effect, 2, **SHORT) for effect in ("output_lag", None))
+    tau = rec["truth"]["tau_s"]
+    assert 1e-3 <= tau <= 5e-3
+    system = ([[-1 / tau]], [[1 / tau]], [[1.0]], [[0.0]])
+    expected = signal.lsim(system, bare["clean"], rec["t"])[1].ravel()
+    # Between samples of the record the actuator is not straight.
+    np.testing.assert_allclose(rec["clean"], expected, rtol=0, atol=0.15)
+    assert np.std(rec["clean"] - expected) < 0.01
+
+
+def test_a_slew_limit_holds_the_fast_ramps_back_and_nothing_else():
+    rec, bare = (hidden_record("slew_limit", 2, **SHORT), hidden_record(None, 2, **SHORT))
+    slew = rec["truth"]["slew_V_per_s"]
+    gap = np.abs(rec["clean"] - bare["clean"])
+    speed = np.abs(np.diff(rec["x"], prepend=0.0)) * SHORT["rate_hz"]
+    assert speed.max() > 2 * slew
+    assert gap[: np.flatnonzero(speed > slew)[0]].max() < 1e-9
+    # It has caught up wherever the input has been slow for as long as the whole range takes.
+    window = int(TOP / slew * SHORT["rate_hz"])
+    slow = np.convolve(speed > slew / 2, np.ones(window))[: len(speed)] == 0
+    assert np.median(gap[slow]) < 0.01
+    limited = world._limited(rec["x"], slew / SHORT["rate_hz"])
+    assert np.abs(np.diff(limited)).max() <= slew / SHORT["rate_hz"] + 1e-12
+
+
+def test_dragging_is_a_sum_of_relays_with_moved_thresholds():
+    rng = np.random.default_rng(1)
+    u = np.clip(np.cumsum(2.0 * rng.normal(size=400)), 0.0, 12.0)
+    slack = rng.uniform(0.0, 1.0, len(u))
+    dragged = world._dragged(u, slack)
+    for alpha, beta in ((5.0, 5.0), (6.3, 4.1), (9.0, 1.7)):
+        moved, plain = False, False
+        for value, shift, course in zip(u, slack, dragged, strict=True):
+            moved = (moved or value - shift > alpha) and not value + shift < beta
+            plain = (plain or course > alpha) and not course < beta
+            assert moved == plain
+
+
+def test_rate_dependence_vanishes_at_rest():
+    rec, bare = (hidden_record("rate_dependence", 2, **SHORT), hidden_record(None, 2, **SHORT))
+    gap = np.abs(rec["clean"] - bare["clean"])
+    speed = np.abs(np.diff(rec["x"], prepend=0.0)) * SHORT["rate_hz"]
+    assert gap[speed > 300.0].max() > 0.2
+    # What remains at rest is what memory keeps of turning points that were not quite reached.
+    assert np.median(gap[speed == 0.0]) < 0.1 * np.median(gap[speed > 300.0])
+
+
+def test_feedback_agrees_with_itself_and_breaks_congruency():
+    rec = hidden_record("moving", 2, **SHORT)
+    actuator, a = make_world(2), rec["truth"]["a_V_per_um"]
+    again = actuator.hysteresis(rec["x"] + a * rec["clean"])
+    # The chirp's crests lie between samples of the record.
+    np.testing.assert_allclose(again, rec["clean"], rtol=0, atol=5e-3)
+    u = path(0.0, TOP, 25.0, 50.0, 25.0, 0.0, 25.0, 50.0, 25.0)
+    fed = world._fed_back(actuator, u, a)
+    heights = [np.ptp(fed[600:801]), np.ptp(fed[-400:-199])]
+    assert abs(heights[0] - heights[1]) > 0.05
+
+
+def test_a_bent_sensor_is_right_at_both_ends_and_the_same_on_both_branches():
+    rec, bare = (hidden_record("output_nonlinearity", 2, **SHORT), hidden_record(None, 2, **SHORT))
+    order = np.argsort(bare["clean"])
+    assert np.all(np.diff(rec["clean"][order]) >= -1e-9)
+    bend = rec["clean"] - bare["clean"]
+    assert abs(bend[order[0]]) < 1e-6
+    assert bend.max() > 0.5 * rec["truth"]["amplitude_um"]
+
+
 def test_stick_slip_rests_and_keeps_near():
     rec, bare = (hidden_record("stick_slip", 4, **SHORT), hidden_record(None, 4, **SHORT))
     stuck = np.diff(rec["clean"])[np.diff(bare["clean"]) != 0.0] == 0.0

@@ -393,8 +393,57 @@ def _mode(h, f_hz, zeta, step):
     return y + h[0]
 
 
-def _drive(world, effect, at, t, step, rng, size, truth):
+def _limited(u, reach):
+    """Follows u by no more than `reach` from one instant to the next."""
+    place, course = u[0], []
+    for value in u.tolist():
+        place = min(max(value, place - reach), place + reach)
+        course.append(place)
+    return np.array(course)
+
+
+def _dragged(u, slack):
+    """What is pushed up by u - slack and down by u + slack, and rests in between.
+
+    A relay whose thresholds have moved outward by the slack switches where this passes the
+    thresholds themselves.
+    """
+    place, course = u[0], []
+    for low, high in zip((u - slack).tolist(), (u + slack).tolist(), strict=True):
+        place = min(max(place, low), high)
+        course.append(place)
+    return np.array(course)
+
+
+def _fed_back(world, u, a):
+    """h = hysteresis(u + a h), by repeated substitution into the whole course."""
+    h, moved = world.hysteresis(u), np.inf
+    while moved > 1e-7:
+        after = world.hysteresis(u + a * h)
+        h, moved = after, np.max(np.abs(after - h))
+    return h
+
+
+def _move(world, effect, at, t, step, rng, size, truth):
+    """Output of the hysteresis at the instants t, with the effects on its input and inside it."""
+    if effect == "moving":
+        truth["a_V_per_um"] = a = float(rng.uniform(0.10, 0.18)) * size * TOP / world.stroke
+        return _fed_back(world, at(t), a)
+    return world.hysteresis(_drive(effect, at, t, step, rng, size, truth))
+
+
+def _drive(effect, at, t, step, rng, size, truth):
     """What the hysteresis sees, at the instants t: effects on the input."""
+    if effect == "slew_limit":
+        truth["slew_V_per_s"] = slew = float(rng.uniform(250.0, 500.0)) / size
+        return _limited(at(t), slew * step)
+    if effect == "rate_dependence":
+        truth["exponent"] = p = float(rng.uniform(0.5, 1.2))
+        truth["coefficient_V"] = c = float(rng.uniform(0.01, 0.03)) * TOP * size
+        truth["reference_V_per_s"] = 700.0
+        u = at(t)
+        rate = np.abs(np.diff(u, prepend=u[0])) / step
+        return _dragged(u, c * (rate / 700.0) ** p)
     if effect == "delay":
         truth["delay_s"] = float(rng.uniform(1e-3, 4e-3) * size)
         return at(t - truth["delay_s"])
@@ -436,9 +485,13 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
     if effect == "stick_slip":
         truth["reach_um"] = swing / 3
         return _stick_slip(rng, h, swing / 3), {}
+    if effect == "output_lag":
+        truth["tau_s"] = tau = float(rng.uniform(1e-3, 5e-3) * size)
+        return ramp_lag(h, tau, step), {}
     if effect == "output_nonlinearity":
-        truth["amplitude_um"], truth["waves"] = swing / 3, 3.5
-        return h + swing / 3 * np.sin(2 * np.pi * 3.5 * h / world.stroke), {}
+        share = h / world.stroke
+        truth["amplitude_um"] = 1.5 * swing
+        return h + 1.5 * swing * 4 * share * (1 - share) * (0.4 + share), {}
     if effect == "hum":
         truth.update(f_hz=50.0, amplitude_um=0.17 * size, phase=float(rng.uniform(0, 2 * np.pi)))
         return h + 0.17 * size * np.sin(2 * np.pi * 50.0 * t + truth["phase"]), {}
@@ -448,8 +501,22 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
     return h, {}
 
 
-EFFECTS = ("creep", "input_lag", "delay", "drift", "ageing", "aux")
-OUTSIDE = ("stick_slip", "output_nonlinearity", "hum", "resonance")
+EFFECTS = (
+    "creep",
+    "input_lag",
+    "delay",
+    "drift",
+    "ageing",
+    "aux",
+    "output_lag",
+    "slew_limit",
+    "rate_dependence",
+    "resonance",
+    "hum",
+    "output_nonlinearity",
+    "moving",
+)
+OUTSIDE = ("stick_slip",)
 
 
 def hidden_record(
@@ -486,7 +553,7 @@ def hidden_record(
     lead = round(HISTORY * rate_hz) * fine if unknown_start else 0
     t_in = (np.arange((count - 1) * fine + 1 + lead) - lead) * step
     truth: dict = {"effect": effect, "stroke_um": world.stroke, "seed": seed}
-    h = world.hysteresis(_drive(world, effect, at, t_in, step, rng, size, truth))
+    h = _move(world, effect, at, t_in, step, rng, size, truth)
     out, aux = _respond(world, effect, h, t_in, step, duration_s, rng, size, truth)
     rows = slice(lead, None, fine)
     clean, t = out[rows], np.arange(count) / rate_hz

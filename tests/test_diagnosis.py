@@ -2,16 +2,22 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.result import VERDICTS
+from preisach_jax.model import Model
+from preisach_jax.report import write_report
 
-SEEDS = (201, 202, 203)  # thresholds were chosen on others
+SEEDS = (201, 202)  # thresholds were chosen on others
 SECONDS, IDENTIFIED, RATE_HZ = 16.0, 24_000, 2000.0
 EFFECTS = (None, "creep", "input_lag", "delay", "drift", "ageing", "aux")
+QUICK = ("output_lag", "slew_limit", "rate_dependence", "resonance", "hum")
+CASES = [(effect, seed) for effect in EFFECTS for seed in SEEDS]
+CASES += [(effect, SEEDS[0]) for effect in QUICK]
 
 
 def hidden(effect, seed, **options):
@@ -30,8 +36,7 @@ def names_of(made):
     return (f"aux:{made['truth']['column']}",) if effect == "aux" else (effect,)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize(("effect", "seed"), CASES)
 def test_names_what_is_hidden_removes_its_error_and_predicts_what_follows(effect, seed):
     made, whole = hidden(effect, seed)
     found = pj.diagnose(whole.part(0, IDENTIFIED))
@@ -67,7 +72,7 @@ def test_names_nothing_where_nothing_is_hidden(options):
 
 
 def test_an_effect_outside_the_library_is_not_called_adequate():
-    _, whole = hidden("resonance", 205)
+    _, whole = hidden("stick_slip", 205)
     found = pj.diagnose(whole.part(0, IDENTIFIED))
     assert found.verdict in ("unexplained", "partly_explained")
     assert "%" in found.located
@@ -137,3 +142,88 @@ def test_the_residual_of_the_last_step_is_told_apart_from_that_of_the_first(drif
     assert last.rms_validation == pytest.approx(
         np.sqrt(np.mean(last.residual[last.validation] ** 2))
     )
+
+
+# --- effects that a record cannot tell apart ---
+
+
+class Warming(pj.AddedEffect):
+    """A straight line in time: what a drift is, too, if it is slow."""
+
+    name = "warming"
+
+    def parameters(self):
+        return ()
+
+    def coefficients(self):
+        return (pj.Parameter("per_s", "{z}/s", -jnp.inf, jnp.inf),)
+
+    def columns(self, values, signals):
+        return signals.time[:, None]
+
+
+@pytest.fixture(scope="module")
+def alike():
+    """A record with a straight drift, and two effects that both are one."""
+    made, whole = hidden("drift", 207)
+    assert made["truth"]["kind"] == "linear"
+    record = whole.part(0, 16_000)
+    return record, pj.diagnose(record, ["drift", "delay", Warming()], levels=11)
+
+
+def test_each_other_member_of_a_family_is_fitted_as_an_alternative(alike):
+    record, found = alike
+    (finding,) = found.findings
+    assert sorted(finding.family) == ["drift", "warming"]
+    (rival,) = finding.family[1:]
+    assert list(found.alternatives) == [rival]
+    model = found.alternatives[rival]
+    assert [effect.name for effect in model.effects] == [rival]
+    assert model.rms_validation == pytest.approx(found.model.rms_validation, rel=0.05)
+    assert model.rms_validation < 0.25 * found.base.rms_validation
+    there, here = model.predict(record).output, found.model.predict(record).output
+    assert np.sqrt(np.mean((there - here) ** 2)) < found.model.rms_validation
+
+
+def test_the_report_writes_the_alternatives(alike, tmp_path):
+    record, found = alike
+    (rival,) = found.alternatives
+    files = write_report(found, tmp_path)
+    path = tmp_path / "alternatives" / f"{rival}.json"
+    assert path in files
+    again = Model.load(path, effects=[Warming()])
+    expected = found.alternatives[rival].predict(record).output
+    np.testing.assert_array_equal(again.predict(record).output, expected)
+
+
+# --- candidates that cannot work ---
+
+
+class TooShort(pj.InputEffect):
+    """A lag whose bounds keep it far below that of the record."""
+
+    name = "too_short"
+
+    def parameters(self):
+        return (pj.Parameter("tau_s", "s", 1e-6, 1e-5, start=(3e-6,), log=True),)
+
+    def apply(self, values, signal, time):
+        rate = jnp.diff(signal, prepend=signal[:1]) / jnp.maximum(
+            jnp.diff(time, prepend=time[:1] - 1.0), 1e-9
+        )
+        return signal - values["tau_s"] * rate
+
+
+def test_a_useless_column_or_bound_is_told_of_that_candidate_alone():
+    made, whole = hidden("input_lag", 206)
+    columns = {"copy": whole.input}
+    record = pj.Record.from_arrays(whole.time, whole.input, whole.output, aux=columns)
+    record = record.part(0, 16_000)
+    found = pj.diagnose(record, [TooShort(), "input_lag", "aux:copy", "drift"], levels=11)
+    assert found.effects == ("input_lag",)
+    estimate = found.findings[0].parameters["tau_s"]
+    assert estimate.value == pytest.approx(made["truth"]["tau_s"], rel=0.02)
+    tried = {candidate.effect: candidate for candidate in found.candidates}
+    for name in ("too_short", "aux:copy", "drift"):
+        assert not tried[name].accepted
+        assert tried[name].why_not

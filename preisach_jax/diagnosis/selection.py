@@ -29,6 +29,7 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
     SEARCH_ROWS,
+    Fit,
     Progress,
     at_levels,
     aux_units,
@@ -52,7 +53,7 @@ HOPELESS = 0.5
 
 NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
-WEAK = 0.5
+WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
 """
 
@@ -330,16 +331,16 @@ class _Search:
         return points
 
     def _conclude(self) -> Diagnosis:
-        self.progress("limiting what was not found", 0.8)
+        self.progress("fitting all rows", 0.8)
+        problem = Problem.of(self.record, FINAL_ROWS)
+        fits = self._fits(problem)
+        self.progress("limiting what was not found", 0.9)
         spoken_of = {name for named in self.accepted for name in (named.name, *named.rivals)}
         absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
         bounds = limits(self.problem, self.finer or self.now, absent)
-        self.progress("fitting all rows", 0.85)
-        alternatives = self._alternatives()
         discretisation = discretisation_rms(self.problem, self.now, self.finer)
-        problem = Problem.of(self.record, FINAL_ROWS)
-        fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
+        alternatives = self._alternatives(problem)
         self.progress("measuring the error budget", 0.95)
         noise = noise_rms(problem, fits[-1].point)
         rms = fits[-1].rms_validation
@@ -416,13 +417,27 @@ class _Search:
         evidence = compare(self.problem, without, point)
         return Trial(effect, named.trial.step, point, evidence, True)
 
-    def _alternatives(self) -> dict[str, Model]:
+    def _alternatives(self, problem: Problem) -> dict[str, Model]:
         """The model with each rival in place of the effect that was named."""
         return {
-            name: finished(self.problem, point, self.record).model
+            name: finished(problem, moved_to(problem, point), self.record).model
             for named in self.accepted
             for name, point in named.rivals.items()
         }
+
+    def _fits(self, problem: Problem) -> list[Fit]:
+        """The fit of each step; effects at the end that do not help on all rows are given up."""
+        fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
+        while len(fits) > 1 and not fits[-1].rms_validation < fits[-2].rms_validation:
+            given_up = self.accepted.pop()
+            self.path.pop()
+            self.finer = None
+            fits.pop()
+            self.trials = [
+                (trial, False, "") if trial is given_up.trial else (trial, accepted, better)
+                for trial, accepted, better in self.trials
+            ]
+        return fits
 
     def _findings(self, fits) -> tuple[Finding, ...]:
         findings = []

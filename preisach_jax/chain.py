@@ -443,7 +443,16 @@ def behind_hysteresis(
         stop = start + columns.shape[1]
         signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
         start = stop
-    for effect in chain.at(SensorEffect):
+    return sensed(chain, values, signal, coefficients)
+
+
+def sensed(
+    chain: Chain, values: EffectValues, signal: jax.Array, coefficients: Coefficients
+) -> jax.Array:
+    """What the sensor reads of the output of the rest of the model, `(time,)`."""
+    sensors = chain.at(SensorEffect)
+    start = len(coefficients.added) - sum(len(effect.coefficients()) for effect in sensors)
+    for effect in sensors:
         stop = start + len(effect.coefficients())
         share = jnp.asarray(coefficients.added[start:stop])
         signal = _reading(effect, _arrays(values[effect.name]), share, signal)
@@ -480,10 +489,10 @@ def tangents(
     Forward-mode derivatives; the Preisach operator is differentiated only for effects of the input
     and inside it.  What is fed back is held fixed, as it is in the `regressors`.
     """
-    hysteresis = None
+    if not parameters:
+        return np.zeros((len(signals.time), 0))
     before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
-    if chain.feeds_back or any(effect not in before for effect, _ in parameters):
-        hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    hysteresis = hysteresis_output(chain, values, signals, coefficients)
     columns = []
     for effect, name in parameters:
 
@@ -497,7 +506,7 @@ def tangents(
 
         at = jnp.asarray(values[effect][name], dtype=float)
         columns.append(np.asarray(jax.jvp(output, (at,), (jnp.ones_like(at),))[1]))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(signals.time), 0))
+    return np.stack(columns, axis=1)
 
 
 def regressors(

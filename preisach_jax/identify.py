@@ -25,6 +25,7 @@ from preisach_jax.chain import (
     hysteresis_columns,
     hysteresis_output,
     regressors,
+    sensed,
     signals_of,
     tangents,
 )
@@ -239,17 +240,23 @@ class Point:
 
     @property
     def residual(self) -> np.ndarray:
-        """(row,) residual over all measured rows, in output ranges."""
-        predicted = self.matrix @ self.solution
-        for effect in self._converters():
-            reading = effect.converted(self.values[effect.name], jnp.asarray(predicted * self.unit))
-            predicted = np.asarray(reading) / self.unit
-        return self.target - predicted
+        """(row,) residual over all measured rows, in output ranges.
+
+        What the sensor makes of the output is predicted as it would be without the measurement.
+        """
+        sensors = self.chain.at(SensorEffect)
+        if not sensors:
+            return self.target - self.matrix @ self.solution
+        count = sum(len(effect.coefficients()) for effect in sensors)
+        rest = self.matrix.shape[1] - count
+        signal = jnp.asarray(self.matrix[:, :rest] @ self.solution[:rest] * self.unit)
+        reading = sensed(self.chain, self.values, signal, self.coefficients())
+        return self.target - np.asarray(reading) / self.unit
 
     @property
     def validation_mean_square(self) -> float:
         """Mean square on the held-out blocks, in squared output ranges."""
-        if self._converters():  # what a converter rounds is in no normal equations
+        if self.chain.at(SensorEffect):  # what the sensor does is in no normal equations
             held_out = int(self.equations.count[VALIDATION].sum())
             return float(np.mean(self.residual[-held_out:] ** 2))
         return self.equations.mean_square(self.solution, VALIDATION)
@@ -263,9 +270,6 @@ class Point:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
         return Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
-
-    def _converters(self) -> list[SensorEffect]:
-        return [effect for effect in self.chain.at(SensorEffect) if effect.converts()]
 
 
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:

@@ -199,7 +199,7 @@ def _limit_of_size(
     if not seen:
         return None
     seen.sort(key=lambda one: one.rms)
-    upper = np.array([one.size + one_sided * one.deviation for one in seen])
+    upper = np.array([max(one.size, 0.0) + one_sided * one.deviation for one in seen])
     open_ = np.flatnonzero(~(upper < 1))
     weakest = int(open_[-1]) + 1 if len(open_) else 0
     ends = np.array([one.values[first.name] for one in seen])
@@ -209,7 +209,7 @@ def _limit_of_size(
         return Limit(effect.name, first.name, None, unit, above, None, absorbed)
     value, rms = ends[weakest], seen[weakest].rms
     if weakest == 0 and not above:  # below the first start, the change is in proportion
-        value, rms = value * max(upper[0], 0.0), rms * max(upper[0], 0.0)
+        value, rms = value * upper[0], rms * upper[0]
     return Limit(
         effect.name, first.name, float(value), unit, above, float(rms) * problem.unit, absorbed
     )

@@ -315,11 +315,6 @@ class SensorEffect(Effect):
         del values
         return reading
 
-    @classmethod
-    def converts(cls) -> bool:
-        """Whether there are such steps."""
-        return cls.converted is not SensorEffect.converted
-
 
 def curvature(
     signal: Float[Array, " time"], time: Float[Array, " time"]

@@ -56,7 +56,8 @@ def test_names_what_is_hidden_removes_its_error_and_predicts_what_follows(effect
     )
     predicted = found.model.predict(blind)
     rms = np.sqrt(np.mean((whole.output[after] - predicted.output[after]) ** 2))
-    assert rms <= 2 * noise + found.budget.discretisation
+    # What was left over where the model was judged, the stretch that follows may show as well.
+    assert rms <= 2 * noise + np.hypot(found.budget.discretisation, found.budget.unexplained)
 
 
 @pytest.mark.parametrize(

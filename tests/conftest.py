@@ -22,6 +22,13 @@ settings.load_profile("tests")
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+@pytest.fixture(autouse=True, scope="module")
+def compiled_code_is_let_go():
+    """What one file has compiled is of no use to the next, and gigabytes pile up otherwise."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(params=["float32", "float64"])
 def precision(request):
     """The test runs once in each floating-point precision; the value is the dtype's name."""

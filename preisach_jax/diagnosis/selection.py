@@ -57,7 +57,7 @@ WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
 """
 
-CONFIRMATION_LEVELS = 75
+CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
 
 BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
@@ -132,8 +132,8 @@ def diagnose(
 
     Arguments:
         record: the measurement.
-        effects: effects to try, by name or as objects; by default the library and all auxiliary
-            columns.  To try one's own beside the library: `[*pj.effects().values(), Mine()]`.
+        effects: effects to try, by name or as objects; by default the library, without those that
+            are tried on request, and all auxiliary columns.  To try one's own beside the library: `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
         progress: called with a text and a share done.
 
@@ -157,7 +157,8 @@ def diagnose(
 
 
 def _to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
-    asked: list[str | Effect] = list(library() if effects is None else effects)
+    everything = [name for name, effect in library().items() if not effect.on_request]
+    asked: list[str | Effect] = list(everything if effects is None else effects)
     auxiliary = [f"aux:{name}" for name in record.aux]
     names = [item if isinstance(item, str) else item.name for item in asked]
     if "aux:COL" in names:  # the library's placeholder: one effect a column

@@ -140,6 +140,7 @@ class Effect(eqx.Module):
         signature: what the residual of a model without it looks like.
         confused_with: names of the effects that look alike.
         experiment: what to record to tell them apart.
+        on_request: whether a diagnosis tries it only where it is asked for by name.
     """
 
     name: ClassVar[str] = ""
@@ -149,6 +150,7 @@ class Effect(eqx.Module):
     signature: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
+    on_request: ClassVar[bool] = False
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the search must find (those that enter the model nonlinearly)."""

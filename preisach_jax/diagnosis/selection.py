@@ -133,7 +133,8 @@ def diagnose(
     Arguments:
         record: the measurement.
         effects: effects to try, by name or as objects; by default the library, without those that
-            are tried on request, and all auxiliary columns.  To try one's own beside the library: `[*pj.effects().values(), Mine()]`.
+            are tried on request, and all auxiliary columns.  To try one's own beside the library:
+            `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
         progress: called with a text and a share done.
 

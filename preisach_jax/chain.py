@@ -92,6 +92,11 @@ class Chain(eqx.Module):
         return [(effect.name, each) for effect in linear for each in effect.coefficients()]
 
     @property
+    def sensor_coefficients(self) -> int:
+        """How many of the coefficients, the last ones, belong to the sensor."""
+        return sum(len(effect.coefficients()) for effect in self.at(SensorEffect))
+
+    @property
     def feeds_back(self) -> bool:
         """Whether an effect makes the input of the hysterons depend on their output."""
         return any(effect.feeds_back for effect in self.at(HysteresisEffect))
@@ -313,19 +318,18 @@ def drive(
         output: (time,) output of the Preisach operator, for an effect that feeds it back; without
             it nothing is fed back.
     """
-    path, widened = driven_path(chain, values, signals), None
-    inside = chain.at(HysteresisEffect)
-    if inside:
-        # The speed of the input is that of all samples, also where some are left out.
-        thinned = isinstance(signals, ThinnedSignals)
-        whole = signals.whole if thinned else signals
-        course = driven_path(chain, values, whole) if thinned else path
-        for effect in inside:
-            shift = _widening(effect, _arrays(values[effect.name]), course, whole.time)
-            shift = shift[signals.kept] if thinned else shift
-            widened = shift if widened is None else widened + shift
-            if output is not None:
-                path = _fed_back(effect, _arrays(values[effect.name]), path, jnp.asarray(output))
+    # The speed of the input is that of all samples, also where some are left out.
+    thinned = isinstance(signals, ThinnedSignals)
+    whole = signals.whole if thinned else signals
+    course = driven_path(chain, values, whole)
+    path, widened = course[signals.kept] if thinned else course, None
+    for effect in chain.at(HysteresisEffect):
+        own = _arrays(values[effect.name])
+        shift = _widening(effect, own, course, whole.time)
+        shift = shift[signals.kept] if thinned else shift
+        widened = shift if widened is None else widened + shift
+        if output is not None:
+            path = _fed_back(effect, own, path, jnp.asarray(output))
     return Drive(path) if widened is None else Drive(path - widened, path + widened)
 
 
@@ -450,9 +454,8 @@ def sensed(
     chain: Chain, values: EffectValues, signal: jax.Array, coefficients: Coefficients
 ) -> jax.Array:
     """What the sensor reads of the output of the rest of the model, `(time,)`."""
-    sensors = chain.at(SensorEffect)
-    start = len(coefficients.added) - sum(len(effect.coefficients()) for effect in sensors)
-    for effect in sensors:
+    start = len(coefficients.added) - chain.sensor_coefficients
+    for effect in chain.at(SensorEffect):
         stop = start + len(effect.coefficients())
         share = jnp.asarray(coefficients.added[start:stop])
         signal = _reading(effect, _arrays(values[effect.name]), share, signal)
@@ -466,7 +469,8 @@ def _columns_beside(chain: Chain, values: EffectValues, signals: Signals) -> lis
         _added_columns(effect, _arrays(values[effect.name]), signals)
         for effect in chain.at(AddedEffect)
     ]
-    return added + [_free_response(effect, signals) for effect in chain.at(OutputEffect)]
+    remembering = [effect for effect in chain.at(OutputEffect) if effect.coefficients()]
+    return added + [_free_response(effect, signals) for effect in remembering]
 
 
 def response(
@@ -535,30 +539,43 @@ def regressors(
         states = states * _gain(effect, _arrays(values[effect.name]), signals)[:, None]
     for effect in chain.at(OutputEffect):
         states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
-    parts, names = [np.asarray(states), np.ones((len(signals.time), 1))], []
-    for effect, columns in zip(
-        [*chain.at(AddedEffect), *chain.at(OutputEffect)],
-        _columns_beside(chain, values, signals),
-        strict=True,
-    ):
-        parts.append(np.asarray(columns))
-        names += [effect.name] * parts[-1].shape[1]
+    parts = [np.asarray(states), np.ones((len(signals.time), 1))]
     rows = np.arange(len(signals.time)) if rows is None else rows
+    parts += columns_behind(chain, values, signals, rows, measured)
+    edges = np.cumsum([0, *(part.shape[1] for part in parts)])
+    matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
+    for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
+        matrix[:, start:stop] = part[rows]
+    behind = chain.coefficients
+    loose = np.zeros(matrix.shape[1], dtype=bool)
+    loose[len(loose) - len(behind) :] = [not each.amount for _, each in behind]
+    names = tuple(effect for effect, _ in behind)
+    return Columns(matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, names, loose)
+
+
+def columns_behind(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    rows: np.ndarray,
+    measured: np.ndarray | None,
+) -> list[np.ndarray]:
+    """What the coefficients of added, output and sensor effects multiply, `(time, column)` each.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        rows: (row,) samples at which the output was measured.
+        measured: (row,) measured output at these samples, for the effects of the sensor.
+    """
+    parts = [np.asarray(columns) for columns in _columns_beside(chain, values, signals)]
     for effect in chain.at(SensorEffect):
         reading = np.full(len(signals.time), np.nan)
         reading[rows] = measured
         columns = _sensor_columns(effect, _arrays(values[effect.name]), jnp.asarray(reading))
         parts.append(np.asarray(columns))
-        names += [effect.name] * parts[-1].shape[1]
-    edges = np.cumsum([0, *(part.shape[1] for part in parts)])
-    matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
-    for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
-        matrix[:, start:stop] = part[rows]
-    loose = np.zeros(matrix.shape[1], dtype=bool)
-    loose[len(loose) - len(names) :] = [not each.amount for _, each in chain.coefficients]
-    return Columns(
-        matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, tuple(names), loose
-    )
+    return parts
 
 
 def _with_memory_columns(

@@ -100,11 +100,9 @@ def _interval(
         low, high = centre - half, centre + half
         if parameter.log:
             low, high = np.exp(low), np.exp(high)
-    channels = problem.record.channels
-    unit = parameter.unit.replace("{z}", channels["output"].unit or "1")
     return ParameterEstimate(
         value,
         float(max(low, parameter.low)),
         float(min(high, parameter.high)),
-        unit.replace("{u}", channels["input"].unit or "1"),
+        problem.shown_unit(parameter.unit),
     )

@@ -141,6 +141,12 @@ class Problem:
         """Range of the measured output: the solver works on outputs of unit range."""
         return float(np.ptp(self.target))
 
+    def shown_unit(self, unit: str) -> str:
+        """A parameter's unit with those of the record in place of `{z}` and `{u}`."""
+        channels = self.record.channels
+        unit = unit.replace("{z}", channels["output"].unit or "1")
+        return unit.replace("{u}", channels["input"].unit or "1")
+
     def hysteresis(
         self, chain: Chain, values: EffectValues, like: Point | None = None
     ) -> HysteresisColumns:
@@ -151,19 +157,17 @@ class Problem:
             values: its nonlinear parameters.
             like: a point whose output is fed back where an effect of the chain asks for that.
         """
+        memory = self.record.initial_memory
+        if chain.feeds_back:  # what is fed back differs from one point to the next
+            output = None if like is None else self.hysteresis_output(like)
+            return hysteresis_columns(chain, drive(chain, values, self.signals, output), memory)
         moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
         key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
         slot = ("hysteresis", chain.plane, chain.hysteron)
-        if chain.feeds_back:
-            output = None if like is None else self.hysteresis_output(like)
-        elif self.cache.get(slot, (None,))[0] == key:
-            return self.cache[slot][1]
-        else:
-            output = None
-        course = drive(chain, values, self.signals, output)
-        columns = hysteresis_columns(chain, course, self.record.initial_memory)
-        self.cache[slot] = (None if chain.feeds_back else key, columns)
-        return columns
+        if self.cache.get(slot, (None,))[0] != key:
+            course = drive(chain, values, self.signals)
+            self.cache[slot] = (key, hysteresis_columns(chain, course, memory))
+        return self.cache[slot][1]
 
     def hysteresis_output(self, point: Point) -> np.ndarray:
         """(time,) output of the Preisach operator of a point, in output units."""
@@ -244,11 +248,9 @@ class Point:
 
         What the sensor makes of the output is predicted as it would be without the measurement.
         """
-        sensors = self.chain.at(SensorEffect)
-        if not sensors:
+        if not self.chain.at(SensorEffect):
             return self.target - self.matrix @ self.solution
-        count = sum(len(effect.coefficients()) for effect in sensors)
-        rest = self.matrix.shape[1] - count
+        rest = self.matrix.shape[1] - self.chain.sensor_coefficients
         signal = jnp.asarray(self.matrix[:, :rest] @ self.solution[:rest] * self.unit)
         reading = sensed(self.chain, self.values, signal, self.coefficients())
         return self.target - np.asarray(reading) / self.unit

@@ -9,12 +9,11 @@ import numpy as np
 import scipy.linalg
 import scipy.special
 
-from preisach_jax.chain import Chain, Coefficients, regressors, response, tangents
+from preisach_jax.chain import Chain, Coefficients, columns_behind, response, tangents
+from preisach_jax.confidence import LEVEL
 from preisach_jax.effects.base import AddedEffect, Effect, Parameter, SensorEffect
 from preisach_jax.identify import ALL, Point, Problem, linearise, starts_of, with_all_rows
 from preisach_jax.quantity import quantity
-
-LEVEL = 0.95
 
 HIDDEN = 1e-4
 """Share of a signature that the rest of the model must leave for it to be seen at all."""
@@ -71,7 +70,7 @@ class _Projection:
     """Takes out of a signature what the rest of a model can take up, and sizes what is left."""
 
     def __init__(self, problem: Problem, point: Point):
-        self.problem, self.point = problem, point
+        self.problem = problem
         linear = linearise(problem, point, point.parameters)
         gram, _ = linear.equations.system(ALL, point.strength)
         free = ~point.equations.nonnegative | (point.solution > 0)
@@ -143,11 +142,11 @@ def _limit_of_amount(
     share, name, unit = effect.total_amount(amounts)
     seen = [
         projection.see(columns @ share if whole else columns, values)
-        for values, columns, whole in _amount_signatures(problem, point, effect, amounts, share)
+        for values, columns, whole in _amount_signatures(problem, point, effect, amounts)
     ]
     visible = [one for one in seen if np.isfinite(one.deviation)]
     absorbed = min((one.absorbed for one in seen), default=1.0)
-    unit = _with_units(unit, problem)
+    unit = problem.shown_unit(unit)
     if not visible:
         return Limit(effect.name, name, None, unit, False, None, absorbed)
     # A coefficient of the solver is in output ranges, a parameter in its own unit.
@@ -158,24 +157,20 @@ def _limit_of_amount(
 
 
 def _amount_signatures(
-    problem: Problem, point: Point, effect: Effect, amounts: list[Parameter], share: np.ndarray
+    problem: Problem, point: Point, effect: Effect, amounts: list[Parameter]
 ) -> Iterator[tuple[dict[str, float], np.ndarray, bool]]:
-    linear = isinstance(effect, AddedEffect | SensorEffect)
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    names = [(effect.name, parameter.name) for parameter in amounts]
     for values in starts_of(effect):
-        chain = Chain(point.chain.plane, (*point.chain.effects, effect), point.chain.hysteron)
-        everything = {**point.values, effect.name: values}
-        if linear:
-            alone = Chain(point.chain.plane, (effect,), point.chain.hysteron)
-            hysteresis = problem.hysteresis(point.chain, point.values, point)
-            columns = regressors(
-                alone, everything, problem.signals, hysteresis, problem.rows, problem.target
-            )
-            for column in columns.matrix[:, columns.offset + 1 :].T:
+        if isinstance(effect, AddedEffect | SensorEffect):
+            alone = point.chain.with_effects((effect,))
+            own = {effect.name: values}
+            parts = columns_behind(alone, own, problem.signals, problem.rows, problem.target)
+            for column in np.concatenate(parts, axis=1)[problem.rows].T:
                 yield values, column / problem.unit, False
             continue
-        names = [(effect.name, parameter.name) for parameter in amounts]
-        coefficients = _with_room(point, chain)
-        raw = tangents(chain, everything, problem.signals, coefficients, names)
+        everything = {**point.values, effect.name: values}
+        raw = tangents(chain, everything, problem.signals, _with_room(point, chain), names)
         yield values, raw[problem.rows] / problem.unit, True
 
 
@@ -185,15 +180,13 @@ def _limit_of_size(
     """The weakest value of the first parameter from which on all are excluded."""
     one_sided = scipy.special.ndtri(LEVEL)
     first = effect.parameters()[0]
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    coefficients = _with_room(point, chain)
+    present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
     seen = []
     for values in starts_of(effect):
-        chain = Chain(point.chain.plane, (*point.chain.effects, effect), point.chain.hysteron)
-        coefficients = _with_room(point, chain)
         everything = {**point.values, effect.name: values}
         changed = np.asarray(response(chain, everything, problem.signals, coefficients))
-        present = np.asarray(
-            response(point.chain, point.values, problem.signals, point.coefficients())
-        )
         seen.append(projection.see((changed - present)[problem.rows] / problem.unit, values))
     seen = [one for one in seen if one.rms > 0]
     if not seen:
@@ -204,7 +197,7 @@ def _limit_of_size(
     weakest = int(open_[-1]) + 1 if len(open_) else 0
     ends = np.array([one.values[first.name] for one in seen])
     above = len(ends) > 1 and bool(np.polyfit(np.arange(len(ends)), np.log(ends), 1)[0] < 0)
-    unit, absorbed = _with_units(first.unit, problem), min(one.absorbed for one in seen)
+    unit, absorbed = problem.shown_unit(first.unit), min(one.absorbed for one in seen)
     if weakest == len(seen):
         return Limit(effect.name, first.name, None, unit, above, None, absorbed)
     value, rms = ends[weakest], seen[weakest].rms
@@ -223,9 +216,3 @@ def _with_room(point: Point, chain: Chain) -> Coefficients:
     )
     added = [by_name.get((e, c.name), 0.0) for e, c in chain.coefficients]
     return replace(present, added=np.asarray(added))
-
-
-def _with_units(unit: str, problem: Problem) -> str:
-    channels = problem.record.channels
-    unit = unit.replace("{z}", channels["output"].unit or "1")
-    return unit.replace("{u}", channels["input"].unit or "1")

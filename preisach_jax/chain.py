@@ -25,7 +25,7 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import Pair, hysteron_states, state_bounds, weighted_states
+from preisach_jax.hysteron import hysteron_states, state_bounds, weighted_states
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -271,17 +271,19 @@ def _reading(effect, values: Values, coefficients, signal):
 
 @eqx.filter_jit
 def _state_bounds(plane: Plane, drive, hysteron: str):
-    return state_bounds(plane, drive.rising, hysteron, drive.falling)
+    return state_bounds(plane, drive.rising, hysteron, drive.falling, drive.reversible)
 
 
 @eqx.filter_jit
 def _states_from_low(plane: Plane, drive, hysteron: str):
-    return hysteron_states(plane, drive.rising, "low", hysteron, drive.falling)
+    others = (drive.falling, drive.reversible)
+    return hysteron_states(plane, drive.rising, "low", hysteron, *others)
 
 
 @eqx.filter_jit
 def _operator(plane: Plane, weights, memory, drive, hysteron: str):
-    return weighted_states(plane, weights, memory, drive.rising, hysteron, drive.falling)
+    others = (drive.falling, drive.reversible)
+    return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
 
 
 def _arrays(values: Mapping[str, Any]) -> Values:
@@ -300,10 +302,14 @@ def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Arr
 
 
 class Drive(NamedTuple):
-    """What the hysterons see, `(time,)`: at their thresholds α, and at β where that differs."""
+    """What the hysterons see, `(time,)`: at their thresholds α, and at β where that differs.
+
+    Those on the diagonal, which are reversible, see `reversible` where that differs too.
+    """
 
     rising: jax.Array
     falling: jax.Array | None = None
+    reversible: jax.Array | None = None
 
 
 def drive(
@@ -323,14 +329,18 @@ def drive(
     whole = signals.whole if thinned else signals
     course = driven_path(chain, values, whole)
     path, widened = course[signals.kept] if thinned else course, None
-    for effect in chain.at(HysteresisEffect):
+    inside = chain.at(HysteresisEffect)
+    for effect in inside:
         own = _arrays(values[effect.name])
         shift = _widening(effect, own, course, whole.time)
         shift = shift[signals.kept] if thinned else shift
         widened = shift if widened is None else widened + shift
         if output is not None:
             path = _fed_back(effect, own, path, jnp.asarray(output))
-    return Drive(path) if widened is None else Drive(path - widened, path + widened)
+    if widened is None:
+        return Drive(path)
+    all_widen = any(effect.widens_reversible for effect in inside)
+    return Drive(path - widened, path + widened, None if all_widen else path)
 
 
 @dataclass(frozen=True)
@@ -390,7 +400,7 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
 
 
 def _first(course: Drive) -> Drive:
-    return Drive(course.rising[:1], None if course.falling is None else course.falling[:1])
+    return Drive(*(None if path is None else path[:1] for path in course))
 
 
 def hysteresis_output(
@@ -419,7 +429,7 @@ def _operator_output(chain: Chain, course: Drive, coefficients: Coefficients) ->
     return _operator(chain.plane, weights, memory, course, chain.hysteron)
 
 
-def _secant(slope: jax.Array, before: Pair, now: Pair, scale: float) -> jax.Array:
+def _secant(slope: jax.Array, before: tuple, now: tuple, scale: float) -> jax.Array:
     """Slope between two pairs of argument and answer, the last one where these hardly moved."""
     moved = now[0] - before[0]
     ok = jnp.abs(moved) > 1e-9 * scale

@@ -180,6 +180,7 @@ def hysteron_states(
     initial_states: ArrayLike | str = "low",
     hysteron: str = "ramp",
     falling: ArrayLike | None = None,
+    reversible: ArrayLike | None = None,
 ) -> jax.Array:
     """Follow the states of all hysterons along an input, eq. (1)-(4).
 
@@ -191,6 +192,8 @@ def hysteron_states(
         hysteron: "relay" or "ramp".
         falling: (time,) input of the thresholds β, where it is not that of the thresholds α: where
             thresholds move outward by δ, `x` is the input less δ, and `falling` the input plus δ.
+        reversible: (time,) input of the hysterons on the diagonal α = β, where these do not follow
+            the other two.
 
     Returns:
         (time, cells) states in [0, 1]; the first row is the state after x[0].
@@ -206,7 +209,8 @@ def hysteron_states(
     """
     x, start = path_and_start(plane, x, initial_states, hysteron)
     if falling is not None:
-        return _states_of_two_paths(plane, x, jnp.asarray(falling, x.dtype), start, hysteron)
+        paths = _paths(x, falling, reversible)
+        return _states_of_paths(plane, paths, start, hysteron)
 
     def advance(carry, value):
         states, previous = carry
@@ -216,28 +220,36 @@ def hysteron_states(
     return jax.lax.scan(advance, (start, x[0]), x)[1]
 
 
-Pair = tuple[jax.Array, jax.Array]
+Paths = tuple[jax.Array, ...]
+"""Inputs of thresholds α, of thresholds β and, if it is another, of both on the diagonal."""
 
 
-def _step_of_two_paths(
-    plane: Plane, states: jax.Array, previous: Pair, now: Pair, hysteron: str
+def _paths(x: jax.Array, falling: ArrayLike, reversible: ArrayLike | None) -> Paths:
+    others = (falling,) if reversible is None else (falling, reversible)
+    return (x, *(jnp.asarray(other, x.dtype) for other in others))
+
+
+def _step_of_paths(
+    plane: Plane, states: jax.Array, previous: Paths, now: Paths, hysteron: str
 ) -> jax.Array:
-    """`hysteron_step` where thresholds α see the first of two inputs, and β the second."""
+    """`hysteron_step` where thresholds α see the first of several inputs, and β the second."""
     on_alpha, _ = thresholds_reached(plane, previous[0], now[0], hysteron)
     _, on_beta = thresholds_reached(plane, previous[1], now[1], hysteron)
+    if len(now) > 2:
+        diagonal = jnp.asarray(plane.alpha_index == plane.beta_index)
+        own_alpha, own_beta = thresholds_reached(plane, previous[2], now[2], hysteron)
+        on_alpha = jnp.where(diagonal, own_alpha, on_alpha)
+        on_beta = jnp.where(diagonal, own_beta, on_beta)
     return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
 
 
-def _states_of_two_paths(
-    plane: Plane, rising: jax.Array, falling: jax.Array, start: jax.Array, hysteron: str
-) -> jax.Array:
+def _states_of_paths(plane: Plane, paths: Paths, start: jax.Array, hysteron: str) -> jax.Array:
     def advance(carry, now):
         states, previous = carry
-        states = _step_of_two_paths(plane, states, previous, now, hysteron)
+        states = _step_of_paths(plane, states, previous, now, hysteron)
         return (states, now), states
 
-    first = (rising[0], falling[0])
-    return jax.lax.scan(advance, (start, first), (rising, falling))[1]
+    return jax.lax.scan(advance, (start, tuple(path[0] for path in paths)), paths)[1]
 
 
 def weighted_states(
@@ -247,6 +259,7 @@ def weighted_states(
     x: jax.Array,
     hysteron: str = "ramp",
     falling: jax.Array | None = None,
+    reversible: jax.Array | None = None,
 ) -> jax.Array:
     """Weigh the states along an input whose earlier history is known by its effect alone.
 
@@ -259,7 +272,7 @@ def weighted_states(
         memory: (cells,) output m that each unknown start adds until the input forces it.
         x: (time,) input, in the unit of the plane.
         hysteron: "relay" or "ramp".
-        falling: (time,) input of the thresholds β, see `hysteron_states`.
+        falling, reversible: (time,) other inputs, see `hysteron_states`.
 
     Returns:
         (time,) output h, in output units.
@@ -272,21 +285,25 @@ def weighted_states(
         >>> weighted_states(plane, ones, 0.5 * ones, x, "relay").tolist()
         [1.5, 3.0]
     """
-    other = x if falling is None else falling
+    paths = _paths(x, x if falling is None else falling, reversible)
 
     def advance(carry, now):
         low, high, previous = carry
-        low = _step_of_two_paths(plane, low, previous, now, hysteron)
-        high = _step_of_two_paths(plane, high, previous, now, hysteron)
+        low = _step_of_paths(plane, low, previous, now, hysteron)
+        high = _step_of_paths(plane, high, previous, now, hysteron)
         return (low, high, now), low @ weights + (high - low) @ memory
 
     zero = jnp.zeros(plane.cells, x.dtype)
-    start = (zero, zero + 1.0, (x[0], other[0]))
-    return jax.lax.scan(advance, start, (x, other))[1]
+    start = (zero, zero + 1.0, tuple(path[0] for path in paths))
+    return jax.lax.scan(advance, start, paths)[1]
 
 
 def state_bounds(
-    plane: Plane, x: ArrayLike, hysteron: str = "ramp", falling: ArrayLike | None = None
+    plane: Plane,
+    x: ArrayLike,
+    hysteron: str = "ramp",
+    falling: ArrayLike | None = None,
+    reversible: ArrayLike | None = None,
 ) -> tuple[jax.Array, jax.Array]:
     """Bound the states of all hysterons along an input whose earlier history is unknown.
 
@@ -297,7 +314,7 @@ def state_bounds(
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         hysteron: "relay" or "ramp".
-        falling: (time,) input of the thresholds β, see `hysteron_states`.
+        falling, reversible: (time,) other inputs, see `hysteron_states`.
 
     Returns:
         `(low, high)`, (time, cells) each: the states with all hysterons initially off and with all
@@ -313,8 +330,8 @@ def state_bounds(
         >>> (high - low).sum(axis=1).tolist()
         [1.0, 0.0]
     """
-    low = hysteron_states(plane, x, "low", hysteron, falling)
-    return low, hysteron_states(plane, x, "high", hysteron, falling)
+    low = hysteron_states(plane, x, "low", hysteron, falling, reversible)
+    return low, hysteron_states(plane, x, "high", hysteron, falling, reversible)
 
 
 def path_and_start(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
+from scipy import signal
 from scipy.optimize import brentq
 
 import preisach_jax as pj
@@ -57,14 +58,15 @@ def wandering(count=150, seed=0, start=0.0, jump=1.5):
     return np.cumsum(step), reflected
 
 
-def slow_states(x, delta, start, hysteron):
+def slow_states(x, delta, start, hysteron, with_reversible=True):
     """(time, cell) states whose thresholds have moved to alpha + delta and beta - delta."""
     rows = []
     half = (PLANE.high - PLANE.low) / PLANE.levels / 2
     states = np.array(start, float)
     for value, shift in zip(x, delta, strict=True):
         for cell, (alpha, beta) in enumerate(zip(PLANE.alpha, PLANE.beta, strict=True)):
-            up, down = alpha + shift, beta - shift
+            own = shift if with_reversible or alpha > beta else 0.0
+            up, down = alpha + own, beta - own
             if hysteron == "relay":
                 if value > up:
                     states[cell] = 1.0
@@ -82,8 +84,11 @@ def slow_states(x, delta, start, hysteron):
 
 
 @kinds
+@pytest.mark.parametrize("with_reversible", [True, False])
 @pytest.mark.parametrize("initial", ["low", "high", "mixed"])
-def test_states_follow_thresholds_that_have_moved_outward(precision, hysteron, initial):
+def test_states_follow_thresholds_that_have_moved_outward(
+    precision, hysteron, initial, with_reversible
+):
     _, x = wandering(start=6.0)
     delta = np.random.default_rng(2).uniform(0.0, 1.5, len(x))
     delta[::7] = 0.0
@@ -93,9 +98,11 @@ def test_states_follow_thresholds_that_have_moved_outward(precision, hysteron, i
         initial, np.random.default_rng(3).integers(0, 2, PLANE.cells).astype(float)
     )
     rising, falling = jnp.asarray(x - delta, precision), jnp.asarray(x + delta, precision)
-    got = hysteron_states(PLANE, rising, jnp.asarray(start, precision), hysteron, falling)
+    reversible = None if with_reversible else jnp.asarray(x, precision)
+    start = jnp.asarray(start, precision)
+    got = hysteron_states(PLANE, rising, start, hysteron, falling, reversible)
     assert got.dtype == precision
-    expected = slow_states(x, delta, start, hysteron)
+    expected = slow_states(x, delta, start, hysteron, with_reversible)
     np.testing.assert_allclose(got, expected, rtol=0, atol=20 * np.finfo(precision).eps)
     # The thresholds have moved: without that the states are others.
     plain = slow_states(x, 0 * delta, start, hysteron)
@@ -103,19 +110,21 @@ def test_states_follow_thresholds_that_have_moved_outward(precision, hysteron, i
 
 
 @kinds
-def test_weighted_states_are_the_weighed_sum_of_a_loop(precision, hysteron):
+@pytest.mark.parametrize("with_reversible", [True, False])
+def test_weighted_states_are_the_weighed_sum_of_a_loop(precision, hysteron, with_reversible):
     _, x = wandering(start=6.0)
     x = np.clip(x, 1.5, 10.5)
     delta = np.random.default_rng(4).uniform(0.0, 1.5, len(x))
     memory = np.random.default_rng(5).uniform(0.0, 1.0, PLANE.cells) * WEIGHTS
-    low = slow_states(x, delta, np.zeros(PLANE.cells), hysteron)
-    high = slow_states(x, delta, np.ones(PLANE.cells), hysteron)
+    low = slow_states(x, delta, np.zeros(PLANE.cells), hysteron, with_reversible)
+    high = slow_states(x, delta, np.ones(PLANE.cells), hysteron, with_reversible)
     assert (high - low)[0].any()
     expected = [WEIGHTS @ a + memory @ (b - a) for a, b in zip(low, high, strict=True)]
     weights, memory, rising, falling = (
         jnp.asarray(values, precision) for values in (WEIGHTS, memory, x - delta, x + delta)
     )
-    got = weighted_states(PLANE, weights, memory, rising, hysteron, falling)
+    reversible = None if with_reversible else jnp.asarray(x, precision)
+    got = weighted_states(PLANE, weights, memory, rising, hysteron, falling, reversible)
     assert got.dtype == precision
     np.testing.assert_allclose(got, expected, rtol=0, atol=500 * np.finfo(precision).eps)
 
@@ -136,7 +145,8 @@ def test_thresholds_that_have_not_moved_change_nothing(precision, hysteron):
 # --- rate dependence ---
 
 
-RATE = RateDependence(reference_per_s=150.0, range_u=12.0)
+RATE = RateDependence(150.0, 12.0, with_reversible=True, with_corners=True)
+SMOOTH = RateDependence(reference_per_s=150.0, range_u=12.0)
 RATE_VALUES = {"coefficient": 0.7, "exponent": 0.6}
 
 
@@ -161,6 +171,65 @@ def test_widening_is_a_power_of_the_actual_rate(precision, tolerance):
     np.testing.assert_allclose(got, expected, rtol=0, atol=20 * tolerance)
 
 
+def test_an_input_that_turns_smoothly_rests_at_its_turns(precision, tolerance):
+    time, path = wandering(seed=7, start=6.0)
+    got = SMOOTH.widening(RATE_VALUES, jnp.asarray(path), jnp.asarray(time))
+    assert got.dtype == precision
+    inner = [
+        abs(after - before) / (end - begin)
+        for (begin, end), (before, after) in zip(
+            zip(time, time[2:], strict=False), zip(path, path[2:], strict=False), strict=True
+        )
+    ]
+    expected = [0.7 * (rate / 150.0) ** 0.6 for rate in (inner[0], *inner, inner[-1])]
+    np.testing.assert_allclose(got, expected, rtol=0, atol=20 * tolerance)
+    corner = SMOOTH.widening(RATE_VALUES, jnp.array([0.0, 1.0, 0.0]), jnp.arange(3.0))
+    assert corner[1] == 0
+
+
+def test_the_reversible_part_has_no_thresholds_to_move(x64):
+    time, path = wandering(seed=11, start=6.0)
+    record = Record.from_arrays(time, path, path, initial_memory="low")
+    diagonal = PLANE.alpha_index == PLANE.beta_index
+    still = hysteresis_columns(Chain(PLANE), Drive(jnp.asarray(path)), "low").states
+    for effect, moves in ((SMOOTH, False), (RATE, True)):
+        chain = Chain(PLANE, (effect,))
+        course = drive(chain, {"rate_dependence": RATE_VALUES}, signals_of(record))
+        states = hysteresis_columns(chain, course, "low").states
+        assert np.array_equal(states[:, diagonal], still[:, diagonal]) != moves
+        assert not np.allclose(states[:, ~diagonal], still[:, ~diagonal], atol=1e-3)
+
+
+@pytest.mark.parametrize("with_reversible", [True, False])
+@pytest.mark.parametrize("with_corners", [True, False])
+def test_the_form_of_rate_dependence_is_found(x64, with_reversible, with_corners):
+    """A stage of plays, one of them without a width, pushed through the form that is hidden."""
+    time, path = np.arange(6000) / 500, np.empty(6000)
+    rates = np.repeat([0.5, 4.0, 1.0, 8.0, 2.0, 16.0], 1000)
+    path = 6 - 6 * signal.sawtooth(np.cumsum(rates) / 500 * 2.0, 0.5)
+    slope = np.diff(path) * 500
+    if with_corners:
+        speed = np.abs(np.concatenate([slope[:1], slope]))
+    else:
+        speed = np.abs(np.concatenate([slope[:1], (slope[1:] + slope[:-1]) / 2, slope[-1:]]))
+    delta, total = 0.4 * (speed / 150.0) ** 0.6, 0.0
+    for radius in (0.0, 0.5, 1.0, 1.5, 2.0):
+        own = radius + delta * (with_reversible or radius > 0)
+        play = [6.0]
+        for value, reach in zip(path, own, strict=True):
+            play.append(max(value - reach, min(value + reach, play[-1])))
+        total = total + np.array(play[1:])
+    record = Record.from_arrays(time, path, total)
+    with double_precision():
+        problem = Problem.of(record)
+        point = base_point(problem, 12)
+        (effect,) = resolve(["rate_dependence"], {})
+        found = with_effect(problem, point, effect)
+    (kept,) = found.chain.effects
+    assert (kept.with_reversible, kept.with_corners) == (with_reversible, with_corners)
+    assert found.validation_mean_square < 0.05 * point.validation_mean_square
+
+
 def test_widening_of_a_thinned_record_is_that_of_all_samples(x64):
     time = np.arange(4000) / 500
     path = 6 - 6 * np.cos(2 * np.pi * (0.4 * time + 0.1 * time**2))
@@ -171,7 +240,7 @@ def test_widening_of_a_thinned_record_is_that_of_all_samples(x64):
     chain = Chain(PLANE, (RATE,))
     values = {"rate_dependence": RATE_VALUES}
     whole, some = (
-        np.stack([np.asarray(side) for side in drive(chain, values, signals)])
+        np.stack([np.asarray(side) for side in drive(chain, values, signals)[:2]])
         for signals in (signals_of(record), thinned.signals)
     )
     np.testing.assert_allclose(some, whole[:, kept], rtol=0, atol=1e-12)

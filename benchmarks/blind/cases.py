@@ -6,7 +6,7 @@ Development seeds are for those who change the library, reporting seeds for figu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -60,6 +60,7 @@ class Choice:
     Attributes:
         suites, excitations: names.
         effects: names; only cases that hide at least one of them.
+        sizes: of the hidden effects; 1 is nominal.
         seeds: a key of `SEEDS`.
         limit: at most so many cases, spread evenly over those chosen; None for all.
 
@@ -70,6 +71,7 @@ class Choice:
     suites: Sequence[str] = ()
     effects: Sequence[str] = ()
     excitations: Sequence[str] = ()
+    sizes: Sequence[float] = ()
     seeds: str = "development"
     limit: int | None = None
 
@@ -78,10 +80,11 @@ class Choice:
             (self.suites, REPEATS),
             (self.effects, (*EFFECTS, *OUTSIDE)),
             (self.excitations, KINDS),
+            (self.sizes, SIZES),
             ((self.seeds,), SEEDS),
         ):
             if unknown := [name for name in asked if name not in known]:
-                raise ValueError(f"unknown: {', '.join(unknown)}; choose from {', '.join(known)}")
+                raise ValueError(f"unknown: {_listed(unknown)}; choose from {_listed(known)}")
 
     def holds(self, case: Case) -> bool:
         """Whether a case was asked for."""
@@ -89,6 +92,7 @@ class Choice:
             (not self.suites or case.suite in self.suites)
             and (not self.excitations or case.excitation in self.excitations)
             and (not self.effects or not set(self.effects).isdisjoint(case.effects))
+            and (not self.sizes or set(case.effects.values()) <= set(self.sizes))
         )
 
 
@@ -138,6 +142,10 @@ def _contents(suite: str, repeat: int) -> Iterator[tuple[dict[str, float], str]]
         for name in EFFECTS if inside else OUTSIDE:
             for size in SIZES if inside else OUTSIDE_SIZES:
                 yield {name: size}, "plain"
+
+
+def _listed(things: Iterable[object]) -> str:
+    return ", ".join(map(str, things))
 
 
 def _number(text: str) -> int:

@@ -126,6 +126,10 @@ def _names(text: str) -> list[str]:
     return [name for name in text.split(",") if name]
 
 
+def _sizes(text: str) -> list[float]:
+    return [float(size) for size in _names(text)]
+
+
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description="How often is preisach_jax.diagnose right?  Interrupt at will; the same "
@@ -136,6 +140,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(REPEATS)}")
     parser.add_argument("--effects", type=_names, default=[], help="only cases that hide one")
     parser.add_argument("--excitation", type=_names, default=[], help="of poor,fair,rich")
+    parser.add_argument("--size", type=_sizes, default=[], help="of 0.1,0.25,0.5,1,2,4")
     parser.add_argument("--limit", type=int, help="at most so many cases, spread evenly")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     return parser.parse_args()
@@ -145,7 +150,9 @@ def main() -> None:
     """Run what the command line asks for, and write the tables."""
     asked = _arguments()
     try:
-        choice = Choice(asked.suite, asked.effects, asked.excitation, asked.seeds, asked.limit)
+        choice = Choice(
+            asked.suite, asked.effects, asked.excitation, asked.size, asked.seeds, asked.limit
+        )
     except ValueError as error:
         sys.exit(f"run.py: {error}")
     os.environ.update(ONE_THREAD)

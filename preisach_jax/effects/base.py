@@ -232,6 +232,11 @@ class HysteresisEffect(Effect):
     feeds_back: ClassVar[bool] = False
     """Whether `fed_back` makes the input of the hysterons depend on their output."""
 
+    @property
+    def widens_reversible(self) -> bool:
+        """Whether hysterons on the diagonal α = β, which are reversible, get a width as well."""
+        return False
+
     def widening(
         self, values: Values, path: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:

@@ -85,7 +85,11 @@ def _steps_of(values: np.ndarray, residual: np.ndarray, low: float, high: float)
     at the first parts of their frequencies.  Lines are bent by a tenth of a period over the range
     where the height of the sawtooth changes; a sawtooth whose height is a parabola is not.
     """
-    lines = strongest_lines(values, residual, low, high, 1 / (16 * high), count=4)
+    lines = [
+        line
+        for white in (False, True)
+        for line in strongest_lines(values, residual, low, high, 1 / (16 * high), 4, white)
+    ]
     reach = float(np.ptp(values))
     heights = np.vander((values - values.mean()) / reach, 3)
 

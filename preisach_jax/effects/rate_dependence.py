@@ -17,13 +17,17 @@ class RateDependence(HysteresisEffect):
     Arguments:
         reference_per_s: the speed v, in input units per s: the greatest of the record.
         range_u: range of the input; bounds the coefficient c, the widening at that speed.
+        with_reversible: whether the reversible part lags as well, as if it had thresholds.
+        with_corners: whether the input has corners, so that it turns at full speed, and the speed
+            at a sample is that of the interval before it. Else the input is smooth, rests where it
+            turns, and the speed is the mean of the intervals on both sides.
 
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.arange(4.0)
         >>> values = {"coefficient": 0.5, "exponent": 1.0}
         >>> RateDependence(reference_per_s=2.0).widening(values, jnp.abs(t - 2), t).tolist()
-        [0.25, 0.25, 0.25, 0.25]
+        [0.25, 0.25, 0.0, 0.25]
     """
 
     name: ClassVar[str] = "rate_dependence"
@@ -49,6 +53,8 @@ class RateDependence(HysteresisEffect):
     )
     reference_per_s: float = eqx.field(static=True, default=1.0)
     range_u: float = eqx.field(static=True, default=1.0)
+    with_reversible: bool = eqx.field(static=True, default=False)
+    with_corners: bool = eqx.field(static=True, default=False)
 
     def parameters(self):
         return (
@@ -72,10 +78,24 @@ class RateDependence(HysteresisEffect):
         fastest, swing = float(np.quantile(speed, 0.99)), float(np.ptp(survey.input))
         return RateDependence(reference_per_s=fastest or swing / survey.step_s, range_u=swing)
 
+    def variants(self, survey: Survey):
+        bound = self.bound_to(survey)
+        forms = ((False, False), (True, True), (True, False), (False, True))
+        return tuple(
+            RateDependence(bound.reference_per_s, bound.range_u, reversible, corners)
+            for reversible, corners in forms
+        )
+
+    @property
+    def widens_reversible(self):
+        return self.with_reversible
+
     def widening(self, values, path, time):
-        dt = jnp.diff(time)
-        speed = jnp.abs(jnp.diff(path)) / jnp.where(dt > 0, dt, 1.0)
-        speed = jnp.concatenate([speed[:1], speed]) / self.reference_per_s
+        width = 1 if self.with_corners else 2
+        dt = time[width:] - time[:-width]
+        speed = jnp.abs(path[width:] - path[:-width]) / jnp.where(dt > 0, dt, 1.0)
+        last = speed[-1:] if width == 2 else speed[:0]
+        speed = jnp.concatenate([speed[:1], speed, last]) / self.reference_per_s
         # A power has no derivative at rest, where there is no widening either.
         moving = speed > 1e-6
         power = jnp.where(moving, speed, 1.0) ** values["exponent"]

@@ -19,7 +19,13 @@ PROMINENCE = 2.0
 
 
 def strongest_lines(
-    position: np.ndarray, signal: np.ndarray, low: float, high: float, pitch: float, count: int
+    position: np.ndarray,
+    signal: np.ndarray,
+    low: float,
+    high: float,
+    pitch: float,
+    count: int,
+    white: bool = False,
 ) -> list[float]:
     r"""Frequencies of the lines that stand out most from the level around them.
 
@@ -34,6 +40,8 @@ def strongest_lines(
         pitch: raster on which the samples are put for the Fourier transform, shorter than
             0.3 / high; even samples should lie on it.
         count: how many lines at most.
+        white: whether the level is alike at all frequencies; a line that crowded samples spread
+            stands out of that, but not of its own skirts.
 
     Returns:
         The frequencies, most prominent first; only of lines that noise would hardly make.
@@ -52,7 +60,7 @@ def strongest_lines(
     rest = _without(signal, np.concatenate([np.cos(slow), np.sin(slow[:, 1:])], axis=1))
     found: list[float] = []
     while len(found) < count and rest.any():
-        frequency, prominence = _most_prominent(position, rest, low, high, pitch)
+        frequency, prominence = _most_prominent(position, rest, low, high, pitch, white)
         if prominence < PROMINENCE:
             break
         reach = 1 / (FINENESS * span)
@@ -75,7 +83,7 @@ def _without(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
 
 
 def _most_prominent(
-    position: np.ndarray, values: np.ndarray, low: float, high: float, pitch: float
+    position: np.ndarray, values: np.ndarray, low: float, high: float, pitch: float, white: bool
 ) -> tuple[float, float]:
     """Frequency of the most prominent line on a raster, and its prominence."""
     place = position / pitch
@@ -92,6 +100,8 @@ def _most_prominent(
     level = np.log(power + np.finfo(float).tiny)
     # The mean logarithm of exponentially distributed powers lies Euler's gamma below their mean.
     around = uniform_filter1d(level, BACKGROUND, mode="reflect") + np.euler_gamma
+    if white:
+        around = np.full_like(level, np.log(np.sum(values**2)))
     best = int(np.argmax(level - around))
     # A line that is modulated has skirts, which are the level around it: then it must stand out
     # from the white noise that has the power of all.

@@ -206,7 +206,7 @@ def test_the_form_of_rate_dependence_is_found(x64, with_reversible, with_corners
     """A stage of plays, one of them without a width, pushed through the form that is hidden."""
     time, path = np.arange(6000) / 500, np.empty(6000)
     rates = np.repeat([0.5, 4.0, 1.0, 8.0, 2.0, 16.0], 1000)
-    path = 6 - 6 * signal.sawtooth(np.cumsum(rates) / 500 * 2.0, 0.5)
+    path = 6 - 6 * np.asarray(signal.sawtooth(np.cumsum(rates) / 250, 0.5))  # pyright: ignore
     slope = np.diff(path) * 500
     if with_corners:
         speed = np.abs(np.concatenate([slope[:1], slope]))
@@ -225,7 +225,8 @@ def test_the_form_of_rate_dependence_is_found(x64, with_reversible, with_corners
         point = base_point(problem, 12)
         (effect,) = resolve(["rate_dependence"], {})
         found = with_effect(problem, point, effect)
-    (kept,) = found.chain.effects
+    kept = found.chain.effects[0]
+    assert isinstance(kept, RateDependence)
     assert (kept.with_reversible, kept.with_corners) == (with_reversible, with_corners)
     assert found.validation_mean_square < 0.05 * point.validation_mean_square
 

@@ -18,6 +18,11 @@ MOST_WORK = 3e10
 
 REFINEMENT = 1.5
 
+GRID_ORDER = 1
+"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to 2,
+of some dozens of relays 1/2."""
+
+
 REST = 1e-6
 """Movement of the input from one sample to the next, in parts of its range, that is none."""
 
@@ -90,8 +95,8 @@ def refined_levels(rows: int, levels: int) -> int | None:
 def discretisation_rms(problem: Problem, point: Point, finer: Point | None = None) -> float:
     """RMS of what the grid of the plane adds, from the fall of the held-out error on another.
 
-    A finer plane takes its share away; where none can be afforded, a coarser one adds its share,
-    and the error of a smooth density falls with the second power of the cell.
+    A finer plane takes its share away; where none can be afforded, a coarser one adds its share.
+    The error is taken to fall with the cell (`GRID_ORDER`).
 
     Arguments:
         problem: the record.
@@ -104,10 +109,10 @@ def discretisation_rms(problem: Problem, point: Point, finer: Point | None = Non
     here = point.validation_mean_square
     levels = point.chain.plane.levels
     if finer is not None:
-        kept = (levels / finer.chain.plane.levels) ** 4
+        kept = (levels / finer.chain.plane.levels) ** (2 * GRID_ORDER)
         share = (here - finer.validation_mean_square) / (1 - kept)
     else:
         coarser = max(2, round(levels / REFINEMENT))
-        grown = (levels / coarser) ** 4
+        grown = (levels / coarser) ** (2 * GRID_ORDER)
         share = (at_levels(problem, point, coarser).validation_mean_square - here) / (grown - 1)
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -197,6 +198,10 @@ class ThinnedSignals(Signals):
     kept: Int[Array, " time"]
 
 
+ROUND_COLUMNS = 64
+"""Unit of the number of columns that an effect of the output is compiled for."""
+
+
 def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
     # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
     if jnp.shape(got) != shape:
@@ -207,53 +212,74 @@ def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
     return got
 
 
-@eqx.filter_jit
+def _compiled(function):
+    """Compile a function of an effect once for all records: its numbers become arguments."""
+    compiled = eqx.filter_jit(function)
+
+    @wraps(function)
+    def call(effect, *arguments):
+        numbers_traced = jax.tree.map(
+            lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, effect
+        )
+        return compiled(numbers_traced, *arguments)
+
+    return call
+
+
+@_compiled
 def _apply(effect, values: Values, signal, time):
     return _expect(effect, "apply", effect.apply(values, signal, time), time.shape)
 
 
-@eqx.filter_jit
-def _apply_to_columns(effect, values: Values, matrix, time):
+@_compiled
+def _apply_to_padded(effect, values: Values, matrix, time):
     def apply(column):
         return _expect(effect, "apply", effect.apply(values, column, time), time.shape)
 
     return jax.vmap(apply, in_axes=1, out_axes=1)(matrix)
 
 
-@eqx.filter_jit
+def _apply_to_columns(effect, values: Values, matrix, time):
+    # How many columns the initial memory takes differs from record to record.
+    count = matrix.shape[1]
+    padded = jnp.pad(matrix, ((0, 0), (0, -count % ROUND_COLUMNS)))
+    return _apply_to_padded(effect, values, padded, time)[:, :count]
+
+
+@_compiled
 def _gain(effect, values: Values, signals: Signals):
     return _expect(effect, "gain", effect.gain(values, signals), signals.time.shape)
 
 
-@eqx.filter_jit
-def _added_columns(effect, values: Values, signals: Signals):
-    shape = (*signals.time.shape, len(effect.coefficients()))
+@_compiled
+def _added_columns(effect, count: int, values: Values, signals: Signals):
+    shape = (*signals.time.shape, count)
     return _expect(effect, "columns", effect.columns(values, signals), shape)
 
 
-@eqx.filter_jit
+@_compiled
 def _widening(effect, values: Values, path, time):
     return _expect(effect, "widening", effect.widening(values, path, time), time.shape)
 
 
-@eqx.filter_jit
+@_compiled
 def _fed_back(effect, values: Values, path, output):
     return _expect(effect, "fed_back", effect.fed_back(values, path, output), path.shape)
 
 
-@eqx.filter_jit
-def _free_response(effect, signals: Signals):
-    shape = (*signals.time.shape, len(effect.coefficients()))
+@_compiled
+def _free_response(effect, count: int, signals: Signals):
+    shape = (*signals.time.shape, count)
     return _expect(effect, "free_response", effect.free_response(signals), shape)
 
 
-@eqx.filter_jit
-def _sensor_columns(effect, values: Values, reading):
-    shape = (*reading.shape, len(effect.coefficients()))
+@_compiled
+def _sensor_columns(effect, count: int, values: Values, reading):
+    shape = (*reading.shape, count)
     return _expect(effect, "columns", effect.columns(values, reading), shape)
 
 
-@eqx.filter_jit
+@_compiled
 def _reading(effect, values: Values, coefficients, signal):
     """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal."""
 
@@ -269,19 +295,33 @@ def _reading(effect, values: Values, coefficients, signal):
     return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
 
 
-@eqx.filter_jit
+def _compiled_on_a_plane(function):
+    """Compile a function of a plane and a drive once for all planes of equal levels."""
+    compiled = eqx.filter_jit(function)
+
+    @wraps(function)
+    def call(plane, course, *arguments):
+        unit = Plane(plane.levels, 0.0, 1.0)
+        low, width = plane.low, plane.high - plane.low
+        scaled = jax.tree.map(lambda path: (path - low) / width, course)
+        return compiled(unit, scaled, *arguments)
+
+    return call
+
+
+@_compiled_on_a_plane
 def _state_bounds(plane: Plane, drive, hysteron: str):
     return state_bounds(plane, drive.rising, hysteron, drive.falling, drive.reversible)
 
 
-@eqx.filter_jit
+@_compiled_on_a_plane
 def _states_from_low(plane: Plane, drive, hysteron: str):
     others = (drive.falling, drive.reversible)
     return hysteron_states(plane, drive.rising, "low", hysteron, *others)
 
 
-@eqx.filter_jit
-def _operator(plane: Plane, weights, memory, drive, hysteron: str):
+@_compiled_on_a_plane
+def _operator(plane: Plane, drive, weights, memory, hysteron: str):
     others = (drive.falling, drive.reversible)
     return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
 
@@ -400,7 +440,7 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
 
 
 def _first(course: Drive) -> Drive:
-    return Drive(*(None if path is None else path[:1] for path in course))
+    return jax.tree.map(lambda path: path[:1], course)
 
 
 def hysteresis_output(
@@ -426,7 +466,7 @@ def hysteresis_output(
 
 def _operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
     weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
-    return _operator(chain.plane, weights, memory, course, chain.hysteron)
+    return _operator(chain.plane, course, weights, memory, chain.hysteron)
 
 
 def _secant(slope: jax.Array, before: tuple, now: tuple, scale: float) -> jax.Array:
@@ -476,11 +516,13 @@ def sensed(
 def _columns_beside(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
     """What adds to the output beside the hysteresis: added effects, and free responses."""
     added = [
-        _added_columns(effect, _arrays(values[effect.name]), signals)
+        _added_columns(effect, len(effect.coefficients()), _arrays(values[effect.name]), signals)
         for effect in chain.at(AddedEffect)
     ]
     remembering = [effect for effect in chain.at(OutputEffect) if effect.coefficients()]
-    return added + [_free_response(effect, signals) for effect in remembering]
+    return added + [
+        _free_response(effect, len(effect.coefficients()), signals) for effect in remembering
+    ]
 
 
 def response(
@@ -583,7 +625,9 @@ def columns_behind(
     for effect in chain.at(SensorEffect):
         reading = np.full(len(signals.time), np.nan)
         reading[rows] = measured
-        columns = _sensor_columns(effect, _arrays(values[effect.name]), jnp.asarray(reading))
+        columns = _sensor_columns(
+            effect, len(effect.coefficients()), _arrays(values[effect.name]), jnp.asarray(reading)
+        )
         parts.append(np.asarray(columns))
     return parts
 

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates
 from preisach_jax.effects import resolve
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.errors import InputError
 from preisach_jax.identify import (
     VALIDATION,
@@ -232,6 +232,9 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     """
     first, *others = effect.variants(problem.survey_of(point))
     best = _with_variant(problem, point, first, always)
+    hopeless = best.objective > (1 - LEAST_PROMISE) * point.objective
+    if hopeless and isinstance(effect, HysteresisEffect) and not always:
+        return best  # its forms look alike, and each means all states anew
     for variant in others:
         trial = _with_variant(problem, point, variant, always)
         if trial.validation_mean_square < VARIANT_PAYS * best.validation_mean_square:

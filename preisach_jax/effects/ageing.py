@@ -2,8 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
-
 from preisach_jax.effects.base import Parameter, Signals, Survey, WeightEffect, log_grid
 from preisach_jax.effects.drift import settling
 
@@ -35,7 +33,7 @@ class Ageing(WeightEffect):
         "the same reference loop over the full range at the start and at the end: ageing changes "
         "its height, drift its place"
     )
-    horizon_s: float = eqx.field(static=True, default=1.0)
+    horizon_s: float = 1.0
 
     def parameters(self):
         low, high = self.horizon_s / 30, self.horizon_s * 30

@@ -37,8 +37,8 @@ class Auxiliary(AddedEffect):
     experiment: ClassVar[str] = "change the auxiliary quantity while the input rests"
     column: str = eqx.field(static=True, default="COL")
     unit: str = eqx.field(static=True, default="1")
-    tau_low_s: float = eqx.field(static=True, default=1e-3)
-    tau_high_s: float = eqx.field(static=True, default=1.0)
+    tau_low_s: float = 1e-3
+    tau_high_s: float = 1.0
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]

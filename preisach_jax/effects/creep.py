@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -40,7 +39,7 @@ class Creep(OutputEffect):
         "holds over two decades of time after moves in both directions: creep follows the move, "
         "drift does not care"
     )
-    tau_s: tuple[float, ...] = eqx.field(static=True, default=(0.1, 1.0, 10.0))
+    tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
 
     def parameters(self):
         return tuple(
@@ -81,5 +80,5 @@ class Creep(OutputEffect):
 
     def step(self, values, state, value, dt):
         state = low_pass_step(state, value, dt, jnp.asarray(self.tau_s))
-        gains = jnp.stack([jnp.asarray(values[p.name]) for p in self.parameters()])
+        gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
         return state, value + gains @ state[:, 0]

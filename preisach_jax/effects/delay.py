@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
@@ -39,8 +38,8 @@ class Delay(OutputEffect):
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
         "frequency without bound, and its gain stays at one"
     )
-    delay_low_s: float = eqx.field(static=True, default=1e-5)
-    delay_high_s: float = eqx.field(static=True, default=1.0)
+    delay_low_s: float = 1e-5
+    delay_high_s: float = 1.0
 
     def parameters(self):
         return (

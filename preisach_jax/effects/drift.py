@@ -59,7 +59,7 @@ class Drift(AddedEffect):
         "the same reference loop at the start and at the end, and long holds after moves in both "
         "directions: drift shifts all alike, ageing shrinks the loop, creep follows the move"
     )
-    horizon_s: float = eqx.field(static=True, default=1.0)
+    horizon_s: float = 1.0
 
     waves: int = eqx.field(static=True, default=0)
 

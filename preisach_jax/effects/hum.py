@@ -44,7 +44,7 @@ class Hum(AddedEffect):
     experiment: ClassVar[str] = (
         "a hold that is much longer than a mode rings: a resonance dies away, a hum goes on"
     )
-    starts_hz: tuple[float, ...] = eqx.field(static=True, default=MAINS_HZ)
+    starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
 
     def parameters(self):

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from preisach_jax.effects.base import (
@@ -48,8 +47,8 @@ class InputLag(InputEffect):
         "the same loop at several rates over a decade and a half, and a multisine: a lag "
         "attenuates fast parts, a delay only shifts them"
     )
-    tau_low_s: float = eqx.field(static=True, default=1e-5)
-    tau_high_s: float = eqx.field(static=True, default=10.0)
+    tau_low_s: float = 1e-5
+    tau_high_s: float = 10.0
 
     def parameters(self):
         return (

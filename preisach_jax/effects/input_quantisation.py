@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -46,7 +45,7 @@ class InputQuantisation(InputEffect):
         "one slow ramp over some tens of steps: those of the input come at equal distances of the "
         "input, those of the output at equal distances of the output"
     )
-    starts: tuple[float, ...] = eqx.field(static=True, default=(1e-6,))
+    starts: tuple[float, ...] = (1e-6,)
 
     def parameters(self):
         low, high = 0.995 * min(self.starts), 1.005 * max(self.starts)

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import numpy as np
 
 from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
@@ -48,9 +47,9 @@ class Moving(HysteresisEffect):
         "equal minor loops at five or more biases, each on both branches: a feedback changes their "
         "height with the output, a nonlinear sensor does so alike on both branches"
     )
-    low_u: float = eqx.field(static=True, default=0.0)
-    range_u: float = eqx.field(static=True, default=1.0)
-    range_z: float = eqx.field(static=True, default=1.0)
+    low_u: float = 0.0
+    range_u: float = 1.0
+    range_z: float = 1.0
 
     def parameters(self):
         ratio = self.range_u / self.range_z

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
@@ -41,8 +40,8 @@ class OutputLag(OutputEffect):
         "does not, a resonance amplifies it first; and fast small loops on a slow large one: "
         "behind a lag of the input the material remembers other turning points"
     )
-    tau_low_s: float = eqx.field(static=True, default=1e-5)
-    tau_high_s: float = eqx.field(static=True, default=10.0)
+    tau_low_s: float = 1e-5
+    tau_high_s: float = 10.0
 
     def parameters(self):
         return (

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -41,8 +40,8 @@ class OutputNonlinearity(SensorEffect):
         "calibrate the sensor against another; or equal minor loops at five or more biases on both "
         "branches"
     )
-    low_z: float = eqx.field(static=True, default=0.0)
-    range_z: float = eqx.field(static=True, default=1.0)
+    low_z: float = 0.0
+    range_z: float = 1.0
 
     def parameters(self):
         return ()

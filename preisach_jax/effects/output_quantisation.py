@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -57,7 +56,7 @@ class OutputQuantisation(SensorEffect):
         "a slow ramp over a few steps: readings come again exactly with a coarse sensor, and the "
         "output itself moves in jumps with a coarse drive; or a finer range of the converter"
     )
-    step_z: float = eqx.field(static=True, default=1e-9)
+    step_z: float = 1e-9
 
     def parameters(self):
         low, high = self.step_z * (1 - RESOLVED), self.step_z * (1 + RESOLVED)

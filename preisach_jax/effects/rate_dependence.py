@@ -51,8 +51,8 @@ class RateDependence(HysteresisEffect):
         "proportion to the rate, a threshold that moves by its power; and steps with holds, in "
         "which a lag goes on moving and a threshold does not"
     )
-    reference_per_s: float = eqx.field(static=True, default=1.0)
-    range_u: float = eqx.field(static=True, default=1.0)
+    reference_per_s: float = 1.0
+    range_u: float = 1.0
     with_reversible: bool = eqx.field(static=True, default=False)
     with_corners: bool = eqx.field(static=True, default=False)
 

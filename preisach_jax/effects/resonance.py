@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
@@ -42,8 +41,8 @@ class Resonance(OutputEffect):
         "steps or corners followed by rest, sampled at ten times the mode: a mode rings and dies "
         "away, a lag and a delay do not ring, and a hum never stops"
     )
-    f_low_hz: float = eqx.field(static=True, default=1.0)
-    f_high_hz: float = eqx.field(static=True, default=1000.0)
+    f_low_hz: float = 1.0
+    f_high_hz: float = 1000.0
 
     def parameters(self):
         # Lower ones are as slow as the excitation itself, and are reached by the search.

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -40,8 +39,8 @@ class SlewLimit(InputEffect):
         "steps of several heights from rest: behind a slew limit the time to arrive grows with the "
         "height, behind a lag it does not; and slow loops, on which a limit does nothing"
     )
-    slew_low: float = eqx.field(static=True, default=1e-3)
-    slew_high: float = eqx.field(static=True, default=1e6)
+    slew_low: float = 1e-3
+    slew_high: float = 1e6
 
     def parameters(self):
         ratio = (self.slew_high / self.slew_low) ** (1 / 9)

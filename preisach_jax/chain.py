@@ -239,11 +239,11 @@ def _apply_to_padded(effect, values: Values, matrix, time):
     return jax.vmap(apply, in_axes=1, out_axes=1)(matrix)
 
 
-def _apply_to_columns(effect, values: Values, matrix, time):
+def _apply_to_columns(effect, values: Values, matrix: np.ndarray, time) -> np.ndarray:
     # How many columns the initial memory takes differs from record to record.
     count = matrix.shape[1]
-    padded = jnp.pad(matrix, ((0, 0), (0, -count % ROUND_COLUMNS)))
-    return _apply_to_padded(effect, values, padded, time)[:, :count]
+    padded = np.pad(matrix, ((0, 0), (0, -count % ROUND_COLUMNS)))
+    return np.asarray(_apply_to_padded(effect, values, padded, time))[:, :count]
 
 
 @_compiled
@@ -393,7 +393,7 @@ class HysteresisColumns:
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
     """
 
-    states: jax.Array
+    states: np.ndarray
     groups: tuple[np.ndarray, ...]
     start: np.ndarray
 
@@ -411,12 +411,13 @@ def hysteresis_columns(chain: Chain, course: Drive, initial_memory: str) -> Hyst
     start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
     if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
         # The first sample forces all hysterons, or those it leaves open are off.
-        return HysteresisColumns(_states_from_low(chain.plane, course, chain.hysteron), (), start)
-    low, high = _state_bounds(chain.plane, course, chain.hysteron)
+        states = _states_from_low(chain.plane, course, chain.hysteron)
+        return HysteresisColumns(np.asarray(states), (), start)
+    bounds = _state_bounds(chain.plane, course, chain.hysteron)
+    low, high = (np.asarray(bound) for bound in bounds)
     if initial_memory == "free":
-        states, groups = _with_memory_columns(np.asarray(low), np.asarray(high))
-        return HysteresisColumns(jnp.asarray(states), groups, nothing)
-    return HysteresisColumns(low + jnp.asarray(start)[None, :] * (high - low), (), start)
+        return HysteresisColumns(*_with_memory_columns(low, high), nothing)
+    return HysteresisColumns(low + start[None, :] * (high - low), (), start)
 
 
 def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray:
@@ -588,10 +589,11 @@ def regressors(
     """
     states = hysteresis.states
     for effect in chain.at(WeightEffect):
-        states = states * _gain(effect, _arrays(values[effect.name]), signals)[:, None]
+        gain = _gain(effect, _arrays(values[effect.name]), signals)
+        states = states * np.asarray(gain)[:, None]
     for effect in chain.at(OutputEffect):
         states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
-    parts = [np.asarray(states), np.ones((len(signals.time), 1))]
+    parts = [states, np.ones((len(signals.time), 1))]
     rows = np.arange(len(signals.time)) if rows is None else rows
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])

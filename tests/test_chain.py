@@ -21,6 +21,7 @@ from preisach_jax.chain import (
     stated_start,
     tangents,
 )
+from preisach_jax.effects import library
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect, InputEffect
@@ -28,7 +29,9 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import base_point
 from preisach_jax.hysteron import hysteron_states
+from preisach_jax.identify import Problem, evaluate, linearise, starts_of
 from preisach_jax.plane import Plane
 from preisach_jax.record import INITIAL_MEMORIES, Record
 
@@ -313,3 +316,25 @@ def test_other_numbers_compile_nothing(x64):
 
     assert compilations(lambda: everything(1.0))  # a length that no other test has
     assert not compilations(lambda: everything(1.3))
+
+
+def test_another_record_of_the_same_size_compiles_nothing(x64):
+    """Another range of the input, another scale of time, and a start that leaves more open."""
+
+    def everything(record):
+        point = base_point(problem := Problem.of(record), 7)
+        for effect in (*library().values(), Drift(waves=3)):
+            if effect.name != "aux:COL":
+                bound = effect.bound_to(problem.survey_of(point))
+                bound = replace(bound, waves=3) if isinstance(effect, Drift) else bound
+                chain = point.chain.with_effects((bound,))
+                values = {bound.name: starts_of(bound)[0]}
+                trial = evaluate(problem, chain, values, point.strength, point)
+                linearise(problem, trial, trial.parameters)
+
+    time = np.arange(700) / 50.0
+    one = 5 - 5 * np.cos(time * (1 + time / 20) + 1.5)
+    other = 3 - 20 * np.cos(time * (1 + time / 15) + 2.0)
+    assert compilations(lambda: everything(Record.from_arrays(time, one, one**1.1)))
+    again = Record.from_arrays(7 * time, other, other + 0.01 * other**2)
+    assert not compilations(lambda: everything(again))

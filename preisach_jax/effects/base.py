@@ -142,9 +142,9 @@ class Effect(eqx.Module):
         experiment: what to record to tell them apart.
         on_request: whether a diagnosis tries it only where it is asked for by name.
 
-    Its fields say how it is bound to a record.  Those that are floats, or tuples of them, are traced
-    where the effect acts, so that code compiled for one record serves others; declare them static
-    (`eqx.field(static=True)`) to branch on them or to print them there.
+    Its fields say how it is bound to a record.  Floats, and tuples of them, are traced where the
+    effect acts, so that code compiled for one record serves others; to branch on them there, or to
+    print them, declare them static (`eqx.field(static=True)`).
     """
 
     name: ClassVar[str] = ""

@@ -4,17 +4,11 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from preisach_jax.effects.base import (
-    InputEffect,
-    Parameter,
-    Survey,
-    curvature,
-    log_grid,
-    low_pass_step,
-)
+from preisach_jax.effects.base import InputEffect, curvature
+from preisach_jax.effects.first_order import FirstOrderLag
 
 
-class InputLag(InputEffect):
+class InputLag(FirstOrderLag, InputEffect):
     r"""First-order lag of the input: \(\tau \dot u' = u - u'\).
 
     Arguments:
@@ -47,24 +41,6 @@ class InputLag(InputEffect):
         "the same loop at several rates over a decade and a half, and a multisine: a lag "
         "attenuates fast parts, a delay only shifts them"
     )
-    tau_low_s: float = 1e-5
-    tau_high_s: float = 10.0
-
-    def parameters(self):
-        return (
-            Parameter(
-                "tau_s",
-                "s",
-                self.tau_low_s,
-                self.tau_high_s,
-                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
-                log=True,
-                meaning="time constant",
-            ),
-        )
-
-    def bound_to(self, survey: Survey):
-        return InputLag(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
 
     def apply(self, values, signal, time):
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
@@ -73,10 +49,3 @@ class InputLag(InputEffect):
         sagitta = jnp.pad(curvature(signal, time) * dt**2 / 12, 1, mode="edge")
         smaller = jnp.where(jnp.abs(sagitta[1:]) < jnp.abs(sagitta[:-1]), sagitta[1:], sagitta[:-1])
         return super().apply(values, signal - smaller, time)
-
-    def init(self, values, first):
-        return jnp.stack([first, first])
-
-    def step(self, values, state, value, dt):
-        state = low_pass_step(state, value, dt, values["tau_s"])
-        return state, state[0]

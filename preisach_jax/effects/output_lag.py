@@ -2,12 +2,11 @@
 
 from typing import ClassVar
 
-import jax.numpy as jnp
+from preisach_jax.effects.base import OutputEffect
+from preisach_jax.effects.first_order import FirstOrderLag
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
 
-
-class OutputLag(OutputEffect):
+class OutputLag(FirstOrderLag, OutputEffect):
     r"""First-order lag of the output: \(\tau \dot z = h - z\).
 
     Arguments:
@@ -40,28 +39,3 @@ class OutputLag(OutputEffect):
         "does not, a resonance amplifies it first; and fast small loops on a slow large one: "
         "behind a lag of the input the material remembers other turning points"
     )
-    tau_low_s: float = 1e-5
-    tau_high_s: float = 10.0
-
-    def parameters(self):
-        return (
-            Parameter(
-                "tau_s",
-                "s",
-                self.tau_low_s,
-                self.tau_high_s,
-                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
-                log=True,
-                meaning="time constant",
-            ),
-        )
-
-    def bound_to(self, survey: Survey):
-        return OutputLag(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
-
-    def init(self, values, first):
-        return jnp.stack([first, first])
-
-    def step(self, values, state, value, dt):
-        state = low_pass_step(state, value, dt, values["tau_s"])
-        return state, state[0]

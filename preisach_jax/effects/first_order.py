@@ -1,0 +1,39 @@
+"""What the lags of the input and of the output share: one time constant, and its low-pass."""
+
+import jax.numpy as jnp
+
+from preisach_jax.effects.base import Effect, Parameter, Survey, log_grid, low_pass_step
+
+
+class FirstOrderLag(Effect):
+    r"""First-order lag of a signal: \(\tau \dot y = x - y\).
+
+    Arguments:
+        tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+    """
+
+    tau_low_s: float = 1e-5
+    tau_high_s: float = 10.0
+
+    def parameters(self):
+        return (
+            Parameter(
+                "tau_s",
+                "s",
+                self.tau_low_s,
+                self.tau_high_s,
+                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
+                log=True,
+                meaning="time constant",
+            ),
+        )
+
+    def bound_to(self, survey: Survey):
+        return type(self)(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
+
+    def init(self, values, first):
+        return jnp.stack([first, first])
+
+    def step(self, values, state, value, dt):
+        state = low_pass_step(state, value, dt, values["tau_s"])
+        return state, state[0]

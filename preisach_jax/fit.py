@@ -52,6 +52,10 @@ FINAL_ROWS = 60_000
 VARIANT_PAYS = 0.5
 """Share of a simpler form's held-out mean square that another form of an effect must not leave."""
 
+VARIANTS_HOPE = 0.9
+"""Share of the held-out mean square that one form of an effect inside the hysteresis must not leave
+for the others to be tried: the wrong form of what is there takes much more away."""
+
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
 
@@ -232,7 +236,7 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     """
     first, *others = effect.variants(problem.survey_of(point))
     best = _with_variant(problem, point, first, always)
-    hopeless = best.objective > (1 - LEAST_PROMISE) * point.objective
+    hopeless = best.validation_mean_square > VARIANTS_HOPE * point.validation_mean_square
     if hopeless and isinstance(effect, HysteresisEffect) and not always:
         return best  # its forms look alike, and each means all states anew
     for variant in others:
@@ -282,7 +286,8 @@ def at_levels(problem: Problem, point: Point, levels: int) -> Point:
 
 def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
-    return settled(problem, evaluate(problem, point.chain, point.values, point.strength, point))
+    there = evaluate(problem, point.chain, point.values, point.strength, point)
+    return refine(problem, with_strength(there), iterations=3)
 
 
 def settled(problem: Problem, point: Point) -> Point:
@@ -301,7 +306,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         point: the refined point.
         record: the record with all its samples.
     """
-    whole = refine(problem, with_all_rows(point), iterations=2)
+    whole = refine(problem, with_all_rows(point), iterations=1)
     coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))

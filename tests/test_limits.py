@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.diagnosis.limits import Limit, _Projection, limits
+from preisach_jax.diagnosis.limits import Limit, limits
+from preisach_jax.diagnosis.signature import Projection, promises
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -92,7 +93,7 @@ def test_size_and_deviation_are_those_of_a_regression(x64, seed):
     assert (point.solution[:cells] > 0).tolist() == [True, True, True, False, True, True]
     free = matrix[:, np.append(point.solution[:cells] > 0, True)]
     signature = matrix[:, 0] + 0.3 * rng.normal(size=COUNT)
-    seen = _Projection(problem, point).see(signature, {"tau_s": 1.0})
+    seen = Projection(problem, point).see(signature, {"tau_s": 1.0})
 
     whole = np.concatenate([free, signature[:, None]], axis=1)
     size = np.linalg.lstsq(whole, target, rcond=None)[0][-1]
@@ -121,7 +122,7 @@ def test_what_the_model_takes_up_or_is_no_number_is_not_seen(x64, part):
         "nothing": np.zeros(len(whole.matrix)),
         "infinite": np.full(len(whole.matrix), np.inf),
     }[part]
-    seen = _Projection(problem, whole).see(signature, {})
+    seen = Projection(problem, whole).see(signature, {})
     assert np.isnan(seen.size)
     assert seen.deviation == np.inf
     assert seen.absorbed == 1.0
@@ -361,3 +362,49 @@ def test_steps_that_are_not_there_are_undetectable(x64):
 )
 def test_limits_in_words(limit, text):
     assert limit.text("um") == text
+
+
+# --- screening ---
+
+
+def promise_of(record, effect):
+    problem, point = plain_point(record)
+    projection = Projection(problem, point)
+    bound = effect.bound_to(problem.survey_of(point))
+    return max(promises(problem, point, projection, bound))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_share_explained_is_that_of_a_regression(x64, seed):
+    """On the rows that identify, beside the weights that are not zero."""
+    rng = np.random.default_rng(seed)
+    problem, point = plain_point(hidden(noise=0.05, seed=seed), strength=1e-12)
+    rows = np.isin(problem.fold, point.folds)
+    signatures = rng.normal(size=(COUNT, 3)) + point.matrix[:, :3]
+    free = point.matrix[:, ~point.equations.nonnegative | (point.solution > 0)][rows]
+    target = point.target[rows]
+
+    def power(matrix):
+        return np.sum((target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]) ** 2)
+
+    expected = 1 - power(np.concatenate([free, signatures[rows]], axis=1)) / power(free)
+    got = Projection(problem, point).explained(signatures * [1.0, 1e-9, 1e6])
+    assert got == pytest.approx(expected, rel=1e-3)
+    nothing = np.stack([np.zeros(COUNT), np.full(COUNT, np.nan), point.matrix[:, -1]], axis=1)
+    assert Projection(problem, point).explained(nothing) == pytest.approx(0.0, abs=1e-9)
+
+
+HIDDEN_EFFECTS = [
+    (InputLag(), {"input_lag": {"tau_s": 0.02}}, ()),
+    (OutputLag(), {"output_lag": {"tau_s": 0.02}}, ()),
+    (Creep((0.1, 1.0)), {"creep": {"c_1": 0.05, "c_2": 0.05}}, ()),
+    (Drift(horizon_s=15.0), {"drift": {"tau_s": 5.0}}, (1.0,)),
+]
+
+
+@pytest.mark.parametrize("place", range(len(HIDDEN_EFFECTS)))
+def test_what_is_hidden_promises_more_than_what_is_not(x64, place):
+    effect, values, added = HIDDEN_EFFECTS[place]
+    record = hidden([effect], values, added, noise=0.01, seed=place)
+    assert promise_of(record, type(effect)()) > 0.5
+    assert promise_of(hidden(noise=0.01, seed=place), type(effect)()) < 0.02

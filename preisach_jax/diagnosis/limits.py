@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.special
 
-from preisach_jax.chain import Chain, Coefficients, columns_behind, response, tangents
 from preisach_jax.confidence import LEVEL
-from preisach_jax.effects.base import AddedEffect, Effect, Parameter, SensorEffect
-from preisach_jax.identify import ALL, Point, Problem, linearise, starts_of, with_all_rows
+from preisach_jax.diagnosis.signature import (
+    Projection,
+    amount_signatures,
+    amounts_of,
+    size_signatures,
+)
+from preisach_jax.effects.base import AddedEffect, Effect, SensorEffect
+from preisach_jax.identify import Point, Problem, with_all_rows
 from preisach_jax.quantity import quantity
-
-HIDDEN = 1e-4
-"""Share of a signature that the rest of the model must leave for it to be seen at all."""
 
 
 @dataclass(frozen=True)
@@ -55,48 +56,6 @@ class Limit:
         return f"{name} {side} {shown} ({quantity(self.rms, output_unit, 2)} RMS of the output)"
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """A signature as the record sees it: its estimated size and that one's deviation."""
-
-    values: dict[str, float]
-    size: float
-    deviation: float
-    rms: float
-    absorbed: float
-
-
-class _Projection:
-    """Takes out of a signature what the rest of a model can take up, and sizes what is left."""
-
-    def __init__(self, problem: Problem, point: Point):
-        self.problem = problem
-        linear = linearise(problem, point, point.parameters)
-        gram, _ = linear.equations.system(ALL, point.strength)
-        free = ~point.equations.nonnegative | (point.solution > 0)
-        inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
-        self.matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
-        self.factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
-        self.residual = point.residual
-
-    def see(self, signature: np.ndarray, values: dict[str, float]) -> _Seen:
-        """Size of a signature, `(row,)` in output ranges, in the residual, with its deviation."""
-        whole = float(signature @ signature)
-        rms = float(np.sqrt(whole / len(signature)))
-        unseen = _Seen(values, np.nan, np.inf, rms, 1.0)
-        if not np.isfinite(whole):
-            return unseen
-        taken_up = scipy.linalg.cho_solve(self.factor, self.matrix.T @ signature)
-        left = signature - self.matrix @ taken_up
-        power = float(left @ left)
-        if power <= HIDDEN**2 * whole:
-            return unseen
-        scores = np.bincount(self.problem.block, left * self.residual)
-        spread = np.sqrt((scores**2).sum() * len(scores) / (len(scores) - 1))
-        size = float(left @ self.residual) / power
-        return _Seen(values, size, float(spread) / power, rms, 1 - power / whole)
-
-
 def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[Limit, ...]:
     """How great each of some effects could be without being seen beside a model.
 
@@ -113,7 +72,7 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
         One limit an effect, in their order; those whose signature fails are left out.
     """
     whole = with_all_rows(point)
-    projection = _Projection(problem, whole)
+    projection = Projection(problem, whole)
     survey = problem.survey_of(whole)
     found = []
     for effect in effects:
@@ -125,24 +84,24 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
     return tuple(limit for limit in found if limit is not None)
 
 
-def _limit(problem: Problem, point: Point, projection: _Projection, effect: Effect) -> Limit | None:
-    amounts = [p for p in effect.parameters() if p.is_amount or p.start == (0.0,)]
-    if isinstance(effect, AddedEffect | SensorEffect):
-        amounts = [*amounts, *effect.coefficients()]
-    if amounts:
-        return _limit_of_amount(problem, point, projection, effect, amounts)
-    return _limit_of_size(problem, point, projection, effect)
+def _limit(problem: Problem, point: Point, projection: Projection, effect: Effect) -> Limit | None:
+    limit = _limit_of_amount if amounts_of(effect) else _limit_of_size
+    return limit(problem, point, projection, effect)
 
 
 def _limit_of_amount(
-    problem: Problem, point: Point, projection: _Projection, effect: Effect, amounts
+    problem: Problem, point: Point, projection: Projection, effect: Effect
 ) -> Limit:
     """The greatest amount, over all values that the other parameters start from."""
     two_sided = scipy.special.ndtri(0.5 + LEVEL / 2)
+    amounts = amounts_of(effect)
     share, name, unit = effect.total_amount(amounts)
+    # The columns of an added effect are limited one by one.
+    alone = isinstance(effect, AddedEffect | SensorEffect)
     seen = [
-        projection.see(columns @ share if whole else columns, values)
-        for values, columns, whole in _amount_signatures(problem, point, effect, amounts)
+        projection.see(signature, values)
+        for values, columns in amount_signatures(problem, point, effect)
+        for signature in (columns.T if alone else [columns @ share])
     ]
     visible = [one for one in seen if np.isfinite(one.deviation)]
     absorbed = min((one.absorbed for one in seen), default=1.0)
@@ -156,38 +115,14 @@ def _limit_of_amount(
     return Limit(effect.name, name, float(bounds[worst]), unit, False, float(rms), absorbed)
 
 
-def _amount_signatures(
-    problem: Problem, point: Point, effect: Effect, amounts: list[Parameter]
-) -> Iterator[tuple[dict[str, float], np.ndarray, bool]]:
-    chain = point.chain.with_effects((*point.chain.effects, effect))
-    names = [(effect.name, parameter.name) for parameter in amounts]
-    for values in starts_of(effect):
-        if isinstance(effect, AddedEffect | SensorEffect):
-            alone = point.chain.with_effects((effect,))
-            own = {effect.name: values}
-            parts = columns_behind(alone, own, problem.signals, problem.rows, problem.target)
-            for column in np.concatenate(parts, axis=1)[problem.rows].T:
-                yield values, column / problem.unit, False
-            continue
-        everything = {**point.values, effect.name: values}
-        raw = tangents(chain, everything, problem.signals, _with_room(point, chain), names)
-        yield values, raw[problem.rows] / problem.unit, True
-
-
 def _limit_of_size(
-    problem: Problem, point: Point, projection: _Projection, effect: Effect
+    problem: Problem, point: Point, projection: Projection, effect: Effect
 ) -> Limit | None:
     """The weakest value of the first parameter from which on all are excluded."""
     one_sided = scipy.special.ndtri(LEVEL)
     first = effect.parameters()[0]
-    chain = point.chain.with_effects((*point.chain.effects, effect))
-    coefficients = _with_room(point, chain)
-    present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
-    seen = []
-    for values in starts_of(effect):
-        everything = {**point.values, effect.name: values}
-        changed = np.asarray(response(chain, everything, problem.signals, coefficients))
-        seen.append(projection.see((changed - present)[problem.rows] / problem.unit, values))
+    signatures = size_signatures(problem, point, effect)
+    seen = [projection.see(signature, values) for values, signature in signatures]
     seen = [one for one in seen if one.rms > 0]
     if not seen:
         return None
@@ -206,13 +141,3 @@ def _limit_of_size(
     return Limit(
         effect.name, first.name, float(value), unit, above, float(rms) * problem.unit, absorbed
     )
-
-
-def _with_room(point: Point, chain: Chain) -> Coefficients:
-    """The coefficients of a point, with none for what a longer chain adds."""
-    present = point.coefficients()
-    by_name = dict(
-        zip([(e, c.name) for e, c in point.chain.coefficients], present.added, strict=True)
-    )
-    added = [by_name.get((e, c.name), 0.0) for e, c in chain.coefficients]
-    return replace(present, added=np.asarray(added))

@@ -23,11 +23,13 @@ from preisach_jax.diagnosis.result import (
     Finding,
     Rung,
 )
+from preisach_jax.diagnosis.signature import Projection, promises
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
+    LEAST_PROMISE,
     SEARCH_ROWS,
     Fit,
     Progress,
@@ -103,6 +105,30 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
+class Screened:
+    """An effect whose signature is not in what is left, and which was not fitted.
+
+    Attributes:
+        promise: share of the residual's power that the effect explains where the search starts.
+    """
+
+    effect: Effect
+    step: int
+    promise: float
+    hopeless: bool = False
+
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
+        """The row of the table of candidates."""
+        del unit, better
+        reason = (
+            f"not fitted: its signature explains {100 * self.promise:.1f} % of what is left, less "
+            f"than {100 * LEAST_PROMISE:.0f} %"
+        )
+        evidence = {"promise": self.promise}
+        return Candidate(self.effect.name, self.step, 0.0, np.nan, evidence, accepted, reason)
+
+
+@dataclass(frozen=True, eq=False)
 class Failure:
     """An effect that could not be tried."""
 
@@ -126,7 +152,8 @@ def diagnose(
 ) -> Diagnosis:
     """Find out which physical effects a rate-independent model of a record lacks.
 
-    Every effect is refitted jointly with the density and judged on held-out blocks.  The best is
+    Every effect whose signature, freed from what the density can take up, is in the residual is
+    refitted jointly with the density and judged on held-out blocks.  The best is
     added if both locks open (`evidence`), and the search goes on from there; effects that later
     ones have made superfluous are taken out again.
 
@@ -202,7 +229,7 @@ class _Search:
         self.path: list[Point] = []
         self.finer: Point | None = None
         self.accepted: list[Named] = []
-        self.trials: list[tuple[Trial | Failure, bool, str]] = []
+        self.trials: list[tuple[Trial | Screened | Failure, bool, str]] = []
 
     def run(self) -> Diagnosis:
         self.progress("fitting the rate-independent model", 0.0)
@@ -256,11 +283,11 @@ class _Search:
             for trial, _, _ in self.trials
             if trial.step == len(self.accepted) and trial.hopeless
         }
-        trials = []
+        trials, projection = [], Projection(self.problem, self.now)
         for position, effect in enumerate(left):
             if effect.name not in hopeless:
                 self.progress(f"trying {effect.name}", self._done(position / len(left)))
-                trials.append(self._try(effect))
+                trials.append(self._try(effect, projection))
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         passing.sort(key=lambda trial: trial.point.validation_mean_square)
         while passing and not self._stands_on_a_finer_plane(passing[0]):
@@ -280,9 +307,12 @@ class _Search:
         self.path.append(best.point)
         return True
 
-    def _try(self, effect: Effect) -> Trial | Failure:
+    def _try(self, effect: Effect, projection: Projection) -> Trial | Screened | Failure:
         step = len(self.accepted)
         try:
+            promised = self._promise(effect, projection)
+            if promised < LEAST_PROMISE:
+                return Screened(effect, step, promised)
             point = with_effect(self.problem, self.now, effect)
             evidence = compare(self.problem, self.now, point)
             certain = bool(evidence.against) or differs_from_nothing(
@@ -296,6 +326,16 @@ class _Search:
                 raise
             # A user's own effect must not take the diagnosis of the others with it.
             return Failure(effect, step, f"failed: {type(error).__name__}: {error}")
+
+    def _promise(self, effect: Effect, projection: Projection) -> float:
+        """Share of the residual that an effect explains; at least `LEAST_PROMISE` is enough."""
+        greatest = 0.0
+        for form in effect.variants(self.problem.survey_of(self.now)):
+            for share in promises(self.problem, self.now, projection, form):
+                greatest = max(greatest, share)
+                if greatest >= LEAST_PROMISE:
+                    return greatest
+        return greatest
 
     def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
         """Whether a weak effect helps on a finer plane as well.

@@ -1,0 +1,169 @@
+"""Signatures: what an effect would change, freed from what a model can take up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from preisach_jax.chain import Chain, Coefficients, columns_behind, response, tangents
+from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, Parameter, SensorEffect
+from preisach_jax.identify import Point, Problem, linearise, starts_of
+
+HIDDEN = 1e-4
+"""Share of a signature that the rest of the model must leave for it to be seen at all."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A signature as the record sees it: its estimated size and that one's deviation.
+
+    Attributes:
+        values: parameters of the effect.
+        size: least-squares factor of the signature in the residual.
+        deviation: of the size, from its scatter over blocks; infinite where nothing is to be seen.
+        rms: of the whole signature, in output ranges.
+        absorbed: share of its power that the model can take up.
+    """
+
+    values: dict[str, float]
+    size: float
+    deviation: float
+    rms: float
+    absorbed: float
+
+
+class Projection:
+    """Takes out of a signature what a model can take up, on the rows that identify it."""
+
+    def __init__(self, problem: Problem, point: Point):
+        linear = linearise(problem, point, point.parameters)
+        gram, _ = linear.equations.system(point.folds, point.strength)
+        free = ~point.equations.nonnegative | (point.solution > 0)
+        inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
+        self.rows = np.isin(problem.fold, point.folds)
+        self.block = problem.block[self.rows]
+        matrix = np.concatenate([point.matrix, linear.tangents], axis=1)
+        self.matrix = matrix[np.ix_(self.rows, inside)]
+        self.factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
+        self.residual = point.residual[self.rows]
+
+    def left(self, signatures: np.ndarray) -> np.ndarray:
+        """What the model leaves of `(row,)` or `(row, signature)`."""
+        taken_up = scipy.linalg.cho_solve(self.factor, self.matrix.T @ signatures)
+        return signatures - self.matrix @ taken_up
+
+    def see(self, signature: np.ndarray, values: dict[str, float]) -> Seen:
+        """Size of a signature, `(row,)` in output ranges, in the residual, with its deviation."""
+        signature = signature[self.rows]
+        whole = float(signature @ signature)
+        rms = float(np.sqrt(whole / len(signature)))
+        unseen = Seen(values, np.nan, np.inf, rms, 1.0)
+        if not np.isfinite(whole):
+            return unseen
+        left = self.left(signature)
+        power = float(left @ left)
+        if power <= HIDDEN**2 * whole:
+            return unseen
+        scores = np.bincount(self.block, left * self.residual)
+        scores = scores[np.unique(self.block)]
+        spread = np.sqrt((scores**2).sum() * len(scores) / (len(scores) - 1))
+        size = float(left @ self.residual) / power
+        return Seen(values, size, float(spread) / power, rms, 1 - power / whole)
+
+    def explained(self, signatures: np.ndarray) -> float:
+        """Share of the residual's power that signatures, `(row, signature)`, explain together.
+
+        Raises:
+            FloatingPointError: if none of them is finite.
+        """
+        signatures = signatures[self.rows]
+        finite = np.isfinite(signatures).all(axis=0)
+        if not finite.any():
+            raise FloatingPointError("its change of the output is not finite")
+        sizes = np.linalg.norm(signatures[:, finite], axis=0)
+        signatures = signatures[:, finite][:, sizes > 0] / sizes[sizes > 0]
+        left = self.left(signatures)
+        solution = np.linalg.lstsq(left, self.residual, rcond=HIDDEN)[0]
+        power = float(self.residual @ self.residual)
+        return float((left @ solution) @ self.residual) / power if power else 0.0
+
+
+def amounts_of(effect: Effect) -> list[Parameter]:
+    """What an effect changes the output in proportion to, where it is weak; may be empty."""
+    amounts = [p for p in effect.parameters() if p.is_amount or p.start == (0.0,)]
+    if isinstance(effect, AddedEffect | SensorEffect):
+        return [*amounts, *effect.coefficients()]
+    return amounts
+
+
+def amount_signatures(
+    problem: Problem, point: Point, effect: Effect
+) -> Iterator[tuple[dict[str, float], np.ndarray]]:
+    """Changes for a unit of each amount, `(row, amount)`, at all starts of the other parameters."""
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    names = [(effect.name, parameter.name) for parameter in amounts_of(effect)]
+    for values in starts_of(effect):
+        if isinstance(effect, AddedEffect | SensorEffect):
+            columns = _columns_alone(problem, point, effect, values)
+        else:
+            everything = {**point.values, effect.name: values}
+            columns = tangents(chain, everything, problem.signals, _with_room(point, chain), names)
+        yield values, columns[problem.rows] / problem.unit
+
+
+def size_signatures(
+    problem: Problem, point: Point, effect: Effect
+) -> Iterator[tuple[dict[str, float], np.ndarray]]:
+    """Changes by the effect, `(row,)` in output ranges, at all its starts."""
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    coefficients = _with_room(point, chain)
+    present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
+    for values in starts_of(effect):
+        everything = {**point.values, effect.name: values}
+        changed = np.asarray(response(chain, everything, problem.signals, coefficients))
+        yield values, (changed - present)[problem.rows] / problem.unit
+
+
+def promises(
+    problem: Problem, point: Point, projection: Projection, effect: Effect
+) -> Iterator[float]:
+    """Shares of the residual's power that an effect explains, one for each of its starts.
+
+    Arguments:
+        problem: the record.
+        point: a model without the effect.
+        projection: that of the point.
+        effect: the effect, bound to the record.
+    """
+    if not amounts_of(effect):
+        for _, signature in size_signatures(problem, point, effect):
+            yield projection.explained(signature[:, None])
+        return
+    past = np.zeros((len(problem.rows), 0))
+    if isinstance(effect, OutputEffect) and effect.coefficients():
+        past = _columns_alone(problem, point, effect, starts_of(effect)[0])[problem.rows]
+    for _, columns in amount_signatures(problem, point, effect):
+        yield projection.explained(np.concatenate([columns, past], axis=1))
+
+
+def _columns_alone(
+    problem: Problem, point: Point, effect: Effect, values: dict[str, float]
+) -> np.ndarray:
+    """What the effect's own coefficients multiply, `(time, column)`."""
+    alone = point.chain.with_effects((effect,))
+    own = {effect.name: values}
+    parts = columns_behind(alone, own, problem.signals, problem.rows, problem.target)
+    return np.concatenate(parts, axis=1)
+
+
+def _with_room(point: Point, chain: Chain) -> Coefficients:
+    """The coefficients of a point, with none for what a longer chain adds."""
+    present = point.coefficients()
+    by_name = dict(
+        zip([(e, c.name) for e, c in point.chain.coefficients], present.added, strict=True)
+    )
+    added = [by_name.get((e, c.name), 0.0) for e, c in chain.coefficients]
+    return replace(present, added=np.asarray(added))

@@ -20,6 +20,10 @@ WAYS = ("diagnose", *RIVALS)
 CLEAR = 1.0
 """Least size of the cases of the confusion matrix and of the rivals' hits: nominal."""
 
+VISIBLE = 0.95
+"""Share of the plain model's held-out mean square that the model with the true effects must not
+leave for the effects to be visible in a record at all."""
+
 STEEPEST = 12.0
 """Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
 
@@ -103,6 +107,17 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "confusion": confusion(judged),
         "exact": {suite: rate(map(is_exact, rows)) for suite, rows in suites.items()},
         "in_family": {suite: rate(map(is_in_family, rows)) for suite, rows in suites.items()},
+        "exact_where_visible": {
+            suite: rate(map(is_exact, filter(is_visible, rows))) for suite, rows in suites.items()
+        },
+        "in_family_where_visible": {
+            suite: rate(map(is_in_family, filter(is_visible, rows)))
+            for suite, rows in suites.items()
+        },
+        "wrong_name": {
+            suite: rate(not set(one["effects"]) <= set(one["hidden"]) for one in rows)
+            for suite, rows in suites.items()
+        },
         "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
         "false_alarms_by_circumstance": _by(
             nothing,
@@ -116,9 +131,15 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "wrong_name_outside": rate(
             any(name not in one["hidden"] for name in one["effects"]) for one in outside
         ),
+        "admitted_outside": rate(
+            one["verdict"] in ("unexplained", "partly_explained") for one in outside
+        ),
         "verdicts_outside": dict(Counter(one["verdict"] for one in outside)),
         "detection": _by(single, lambda one: short(one["hidden"][0]), _detection),
         "parameters": parameter_errors(single),
+        "coverage": rate(
+            covered for pairs in _parameter_pairs(single).values() for _, covered in pairs
+        ),
         "over_oracle": _quartiles(
             [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside]
         ),
@@ -136,6 +157,12 @@ def named(result: Result, way: str) -> str | None:
 def is_clear(result: Result) -> bool:
     """Whether a single hidden effect has its nominal size or more."""
     return result["size"] >= CLEAR
+
+
+def is_visible(result: Result) -> bool:
+    """Whether the true effects, fitted, lower the held-out error of the plain model."""
+    held_out = result["held_out"]
+    return held_out["oracle"] ** 2 < VISIBLE * held_out["base"] ** 2
 
 
 def is_exact(result: Result) -> bool:
@@ -179,8 +206,8 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     return {hidden: dict(counts) for hidden, counts in sorted(rows.items())}
 
 
-def parameter_errors(single: Sequence[Result]) -> dict[str, dict[str, Any]]:
-    """Errors and coverage of the parameters that truth and library share, where named rightly."""
+def _parameter_pairs(single: Sequence[Result]) -> dict[str, list[tuple[float, bool]]]:
+    """Relative error, and whether the interval covers, of each parameter that truth has too."""
     rows: dict[str, list[tuple[float, bool]]] = {}
     for one in single:
         name = one["hidden"][0]
@@ -191,12 +218,17 @@ def parameter_errors(single: Sequence[Result]) -> dict[str, dict[str, Any]]:
                 error = abs(estimate["value"] - true) / abs(true)
                 covered = estimate["low"] <= true <= estimate["high"]
                 rows.setdefault(f"{short(name)}.{parameter}", []).append((error, covered))
+    return rows
+
+
+def parameter_errors(single: Sequence[Result]) -> dict[str, dict[str, Any]]:
+    """Errors and coverage of the parameters that truth and library share, where named rightly."""
     return {
         name: {
             "median_relative_error": float(np.median([error for error, _ in pairs])),
             "coverage": rate(covered for _, covered in pairs),
         }
-        for name, pairs in sorted(rows.items())
+        for name, pairs in sorted(_parameter_pairs(single).items())
     }
 
 

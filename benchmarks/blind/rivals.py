@@ -1,6 +1,7 @@
 """Simpler ways to name an effect, judged on the same records, to show what both locks are for.
 
-All three see the same joint refits, or the residual of the model without effects:
+The first two see the joint refits of the effects that were worth fitting, the third one sees the
+residual of the model without effects:
 
 - `criterion`: the first lock alone, the greatest fall of the Bayesian information criterion on
   whitened residuals, if it is 10 or more;
@@ -32,7 +33,7 @@ def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None
     Returns:
         Names by rival.
     """
-    first = [trial for trial in found.candidates if trial.step == 0 and trial.evidence]
+    first = [trial for trial in found.candidates if trial.step == 0 and "z" in trial.evidence]
     criterion = {trial.effect: trial.evidence["delta_bic"] for trial in first}
     gain = {trial.effect: trial.gain for trial in first}
     names = (

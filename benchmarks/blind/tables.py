@@ -104,11 +104,18 @@ Rows = dict[str, Callable[[Summary], str]]
 
 def _overall() -> Rows:
     rows: Rows = {"cases (failed)": lambda part: f"{part['cases']} ({part['failed']})"}
+    judged = {
+        "exactly right": "exact",
+        "right family": "in_family",
+        "exactly right where visible": "exact_where_visible",
+        "right family where visible": "in_family_where_visible",
+        "something wrong named": "wrong_name",
+    }
     for suite in COMBINATIONS:
-        rows[f"{suite}: exactly right"] = lambda part, suite=suite: _rate_cell(part["exact"][suite])
-        rows[f"{suite}: right family"] = lambda part, suite=suite: _rate_cell(
-            part["in_family"][suite]
-        )
+        for said, key in judged.items():
+            rows[f"{suite}: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
+                part[key][suite]
+            )
     for way in WAYS:
         rows[f"nothing hidden, something named: {way}"] = lambda part, way=way: _rate_cell(
             part["false_alarms"][way]
@@ -118,6 +125,10 @@ def _overall() -> Rows:
             part["first_name_right"][way]
         )
     return rows | {
+        "outside the library: unexplained or partly": lambda part: _rate_cell(
+            part["admitted_outside"]
+        ),
+        "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
         "outside the library: wrong name": lambda part: _rate_cell(part["wrong_name_outside"]),
         "held-out error over the oracle's: median (quartiles)": lambda part: _oracle_cell(
             part["over_oracle"]

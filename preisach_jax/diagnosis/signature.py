@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from preisach_jax.chain import Chain, Coefficients, columns_behind, response, tangents
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+    columns_behind,
+    driven_path,
+    response,
+    tangents,
+)
 from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, Parameter, SensorEffect
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 
@@ -109,7 +116,7 @@ def amount_signatures(
         if isinstance(effect, AddedEffect | SensorEffect):
             columns = _columns_alone(problem, point, effect, values)
         else:
-            everything = {**point.values, effect.name: values}
+            everything = _values_with(problem, point, chain, effect, values)
             columns = tangents(chain, everything, problem.signals, _with_room(point, chain), names)
         yield values, columns[problem.rows] / problem.unit
 
@@ -122,7 +129,7 @@ def size_signatures(
     coefficients = _with_room(point, chain)
     present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
     for values in starts_of(effect):
-        everything = {**point.values, effect.name: values}
+        everything = _values_with(problem, point, chain, effect, values)
         changed = np.asarray(response(chain, everything, problem.signals, coefficients))
         yield values, (changed - present)[problem.rows] / problem.unit
 
@@ -147,6 +154,17 @@ def promises(
         past = _columns_alone(problem, point, effect, starts_of(effect)[0])[problem.rows]
     for _, columns in amount_signatures(problem, point, effect):
         yield projection.explained(np.concatenate([columns, past], axis=1))
+
+
+def _values_with(
+    problem: Problem, point: Point, chain: Chain, effect: Effect, values: dict[str, float]
+) -> dict[str, dict[str, float]]:
+    """The values of a chain that has an effect more, with which its hysterons can be driven."""
+    everything = {**point.values, effect.name: values}
+    # Hysterons saturate, so that an infinite input would not show in the output.
+    if not np.isfinite(driven_path(chain, everything, problem.signals)).all():
+        raise FloatingPointError(f"it gives values that are not finite at {values}")
+    return everything
 
 
 def _columns_alone(

@@ -57,7 +57,9 @@ def test_names_what_is_hidden_removes_its_error_and_predicts_what_follows(effect
     predicted = found.model.predict(blind)
     rms = np.sqrt(np.mean((whole.output[after] - predicted.output[after]) ** 2))
     # What was left over where the model was judged, the stretch that follows may show as well.
-    assert rms <= 2 * noise + np.hypot(found.budget.discretisation, found.budget.unexplained)
+    budget = found.budget
+    rest = np.hypot(np.hypot(budget.discretisation, budget.memory), budget.unexplained)
+    assert rms <= 2 * noise + rest
 
 
 @pytest.mark.parametrize(
@@ -91,7 +93,7 @@ def test_json_holds_what_the_contract_names(drifting):
     content = json.loads(json.dumps(found.to_json()))
     assert content["verdict"] in VERDICTS
     assert content["effects"] == ["drift"]
-    assert set(content["budget"]) == {"noise", "discretisation", "unexplained", "unit"}
+    assert set(content["budget"]) == {"noise", "discretisation", "memory", "unexplained", "unit"}
     (finding,) = content["findings"]
     assert finding["family"][0] == "drift"
     assert finding["rms_after"] < finding["rms_before"]

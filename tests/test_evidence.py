@@ -14,10 +14,12 @@ from preisach_jax.chain import Chain
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     discretisation_rms,
+    memory_rms,
     noise_rms,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
+    GREAT_GAIN,
     LEAST_DELTA_BIC,
     LEAST_GAIN,
     LEAST_Z,
@@ -36,8 +38,9 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import at_levels, base_point, plane_of, with_effect
-from preisach_jax.identify import VALIDATION, Problem, evaluate
+from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
 from preisach_jax.record import Record
+from preisach_jax.regression import solve_nonnegative
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +76,8 @@ def test_evidence_above_all_thresholds_opens_the_locks():
         (Evidence(0.9 * LEAST_GAIN, 99.0, 24, 1e3), "mean square falls by .* %, less than"),
         (Evidence(-0.3, 99.0, 24, 1e3), "does not fall"),
         (Evidence(0.0, 99.0, 24, 1e3), "does not fall"),
-        (Evidence(0.5, LEAST_Z - 0.1, 24, 1e3), "not alike over the 24 held-out blocks .z = "),
+        (Evidence(0.9 * GREAT_GAIN, LEAST_Z - 0.1, 24, 1e3), "held-out blocks .z = 2.9, below 3"),
+        (Evidence(0.5, 1.9, 24, 1e3), "not alike over the 24 held-out blocks .z = 1.9, below 2"),
         (Evidence(0.5, 9.0, 24, LEAST_DELTA_BIC - 0.1), "whitened residual.*ΔBIC = "),
         (Evidence(np.nan, 9.0, 24, 99.0), "does not fall"),
         (Evidence(0.5, np.nan, 24, 99.0), "not alike"),
@@ -254,6 +258,22 @@ def test_discretisation_is_what_a_finer_plane_takes_away(x64):
     fine = at_levels(problem, coarse, 18)
     error = np.sqrt(coarse.validation_mean_square) * problem.unit
     assert discretisation_rms(problem, coarse, fine) == pytest.approx(error, rel=0.15)
+
+
+def test_memory_is_what_the_rows_held_out_would_have_told(x64):
+    problem = problem_of(None, noise_um=0.02)
+    point = base_point(problem, 12)
+    held_out = problem.fold == FOLDS - 1
+    gram, moment = point.equations.system(np.arange(FOLDS), point.strength)
+    solution = solve_nonnegative(gram, moment, point.equations.nonnegative)
+    errors = [
+        np.mean((point.target - point.matrix @ each)[held_out] ** 2)
+        for each in (point.solution, solution)
+    ]
+    expected = np.sqrt(errors[0] - errors[1]) * problem.unit
+    assert expected > 0.001
+    assert memory_rms(problem, point) == pytest.approx(expected, rel=1e-4)
+    assert memory_rms(problem, with_all_rows(point)) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_without_a_finer_plane_a_coarser_one_tells(x64):

@@ -1,5 +1,7 @@
 """The linear part of the identification against SciPy's solvers and slow loops."""
 
+from dataclasses import replace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -287,6 +289,18 @@ def test_noise_asks_for_a_strong_prior_and_clean_data_for_a_weak_one(start):
     assert chosen == sorted(chosen)
     assert chosen[0] <= 1e-6
     assert chosen[-1] >= 1e-2
+
+
+@pytest.mark.parametrize("noise", [1e-5, 0.3, 10.0])
+def test_a_fold_that_no_other_tells_of_does_not_choose(noise):
+    """As the first stretch of a record that begins with an unknown memory."""
+    equations, _ = density_regression(noise)
+    power = equations.power.copy()
+    power[0] += 1e8 * power[0]
+    drowned = replace(equations, power=power)
+    expected = choose_strength(equations, np.arange(1, 4), 1e-4)
+    chosen = choose_strength(drowned, np.arange(4), 1e-4)
+    assert abs(np.log10(chosen / expected)) < 1.5
 
 
 def test_the_chosen_strength_predicts_new_data_nearly_as_well_as_any():

@@ -1,4 +1,4 @@
-"""The error budget: what of the error is noise, and what the grid of the plane."""
+"""The error budget: noise, the grid of the plane, and memory that the record seldom visits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import scipy.special
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import at_levels
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
 
 MOST_LEVELS = 50
 """Finest plane that is tried of one's own accord."""
@@ -116,3 +116,21 @@ def discretisation_rms(problem: Problem, point: Point, finer: Point | None = Non
         grown = (levels / coarser) ** (2 * GRID_ORDER)
         share = (at_levels(problem, point, coarser).validation_mean_square - here) / (grown - 1)
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
+
+
+def memory_rms(problem: Problem, point: Point) -> float:
+    """RMS of what the rows held out would have told of the coefficients.
+
+    Where they visit cells of the plane that the other rows seldom do, the prediction rests on the
+    smoothness prior.  Identified with them, the same model leaves less there by this share.
+
+    Arguments:
+        problem: the record.
+        point: the model, identified without the rows held out.
+
+    Returns:
+        The RMS in output units.
+    """
+    held_out = problem.fold == VALIDATION[0]
+    told = float(np.mean(with_all_rows(point).residual[held_out] ** 2))
+    return float(np.sqrt(max(point.validation_mean_square - told, 0.0))) * problem.unit

@@ -14,6 +14,12 @@ LEAST_GAIN = 0.05
 LEAST_Z = 3.0
 """Standardised mean gain over the held-out blocks below which nothing is named."""
 
+GREAT_GAIN = 0.25
+"""Relative fall of the held-out mean square from which on a smaller z is enough: what makes so much
+of the error is seldom spread evenly over the record."""
+
+LEAST_Z_OF_GREAT_GAIN = 2.0
+
 LEAST_DELTA_BIC = 10.0
 """Fall of the whitened criterion below which nothing is named."""
 
@@ -38,6 +44,11 @@ class Evidence:
     delta_bic: float
 
     @property
+    def least_z(self) -> float:
+        """The z below which nothing is named."""
+        return LEAST_Z_OF_GREAT_GAIN if self.gain >= GREAT_GAIN else LEAST_Z
+
+    @property
     def against(self) -> str:
         """Why the locks stay closed; empty if both open."""
         reasons = []
@@ -49,10 +60,10 @@ class Evidence:
                 if self.gain > 0
                 else "the held-out error does not fall"
             )
-        elif not self.z >= LEAST_Z:
+        elif not self.z >= self.least_z:
             reasons.append(
                 f"the gain is not alike over the {self.blocks} held-out blocks "
-                f"(z = {self.z:.1f}, below {LEAST_Z:.0f})"
+                f"(z = {self.z:.1f}, below {self.least_z:.0f})"
             )
         if not self.delta_bic >= LEAST_DELTA_BIC:
             reasons.append(

@@ -81,10 +81,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Budget:
-    """Where the held-out error comes from, each as RMS in `unit`."""
+    """Where the held-out error comes from, each as RMS in `unit`.
+
+    Attributes:
+        noise: what no model can predict, with the steps of the sensor.
+        discretisation: the grid of the plane.
+        memory: what the rows that identify tell too little of: cells seldom visited.
+        unexplained: the rest.
+        unit: that of the output.
+    """
 
     noise: float
     discretisation: float
+    memory: float
     unexplained: float
     unit: str
 
@@ -182,7 +191,8 @@ class Diagnosis:
         budget = self.budget
         lines.append(
             f"  budget: noise {shown(budget.noise)}, discretisation "
-            f"{shown(budget.discretisation)}, unexplained {shown(budget.unexplained)}"
+            f"{shown(budget.discretisation)}, memory {shown(budget.memory)}, "
+            f"unexplained {shown(budget.unexplained)}"
         )
         if self.located:
             lines.append(f"  what remains: {self.located}")

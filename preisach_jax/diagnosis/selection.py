@@ -11,6 +11,7 @@ from preisach_jax.confidence import differs_from_nothing, estimates
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
+    memory_rms,
     noise_rms,
     refined_levels,
 )
@@ -386,9 +387,10 @@ class _Search:
         self.progress("measuring the error budget", 0.95)
         noise = noise_rms(problem, fits[-1].point)
         rms = fits[-1].rms_validation
-        rest = float(np.sqrt(max(rms**2 - noise**2 - discretisation**2, 0.0)))
+        memory = memory_rms(problem, fits[-1].point)
+        rest = float(np.sqrt(max(rms**2 - noise**2 - discretisation**2 - memory**2, 0.0)))
         unit = problem.record.channels["output"].unit
-        budget = Budget(noise, discretisation, rest, unit)
+        budget = Budget(noise, discretisation, memory, rest, unit)
         within = rest <= np.hypot(noise, discretisation)
         verdict = (
             ("explained" if within else "partly_explained")

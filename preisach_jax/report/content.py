@@ -136,6 +136,12 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
             quantity(budget.discretisation, budget.unit, 3),
             "the cells of the plane, from a finer or coarser one",
         ),
+        (
+            "memory",
+            quantity(budget.memory, budget.unit, 3),
+            "cells of the plane that the record seldom visits: identified with the rows held out, "
+            "the model leaves so much less there",
+        ),
         ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
         (
             "together",

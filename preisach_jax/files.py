@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -38,6 +39,16 @@ def json_bytes(content: Any) -> bytes:
     """A JSON file's bytes; there are no NaN in it."""
     text = json.dumps(plain_json(content), indent=1, ensure_ascii=False, allow_nan=False)
     return (text + "\n").encode()
+
+
+def file_name(thing: str) -> str:
+    """A name for a file, from that of a thing, such as a column, that may hold any characters.
+
+    Example:
+        >>> file_name("aux:load N")
+        'aux_load_N'
+    """
+    return re.sub(r"[^A-Za-z0-9_-]", "_", thing)
 
 
 def check_folder(folder: Path) -> None:

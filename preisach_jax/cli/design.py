@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.errors import InputError, require_positive
+from preisach_jax.files import file_name
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
@@ -85,7 +85,7 @@ def _models(report: Path, rivals: list[str]) -> dict[Path, Model]:
     """The models of a report by their files, first the one with all findings."""
     from preisach_jax.model import Model
 
-    files = {report / "alternatives" / f"{_file_name(name)}.json": name for name in rivals}
+    files = {report / "alternatives" / f"{file_name(name)}.json": name for name in rivals}
     for path, name in files.items():
         if not path.is_file():
             raise InputError(f"{path}: the model with {name} is missing; {_AGAIN}")
@@ -94,7 +94,3 @@ def _models(report: Path, rivals: list[str]) -> dict[Path, Model]:
         if name not in [effect.name for effect in models[path].effects]:
             raise InputError(f"{path}: this model lacks {name}, after which it is named; {_AGAIN}")
     return models
-
-
-def _file_name(effect: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]", "_", effect)

@@ -15,16 +15,16 @@ from preisach_jax.diagnosis.budget import (
     noise_rms,
     refined_levels,
 )
-from preisach_jax.diagnosis.evidence import Evidence, compare
+from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import (
     Budget,
-    Candidate,
     Diagnosis,
     Finding,
     Rung,
 )
 from preisach_jax.diagnosis.signature import Projection, promises
+from preisach_jax.diagnosis.trial import Failure, Row, Screened, Trial, with_rival
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
@@ -51,11 +51,6 @@ from preisach_jax.record import Record
 
 MOST_EFFECTS = 4
 
-HOPELESS = 0.5
-"""Relative rise of the held-out mean square beyond which an effect is not tried again."""
-
-NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
-
 WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
 """
@@ -63,85 +58,8 @@ WEAK = 0.9
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
 
-BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
-
 REFINEMENT_PAYS = 0.1
 """Relative fall of the held-out mean square for which a finer plane is kept."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """An effect tried beside those of a point, and what speaks for it."""
-
-    effect: Effect
-    step: int
-    point: Point
-    evidence: Evidence
-    certain: bool
-    by_the_grid: bool = False
-
-    @property
-    def passes(self) -> bool:
-        """Whether both locks open, and its amount is surely not zero."""
-        return self.certain and not self.evidence.against
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether the error grew so much that a finer plane will not help."""
-        return self.evidence.gain < -HOPELESS
-
-    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
-        """The row of the table of candidates."""
-        against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
-        against = against or (BY_THE_GRID if self.by_the_grid else "")
-        return Candidate(
-            self.effect.name,
-            self.step,
-            self.evidence.gain,
-            float(np.sqrt(self.point.validation_mean_square)) * unit,
-            self.evidence.numbers(),
-            accepted,
-            "" if accepted else against or f"{better} does more",
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Screened:
-    """An effect whose signature is not in what is left, and which was not fitted.
-
-    Attributes:
-        promise: share of the residual's power that the effect explains where the search starts.
-    """
-
-    effect: Effect
-    step: int
-    promise: float
-    hopeless: bool = False
-
-    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
-        """The row of the table of candidates."""
-        del unit, better
-        reason = (
-            f"not fitted: its signature explains {100 * self.promise:.1f} % of what is left, less "
-            f"than {100 * LEAST_PROMISE:.0f} %"
-        )
-        evidence = {"promise": self.promise}
-        return Candidate(self.effect.name, self.step, 0.0, np.nan, evidence, accepted, reason)
-
-
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """An effect that could not be tried."""
-
-    effect: Effect
-    step: int
-    reason: str
-    hopeless: bool = True
-
-    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
-        """The row of the table of candidates."""
-        del unit, better
-        return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, accepted, self.reason)
 
 
 def diagnose(
@@ -230,7 +148,7 @@ class _Search:
         self.path: list[Point] = []
         self.finer: Point | None = None
         self.accepted: list[Named] = []
-        self.trials: list[tuple[Trial | Screened | Failure, bool, str]] = []
+        self.trials: list[Row] = []
 
     def run(self) -> Diagnosis:
         self.progress("fitting the rate-independent model", 0.0)
@@ -438,7 +356,9 @@ class _Search:
             if better:
                 rivals[named.name] = self.now
                 name = min(better, key=lambda each: better[each].validation_mean_square)
-                self.accepted[position] = Named(self._try_again(named, name, better[name]), {})
+                again = self._try_again(named, name, better[name])
+                self.trials = with_rival(self.trials, named.trial, again)
+                self.accepted[position] = Named(again, {})
                 names = [each.name for each in self.accepted]
                 self.path = [self.path[0], *self._ladder(names[:-1]), rivals.pop(name)]
             kept = {name: p for name, p in rivals.items() if self._alike(self.now, p)}

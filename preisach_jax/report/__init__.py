@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from preisach_jax import plot
-from preisach_jax.files import check_folder, json_bytes, write_files
+from preisach_jax.files import check_folder, file_name, json_bytes, write_files
 from preisach_jax.report.content import comparison_page, diagnosis_page
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
         "model.json": json_bytes(found.model.to_json()),
     }
     for name, model in found.alternatives.items():
-        files[f"alternatives/{_file_name(name)}.json"] = json_bytes(model.to_json())
+        files[f"alternatives/{file_name(name)}.json"] = json_bytes(model.to_json())
     return _write(folder, files, figures)
 
 
@@ -101,11 +100,6 @@ def write_comparison(
         "comparison.json": json_bytes(comparison.to_json()),
     }
     return _write(folder, files, figures)
-
-
-def _file_name(effect: str) -> str:
-    # Auxiliary columns have names of all kinds.
-    return re.sub(r"[^A-Za-z0-9_-]", "_", effect)
 
 
 def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:

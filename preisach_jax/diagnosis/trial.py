@@ -1,0 +1,119 @@
+"""One effect tried beside a model: what came of it, and what speaks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from preisach_jax.diagnosis.evidence import Evidence
+from preisach_jax.diagnosis.result import Candidate
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import LEAST_PROMISE
+from preisach_jax.identify import Point
+
+HOPELESS = 0.5
+"""Relative rise of the held-out mean square beyond which an effect is not tried again."""
+
+NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
+
+BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect tried beside those of a point, and what speaks for it."""
+
+    effect: Effect
+    step: int
+    point: Point
+    evidence: Evidence
+    certain: bool
+    by_the_grid: bool = False
+
+    @property
+    def passes(self) -> bool:
+        """Whether both locks open, and its amount is surely not zero."""
+        return self.certain and not self.evidence.against
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the error grew so much that a finer plane will not help."""
+        return self.evidence.gain < -HOPELESS
+
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
+        """The row of the table of candidates."""
+        against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
+        against = against or (BY_THE_GRID if self.by_the_grid else "")
+        return Candidate(
+            self.effect.name,
+            self.step,
+            self.evidence.gain,
+            float(np.sqrt(self.point.validation_mean_square)) * unit,
+            self.evidence.numbers(),
+            accepted,
+            "" if accepted else against or f"{better} does more",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """An effect whose signature is not in what is left, and which was not fitted.
+
+    Attributes:
+        promise: share of the residual's power that the effect explains where the search starts.
+    """
+
+    effect: Effect
+    step: int
+    promise: float
+    hopeless: bool = False
+
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
+        """The row of the table of candidates."""
+        del unit, better
+        reason = (
+            f"not fitted: its signature explains {100 * self.promise:.1f} % of what is left, less "
+            f"than {100 * LEAST_PROMISE:.0f} %"
+        )
+        evidence = {"promise": self.promise}
+        return Candidate(self.effect.name, self.step, 0.0, np.nan, evidence, accepted, reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """An effect that could not be tried."""
+
+    effect: Effect
+    step: int
+    reason: str
+    hopeless: bool = True
+
+    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
+        """The row of the table of candidates."""
+        del unit, better
+        return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, accepted, self.reason)
+
+
+Row = tuple[Trial | Screened | Failure, bool, str]
+"""A trial, whether its effect was added, and the effect that was added instead."""
+
+
+def with_rival(rows: list[Row], displaced: Trial, rival: Trial) -> list[Row]:
+    """The trials after a rival has taken the place of an effect.
+
+    Arguments:
+        rows: the trials.
+        displaced: that of the effect that had been added.
+        rival: the rival, tried again, of the same step.
+    """
+    gone, name = displaced.effect.name, rival.effect.name
+    after: list[Row] = []
+    for trial, accepted, better in rows:
+        if (trial.effect.name, trial.step) == (name, rival.step):
+            after.append((rival, True, ""))
+        elif trial is displaced:
+            after.append((trial, False, name))
+        else:
+            after.append((trial, accepted, name if better == gone else better))
+    return after

@@ -1,0 +1,59 @@
+"""The rows of the table of candidates."""
+
+from typing import Any, cast
+
+from preisach_jax.diagnosis.evidence import Evidence
+from preisach_jax.diagnosis.trial import Failure, Row, Screened, Trial, with_rival
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.input_lag import InputLag
+
+
+class Point:
+    validation_mean_square = 4.0
+
+
+def trial(effect, step, gain=0.5):
+    return Trial(effect, step, cast(Any, Point()), Evidence(gain, 9.0, 24, 99.0), True)
+
+
+def told(rows: list[Row]):
+    return {
+        (each.effect.name, each.step): (candidate.accepted, candidate.gain, candidate.why_not)
+        for each, accepted, better in rows
+        for candidate in [each.candidate(3.0, accepted, better)]
+    }
+
+
+def test_a_rival_takes_the_place_in_the_table():
+    drift, creep, lag = trial(Drift(), 0), trial(Creep(), 0), trial(InputLag(), 0)
+    later = trial(Creep(), 1, 0.1)
+    rows: list[Row] = [
+        (drift, True, ""),
+        (creep, False, "drift"),
+        (lag, False, "drift"),
+        (later, False, "hum"),
+    ]
+    assert told(rows)["creep", 0] == (False, 0.5, "drift does more")
+    after = with_rival(rows, drift, trial(Creep(), 0, 0.9))
+    assert told(after) == {
+        ("drift", 0): (False, 0.5, "creep does more"),
+        ("creep", 0): (True, 0.9, ""),
+        ("input_lag", 0): (False, 0.5, "creep does more"),
+        ("creep", 1): (False, 0.1, "hum does more"),
+    }
+
+
+def test_rows_say_why_an_effect_was_not_fitted():
+    rows: list[Row] = [
+        (Screened(Hum(), 0, 0.0042), False, "creep"),
+        (Failure(Drift(), 1, "could not be fitted: all is NaN"), False, "creep"),
+    ]
+    reasons = [reason for _, _, reason in told(rows).values()]
+    assert reasons == [
+        "not fitted: its signature explains 0.4 % of what is left, less than 1 %",
+        "could not be fitted: all is NaN",
+    ]
+    row = rows[0][0].candidate(3.0, False, "creep")
+    assert row.evidence == {"promise": 0.0042}

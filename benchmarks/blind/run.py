@@ -100,6 +100,10 @@ def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def _conditions() -> dict[str, Any]:
     packages = ("preisach_jax", "jax", "jaxlib", "numpy", "scipy")
     return {
@@ -156,6 +160,7 @@ def main() -> None:
     except ValueError as error:
         sys.exit(f"run.py: {error}")
     os.environ.update(ONE_THREAD)
+    signal.signal(signal.SIGTERM, _interrupt)  # else the workers would outlive this process
     from blind.judge import judge  # loads JAX, which must see the environment
 
     try:

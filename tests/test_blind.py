@@ -256,7 +256,7 @@ def test_rate_dependence_has_its_coefficient_at_the_greatest_rate_and_its_power_
     setting = world._setting(3, "fair", 2.0, 1350.0, "smooth")
     t = np.arange(2000) * setting.step_s
     ramp = 20.0 + 300.0 * t
-    widening = law["coefficient"] * (300.0 / 6e3) ** law["exponent"]
+    widening = law["widening_v"] * (300.0 / 6e3) ** law["exponent"]
     expected = setting.stage.response(
         setting.position(ramp), np.full_like(t, widening / setting.scene.span_v)
     )

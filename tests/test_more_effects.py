@@ -274,6 +274,13 @@ def test_hum_without_a_line_starts_at_the_mains_or_where_it_does_no_harm():
     assert slow.harmonics == 2
 
 
+def test_slow_waves_are_no_hum():
+    """They are a drift that wanders."""
+    wave = humming(0.8)  # 19 periods
+    assert Hum().bound_to(wave).starts_hz == (50.0, 60.0)
+    assert Hum().bound_to(humming(1.6)).starts_hz[0] == pytest.approx(1.6, abs=0.1 / 24.0)
+
+
 def test_a_record_of_any_length_is_searched_on_a_bounded_raster():
     time = np.sort(np.random.default_rng(9).uniform(0.0, 1e6, 3000))
     residual = np.sin(2 * np.pi * 0.02 * time)

@@ -82,7 +82,7 @@ def _rate_dependence(rng, size, scene) -> Truth:
     exponent = rng.uniform(0.3, 0.7)
     usual = scene.span_v * rng.uniform(0.01, 0.04) * size  # V
     peak = usual * (scene.peak_v_s / scene.usual_v_s) ** exponent
-    return {"exponent": exponent, "coefficient": peak, "at_v_s": scene.peak_v_s}
+    return {"exponent": exponent, "widening_v": peak, "at_v_s": scene.peak_v_s}
 
 
 def _creep(rng, size, scene) -> Truth:

@@ -187,7 +187,7 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         if "rate_dependence" in truth:
             law = truth["rate_dependence"]
             speed = np.abs(rate) / law["at_v_s"]
-            shift = law["coefficient"] * speed ** law["exponent"] / scene.span_v
+            shift = law["widening_v"] * speed ** law["exponent"] / scene.span_v
         if "accommodation" in truth:
             travel = np.abs(np.diff(x, prepend=x[0]))
             fade = -np.expm1(-truth["accommodation"]["fade_per_range"] * travel)

@@ -11,6 +11,9 @@ from preisach_jax.effects.base import AddedEffect, Parameter, Survey
 from preisach_jax.effects.spectrum import strongest_lines
 
 MAINS_HZ = (50.0, 60.0)
+LEAST_PERIODS = 30
+"""Periods in the record from which on a line is a hum; slower waves are a drift that wanders."""
+
 MOST_STEPS = 2**19
 """Time steps to which a longer record is coarsened for the spectrum, to bound its memory."""
 
@@ -64,10 +67,11 @@ class Hum(AddedEffect):
             # A coarser raster keeps to whole steps, so that even samples still lie on it.
             step = survey.step_s * math.ceil(survey.duration_s / survey.step_s / MOST_STEPS)
             high = 0.45 / step
-            low = min(5 / survey.duration_s, high / 2)
+            low = min(LEAST_PERIODS / survey.duration_s, high / 2)
             lines = strongest_lines(survey.time, survey.residual, low, high, step / 4, count=3)
             far = [f for f in MAINS_HZ if all(abs(line / f - 1) > 0.01 for line in lines)]
-            starts = (*lines, *(f for f in far if low <= f <= high)) or (high / 2,)
+            least = min(5 / survey.duration_s, high / 2)
+            starts = (*lines, *(f for f in far if least <= f <= high)) or (high / 2,)
         below = int(0.5 / survey.step_s / (1.01 * max(starts)))
         return Hum(starts_hz=starts, harmonics=min(max(below, 1), 3))
 

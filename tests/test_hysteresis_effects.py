@@ -489,7 +489,7 @@ def test_tangents_against_finite_differences(x64, case):
         def at(value, name=name, key=key):
             moved = {**every, name: {**every[name], key: value}}
             states = hysteresis_columns(chain, drive(chain, moved, signals, held), "low").states
-            hysteresis = states @ WEIGHTS
+            hysteresis = jnp.asarray(states @ WEIGHTS)
             return np.asarray(behind_hysteresis(chain, moved, signals, hysteresis, coefficients))
 
         middle = values[name][key]

@@ -27,7 +27,7 @@ class RateDependence(HysteresisEffect):
         >>> t = jnp.arange(4.0)
         >>> values = {"coefficient": 0.5, "exponent": 1.0}
         >>> RateDependence(reference_per_s=2.0).widening(values, jnp.abs(t - 2), t).tolist()
-        [0.25, 0.25, 0.0, 0.25]
+        [0.25, 0.25, 0.0, 0.0]
     """
 
     name: ClassVar[str] = "rate_dependence"

@@ -549,16 +549,20 @@ def tangents(
     if not parameters:
         return np.zeros((len(signals.time), 0))
     before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
-    hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    hysteresis = None
+    if chain.feeds_back or any(effect not in before for effect, _ in parameters):
+        hysteresis = hysteresis_output(chain, values, signals, coefficients)
     columns = []
     for effect, name in parameters:
 
         def output(value, effect=effect, name=name):
             moved = {**values, effect: {**values[effect], name: value}}
-            given = hysteresis
             if effect in before:
                 course = drive(chain, moved, signals, hysteresis if chain.feeds_back else None)
                 given = _operator_output(chain, course, coefficients)
+            else:
+                assert hysteresis is not None
+                given = hysteresis
             return behind_hysteresis(chain, moved, signals, given, coefficients)
 
         at = jnp.asarray(values[effect][name], dtype=float)

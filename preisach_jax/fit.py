@@ -234,7 +234,7 @@ def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = F
     The starts are compared and roughly refined on a coarse plane; the best of them is refined on
     the point's own.
     """
-    first, *others = effect.variants(problem.survey_of(point))
+    first, *others = problem.forms_of(effect, point)
     best = _with_variant(problem, point, first, always)
     hopeless = best.validation_mean_square > VARIANTS_HOPE * point.validation_mean_square
     if hopeless and isinstance(effect, HysteresisEffect) and not always:

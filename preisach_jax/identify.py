@@ -126,6 +126,13 @@ class Problem:
             residual=point.residual[order] * point.unit,
         )
 
+    def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
+        """Forms of an effect to try beside a point; kept, as they may cost a spectrum."""
+        slot = ("forms", effect)
+        if self.cache.get(slot, (None,))[0] is not point:
+            self.cache[slot] = (point, effect.variants(self.survey_of(point)))
+        return self.cache[slot][1]
+
     @property
     def in_time(self) -> np.ndarray:
         """(row,) positions of the rows in the order of time."""

@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 from preisach_jax.diagnosis.evidence import Evidence
-from preisach_jax.diagnosis.trial import Failure, Row, Screened, Trial, with_rival
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -47,8 +47,8 @@ def test_a_rival_takes_the_place_in_the_table():
 
 def test_rows_say_why_an_effect_was_not_fitted():
     rows: list[Row] = [
-        (Screened(Hum(), 0, 0.0042), False, "creep"),
-        (Failure(Drift(), 1, "could not be fitted: all is NaN"), False, "creep"),
+        (NotFitted.screened(Hum(), 0, 0.0042), False, "creep"),
+        (NotFitted(Drift(), 1, "could not be fitted: all is NaN"), False, "creep"),
     ]
     reasons = [reason for _, _, reason in told(rows).values()]
     assert reasons == [

@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from blind.cases import REPEATS, SEEDS, Case, Choice, make_cases
+from blind.cases import REPEATS, SEEDS, SIZES, Case, Choice, make_cases
 from blind.results import ResultsFile, read_results
 from blind.tables import write_tables
 
@@ -100,10 +100,6 @@ def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 def _conditions() -> dict[str, Any]:
     packages = ("preisach_jax", "jax", "jaxlib", "numpy", "scipy")
     return {
@@ -144,7 +140,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(REPEATS)}")
     parser.add_argument("--effects", type=_names, default=[], help="only cases that hide one")
     parser.add_argument("--excitation", type=_names, default=[], help="of poor,fair,rich")
-    parser.add_argument("--size", type=_sizes, default=[], help="of 0.1,0.25,0.5,1,2,4")
+    parser.add_argument(
+        "--size", type=_sizes, default=[], help=f"of {','.join(f'{size:g}' for size in SIZES)}"
+    )
     parser.add_argument("--limit", type=int, help="at most so many cases, spread evenly")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     return parser.parse_args()
@@ -160,7 +158,8 @@ def main() -> None:
     except ValueError as error:
         sys.exit(f"run.py: {error}")
     os.environ.update(ONE_THREAD)
-    signal.signal(signal.SIGTERM, _interrupt)  # else the workers would outlive this process
+    # Else the workers would outlive this process.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     from blind.judge import judge  # loads JAX, which must see the environment
 
     try:

@@ -128,7 +128,7 @@ def show_diagnosis(found: Diagnosis) -> None:
         ("model", f"held-out RMS{unit}", "% of stroke", f"largest{unit}", "fit %"),
         [[row[key] for key in keys] for row in rows],
     )
-    budget = ", ".join(f"{name} {value}" for name, value, _ in budget_rows(found)[:4])
+    budget = ", ".join(f"{name} {value}" for name, value, _ in budget_rows(found)[:-1])
     say(f"\nError budget: {budget}")
     for finding in found.findings:
         others = f"; cannot be told from {', '.join(finding.family[1:])}"

@@ -24,7 +24,7 @@ from preisach_jax.diagnosis.result import (
     Rung,
 )
 from preisach_jax.diagnosis.signature import Projection, promises
-from preisach_jax.diagnosis.trial import Failure, Row, Screened, Trial, with_rival
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
@@ -226,12 +226,12 @@ class _Search:
         self.path.append(best.point)
         return True
 
-    def _try(self, effect: Effect, projection: Projection) -> Trial | Screened | Failure:
+    def _try(self, effect: Effect, projection: Projection) -> Trial | NotFitted:
         step = len(self.accepted)
         try:
             promised = self._promise(effect, projection)
             if promised < LEAST_PROMISE:
-                return Screened(effect, step, promised)
+                return NotFitted.screened(effect, step, promised)
             point = with_effect(self.problem, self.now, effect)
             evidence = compare(self.problem, self.now, point)
             certain = bool(evidence.against) or differs_from_nothing(
@@ -239,17 +239,17 @@ class _Search:
             )
             return Trial(effect, step, point, evidence, certain)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
-            return Failure(effect, step, f"could not be fitted: {error}")
+            return NotFitted(effect, step, f"could not be fitted: {error}")
         except Exception as error:
             if type(effect).__module__.startswith("preisach_jax."):
                 raise
             # A user's own effect must not take the diagnosis of the others with it.
-            return Failure(effect, step, f"failed: {type(error).__name__}: {error}")
+            return NotFitted(effect, step, f"failed: {type(error).__name__}: {error}")
 
     def _promise(self, effect: Effect, projection: Projection) -> float:
         """Share of the residual that an effect explains; at least `LEAST_PROMISE` is enough."""
         greatest = 0.0
-        for form in effect.variants(self.problem.survey_of(self.now)):
+        for form in self.problem.forms_of(effect, self.now):
             for share in promises(self.problem, self.now, projection, form):
                 greatest = max(greatest, share)
                 if greatest >= LEAST_PROMISE:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -57,45 +58,38 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
-    """An effect whose signature is not in what is left, and which was not fitted.
+class NotFitted:
+    """An effect that was left, or could not be tried.
 
     Attributes:
-        promise: share of the residual's power that the effect explains where the search starts.
+        reason: why.
+        hopeless: whether a finer plane will not help.
+        evidence: numbers behind the reason.
     """
-
-    effect: Effect
-    step: int
-    promise: float
-    hopeless: bool = False
-
-    def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
-        """The row of the table of candidates."""
-        del unit, better
-        reason = (
-            f"not fitted: its signature explains {100 * self.promise:.1f} % of what is left, less "
-            f"than {100 * LEAST_PROMISE:.0f} %"
-        )
-        evidence = {"promise": self.promise}
-        return Candidate(self.effect.name, self.step, 0.0, np.nan, evidence, accepted, reason)
-
-
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """An effect that could not be tried."""
 
     effect: Effect
     step: int
     reason: str
     hopeless: bool = True
+    evidence: Mapping[str, float] = field(default_factory=dict)
+
+    @staticmethod
+    def screened(effect: Effect, step: int, promise: float) -> NotFitted:
+        """An effect whose signature explains too small a share of the residual's power."""
+        reason = (
+            f"not fitted: its signature explains {100 * promise:.1f} % of what is left, less "
+            f"than {100 * LEAST_PROMISE:.0f} %"
+        )
+        return NotFitted(effect, step, reason, hopeless=False, evidence={"promise": promise})
 
     def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
         del unit, better
-        return Candidate(self.effect.name, self.step, 0.0, np.nan, {}, accepted, self.reason)
+        name, evidence = self.effect.name, dict(self.evidence)
+        return Candidate(name, self.step, 0.0, np.nan, evidence, accepted, self.reason)
 
 
-Row = tuple[Trial | Screened | Failure, bool, str]
+Row = tuple[Trial | NotFitted, bool, str]
 """A trial, whether its effect was added, and the effect that was added instead."""
 
 

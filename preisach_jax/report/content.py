@@ -128,7 +128,7 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
 def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     """The error budget: what, how much, and where the number is from."""
     budget = found.budget
-    rest = "what neither explains"
+    rest = "what none of these explains"
     return [
         ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
         (

@@ -1,6 +1,7 @@
 """The diagnosis on simulated stages with a hidden effect, made by code that it does not share."""
 
 import json
+from importlib import resources
 
 import jax.numpy as jnp
 import numpy as np
@@ -163,6 +164,17 @@ class Warming(pj.AddedEffect):
 
     def columns(self, values, signals):
         return signals.time[:, None]
+
+
+def test_the_bundled_curves_age_or_drift_and_do_not_hum():
+    """The grid's error repeats with each curve and makes a comb of lines; none of them is a hum."""
+    path = resources.files("preisach_jax") / "bundled" / "conventional_example.forc"
+    with resources.as_file(path) as file:
+        record = pj.Record.load(file)
+    found = pj.diagnose(record, ("drift", "hum", "ageing"))
+    assert found.effects == ("ageing",)
+    assert set(found.findings[0].family) == {"ageing", "drift"}
+    assert found.verdict == "explained"
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Lags, modes, limits, lines and steps against SciPy's linear systems and closed forms."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -279,6 +280,25 @@ def test_slow_waves_are_no_hum():
     wave = humming(0.8)  # 19 periods
     assert Hum().bound_to(wave).starts_hz == (50.0, 60.0)
     assert Hum().bound_to(humming(1.6)).starts_hz[0] == pytest.approx(1.6, abs=0.1 / 24.0)
+
+
+def with_more_lines(survey, frequencies, amplitude):
+    """The same residual with further lines of equal height."""
+    waves = np.cos(2 * np.pi * np.outer(survey.time, frequencies) + np.arange(len(frequencies)))
+    return replace(survey, residual=survey.residual + amplitude * waves.sum(axis=1))
+
+
+def test_a_tooth_of_a_comb_is_no_hum():
+    """What repeats with the input leaves many lines of one height."""
+    comb = with_more_lines(humming(17.3), 17.3 + 1.3 * np.arange(1, 6), 0.1)
+    assert Hum().bound_to(comb).starts_hz == (50.0, 60.0)
+    low_comb = with_more_lines(humming(17.3), 17.3 + 1.3 * np.arange(1, 6), 0.03)
+    assert Hum().bound_to(low_comb).starts_hz[0] == pytest.approx(17.3, abs=0.1 / 24.0)
+
+
+def test_multiples_and_two_strangers_are_no_crowd():
+    many = with_more_lines(humming(50.02), [100.04, 150.06, 200.08, 23.4, 37.7], 0.08)
+    assert Hum().bound_to(many).starts_hz[0] == pytest.approx(50.02, abs=0.1 / 24.0)
 
 
 def test_a_record_of_any_length_is_searched_on_a_bounded_raster():

@@ -14,6 +14,14 @@ MAINS_HZ = (50.0, 60.0)
 LEAST_PERIODS = 30
 """Periods in the record from which on a line is a hum; slower waves are a drift that wanders."""
 
+CROWD = 8
+"""Lines that are looked at to see whether one of them stands alone."""
+
+MOST_COMPANIONS = 2
+"""Other lines, at least half as high and no multiples, beside which a line is still a hum; what
+repeats with the input makes a comb of many, and so does a sum of sines that a model follows badly.
+"""
+
 MOST_STEPS = 2**19
 """Time steps to which a longer record is coarsened for the spectrum, to bound its memory."""
 
@@ -68,7 +76,8 @@ class Hum(AddedEffect):
             step = survey.step_s * math.ceil(survey.duration_s / survey.step_s / MOST_STEPS)
             high = 0.45 / step
             low = min(LEAST_PERIODS / survey.duration_s, high / 2)
-            lines = strongest_lines(survey.time, survey.residual, low, high, step / 4, count=3)
+            lines = strongest_lines(survey.time, survey.residual, low, high, step / 4, count=CROWD)
+            lines = _standing_alone(lines, survey)[:3]
             far = [f for f in MAINS_HZ if all(abs(line / f - 1) > 0.01 for line in lines)]
             least = min(5 / survey.duration_s, high / 2)
             starts = (*lines, *(f for f in far if least <= f <= high)) or (high / 2,)
@@ -81,3 +90,25 @@ class Hum(AddedEffect):
             part(k * phase) for k in range(1, self.harmonics + 1) for part in (jnp.cos, jnp.sin)
         ]
         return jnp.stack(waves, axis=1)
+
+
+def _standing_alone(lines: list[float], survey: Survey) -> list[float]:
+    """Those of some lines of a residual that are not one of a crowd."""
+    phase = 2 * np.pi * np.outer(survey.time, lines)
+    waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+    parts = np.linalg.lstsq(waves, survey.residual, rcond=None)[0]
+    height = np.hypot(*parts.reshape(2, -1))
+
+    def related(one: float, other: float) -> bool:
+        ratio = max(one, other) / min(one, other)
+        return abs(ratio - round(ratio)) * min(one, other) * survey.duration_s < 1
+
+    return [
+        line
+        for line, own in zip(lines, height, strict=True)
+        if sum(
+            each > own / 2 and not related(line, other)
+            for other, each in zip(lines, height, strict=True)
+        )
+        <= MOST_COMPANIONS
+    ]

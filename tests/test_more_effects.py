@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy import signal
 
+import preisach_jax as pj
 from preisach_jax.effects.base import Signals, Survey
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.effects.spectrum import strongest_lines
@@ -385,3 +387,46 @@ def test_an_input_that_jumps_among_many_values_shows_its_steps():
     residual = 0.37 * np.round(u / 0.37) - u + 0.01 * rng.normal(size=2000)
     survey = Survey(20.0, 0.01, np.arange(2000) * 0.01, u, u, residual)
     assert InputQuantisation().bound_to(survey).starts[0] == pytest.approx(0.37, rel=1e-3)
+
+
+# --- a sensor with ripples ---
+
+
+def test_ripples_of_a_sensor_join_the_cubic(precision, tolerance):
+    reading = np.random.default_rng(13).uniform(2.0, 7.0, 50)
+    effect = OutputNonlinearity(low_z=2.0, range_z=5.0, half_waves=6)
+    got = effect.columns({}, jnp.asarray(reading, float))
+    assert got.dtype == precision
+    x = (reading - 2.0) / 5.0
+    legendre = [np.polynomial.legendre.legval(2 * x - 1, np.eye(4)[k]) for k in (2, 3)]
+    ripples = [np.cos(2 * np.pi * x * waves) for waves in (1.0, 1.5, 2.0, 2.5, 3.0)]
+    expected = np.stack([*legendre, *ripples], axis=1)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=30 * tolerance)
+    assert len(effect.coefficients()) == 7
+    assert effect.coefficients()[-1].meaning == "amplitude of the ripple of 3 waves"
+
+
+def plays(u, radii):
+    """Sum of play operators, sample by sample."""
+    place, total = np.full(len(radii), u[0]), []
+    for value in u:
+        place = np.clip(place, value - radii, value + radii)
+        total.append(place.sum())
+    return np.array(total)
+
+
+@pytest.mark.parametrize(("waves", "falls"), [(3.5, 3.0), (0.0, 1.3)])
+def test_ripples_are_taken_only_where_a_cubic_does_not_follow(waves, falls):
+    rng = np.random.default_rng(14)
+    t = np.arange(4000) / 100
+    u = 5 + 4.9 * np.sin(3 * t) * np.cos(0.37 * t)
+    h = plays(u, np.linspace(0.0, 3.0, 60))
+    x = (h - h.min()) / np.ptp(h) - 0.5
+    bend = 0.03 * np.sin(2 * np.pi * waves * x) if waves else 0.8 * (x**3 - x / 4)
+    z = h + np.ptp(h) * (bend + 1e-4 * rng.normal(size=len(h)))
+    record = pj.Record.from_arrays(t, u, z)
+    fit = pj.fit(record, ["output_nonlinearity"])
+    (effect,) = fit.model.effects
+    assert isinstance(effect, OutputNonlinearity)
+    assert (effect.half_waves > 0) == (waves > 0)
+    assert fit.rms_validation < pj.fit(record).rms_validation / falls

@@ -1,20 +1,27 @@
 """Nonlinear output: the sensor, or what saturates, bends the whole loop alike."""
 
+from dataclasses import replace
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.effects.base import Parameter, SensorEffect, Survey
 
+HALF_WAVES = (6, 12, 24)
+"""Numbers of half waves over the range that are tried where a cubic does not follow."""
+
 
 class OutputNonlinearity(SensorEffect):
-    r"""Memoryless map of the output, written backwards: \(z - c_2 P_2(x) - c_3 P_3(x) = h\).
+    r"""Memoryless map of the output, written backwards: \(z - \sum_k c_k \varphi_k(x) = h\).
 
-    P are Legendre polynomials of the reading over its range, \(x = 2 (z - z_0)/Z - 1\).
+    \(\varphi_2, \varphi_3\) are the Legendre polynomials of the reading over its range,
+    \(x = 2 (z - z_0)/Z - 1\); a map with ripples has \(\cos(k \pi (x + 1) / 2)\) besides.
 
     Arguments:
         low_z, range_z: lower end and range of the reading.
+        half_waves: the greatest k of the cosines, which begin with 2; zero for a cubic.
 
     Example:
         >>> [c.name for c in OutputNonlinearity().coefficients()]
@@ -42,21 +49,34 @@ class OutputNonlinearity(SensorEffect):
     )
     low_z: float = 0.0
     range_z: float = 1.0
+    half_waves: int = eqx.field(static=True, default=0)
 
     def parameters(self):
         return ()
 
     def coefficients(self):
+        parts = {"c_2": "the quadratic part", "c_3": "the cubic part"}
+        parts |= {f"ripple_{k}": f"the ripple of {k / 2:g} waves" for k in self._ripples}
         return tuple(
-            Parameter(f"c_{k}", "{z}", -jnp.inf, jnp.inf, meaning=f"amplitude of the {name} part")
-            for k, name in ((2, "quadratic"), (3, "cubic"))
+            Parameter(name, "{z}", -jnp.inf, jnp.inf, meaning=f"amplitude of {part}")
+            for name, part in parts.items()
         )
+
+    @property
+    def _ripples(self) -> range:
+        return range(2, self.half_waves + 1)
 
     def bound_to(self, survey: Survey):
         if len(survey.time) < 2:
             return self
         return OutputNonlinearity(float(survey.output.min()), float(np.ptp(survey.output)))
 
+    def variants(self, survey: Survey):
+        cubic = self.bound_to(survey)
+        rippled = (replace(cubic, half_waves=count) for count in HALF_WAVES)
+        return (cubic, *rippled)
+
     def columns(self, values, reading):
         x = 2 * (reading - self.low_z) / self.range_z - 1
-        return jnp.stack([(3 * x**2 - 1) / 2, (5 * x**3 - 3 * x) / 2], axis=-1)
+        ripples = [jnp.cos(k * jnp.pi * (x + 1) / 2) for k in self._ripples]
+        return jnp.stack([(3 * x**2 - 1) / 2, (5 * x**3 - 3 * x) / 2, *ripples], axis=-1)

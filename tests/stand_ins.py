@@ -99,7 +99,7 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "sentence": "The plain hysteresis model lacks creep and a drift.",
         "findings": findings if named else (),
         "ladder": (base, first, second) if named else (base,),
-        "budget": Budget(0.012, 0.016, 0.009, 0.024, "um"),
+        "budget": Budget(0.012, 0.003, 0.004, 0.016, 0.009, 0.024, "um"),
         "candidates": candidates if named else candidates[1:3],
         "limits": (
             Limit("delay", "delay_s", 3.1e-6, "s", False, 1.1e-3, 0.39),

@@ -94,7 +94,10 @@ def test_json_holds_what_the_contract_names(drifting):
     content = json.loads(json.dumps(found.to_json()))
     assert content["verdict"] in VERDICTS
     assert content["effects"] == ["drift"]
-    assert set(content["budget"]) == {"noise", "discretisation", "memory", "unexplained", "unit"}
+    assert set(content["budget"]) == {
+        "noise", "input_quantisation", "output_quantisation", "discretisation", "memory",
+        "unexplained", "unit",
+    }  # fmt: skip
     (finding,) = content["findings"]
     assert finding["family"][0] == "drift"
     assert finding["rms_after"] < finding["rms_before"]

@@ -10,10 +10,11 @@ import world
 from scipy import signal, stats
 from threadpoolctl import threadpool_limits
 
-from preisach_jax.chain import Chain
+from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     discretisation_rms,
+    input_quantisation_rms,
     memory_rms,
     noise_rms,
     refined_levels,
@@ -234,6 +235,8 @@ def test_the_step_of_a_converter_is_found():
     assert lattice_step(smooth) == 0.0
     assert lattice_step(np.round(smooth / 0.05) * 0.05) == pytest.approx(0.05)
     assert lattice_step(np.zeros(100)) == 0.0
+    fine = 20 / 2**14  # more values than come again
+    assert lattice_step(np.round(smooth / fine) * fine) == pytest.approx(fine)
 
 
 def test_a_coarse_converter_is_noise(x64):
@@ -241,6 +244,29 @@ def test_a_coarse_converter_is_noise(x64):
     output = np.round(problem.record.output / 0.5) * 0.5
     coarse = Problem.of(replace(problem.record, output=output))
     assert noise_rms(coarse, base_point(coarse, 9)) >= 0.5 / np.sqrt(12)
+
+
+def test_steps_of_the_input_do_what_rounding_it_does(x64):
+    """Against the change of a smooth input's output when it is rounded."""
+    problem = problem_of(None, noise_um=0.5)
+    point = base_point(problem, 9)
+    assert input_quantisation_rms(problem, point) == 0.0
+    smooth = problem.record.input
+    step = np.ptp(smooth) / 300
+    recorded = np.round(smooth / step) * step
+    stepped = Problem.of(replace(problem.record, input=recorded))
+    drives = [signals_of(replace(problem.record, input=path)) for path in (smooth, recorded)]
+    outputs = [response(point.chain, {}, drive, point.coefficients()) for drive in drives]
+    expected = np.sqrt(np.mean((outputs[1] - outputs[0]) ** 2))
+    got = input_quantisation_rms(stepped, base_point(stepped, 9))
+    assert got == pytest.approx(expected, rel=0.3)
+
+
+def test_steps_of_the_drive_itself_are_no_rounding(x64):
+    problem = problem_of(None, noise_um=0.01)
+    step = np.ptp(problem.record.input) / 4
+    stairs = Problem.of(replace(problem.record, input=np.round(problem.record.input / step) * step))
+    assert input_quantisation_rms(stairs, base_point(problem, 9)) == 0.0
 
 
 def test_planes_are_refined_by_half_as_long_as_it_is_cheap():

@@ -57,7 +57,7 @@ def test_waterfall_of_like_errors_is_linear_from_zero(found):
     like = replace(
         found,
         ladder=(found.ladder[0], Rung(("creep",), 0.4, 0.3, 1.0, 97.0)),
-        budget=Budget(0.1, 0.0, 0.0, 0.28, "um"),
+        budget=Budget(0.1, 0.0, 0.0, 0.0, 0.0, 0.28, "um"),
     )
     (axes,) = plot.waterfall(like).axes
     assert axes.get_yscale() == "linear"
@@ -65,7 +65,7 @@ def test_waterfall_of_like_errors_is_linear_from_zero(found):
 
 
 def test_waterfall_without_effects_and_without_floor():
-    alone = make_diagnosis("adequate", budget=Budget(0.0, 0.0, 0.0, 0.0, ""))
+    alone = make_diagnosis("adequate", budget=Budget(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, ""))
     (axes,) = plot.waterfall(alone).axes
     assert len(axes.patches) == 1
     assert axes.get_ylabel() == "held-out error, RMS"

@@ -142,8 +142,8 @@ def test_diagnosis_json_is_the_contract_and_strict(written):
     assert tau == {"value": 0.0542, "low": 0.0538, "high": None, "unit": "s"}
     assert content["findings"][0]["family"] == ["creep", "drift"]
     assert content["budget"] == {
-        "noise": 0.012, "discretisation": 0.016, "memory": 0.009, "unexplained": 0.024,
-        "unit": "um",
+        "noise": 0.012, "input_quantisation": 0.003, "output_quantisation": 0.004,
+        "discretisation": 0.016, "memory": 0.009, "unexplained": 0.024, "unit": "um",
     }  # fmt: skip
     assert [rung["effects"] for rung in content["ladder"]] == [[], ["creep"], ["creep", "drift"]]
     model = json.loads((folder / "model.json").read_text(encoding="utf-8"), parse_constant=refuse)

@@ -1,10 +1,13 @@
-"""The error budget: noise, the grid of the plane, and memory that the record seldom visits."""
+"""The error budget: noise, converters, the grid of the plane, memory that is seldom visited."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import scipy.special
 
+from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import at_levels
@@ -56,8 +59,50 @@ def noise_rms(problem: Problem, point: Point) -> float:
     differences = np.diff(residual, n=2)
     middle = np.median(np.abs(differences - np.median(differences)))
     deviation = middle / scipy.special.ndtri(0.75)
-    step = lattice_step(problem.target) / np.sqrt(12)
+    step = output_quantisation_rms(problem)
     return max(float(deviation) / np.sqrt(6), step, _rms_at_rest(problem, residual))
+
+
+def output_quantisation_rms(problem: Problem) -> float:
+    r"""RMS of what the steps q of the output's converter take away, \(q/\sqrt{12}\).
+
+    B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4.
+
+    Arguments:
+        problem: the record.
+
+    Returns:
+        The RMS in output units; zero where the readings lie on no lattice.
+    """
+    return lattice_step(problem.target) / float(np.sqrt(12))
+
+
+def input_quantisation_rms(problem: Problem, point: Point) -> float:
+    """RMS of what the steps in which the input was recorded may do to the output.
+
+    Of an input that was recorded in steps any value within half of one may have acted: this is
+    the change of the model's output where one is drawn at each sample.  Steps that would change it
+    by more than the whole error are those of the drive itself.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+
+    Returns:
+        The RMS in output units; zero where the input lies on no lattice.
+    """
+    step = lattice_step(problem.record.input)
+    if step == 0:
+        return 0.0
+    record = problem.record
+    rounding = step * np.random.default_rng(0).uniform(-0.5, 0.5, len(record.input))
+    as_recorded, moved = (
+        response(point.chain, point.values, signals_of(each), point.coefficients())
+        for each in (record, replace(record, input=record.input + rounding))
+    )
+    rms = float(np.sqrt(np.mean(np.asarray(moved - as_recorded) ** 2)))
+    whole = float(np.sqrt(point.validation_mean_square)) * problem.unit
+    return rms if rms < whole else 0.0
 
 
 def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:

@@ -84,7 +84,9 @@ class Budget:
     """Where the held-out error comes from, each as RMS in `unit`.
 
     Attributes:
-        noise: what no model can predict, with the steps of the sensor.
+        noise: what no model can predict, with the steps of the converters.
+        input_quantisation: of it, what the steps do in which the input was recorded, at most.
+        output_quantisation: of it, what the steps of the sensor do.
         discretisation: the grid of the plane.
         memory: what the rows that identify tell too little of: cells seldom visited.
         unexplained: the rest.
@@ -92,6 +94,8 @@ class Budget:
     """
 
     noise: float
+    input_quantisation: float
+    output_quantisation: float
     discretisation: float
     memory: float
     unexplained: float

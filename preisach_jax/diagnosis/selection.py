@@ -11,8 +11,10 @@ from preisach_jax.confidence import differs_from_nothing, estimates
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
+    input_quantisation_rms,
     memory_rms,
     noise_rms,
+    output_quantisation_rms,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import compare
@@ -308,7 +310,9 @@ class _Search:
         memory = memory_rms(problem, fits[-1].point)
         rest = float(np.sqrt(max(rms**2 - noise**2 - discretisation**2 - memory**2, 0.0)))
         unit = problem.record.channels["output"].unit
-        budget = Budget(noise, discretisation, memory, rest, unit)
+        steps_in = input_quantisation_rms(problem, fits[-1].point)
+        steps_out = output_quantisation_rms(problem)
+        budget = Budget(noise, steps_in, steps_out, discretisation, memory, rest, unit)
         within = rest <= np.hypot(noise, discretisation)
         verdict = (
             ("explained" if within else "partly_explained")

@@ -11,20 +11,33 @@ RESOLVED = 1e-3
 """Relative half width of the bounds around the step that the record shows."""
 
 
+SAME = 1e-12
+"""Difference of two readings, over their range, that is rounding of the computer."""
+
+OFF_THE_LATTICE = 0.02
+"""Steps by which a reading may lie off the lattice."""
+
+
 def lattice_step(values: np.ndarray) -> float:
     """Step of the converter behind some readings, 0 if they lie on no lattice.
 
-    A lattice shows itself by values that come again: the step is the least difference between
-    them, if no more than a tenth of the samples are different from each other.
+    On a lattice all differences between readings are multiples of one step, which is the least of
+    them; numbers closer than a millionth of a millionth of the range are one reading.
 
     Example:
         >>> lattice_step(np.round(np.sin(np.arange(1000.0)) / 0.25) * 0.25)
         0.25
     """
+    reach = float(np.ptp(values))
     distinct = np.unique(values)
-    if len(distinct) > len(values) / 10 or len(distinct) < 2:
+    if not reach > 0:
         return 0.0
-    return float(np.min(np.diff(distinct)))
+    apart = np.diff(distinct)
+    least = float(apart[apart > SAME * reach].min())
+    places = (distinct - distinct[0]) / least
+    if np.abs(places - np.round(places)).max() > OFF_THE_LATTICE:
+        return 0.0
+    return reach / float(np.round(places[-1]))
 
 
 class OutputQuantisation(SensorEffect):

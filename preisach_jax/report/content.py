@@ -129,8 +129,17 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     """The error budget: what, how much, and where the number is from."""
     budget = found.budget
     rest = "what none of these explains"
+    steps = [
+        (f"of it, steps of the {side}", quantity(rms, budget.unit, 3), source)
+        for side, rms, source in (
+            ("input", budget.input_quantisation, "at most: it may have been recorded in them"),
+            ("output", budget.output_quantisation, "a step over √12"),
+        )
+        if rms > 0
+    ]
     return [
         ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
+        *steps,
         (
             "discretisation",
             quantity(budget.discretisation, budget.unit, 3),

@@ -42,8 +42,11 @@ PLACES = (
 FEEDBACK_ROUNDS = 12
 """Secant steps by which a fed-back output is found."""
 
-SENSOR_ROUNDS = 6
-"""Newton steps by which a sensor's map is inverted."""
+SENSOR_ROUNDS = 16
+"""Steps by which a sensor's map is inverted."""
+
+LEAST_SLOPE = 0.05
+"""Slope of a sensor's map below which it is taken to fold, where there is no inverse."""
 
 EffectValues = Mapping[str, Mapping[str, float]]
 """Values of the nonlinear parameters, by effect and by name."""
@@ -281,16 +284,32 @@ def _sensor_columns(effect, count: int, values: Values, reading):
 
 @_compiled
 def _reading(effect, values: Values, coefficients, signal):
-    """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal."""
+    """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal.
+
+    Newton steps that bisect instead where they leave what is known to hold the reading (`rtsafe`
+    in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
+    """
 
     def excess(reading):
         return reading - effect.columns(values, reading) @ coefficients - signal
 
-    reading = signal
-    for _ in range(SENSOR_ROUNDS):
-        value, slope = jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
-        # Where the map folds there is no inverse: a step never goes further than twice the excess.
-        reading = reading - value / jnp.maximum(slope, 0.5)
+    def value_and_slope(reading):
+        return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
+
+    def closer(_, state):
+        low, high, reading = state
+        value, slope = value_and_slope(reading)
+        low, high = jnp.where(value < 0, reading, low), jnp.where(value < 0, high, reading)
+        step = reading - value / jnp.where(slope > LEAST_SLOPE, slope, LEAST_SLOPE)
+        inside = (step >= low) & (step <= high)
+        return low, high, jnp.where(inside, step, (low + high) / 2)
+
+    reach = 2 * jnp.max(jnp.abs(excess(signal)))
+    start = (signal - reach, signal + reach, signal)
+    reading = jax.lax.stop_gradient(jax.lax.fori_loop(0, SENSOR_ROUNDS, closer, start)[2])
+    # The last step has the derivatives of the solution, by the implicit function theorem.
+    value, slope = value_and_slope(reading)
+    reading = reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
     # Steps have no slope: derivatives are those of what is fitted, the reading before them.
     return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
 

@@ -65,7 +65,7 @@ class Creep(OutputEffect):
 
     def bound_to(self, survey: Survey):
         # Shorter elements than these are a lag, longer ones a ramp in disguise.
-        low = max(survey.duration_s / 1000, 10 * survey.step_s)
+        low = max(min(survey.duration_s / 1000, 50 * survey.step_s), 10 * survey.step_s)
         return Creep(
             tau_s=log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
         )

@@ -9,8 +9,8 @@ import numpy as np
 
 from preisach_jax.effects.base import Parameter, SensorEffect, Survey
 
-HALF_WAVES = (6, 12, 24)
-"""Numbers of half waves over the range that are tried where a cubic does not follow."""
+HALF_WAVES = 24
+"""Half waves over the range up to which ripples are tried where a cubic does not follow."""
 
 
 class OutputNonlinearity(SensorEffect):
@@ -73,10 +73,14 @@ class OutputNonlinearity(SensorEffect):
 
     def variants(self, survey: Survey):
         cubic = self.bound_to(survey)
-        rippled = (replace(cubic, half_waves=count) for count in HALF_WAVES)
-        return (cubic, *rippled)
+        return (cubic, replace(cubic, half_waves=HALF_WAVES))
 
     def columns(self, values, reading):
         x = 2 * (reading - self.low_z) / self.range_z - 1
-        ripples = [jnp.cos(k * jnp.pi * (x + 1) / 2) for k in self._ripples]
-        return jnp.stack([(3 * x**2 - 1) / 2, (5 * x**3 - 3 * x) / 2, *ripples], axis=-1)
+        # Beyond what was read the map goes straight on.
+        end = jnp.clip(x, -1.0, 1.0)
+        beyond = x - end
+        quadratic = (3 * end**2 - 1) / 2 + 3 * end * beyond
+        cubic = (5 * end**3 - 3 * end) / 2 + (15 * end**2 - 3) / 2 * beyond
+        ripples = [jnp.cos(k * jnp.pi * (end + 1) / 2) for k in self._ripples]
+        return jnp.stack([quadratic, cubic, *ripples], axis=-1)

@@ -26,7 +26,12 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import hysteron_states, state_bounds, weighted_states
+from preisach_jax.hysteron import (
+    fed_back_states,
+    hysteron_states,
+    state_bounds,
+    weighted_states,
+)
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -38,9 +43,6 @@ PLACES = (
     AddedEffect,
     SensorEffect,
 )
-
-FEEDBACK_ROUNDS = 12
-"""Secant steps by which a fed-back output is found."""
 
 SENSOR_ROUNDS = 16
 """Steps by which a sensor's map is inverted."""
@@ -215,16 +217,17 @@ def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
     return got
 
 
+def _as_array(leaf):
+    return jnp.asarray(leaf) if isinstance(leaf, float) else leaf
+
+
 def _compiled(function):
     """Compile a function of an effect once for all records: its numbers become arguments."""
     compiled = eqx.filter_jit(function)
 
     @wraps(function)
     def call(effect, *arguments):
-        numbers_traced = jax.tree.map(
-            lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, effect
-        )
-        return compiled(numbers_traced, *arguments)
+        return compiled(jax.tree.map(_as_array, effect), *arguments)
 
     return call
 
@@ -266,8 +269,9 @@ def _widening(effect, values: Values, path, time):
 
 
 @_compiled
-def _fed_back(effect, values: Values, path, output):
-    return _expect(effect, "fed_back", effect.fed_back(values, path, output), path.shape)
+def _fed_back(effect, values: Values, path, output, time):
+    seen = effect.fed_back(values, path, output, time)
+    return _expect(effect, "fed_back", seen, path.shape)
 
 
 @_compiled
@@ -383,22 +387,36 @@ def drive(
         output: (time,) output of the Preisach operator, for an effect that feeds it back; without
             it nothing is fed back.
     """
+    path, widened = _path_and_widening(chain, values, signals)
+    if output is not None:
+        for effect in chain.at(HysteresisEffect):
+            own = _arrays(values[effect.name])
+            path = _fed_back(effect, own, path, jnp.asarray(output), signals.time)
+    return _as_seen(path, widened, _all_widen(chain))
+
+
+def _path_and_widening(
+    chain: Chain, values: EffectValues, signals: Signals
+) -> tuple[jax.Array, jax.Array | None]:
+    """The input behind the effects of the input, and by how much thresholds move outward."""
     # The speed of the input is that of all samples, also where some are left out.
     thinned = isinstance(signals, ThinnedSignals)
     whole = signals.whole if thinned else signals
-    course = driven_path(chain, values, whole)
-    path, widened = course[signals.kept] if thinned else course, None
-    inside = chain.at(HysteresisEffect)
-    for effect in inside:
-        own = _arrays(values[effect.name])
-        shift = _widening(effect, own, course, whole.time)
+    course, widened = driven_path(chain, values, whole), None
+    for effect in chain.at(HysteresisEffect):
+        shift = _widening(effect, _arrays(values[effect.name]), course, whole.time)
         shift = shift[signals.kept] if thinned else shift
         widened = shift if widened is None else widened + shift
-        if output is not None:
-            path = _fed_back(effect, own, path, jnp.asarray(output))
+    return course[signals.kept] if thinned else course, widened
+
+
+def _all_widen(chain: Chain) -> bool:
+    return any(effect.widens_reversible for effect in chain.at(HysteresisEffect))
+
+
+def _as_seen(path: jax.Array, widened: jax.Array | None, all_widen: bool) -> Drive:
     if widened is None:
         return Drive(path)
-    all_widen = any(effect.widens_reversible for effect in inside)
     return Drive(path - widened, path + widened, None if all_widen else path)
 
 
@@ -468,34 +486,44 @@ def hysteresis_output(
 ) -> jax.Array:
     """Output of the Preisach operator (6), without offset, `(time,)`.
 
-    Where it is fed back, the output that agrees with itself is found by rounds over the whole
-    course, from a straight line between the ends of the loop, each a secant step at every instant.
+    Where it is fed back, the output that agrees with itself is found sample by sample.
     """
     if not chain.feeds_back:
         return _operator_output(chain, drive(chain, values, signals), coefficients)
-    low, high, total = chain.plane.low, chain.plane.high, coefficients.weights.sum()
-    output = (driven_path(chain, values, signals) - low) / (high - low) * total
-    slope, before = jnp.zeros_like(output), None
-    for _ in range(FEEDBACK_ROUNDS):
-        answer = _operator_output(chain, drive(chain, values, signals, output), coefficients)
-        now = (output, answer)
-        slope = slope if before is None else _secant(slope, before, now, total)
-        output, before = output + (answer - output) / (1 - slope), now
-    return output
+    path, widened = _path_and_widening(chain, values, signals)
+    inside = [effect for effect in chain.at(HysteresisEffect) if effect.feeds_back]
+    low, width = chain.plane.low, chain.plane.high - chain.plane.low
+    return _fed_back_operator(
+        Plane(chain.plane.levels, 0.0, 1.0),
+        jax.tree.map(_as_array, inside),
+        [_arrays(values[effect.name]) for effect in inside],
+        (path, signals.time, jnp.zeros_like(path) if widened is None else widened),
+        (jnp.asarray(low), jnp.asarray(width)),
+        (jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)),
+        _all_widen(chain),
+        chain.hysteron,
+    )
+
+
+@eqx.filter_jit
+def _fed_back_operator(plane, effects, values, course, scale, coefficients, all_widen, hysteron):
+    """Output of the operator on a plane from 0 to 1, whose inputs are scaled to it."""
+
+    def seen(sample, before, output):
+        pair, time, shift = sample
+        for effect, own in zip(effects, values, strict=True):
+            pair = effect.fed_back(own, pair, jnp.stack([before, output]), time)
+        path, shift = (pair[-1] - scale[0]) / scale[1], shift[-1] / scale[1]
+        return (path - shift, path + shift, *([] if all_widen else [path]))
+
+    pairs = [jnp.stack([jnp.roll(each, 1).at[0].set(each[0]), each], axis=1) for each in course]
+    weights, memory = coefficients
+    return fed_back_states(plane, weights, memory, pairs, seen, hysteron)
 
 
 def _operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
     weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
     return _operator(chain.plane, course, weights, memory, chain.hysteron)
-
-
-def _secant(slope: jax.Array, before: tuple, now: tuple, scale: float) -> jax.Array:
-    """Slope between two pairs of argument and answer, the last one where these hardly moved."""
-    moved = now[0] - before[0]
-    ok = jnp.abs(moved) > 1e-9 * scale
-    return jnp.where(
-        ok, jnp.clip((now[1] - before[1]) / jnp.where(ok, moved, 1.0), -3, 0.75), slope
-    )
 
 
 def behind_hysteresis(

@@ -249,10 +249,18 @@ class HysteresisEffect(Effect):
         return jnp.zeros_like(path)
 
     def fed_back(
-        self, values: Values, path: Float[Array, " time"], output: Float[Array, " time"]
+        self,
+        values: Values,
+        path: Float[Array, " time"],
+        output: Float[Array, " time"],
+        time: Float[Array, " time"],
     ) -> Float[Array, " time"]:
-        """What the hysterons see of an input and of their own output at the same instants."""
-        del values, output
+        """What the hysterons see of an input and of their own output at the same instants.
+
+        It may depend on the input at the same sample, and on the output at that and the one before,
+        of which the model finds the output that agrees with itself.
+        """
+        del values, output, time
         return path
 
 

@@ -21,7 +21,7 @@ class Moving(HysteresisEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> ends = jnp.array([0.0, 1.0])
-        >>> Moving().fed_back({"a": 0.5}, ends, ends).tolist()
+        >>> Moving().fed_back({"a": 0.5}, ends, ends, ends).tolist()
         [0.0, 1.0]
     """
 
@@ -63,6 +63,6 @@ class Moving(HysteresisEffect):
         swing_u, swing_z = float(np.ptp(survey.input)), float(np.ptp(survey.output))
         return Moving(float(survey.input.min()), swing_u, swing_z)
 
-    def fed_back(self, values, path, output):
+    def fed_back(self, values, path, output, time):
         moved = path - self.low_u + values["a"] * output
         return self.low_u + moved / (1 + values["a"] * self.range_z / self.range_u)

@@ -39,6 +39,7 @@ EFFECTS = (
 OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", "accommodation")
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
 LOAD, DECOYS = "load_N", ("temp_C", "pressure_kPa")
+KNOWN_AS = {"aux": f"aux:{LOAD}", "accommodation": "reptation"}  # in the library
 LEAST_RATE_HZ = 6000.0  # of the fine raster
 
 
@@ -133,7 +134,7 @@ def make_measurement(
         input=_recorded_input(setting, nothing),
         output=output,
         aux=_columns(setting, truth, time, decoys),
-        truth={f"aux:{LOAD}" if name == "aux" else name: truth[name] for name in truth},
+        truth={KNOWN_AS.get(name, name): truth[name] for name in truth},
         stroke_um=setting.stage.stroke_um,
         noise_um=noise,
         change=float(np.std(coarse - bare)) / setting.stage.stroke_um,

@@ -15,6 +15,11 @@ from preisach_jax.record import Record
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
+    "operator_creep": "creep with a threshold (after great moves the output goes on moving, after "
+    "small ones it does not)",
+    "reptation": "reptation (loops that are repeated move, whether fast or slow, to their middle)",
+    "eddy_currents": "eddy currents (the faster the output changes, the later the material sees "
+    "its input)",
     "input_lag": "a lag of the drive (the material gets the input late and rounded off)",
     "delay": "a pure delay between input and measured output",
     "drift": "a drift of the measurement that does not depend on the input",

@@ -12,24 +12,30 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.eddy_currents import EddyCurrents
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.moving import Moving
+from preisach_jax.effects.operator_creep import OperatorCreep
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.errors import InputError
 
 BUILT_IN: tuple[type[Effect], ...] = (
     Creep,
+    OperatorCreep,
+    Reptation,
     InputLag,
     SlewLimit,
     InputQuantisation,
     RateDependence,
+    EddyCurrents,
     Moving,
     OutputLag,
     Delay,
@@ -55,9 +61,9 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'hum', 'input_lag', 'input_quantisation',
-         'moving', 'output_lag', 'output_nonlinearity', 'output_quantisation', 'rate_dependence',
-         'resonance', 'slew_limit']
+        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'eddy_currents', 'hum', 'input_lag',
+         'input_quantisation', 'moving', 'operator_creep', 'output_lag', 'output_nonlinearity',
+         'output_quantisation', 'rate_dependence', 'reptation', 'resonance', 'slew_limit']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

@@ -34,7 +34,12 @@ class Creep(OutputEffect):
     signature: ClassVar[str] = (
         "slow exponential tails after every step and in every hold, in the direction of the move"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("drift", "ageing")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "drift",
+        "ageing",
+        "operator_creep",
+        "reptation",
+    )
     experiment: ClassVar[str] = (
         "holds over two decades of time after moves in both directions: creep follows the move, "
         "drift does not care"

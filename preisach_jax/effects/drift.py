@@ -54,7 +54,7 @@ class Drift(AddedEffect):
     signature: ClassVar[str] = (
         "residual that depends on time alone, the same at rest and in motion, at any input"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing")
+    confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing", "reptation")
     experiment: ClassVar[str] = (
         "the same reference loop at the start and at the end, and long holds after moves in both "
         "directions: drift shifts all alike, ageing shrinks the loop, creep follows the move"

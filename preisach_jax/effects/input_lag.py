@@ -36,6 +36,7 @@ class InputLag(FirstOrderLag, InputEffect):
         "output_lag",
         "slew_limit",
         "rate_dependence",
+        "eddy_currents",
     )
     experiment: ClassVar[str] = (
         "the same loop at several rates over a decade and a half, and a multisine: a lag "

@@ -45,7 +45,7 @@ class RateDependence(HysteresisEffect):
         "loops wider at speed on both branches, by a power of the rate below or near one; none "
         "where the input rests, and less at turning points"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit")
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit", "eddy_currents")
     experiment: ClassVar[str] = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "
         "proportion to the rate, a threshold that moves by its power; and steps with holds, in "

@@ -1,0 +1,131 @@
+"""Operator creep: creep that small moves do not start."""
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
+
+SHARES = (0.05, 0.15, 0.35)
+"""Thresholds, in ranges of the input."""
+
+
+class OperatorCreep(AddedEffect):
+    r"""Creep with thresholds: \(\sum_i \sum_j w_i(\log\tau_j)\,y_{ij}\), with creep operators y.
+
+    \[ \tau_j\,\dot y_{ij} = \max(u - y_{ij} - r_i, \min(u - y_{ij} + r_i, 0)) \]
+
+    The weights w are parabolas over the logarithm of time.
+
+    Arguments:
+        tau_s: time constants, in s, evenly spaced on a logarithmic scale.
+        range_u: range of the input, of which the thresholds are shares.
+
+    Example:
+        >>> [p.name for p in OperatorCreep().coefficients()][:4]
+        ['gain_1', 'tilt_1', 'bend_1', 'gain_2']
+    """
+
+    name: ClassVar[str] = "operator_creep"
+    physics: ClassVar[str] = (
+        "A domain wall held by a pinning site creeps on only where the field has left it by more "
+        "than the site's strength. Creep then starts from a threshold: a great move is followed by "
+        "more creep than in proportion, a small one on the way back by none, and what has crept "
+        "is kept as a play keeps its place."
+    )
+    source: ClassVar[str] = (
+        "P. Krejci, K. Kuhnen, IEE Proc. Control Theory Appl. 148 (2001) 185-192; K. Kuhnen, "
+        "Eur. J. Control 9 (2003) 407-418 (log(t)-type creep operators with thresholds)"
+    )
+    signature: ClassVar[str] = (
+        "slow tails after great moves, none after small moves or on the way back from a turn"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("creep",)
+    experiment: ClassVar[str] = (
+        "holds of equal length after moves of five or more sizes, in both directions and after a "
+        "turn: linear creep is in proportion to the move, creep with a threshold is not"
+    )
+    tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
+    range_u: float = 1.0
+
+    def parameters(self):
+        return ()
+
+    def coefficients(self):
+        forms = {
+            "gain": "mean creep a decade of time beyond",
+            "tilt": "how much more of it in long times than in short ones beyond",
+            "bend": "how much more of it in short and long times than between beyond",
+        }
+        return tuple(
+            Parameter(
+                f"{name}_{i}",
+                "{z}/{u}",
+                -np.inf,
+                np.inf,
+                meaning=f"{meaning} {100 * share:.0f} % of the input's range",
+            )
+            for i, share in enumerate(SHARES, start=1)
+            for name, meaning in forms.items()
+        )
+
+    def bound_to(self, survey: Survey):
+        # As for linear creep: shorter elements are a lag, longer ones a ramp in disguise.
+        low = max(survey.duration_s / 1000, 10 * survey.step_s)
+        tau_s = log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
+        return OperatorCreep(tau_s, float(np.ptp(survey.input)) if len(survey.input) else 1.0)
+
+    def columns(self, values, signals):
+        tau_s = jnp.asarray(self.tau_s)[None, :]
+        threshold = (self.range_u * jnp.asarray(SHARES))[:, None]
+        decades = jnp.log10(tau_s[0, -1] / tau_s[0, 0])
+        even = jnp.linspace(-1.0, 1.0, len(self.tau_s))
+        spectrum = jnp.stack([jnp.ones_like(even), even, 1.5 * even**2 - 0.5], axis=1)
+        spectrum = spectrum * decades / (len(self.tau_s) - 1)
+
+        def advance(state, sample):
+            place, before = state
+            now, dt = sample
+            place = creep_step(place, before, now, dt, threshold, tau_s)
+            return (place, now), (place @ spectrum).ravel()
+
+        dt = jnp.diff(signals.time, prepend=signals.time[:1])
+        first = signals.input[0]
+        start = (jnp.broadcast_to(first, (len(SHARES), len(self.tau_s))), first)
+        return jax.lax.scan(advance, start, (signals.input, dt))[1]
+
+
+def creep_step(place, before, now, dt, threshold, tau_s):
+    """Elementary creep operators after `dt`, exact for an input that goes straight.
+
+    Arguments:
+        place: their outputs, in input units.
+        before, now: the input at both ends of the step.
+        dt: its length in s; at zero nothing moves.
+        threshold: distance from the input within which an output rests.
+        tau_s: time constant in s, positive.
+
+    Returns:
+        The outputs at the end of the step.
+    """
+    safe_dt = jnp.where(dt > 0, dt, 1.0)
+    slope = (now - before) / safe_dt
+    lag = slope * tau_s  # the distance at which a pulled output would follow for ever
+    # At first an output may be pulled, until it has reached the input's threshold ...
+    distance = before - place
+    ahead = distance - jnp.clip(distance, -threshold, threshold)
+    meets = ahead * lag < 0
+    share = jnp.where(meets, lag / jnp.where(meets, lag - ahead, 1.0), 1.0)
+    until = jnp.where(meets, -tau_s * jnp.log(share), jnp.where(ahead == 0, 0.0, safe_dt))
+    until = jnp.minimum(until, safe_dt)
+    place = place + slope * until - (lag - ahead) * -jnp.expm1(-until / tau_s) * (until > 0)
+    # ... then it rests, until the input pulls it by the other threshold or by the same again.
+    reached = before + slope * until
+    gap = jnp.sign(slope) * (place - reached) + threshold
+    moving = slope != 0
+    rest = jnp.where(moving, gap / jnp.where(moving, jnp.abs(slope), 1.0), jnp.inf)
+    left = jnp.maximum(safe_dt - until - jnp.maximum(rest, 0.0), 0.0)
+    pulled = place + slope * left - lag * -jnp.expm1(-left / tau_s)
+    return jnp.where(dt > 0, jnp.where(left > 0, pulled, place), place * jnp.ones_like(tau_s))

@@ -1,0 +1,97 @@
+"""Reptation, or accommodation: minor loops creep towards their equilibrium, cycle by cycle."""
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
+
+SHARES = (0.1, 0.2, 0.35)
+"""Half widths of the plays, in ranges of the input."""
+
+
+class Reptation(AddedEffect):
+    r"""What plays lose on the way: \(\sum_i w_i\,(q_i - p_i)\), with a play p and a leaky one q.
+
+    Both rest within r of the input u, and the leaky one goes towards it with every move:
+
+    \[ \frac{dq_i}{ds} = \frac{u - q_i}{s_0}, \quad ds = |du|, \quad |u - q_i| \le r_i \]
+
+    Arguments:
+        range_u: range of the input, of which the half widths r are shares.
+
+    Example:
+        >>> [p.name for p in Reptation().parameters()], [p.name for p in Reptation().coefficients()]
+        (['path'], ['gain_1', 'gain_2', 'gain_3'])
+    """
+
+    name: ClassVar[str] = "reptation"
+    physics: ClassVar[str] = (
+        "Every cycle changes the fields by which the domains act on each other, and so helps some "
+        "of those over their barriers that the cycle itself would not switch. What an earlier "
+        "great move has left is forgotten with the path that the input travels, not with time: a "
+        "minor loop that is repeated moves, less and less, towards the middle of the major loop."
+    )
+    source: ClassVar[str] = (
+        "L. Néel, J. Phys. Radium 20 (1959) 215-221 (reptation); E. Della Torre, Magnetic "
+        "Hysteresis, IEEE Press 1999, ch. 5 (accommodation)"
+    )
+    signature: ClassVar[str] = (
+        "repeated minor loops that do not close and shift less and less; nothing at rest, and the "
+        "same at every rate"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("creep", "drift")
+    experiment: ClassVar[str] = (
+        "after a great move, one minor loop twenty times at two rates with holds between: "
+        "reptation goes by the number of loops, creep and drift by the time"
+    )
+    range_u: float = 1.0
+
+    def parameters(self):
+        low, high = 0.3 * self.range_u, 30.0 * self.range_u
+        return (
+            Parameter(
+                "path",
+                "{u}",
+                low,
+                high,
+                start=log_grid(low, high, per_decade=1),
+                log=True,
+                meaning="travel of the input on which what it does not hold is forgotten to 1/e",
+            ),
+        )
+
+    def coefficients(self):
+        return tuple(
+            Parameter(
+                f"gain_{i}",
+                "{z}/{u}",
+                -np.inf,
+                np.inf,
+                meaning=f"output of the play of {100 * share:.0f} % of the input's range",
+            )
+            for i, share in enumerate(SHARES, start=1)
+        )
+
+    def bound_to(self, survey: Survey):
+        return Reptation((float(np.ptp(survey.input)) if len(survey.input) else 0.0) or 1.0)
+
+    def columns(self, values, signals):
+        reach = self.range_u * jnp.asarray(SHARES)
+
+        def advance(state, now):
+            tight, leaky, before = state
+            tight = jnp.clip(tight, now - reach, now + reach)
+            # Exact on the straight way between two samples, on which a bound is met but once.
+            travel = jnp.abs(now - before) / values["path"]
+            safe = jnp.where(travel > 0, travel, 1.0)
+            trail = (now - before) * jnp.where(travel > 0, -jnp.expm1(-safe) / safe, 1.0)
+            leaky = now - trail + jnp.exp(-travel) * (leaky - before)
+            leaky = jnp.clip(leaky, now - reach, now + reach)
+            return (tight, leaky, now), leaky - tight
+
+        first = signals.input[0]
+        start = jnp.broadcast_to(first, reach.shape)
+        return jax.lax.scan(advance, (start, start, first), signals.input)[1]

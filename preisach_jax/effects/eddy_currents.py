@@ -13,7 +13,7 @@ class EddyCurrents(HysteresisEffect):
 
     The derivative is the backward difference: exact where the output is straight, and stable
     however great k is.  Where a step of time is not short against k times the slope of the loop, k
-    comes out a few per cent too great.
+    comes out too great, by up to a tenth.
 
     Arguments:
         range_u: range of the input.

@@ -73,7 +73,7 @@ class OperatorCreep(AddedEffect):
 
     def bound_to(self, survey: Survey):
         # As for linear creep: shorter elements are a lag, longer ones a ramp in disguise.
-        low = max(survey.duration_s / 1000, 10 * survey.step_s)
+        low = max(min(survey.duration_s / 1000, 50 * survey.step_s), 10 * survey.step_s)
         tau_s = log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
         return OperatorCreep(tau_s, float(np.ptp(survey.input)) if len(survey.input) else 1.0)
 

@@ -56,6 +56,10 @@ VARIANTS_HOPE = 0.9
 """Share of the held-out mean square that one form of an effect inside the hysteresis must not leave
 for the others to be tried: the wrong form of what is there takes much more away."""
 
+FORMS_REACH = 4.0
+"""Times the held-out mean square of another effect that one form of an effect inside the hysteresis
+must not leave for its other forms to be tried."""
+
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
 
@@ -228,16 +232,29 @@ def base_point(problem: Problem, levels: int) -> Point:
     return with_strength(evaluate(problem, chain, {}, FIRST_STRENGTH))
 
 
-def with_effect(problem: Problem, point: Point, effect: Effect, always: bool = False) -> Point:
+def with_effect(
+    problem: Problem,
+    point: Point,
+    effect: Effect,
+    always: bool = False,
+    to_beat: float = np.inf,
+) -> Point:
     """The best model that has an effect beside those of a point, all refitted jointly.
 
     The starts are compared and roughly refined on a coarse plane; the best of them is refined on
     the point's own.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        effect: the effect.
+        always: whether to refine it whatever it promises.
+        to_beat: held-out mean square of the best other effect, in squared output ranges.
     """
     first, *others = problem.forms_of(effect, point)
     best = _with_variant(problem, point, first, always)
-    hopeless = best.validation_mean_square > VARIANTS_HOPE * point.validation_mean_square
-    if hopeless and isinstance(effect, HysteresisEffect) and not always:
+    hope = min(VARIANTS_HOPE * point.validation_mean_square, FORMS_REACH * to_beat)
+    if best.validation_mean_square > hope and isinstance(effect, HysteresisEffect) and not always:
         return best  # its forms look alike, and each means all states anew
     for variant in others:
         trial = _with_variant(problem, point, variant, always)

@@ -29,7 +29,7 @@ from preisach_jax.diagnosis.signature import Projection, promises
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.fit import (
     FINAL_ROWS,
     LEAST_PROMISE,
@@ -198,17 +198,21 @@ class _Search:
     def _add_best(self) -> bool:
         present = {effect.name for effect in self.now.chain.effects}
         left = [effect for effect in self.tried if effect.name not in present]
+        # Those with the dearest forms come last: most of these need not be tried then.
+        left.sort(key=lambda effect: isinstance(effect, HysteresisEffect))
         # On a refined plane, only what did not make things much worse on the coarser one.
         hopeless = {
             trial.effect.name
             for trial, _, _ in self.trials
             if trial.step == len(self.accepted) and trial.hopeless
         }
-        trials, projection = [], Projection(self.problem, self.now)
+        trials: list[Trial | NotFitted] = []
+        projection = Projection(self.problem, self.now)
         for position, effect in enumerate(left):
             if effect.name not in hopeless:
                 self.progress(f"trying {effect.name}", self._done(position / len(left)))
-                trials.append(self._try(effect, projection))
+                done = [t.point.validation_mean_square for t in trials if isinstance(t, Trial)]
+                trials.append(self._try(effect, projection, min(done, default=np.inf)))
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         passing.sort(key=lambda trial: trial.point.validation_mean_square)
         while passing and not self._stands_on_a_finer_plane(passing[0]):
@@ -228,13 +232,13 @@ class _Search:
         self.path.append(best.point)
         return True
 
-    def _try(self, effect: Effect, projection: Projection) -> Trial | NotFitted:
+    def _try(self, effect: Effect, projection: Projection, to_beat: float) -> Trial | NotFitted:
         step = len(self.accepted)
         try:
             promised = self._promise(effect, projection)
             if promised < LEAST_PROMISE:
                 return NotFitted.screened(effect, step, promised)
-            point = with_effect(self.problem, self.now, effect)
+            point = with_effect(self.problem, self.now, effect, to_beat=to_beat)
             evidence = compare(self.problem, self.now, point)
             certain = bool(evidence.against) or differs_from_nothing(
                 point, effect.name, estimates(self.problem, point)

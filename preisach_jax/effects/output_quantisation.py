@@ -28,10 +28,10 @@ def lattice_step(values: np.ndarray) -> float:
         >>> lattice_step(np.round(np.sin(np.arange(1000.0)) / 0.25) * 0.25)
         0.25
     """
-    reach = float(np.ptp(values))
     distinct = np.unique(values)
-    if not reach > 0:
+    if len(distinct) < 2:
         return 0.0
+    reach = float(distinct[-1] - distinct[0])
     apart = np.diff(distinct)
     least = float(apart[apart > SAME * reach].min())
     places = (distinct - distinct[0]) / least

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 import scipy.linalg
 import scipy.special
@@ -60,6 +63,38 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
             coefficient, float(values[position - column]), float(half), problem
         )
     return found
+
+
+def with_grid_error(
+    found: Mapping[str, Mapping[str, ParameterEstimate]], point: Point, other: Point
+) -> dict[str, dict[str, ParameterEstimate]]:
+    """Intervals made longer, on both sides, by what a plane of other levels changes.
+
+    Arguments:
+        found: the `estimates` of a model.
+        point: the model.
+        other: the same model on a finer or a coarser plane.
+
+    Returns:
+        The estimates; intervals never leave the parameters' bounds.
+    """
+    wider = {effect: dict(own) for effect, own in found.items()}
+    pairs = [
+        (effect, each, point.values[effect][each.name], other.values[effect][each.name])
+        for effect, each in point.parameters
+    ]
+    amounts = [each.coefficients().added for each in (point, other)]
+    names = point.chain.coefficients
+    pairs += [(*name, *both) for name, *both in zip(names, *amounts, strict=True)]
+    for effect, parameter, here, there in pairs:
+        own = wider[effect][parameter.name]
+        change = abs(parameter.to_search(there) - parameter.to_search(here))
+        low, high = (
+            parameter.from_search(parameter.to_search(end) + move) if np.isfinite(end) else end
+            for end, move in ((own.low, -change), (own.high, change))
+        )
+        wider[effect][parameter.name] = replace(own, low=float(low), high=float(high))
+    return wider
 
 
 def _scatter(parts: np.ndarray) -> np.ndarray:

@@ -9,12 +9,13 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.confidence import differs_from_nothing, estimates
+from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Parameter
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
 from preisach_jax.model import ParameterEstimate
 from preisach_jax.plane import Plane
@@ -224,3 +225,35 @@ def test_an_effect_is_there_if_its_amount_is_surely_not_zero(x64, effect, interv
     assert (
         differs_from_nothing(evaluate(problem, chain, values, 1e-4), effect.name, found) == certain
     )
+
+
+def test_intervals_grow_by_what_another_grid_changes():
+    lag = InputLag()
+    record, output, chain = clean(
+        (lag, Slope()), {"input_lag": {"tau_s": 0.04}, "slope": {}}, [0.3]
+    )
+    values = {"input_lag": {"tau_s": 0.05}, "slope": {}}
+    problem, point, found = identified(record, output + noise_of(1, 0.0), chain, values)
+    coarser = refine(problem, with_all_rows(at_levels(problem, point, LEVELS - 2)))
+    wider = with_grid_error(found, point, coarser)
+    before, after = found["input_lag"]["tau_s"], wider["input_lag"]["tau_s"]
+    ratio = coarser.values["input_lag"]["tau_s"] / point.values["input_lag"]["tau_s"]
+    assert ratio != pytest.approx(1.0, abs=1e-4)
+    assert after.value == before.value
+    # The time constant is searched by its logarithm.
+    np.testing.assert_allclose(after.high / before.high, max(ratio, 1 / ratio), rtol=1e-9)
+    np.testing.assert_allclose(before.low / after.low, max(ratio, 1 / ratio), rtol=1e-9)
+    change = abs(coarser.coefficients().added[0] - point.coefficients().added[0])
+    before, after = found["slope"]["per_record"], wider["slope"]["per_record"]
+    assert change > 1e-4
+    np.testing.assert_allclose([before.low - after.low, after.high - before.high], change)
+
+
+def test_intervals_stay_within_the_bounds_on_any_grid():
+    record, output, chain = clean((Creep((0.1, 1.0)),), {"creep": {"c_1": 0.002, "c_2": 0.01}}, [])
+    values = {"creep": {"c_1": 0.01, "c_2": 0.01}}
+    problem, point, found = identified(record, output + noise_of(2, 0.0), chain, values)
+    wider = with_grid_error(found, point, at_levels(problem, point, LEVELS - 2))
+    assert wider["creep"]["c_1"].low >= 0.0
+    for own in wider["creep"].values():
+        assert own.low <= own.value <= own.high

@@ -17,6 +17,7 @@ from preisach_jax.diagnosis.budget import (
     input_quantisation_rms,
     memory_rms,
     noise_rms,
+    on_a_coarser_plane,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
@@ -306,8 +307,11 @@ def test_without_a_finer_plane_a_coarser_one_tells(x64):
     problem = problem_of(None, noise_um=0.0)
     point = base_point(problem, 9)
     error = np.sqrt(point.validation_mean_square) * problem.unit
-    assert 0.2 * error < discretisation_rms(problem, point) <= error
+    coarser = on_a_coarser_plane(problem, point)
+    assert coarser.chain.plane.levels == 6
+    assert 0.2 * error < discretisation_rms(problem, point, coarser) <= error
     # Of an error that is no grid error, little is held to be one.
     noisy = problem_of(None, noise_um=0.5)
     point = base_point(noisy, 9)
-    assert discretisation_rms(noisy, point) < 0.3 * 0.5
+    coarser = on_a_coarser_plane(noisy, point)
+    assert discretisation_rms(noisy, point, coarser) < 0.3 * 0.5

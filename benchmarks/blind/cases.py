@@ -23,8 +23,11 @@ REPEATS = {"single": 10, "pairs": 60, "triples": 30, "none": 100, "outside": 10}
 SEEDS = {"development": (0, 1000), "reporting": (1_000_000, 1_000_000_000)}
 """First seed, and how many."""
 
-COMBINED = tuple(name for name in EFFECTS if not name.endswith("_quantisation"))
-"""Effects that are hidden together; those of converters vanish beside others."""
+ALONE = ("input_quantisation", "output_quantisation", "accommodation")
+"""Effects that are hidden alone: those of converters vanish beside others."""
+
+COMBINED = tuple(name for name in EFFECTS if name not in ALONE)
+"""Effects that are hidden together."""
 
 
 @dataclass(frozen=True)

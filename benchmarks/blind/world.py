@@ -35,8 +35,9 @@ EFFECTS = (
     "aux",
     "input_quantisation",
     "output_quantisation",
+    "accommodation",
 )
-OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", "accommodation")
+OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk")
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
 LOAD, DECOYS = "load_N", ("temp_C", "pressure_kPa")
 KNOWN_AS = {"aux": f"aux:{LOAD}", "accommodation": "reptation"}  # in the library

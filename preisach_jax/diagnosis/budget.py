@@ -137,29 +137,28 @@ def refined_levels(rows: int, levels: int) -> int | None:
     return finer
 
 
-def discretisation_rms(problem: Problem, point: Point, finer: Point | None = None) -> float:
-    """RMS of what the grid of the plane adds, from the fall of the held-out error on another.
+def on_a_coarser_plane(problem: Problem, point: Point) -> Point:
+    """The same model on the next coarser plane, refitted."""
+    return at_levels(problem, point, max(2, round(point.chain.plane.levels / REFINEMENT)))
 
-    A finer plane takes its share away; where none can be afforded, a coarser one adds its share.
-    The error is taken to fall with the cell (`GRID_ORDER`).
+
+def discretisation_rms(problem: Problem, point: Point, other: Point) -> float:
+    """RMS of what the grid of the plane adds, from the change of the held-out error on another.
+
+    A finer plane takes its share away, a coarser one adds its own.  The error is taken to fall
+    with the cell (`GRID_ORDER`).
 
     Arguments:
         problem: the record.
         point: the model.
-        finer: the same model on a finer plane, if it was computed.
+        other: the same model on a finer or a coarser plane.
 
     Returns:
         The RMS in output units.
     """
     here = point.validation_mean_square
-    levels = point.chain.plane.levels
-    if finer is not None:
-        kept = (levels / finer.chain.plane.levels) ** (2 * GRID_ORDER)
-        share = (here - finer.validation_mean_square) / (1 - kept)
-    else:
-        coarser = max(2, round(levels / REFINEMENT))
-        grown = (levels / coarser) ** (2 * GRID_ORDER)
-        share = (at_levels(problem, point, coarser).validation_mean_square - here) / (grown - 1)
+    ratio = point.chain.plane.levels / other.chain.plane.levels
+    share = (here - other.validation_mean_square) / (1 - ratio ** (2 * GRID_ORDER))
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.confidence import differs_from_nothing, estimates
+from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
     input_quantisation_rms,
     memory_rms,
     noise_rms,
+    on_a_coarser_plane,
     output_quantisation_rms,
     refined_levels,
 )
@@ -306,7 +307,10 @@ class _Search:
         absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
         bounds = limits(self.problem, self.finer or self.now, absent)
-        discretisation = discretisation_rms(self.problem, self.now, self.finer)
+        other = self.finer or on_a_coarser_plane(self.problem, self.now)
+        discretisation = discretisation_rms(self.problem, self.now, other)
+        model = fits[-1].model
+        parameters = with_grid_error(model.parameters, self.now, other)
         alternatives = self._alternatives(problem)
         self.progress("measuring the error budget", 0.95)
         noise = noise_rms(problem, fits[-1].point)
@@ -323,7 +327,8 @@ class _Search:
             if self.accepted
             else ("adequate" if within else "unexplained")
         )
-        fits[-1] = replace(fits[-1], model=fits[-1].model.with_budget(noise, discretisation))
+        model = replace(model, parameters=parameters).with_budget(noise, discretisation)
+        fits[-1] = replace(fits[-1], model=model)
         findings = self._findings(fits)
         return Diagnosis(
             verdict=verdict,

@@ -129,9 +129,10 @@ class Problem:
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
         """Forms of an effect to try beside a point; kept, as they may cost a spectrum."""
         slot = ("forms", effect)
-        if self.cache.get(slot, (None,))[0] is not point:
-            self.cache[slot] = (point, effect.variants(self.survey_of(point)))
-        return self.cache[slot][1]
+        kept = self.cache.get(slot, (None, ()))
+        if kept[0] is not point:
+            kept = self.cache[slot] = (point, effect.variants(self.survey_of(point)))
+        return kept[1]
 
     @property
     def in_time(self) -> np.ndarray:
@@ -171,10 +172,12 @@ class Problem:
         moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
         key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
         slot = ("hysteresis", chain.plane, chain.hysteron)
-        if self.cache.get(slot, (None,))[0] != key:
+        kept = self.cache.get(slot)
+        if kept is None or kept[0] != key:
             course = drive(chain, values, self.signals)
-            self.cache[slot] = (key, hysteresis_columns(chain, course, memory))
-        return self.cache[slot][1]
+            # Trials run at the same time: what another of them keeps here must not be taken.
+            kept = self.cache[slot] = (key, hysteresis_columns(chain, course, memory))
+        return kept[1]
 
     def hysteresis_output(self, point: Point) -> np.ndarray:
         """(time,) output of the Preisach operator of a point, in output units."""

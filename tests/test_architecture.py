@@ -18,6 +18,7 @@ LAYERS = [
     "errors",
     "quantity",
     "files",
+    "cores",
     "hysteron",
     "plane",
     "events",

@@ -249,7 +249,7 @@ def effects(
     if name is None:
         rows = [
             (
-                effect.name,
+                effect.name + "*" * effect.on_request,
                 effect.place,
                 ", ".join(f"{p.name} ({_unit(p)})".replace(" ()", "") for p in _parameters(effect)),
                 ", ".join(effect.confused_with) or "none",
@@ -257,7 +257,8 @@ def effects(
             for effect in library().values()
         ]
         screen.table(("effect", "acts on", "parameters", "confused with"), rows, numbers=False)
-        screen.say(f"\n{_UNITS}\n'preisach effects NAME' shows all about one")
+        screen.say(f"\n* tried only if asked for by name (--effects)\n{_UNITS}")
+        screen.say("'preisach effects NAME' shows all about one")
         return
     if name.startswith("aux:"):
         name = "aux:COL"
@@ -275,6 +276,8 @@ def effects(
     screen.say(f"Confused with: {', '.join(effect.confused_with) or 'none'}")
     screen.say(f"Told apart by: {effect.experiment}")
     screen.say(f"Source: {effect.source}")
+    if effect.on_request:
+        screen.say(f"Tried only if asked for: --effects {effect.name},...")
 
 
 _PLACES = {

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.special
 
 from preisach_jax.confidence import LEVEL
+from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.signature import (
     Projection,
     amount_signatures,
@@ -74,14 +75,15 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
     whole = with_all_rows(point)
     projection = Projection(problem, whole)
     survey = problem.survey_of(whole)
-    found = []
-    for effect in effects:
+
+    def limit_of(effect: Effect) -> Limit | None:
         try:
-            found.append(_limit(problem, whole, projection, effect.bound_to(survey)))
+            return _limit(problem, whole, projection, effect.bound_to(survey))
         except Exception:
             # The same failure stands in the table of candidates, where the effect was tried.
-            continue
-    return tuple(limit for limit in found if limit is not None)
+            return None
+
+    return tuple(limit for limit in on_all_cores(limit_of, effects) if limit is not None)
 
 
 def _limit(problem: Problem, point: Point, projection: Projection, effect: Effect) -> Limit | None:

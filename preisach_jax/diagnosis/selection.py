@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
+from preisach_jax.confidence import with_grid_error
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
@@ -18,6 +18,7 @@ from preisach_jax.diagnosis.budget import (
     output_quantisation_rms,
     refined_levels,
 )
+from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import (
@@ -26,14 +27,12 @@ from preisach_jax.diagnosis.result import (
     Finding,
     Rung,
 )
-from preisach_jax.diagnosis.signature import Projection, promises
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
+from preisach_jax.diagnosis.trial import Row, Trial, with_rival
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
-from preisach_jax.effects.base import Effect, HysteresisEffect
+from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
-    LEAST_PROMISE,
     SEARCH_ROWS,
     Fit,
     Progress,
@@ -199,21 +198,21 @@ class _Search:
     def _add_best(self) -> bool:
         present = {effect.name for effect in self.now.chain.effects}
         left = [effect for effect in self.tried if effect.name not in present]
-        # Those with the dearest forms come last: most of these need not be tried then.
-        left.sort(key=lambda effect: isinstance(effect, HysteresisEffect))
         # On a refined plane, only what did not make things much worse on the coarser one.
         hopeless = {
             trial.effect.name
             for trial, _, _ in self.trials
             if trial.step == len(self.accepted) and trial.hopeless
         }
-        trials: list[Trial | NotFitted] = []
-        projection = Projection(self.problem, self.now)
-        for position, effect in enumerate(left):
-            if effect.name not in hopeless:
-                self.progress(f"trying {effect.name}", self._done(position / len(left)))
-                done = [t.point.validation_mean_square for t in trials if isinstance(t, Trial)]
-                trials.append(self._try(effect, projection, min(done, default=np.inf)))
+        left = [effect for effect in left if effect.name not in hopeless]
+        self.progress(f"trying {len(left)} effects", self._done(0.0))
+        trials = try_beside(
+            self.problem,
+            self.now,
+            left,
+            len(self.accepted),
+            lambda text, share: self.progress(text, self._done(share)),
+        )
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         passing.sort(key=lambda trial: trial.point.validation_mean_square)
         while passing and not self._stands_on_a_finer_plane(passing[0]):
@@ -232,36 +231,6 @@ class _Search:
         self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
         return True
-
-    def _try(self, effect: Effect, projection: Projection, to_beat: float) -> Trial | NotFitted:
-        step = len(self.accepted)
-        try:
-            promised = self._promise(effect, projection)
-            if promised < LEAST_PROMISE:
-                return NotFitted.screened(effect, step, promised)
-            point = with_effect(self.problem, self.now, effect, to_beat=to_beat)
-            evidence = compare(self.problem, self.now, point)
-            certain = bool(evidence.against) or differs_from_nothing(
-                point, effect.name, estimates(self.problem, point)
-            )
-            return Trial(effect, step, point, evidence, certain)
-        except (FloatingPointError, np.linalg.LinAlgError) as error:
-            return NotFitted(effect, step, f"could not be fitted: {error}")
-        except Exception as error:
-            if type(effect).__module__.startswith("preisach_jax."):
-                raise
-            # A user's own effect must not take the diagnosis of the others with it.
-            return NotFitted(effect, step, f"failed: {type(error).__name__}: {error}")
-
-    def _promise(self, effect: Effect, projection: Projection) -> float:
-        """Share of the residual that an effect explains; at least `LEAST_PROMISE` is enough."""
-        greatest = 0.0
-        for form in self.problem.forms_of(effect, self.now):
-            for share in promises(self.problem, self.now, projection, form):
-                greatest = max(greatest, share)
-                if greatest >= LEAST_PROMISE:
-                    return greatest
-        return greatest
 
     def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
         """Whether a weak effect helps on a finer plane as well.

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -22,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from preisach_jax.cores import usable_cores
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
     Switching,
@@ -79,10 +79,8 @@ def use_all_cores() -> None:
     Example:
         >>> use_all_cores()  # doctest: +SKIP
     """
-    affinity = getattr(os, "sched_getaffinity", None)  # on Linux only
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", cores)
+        jax.config.update("jax_num_cpu_devices", usable_cores())
 
 
 def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:

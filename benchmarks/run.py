@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import sys
 
+import streaming
 import sweep
 import whole_process
 
-BENCHMARKS = {"sweep": sweep.main, "whole_process": whole_process.main}
+BENCHMARKS = {
+    "sweep": sweep.main,
+    "streaming": streaming.main,
+    "whole_process": whole_process.main,
+}
 
 
 def main() -> None:

@@ -1,33 +1,58 @@
-"""The adaptive filter fed one sample at a time, with a state that can be kept on disk."""
+"""The adaptive filter fed by sample or by block, with a state that can be kept on disk."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
+from bisect import bisect_left, bisect_right
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
-from preisach_jax.filter import AdaptiveFilter, FilterInfo, FilterState, require_state
-from preisach_jax.hysteron import require_on_plane
+from preisach_jax.filter import (
+    EVENT_SIZE,
+    AdaptiveFilter,
+    FilterInfo,
+    FilterState,
+    input_and_output,
+    require_state,
+)
+from preisach_jax.hysteron import as_float, require_on_plane
 from preisach_jax.plane import Plane
 
-FORMAT = 2  # 1 had no step size: it was 1.0
+FORMAT = 3  # 1 had no step size: it was 1.0; 2 had no count of missing samples and no last output
 
-_start = jax.jit(AdaptiveFilter.init)
-_step = jax.jit(AdaptiveFilter.step)
+
+class Missing(NamedTuple):
+    """How many samples were not there.
+
+    Attributes:
+        inputs: samples without an input, which were skipped.
+        outputs: samples with an input and no measured output, by which no weight was changed.
+    """
+
+    inputs: int
+    outputs: int
 
 
 class OnlineFilter:
-    """The adaptive filter for a running machine: one sample in, the model's output out.
+    """The adaptive filter for a running machine: one sample or block in, the model's output out.
 
     Holds the state of `filt` between calls, eq. (5)-(12). It is the state of `AdaptiveFilter.run`:
     a batch can be continued here (`state=result.state`) and this in a batch
-    (`filt.run(x, z, state=online.state)`).
+    (`filt.run(x, z, state=online.state)`). Single samples are taken in by NumPy, at a cost of
+    O(N w) for an input that passes w levels, and blocks by the compiled `run`; the results are
+    the same to rounding.
+
+    A sample whose output is missing (NaN) moves the hysterons and leaves the weights. One whose
+    input is missing is skipped: the next one follows the one before it. Both are counted.
 
     Args:
         filt: the adaptive filter.
@@ -41,51 +66,139 @@ class OnlineFilter:
         >>> outputs = [online(x, 3.0 * x) for x in (0.0, 0.3, 0.6, 0.9, 0.4)]
         >>> round(outputs[-1], 3)
         2.314
+        >>> online(math.nan, 1.2) == outputs[-1], online.missing
+        (True, Missing(inputs=1, outputs=0))
     """
-
-    filter: AdaptiveFilter
-    state: FilterState | None
-    info: FilterInfo | None
-    """What was recorded of the last sample."""
 
     def __init__(self, filt: AdaptiveFilter, state: FilterState | None = None):
         if not isinstance(filt, AdaptiveFilter):
             raise InputError(f"the filter is {type(filt).__name__}: give an AdaptiveFilter")
-        if state is not None:
-            require_state(filt.plane, state, FilterState)
-        self.filter = filt
+        self._filter = filt
+        # Looked up at every sample, and quicker here than in an equinox module.
+        self._low, self._high = filt.plane.low, filt.plane.high
+        self._rows: tuple | None = None
+        self._inputs_missing = self._outputs_missing = 0
         self.state = state
-        self.info = None
+
+    @property
+    def filter(self) -> AdaptiveFilter:
+        """The adaptive filter."""
+        return self._filter
+
+    @property
+    def state(self) -> FilterState | None:
+        """The state after the last sample (None before the first); it may be replaced."""
+        if self._state is None and self._recursion is not None:
+            self._state = self._recursion.state()
+        return self._state
+
+    @state.setter
+    def state(self, state: FilterState | None) -> None:
+        self._output = math.nan
+        if state is not None:
+            require_state(self._filter.plane, state, FilterState)
+            self._output = _dot(np.asarray(state.weights), np.asarray(state.states))
+        # Of a state for JAX and one in NumPy, what is not up to date is None.
+        self._state, self._recursion = state, None
+
+    @property
+    def info(self) -> FilterInfo | None:
+        """What was recorded of the last sample; after a block, the rows of its samples."""
+        return None if self._rows is None else FilterInfo(*self._rows)
+
+    @property
+    def missing(self) -> Missing:
+        """How many samples came without an input, and how many without an output."""
+        return Missing(self._inputs_missing, self._outputs_missing)
 
     def __call__(self, x: float, z: float = math.nan) -> float:
         """Take in one sample, adapt, and return the model's output.
 
         Args:
-            x: input, in the unit of the plane.
+            x: input, in the unit of the plane; NaN if it is missing (the sample is then skipped).
             z: measured output, in its unit; NaN if it is missing (the weights then stay).
 
         Returns:
-            ẑ with the weights before this sample's update, in the unit of the output.
+            ẑ with the weights before this sample's update, in the unit of the output; of a skipped
+            sample, that of the sample before (NaN if there was none).
 
         Raises:
-            InputError: `x` or `z` is no number, `x` is not finite or leaves the plane, or `z` is
-                infinite; the state is then as before.
+            InputError: `x` or `z` is no number or is infinite, or `x` leaves the plane; the state
+                is then as before.
         """
         try:
             x, z = float(x), float(z)
         except (TypeError, ValueError):
-            raise InputError(f"x is {x!r} and z is {z!r}: give two numbers") from None
-        plane = self.filter.plane
-        # The comparison costs next to nothing; NaN fails it and so is refused below.
-        if not plane.low <= x <= plane.high:
-            require_on_plane(plane, x)
+            raise InputError(
+                f"x is {x!r} and z is {z!r}: give two numbers, and arrays to `block`"
+            ) from None
+        missing = math.isnan(x)
+        if not (missing or self._low <= x <= self._high):
+            require_on_plane(self._filter.plane, x)
         if math.isinf(z):
             raise InputError(f"the output z is {z}: give NaN where the output is missing")
-        if self.state is None:
-            self.state = _start(self.filter, x, z)
-        self.state, info = _step(self.filter, self.state, x, z)
-        self.info = info
-        return float(info.output)
+        if missing:
+            self._inputs_missing += 1
+            self._rows = self._output, math.nan, 0.0
+            return self._output
+        recursion, state = self._recursion, self._state
+        if recursion is None:
+            recursion = (
+                _Recursion.start(self._filter, x, z)
+                if state is None
+                else _Recursion(self._filter, state)
+            )
+        self._rows = recursion.step(x, z)
+        self._recursion, self._state = recursion, None
+        self._outputs_missing += math.isnan(z)
+        self._output = self._rows[0]
+        return self._output
+
+    def block(self, x: ArrayLike, z: ArrayLike | None = None) -> np.ndarray:
+        """Take in a block of samples, adapt, and return the model's output.
+
+        The same as one call a sample. Each length of a block is compiled once.
+
+        Args:
+            x: (time,) input, in the unit of the plane; NaN where it is missing.
+            z: (time,) measured output, in its unit; NaN where it is missing, and None if it is
+                missing throughout.
+
+        Returns:
+            (time,) outputs ẑ, each with the weights before that sample's update, in the unit of the
+            output.
+
+        Raises:
+            InputError: lengths or types are wrong, an input leaves the plane, or a value is
+                infinite; the state is then as before.
+
+        Example:
+            >>> online = OnlineFilter(AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0)))
+            >>> x = np.array([0.0, 0.3, 0.6, 0.9, 0.4])
+            >>> round(float(online.block(x, 3.0 * x)[-1]), 3)
+            2.314
+        """
+        x = as_float(x, "the input x")
+        z = jnp.full_like(x, jnp.nan) if z is None else z
+        there = ~np.isnan(x)
+        x, z = input_and_output(self._filter.plane, jnp.where(there, x, self._low), z)
+        # What is there comes first; a last sample that is repeated changes nothing, and so fills
+        # the block up to a length that is compiled already.
+        nth = np.cumsum(there) - 1  # of those that are there, the last up to each sample
+        if nth[-1] < 0:
+            output = np.full(x.shape, self._output)
+            error, switched = np.full_like(output, np.nan), np.zeros_like(output)
+        else:
+            order = np.flatnonzero(there)[np.minimum(np.arange(x.size), nth[-1])]
+            result = self._filter.run(np.asarray(x)[order], np.asarray(z)[order], self.state)
+            output, error, switched = (np.asarray(rows)[nth] for rows in result[1:4])
+            output = np.where(nth < 0, output.dtype.type(self._output), output)
+            error, switched = np.where(there, error, np.nan), np.where(there, switched, 0.0)
+            self.state = result.state
+        self._rows, self._output = (output, error, switched), float(output[-1])
+        self._inputs_missing += int(np.sum(~there))
+        self._outputs_missing += int(np.sum(there & np.isnan(z)))
+        return output
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the filter and its state to a file; an existing one is replaced in one go.
@@ -108,6 +221,8 @@ class OnlineFilter:
         arrays = {
             "initial_weight": np.asarray(self.filter.initial_weight),
             "step_size": np.asarray(self.filter.step_size),
+            "missing": np.asarray(self.missing),
+            "output": np.asarray(self._output),
         }
         if self.state is not None:
             arrays |= {f"state.{name}": np.asarray(a) for name, a in vars(self.state).items()}
@@ -138,5 +253,136 @@ class OnlineFilter:
             )
             names = [name for name in stored.files if name.startswith("state.")]
             arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
-            state = FilterState(**arrays) if arrays else None
-        return cls(filt, state)
+            online = cls(filt, FilterState(**arrays) if arrays else None)
+            if about["format"] > 2:
+                online._inputs_missing, online._outputs_missing = stored["missing"].tolist()
+                online._output = stored["output"].item()
+        return online
+
+
+class _Recursion:
+    """`AdaptiveFilter.step` in NumPy, on arrays that are changed in place.
+
+    Where the input has moved from one place between levels to another, only those hysterons can
+    have moved that lie on a row or a column of the plane passed on the way (`_cells_passed`). The
+    places since the sample before bound what the states need, (2), and those since the reference
+    sample what the weights need, (7), (8). The output (6) is summed afresh whenever a state or a
+    weight has changed, so that rounding does not pile up.
+    """
+
+    def __init__(self, filt: AdaptiveFilter, state: FilterState):
+        dtype, plane = np.dtype(state.weights.dtype), filt.plane
+        self._type, self._levels, self._ramps = dtype.type, plane.levels, filt.hysteron == "ramp"
+        self._low, self._high = self._type(plane.low), self._type(plane.high)
+        self._thresholds = plane.thresholds.astype(dtype).tolist()
+        self._on_below = np.tri(plane.levels + 1, plane.levels, -1, dtype)
+        self._every_sample = filt.sampling == "sample"
+        self._least = float(np.finfo(dtype).eps) if self._every_sample else EVENT_SIZE
+        self._largest = float(np.finfo(dtype).max)
+        self._step_size = float(np.asarray(filt.step_size, dtype))
+
+        self.weights, self.states = np.array(state.weights), np.array(state.states, dtype)
+        self.input, self.reference_output = float(state.input), float(state.reference_output)
+        self.reference_states = np.array(state.reference_states, dtype)
+        # Hysterons with α below `_risen` are on, those with β above `_fallen` off. Of a state from
+        # elsewhere nothing is taken for granted, and it may differ everywhere from its reference.
+        self._risen, self._fallen = 0, plane.levels
+        self._passed: tuple[int, int] | None = (0, plane.levels)
+        self._output: float | None = None
+
+    @classmethod
+    def start(cls, filt: AdaptiveFilter, x: float, z: float) -> _Recursion:
+        """Start from saturated low as `AdaptiveFilter.init` does, with nothing to compile."""
+        dtype = jnp.result_type(float)
+        zeros = np.zeros(filt.plane.cells, dtype)
+        weights = np.broadcast_to(np.asarray(filt.initial_weight, dtype), zeros.shape)
+        arrays = (weights, zeros, np.asarray(x, dtype), zeros, np.asarray(np.nan, dtype))
+        begun = cls(filt, FilterState(*(jnp.asarray(array) for array in arrays)))
+        begun.step(x, math.nan)
+        begun._refer_to(begun._rounded(z))
+        return begun
+
+    def state(self) -> FilterState:
+        """A copy of the state for JAX."""
+        arrays = {f.name: getattr(self, f.name) for f in dataclasses.fields(FilterState)}
+        return FilterState(**{n: jnp.asarray(np.array(a, self._type)) for n, a in arrays.items()})
+
+    def step(self, x: float, z: float) -> tuple[float, float, float]:
+        """Take in one sample; what `FilterInfo` records of it, eq. (6), (7), (11)."""
+        z = self._rounded(z)
+        self._move(self._rounded(x))
+        if self._output is None:
+            self._output = _dot(self.weights, self.states)
+        output, error, switched = self._output, z - self.reference_output, 0.0
+        if self._passed and not math.isnan(error):
+            cells, _, _ = _cells_passed(self._levels, *self._passed)
+            s = self.states[cells] - self.reference_states[cells]
+            squared = _dot(s, s)
+            error -= _dot(self.weights[cells], s)
+            if squared >= self._least and abs(error) <= self._largest:
+                self.weights[cells] += self._step_size * error / squared * s
+                self._output, switched = None, squared
+            elif squared == 0.0:
+                self._passed = None
+        starting = math.isfinite(z) and not math.isfinite(self.reference_output)
+        if switched or starting or self._every_sample:
+            self._refer_to(z)
+        return output, error, switched
+
+    def _rounded(self, value: float) -> float:
+        """A number in the precision of the filter."""
+        if abs(value) > self._largest:
+            raise InputError(f"{value} is beyond what {self._type.__name__} holds: change the unit")
+        return float(self._type(value))
+
+    def _refer_to(self, z: float) -> None:
+        """Let differences run from this sample."""
+        if self._passed:
+            cells, _, _ = _cells_passed(self._levels, *self._passed)
+            self.reference_states[cells] = self.states[cells]
+        self.reference_output, self._passed = z, None
+
+    def _move(self, x: float) -> None:
+        """Bring the states to the next input, eq. (2)-(4)."""
+        if self._ramps:
+            place = (self._type(x) - self._low) / (self._high - self._low) * self._levels
+            risen = fallen = min(max(float(place), 0.0), float(self._levels))
+        else:
+            # Of a threshold on which the input rests, `thresholds_reached` tells what is decided.
+            below, up_to = bisect_left(self._thresholds, x), bisect_right(self._thresholds, x)
+            risen = up_to if x > self.input else below
+            fallen = below if x < self.input else up_to
+        if risen > self._risen or fallen < self._fallen:
+            first = math.floor(min(self._risen, fallen))
+            last = math.ceil(max(risen, self._fallen))
+            cells, rows, columns = _cells_passed(self._levels, first, last)
+            states = np.maximum(self.states[cells], self._on(risen)[rows])
+            least, most = self._passed or (first, last)
+            self._passed, self._output = (min(first, least), max(last, most)), None
+            self.states[cells] = np.minimum(states, self._on(fallen)[columns])
+        self.input, self._risen, self._fallen = x, risen, fallen
+
+    def _on(self, place: float) -> np.ndarray:
+        """(levels,) how far thresholds are reached: ones below a place, and its part of a level."""
+        whole = int(place)
+        on = self._on_below[whole]
+        if place > whole:
+            on = on.copy()
+            on[whole] = place - whole
+        return on
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> float:
+    """Σ a b, in pieces for which BLAS starts no threads: these can be late by milliseconds."""
+    return sum(float(a[i : i + 8192] @ b[i : i + 8192]) for i in range(0, a.size, 8192))
+
+
+@lru_cache(maxsize=32)
+def _cells_passed(levels: int, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Flat, α and β indices of the cells with first ≤ i < last or first ≤ j < last."""
+    passed, beyond = np.arange(first, last), np.arange(last, levels)
+    whole_rows = np.arange(first * (first + 1) // 2, last * (last + 1) // 2)
+    of_columns = (beyond * (beyond + 1) // 2)[:, np.newaxis] + passed
+    cells = np.concatenate([whole_rows, of_columns.ravel()])
+    rows = np.concatenate([np.repeat(passed, passed + 1), np.repeat(beyond, passed.size)])
+    return cells, rows, cells - rows * (rows + 1) // 2

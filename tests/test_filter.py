@@ -549,8 +549,9 @@ def test_online_filter_is_unharmed_by_a_refused_sample():
     before = online.state
     x: Any
     for x, z, message in (
-        (np.nan, 1.0, "x is nan"),
         (np.inf, 1.0, "x is inf"),
+        (np.nan, np.inf, "z is inf"),
+        (1.0, 1e39, "1e.39 is beyond what float32 holds"),
         (6.001, 1.0, r"x is 6\.001, and the plane reaches"),
         (1.0, -np.inf, "z is -inf"),
         ("high", 1.0, "x is 'high' and z is 1.0: give two numbers"),

@@ -180,6 +180,22 @@ def test_the_bundled_curves_age_or_drift_and_do_not_hum():
     assert found.verdict == "explained"
 
 
+def test_no_name_where_hysteresis_is_not_what_makes_the_output():
+    """The force of a damper goes with the speed, which at one rate looks like a delay."""
+    rng = np.random.default_rng(5)
+    t = np.arange(6000) / 250
+    u = 5.0 * np.sin(2 * np.pi * 3 * t)
+    force = np.gradient(u, t) * (1 + 2 * (np.floor(t / 3) % 2)) + rng.normal(size=len(t))
+    found = pj.diagnose(pj.Record.from_arrays(t, u, force), ["delay"])
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    (candidate,) = found.candidates
+    assert candidate.gain > 0.7
+    assert not candidate.accepted
+    assert "misses most of the output" in candidate.why_not
+    assert len(found.ladder) == 1
+
+
 @pytest.fixture(scope="module")
 def alike():
     """A record with a straight drift, and two effects that both are one."""

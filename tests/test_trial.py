@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 from preisach_jax.diagnosis.evidence import Evidence
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, given_up_rows, with_rival
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -42,6 +42,16 @@ def test_a_rival_takes_the_place_in_the_table():
         ("creep", 0): (True, 0.9, ""),
         ("input_lag", 0): (False, 0.5, "creep does more"),
         ("creep", 1): (False, 0.1, "hum does more"),
+    }
+
+
+def test_what_is_given_up_says_why():
+    drift, creep = trial(Drift(), 0), trial(Creep(), 0)
+    rows: list[Row] = [(drift, True, ""), (creep, False, "drift")]
+    after = given_up_rows(rows, [drift], "it is too little")
+    assert told(after) == {
+        ("drift", 0): (False, 0.5, "it is too little"),
+        ("creep", 0): (False, 0.5, "drift does more"),
     }
 
 

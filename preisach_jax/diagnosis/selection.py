@@ -27,7 +27,15 @@ from preisach_jax.diagnosis.result import (
     Finding,
     Rung,
 )
-from preisach_jax.diagnosis.trial import Row, Trial, with_rival
+from preisach_jax.diagnosis.trial import (
+    BY_THE_GRID,
+    NOT_ON_ALL_ROWS,
+    TOO_LITTLE,
+    Row,
+    Trial,
+    given_up_rows,
+    with_rival,
+)
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
@@ -59,6 +67,9 @@ WEAK = 0.9
 
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
+
+MOST_MISSED = 0.3
+"""RMS error of a final model, over the spread of the output, beyond which no effect is named."""
 
 REFINEMENT_PAYS = 0.1
 """Relative fall of the held-out mean square for which a finer plane is kept."""
@@ -163,6 +174,7 @@ class _Search:
             elif not self._refine_plane():
                 break
         self._settle_families()
+        self._give_up_what_explains_too_little()
         return self._conclude()
 
     def progress(self, text: str, done: float) -> None:
@@ -217,7 +229,7 @@ class _Search:
         passing.sort(key=lambda trial: trial.point.validation_mean_square)
         while passing and not self._stands_on_a_finer_plane(passing[0]):
             by_grid = passing.pop(0)
-            trials[trials.index(by_grid)] = replace(by_grid, by_the_grid=True)
+            trials[trials.index(by_grid)] = replace(by_grid, objection=BY_THE_GRID)
         best = passing[0] if passing else None
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
@@ -346,6 +358,19 @@ class _Search:
             kept = {name: p for name, p in rivals.items() if self._alike(self.now, p)}
             self.accepted[position] = Named(self.accepted[position].trial, kept)
 
+    def _give_up_what_explains_too_little(self) -> None:
+        """Name nothing where the final model still misses much of the output.
+
+        Where hysteresis is not what makes the output, the first effect that bends the model
+        towards it is seldom what is there: a damper's force looks like a displacement delayed.
+        """
+        measured = self.problem.target / self.problem.unit
+        if self.now.validation_mean_square <= MOST_MISSED**2 * measured.var():
+            return
+        given_up = [named.trial for named in self.accepted]
+        self.trials = given_up_rows(self.trials, given_up, TOO_LITTLE)
+        self.accepted, self.path, self.finer = [], self.path[:1], None
+
     def _in_place_of(self, name: str, rival: str, point: Point) -> Point:
         """The present model with a rival, as it is at another point, in place of an effect."""
         effect = next(e for e in point.chain.effects if e.name == rival)
@@ -375,14 +400,11 @@ class _Search:
         """The fit of each step; effects at the end that do not help on all rows are given up."""
         fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
         while len(fits) > 1 and not fits[-1].rms_validation < fits[-2].rms_validation:
-            given_up = self.accepted.pop()
+            given_up = self.accepted.pop().trial
             self.path.pop()
             self.finer = None
             fits.pop()
-            self.trials = [
-                (trial, False, "") if trial is given_up.trial else (trial, accepted, better)
-                for trial, accepted, better in self.trials
-            ]
+            self.trials = given_up_rows(self.trials, [given_up], NOT_ON_ALL_ROWS)
         return fits
 
     def _findings(self, fits) -> tuple[Finding, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,17 +20,29 @@ NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
 BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
 
+NOT_ON_ALL_ROWS = "it helps on the rows of the search, and not on all of the record"
+
+TOO_LITTLE = "with all that was found the model still misses most of the output: no name is sure"
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """An effect tried beside those of a point, and what speaks for it."""
+    """An effect tried beside those of a point, and what speaks for it.
+
+    Attributes:
+        effect, step: the effect, and how many the point has.
+        point: the model with it.
+        evidence: what the two locks measured.
+        certain: whether its amount is surely not zero.
+        objection: what was seen later and speaks against it.
+    """
 
     effect: Effect
     step: int
     point: Point
     evidence: Evidence
     certain: bool
-    by_the_grid: bool = False
+    objection: str = ""
 
     @property
     def passes(self) -> bool:
@@ -45,7 +57,7 @@ class Trial:
     def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
         against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
-        against = against or (BY_THE_GRID if self.by_the_grid else "")
+        against = against or self.objection
         return Candidate(
             self.effect.name,
             self.step,
@@ -91,6 +103,22 @@ class NotFitted:
 
 Row = tuple[Trial | NotFitted, bool, str]
 """A trial, whether its effect was added, and the effect that was added instead."""
+
+
+def given_up_rows(rows: list[Row], given_up: list[Trial], objection: str) -> list[Row]:
+    """The trials after some effects that had been added are given up, and why.
+
+    Arguments:
+        rows: the trials.
+        given_up: those of the effects.
+        objection: why.
+    """
+    return [
+        (replace(row[0], objection=objection), False, "")
+        if isinstance(row[0], Trial) and row[0] in given_up
+        else row
+        for row in rows
+    ]
 
 
 def with_rival(rows: list[Row], displaced: Trial, rival: Trial) -> list[Row]:

@@ -49,9 +49,6 @@ SEARCH_ROWS = 8_000
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
 
-VARIANT_PAYS = 0.5
-"""Share of a simpler form's held-out mean square that another form of an effect must not leave."""
-
 VARIANTS_HOPE = 0.9
 """Share of the held-out mean square that one form of an effect inside the hysteresis must not leave
 for the others to be tried: the wrong form of what is there takes much more away."""
@@ -258,7 +255,7 @@ def with_effect(
         return best  # its forms look alike, and each means all states anew
     for variant in others:
         trial = _with_variant(problem, point, variant, always)
-        if trial.validation_mean_square < VARIANT_PAYS * best.validation_mean_square:
+        if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
             best = trial
     return best
 

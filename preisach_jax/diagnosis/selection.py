@@ -38,7 +38,7 @@ from preisach_jax.diagnosis.trial import (
 )
 from preisach_jax.diagnosis.wording import located, next_experiment, sentence
 from preisach_jax.effects import library, resolve
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, HysteresisEffect, SensorEffect
 from preisach_jax.fit import (
     FINAL_ROWS,
     SEARCH_ROWS,
@@ -247,7 +247,8 @@ class _Search:
     def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
         """Whether a weak effect helps on a finer plane as well.
 
-        What the cells of a plane cannot represent looks like a feedback or a bent sensor.
+        What the cells of a plane cannot represent looks like a feedback or a bent sensor, which
+        so must take more away than cells without end would.
         """
         levels = self.now.chain.plane.levels
         finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
@@ -255,6 +256,14 @@ class _Search:
             return True
         self.progress(f"trying {trial.effect.name} on a plane of {finer} levels", self._done(1.0))
         plain = at_levels(self.problem, self.now, finer)
+        effect = trial.effect
+        feeds_back = isinstance(effect, HysteresisEffect) and effect.feeds_back
+        if feeds_back or isinstance(effect, SensorEffect):
+            # These bend the loop as its cells do: they must do more than all of the grid.
+            removed = self.now.validation_mean_square - trial.point.validation_mean_square
+            grid = discretisation_rms(self.problem, self.now, plain) / self.problem.unit
+            if not removed > grid**2:
+                return False
         return not compare(self.problem, plain, at_levels(self.problem, trial.point, finer)).against
 
     def _alike(self, best: Point, other: Point) -> bool:

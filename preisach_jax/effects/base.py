@@ -140,6 +140,8 @@ class Effect(eqx.Module):
         signature: what the residual of a model without it looks like.
         confused_with: names of the effects that look alike.
         experiment: what to record to tell them apart.
+        form_pays: share of a simpler form's held-out mean square that another form of the effect
+            (see `variants`) must not leave.
         on_request: whether a diagnosis tries it only where it is asked for by name.
 
     Its fields say how it is bound to a record.  Floats, and tuples of them, are traced where the
@@ -155,6 +157,7 @@ class Effect(eqx.Module):
     confused_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
     on_request: ClassVar[bool] = False
+    form_pays: ClassVar[float] = 0.5
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the search must find (those that enter the model nonlinearly)."""

@@ -29,6 +29,8 @@ class OperatorCreep(AddedEffect):
     """
 
     name: ClassVar[str] = "operator_creep"
+    # Its nine columns follow much that is slow and bent, whatever it is.
+    on_request: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "A domain wall held by a pinning site creeps on only where the field has left it by more "
         "than the site's strength. Creep then starts from a threshold: a great move is followed by "

@@ -47,6 +47,8 @@ class OutputNonlinearity(SensorEffect):
         "calibrate the sensor against another; or equal minor loops at five or more biases on both "
         "branches"
     )
+    # Ripples also make up for the cells of a plane where the loop is steep, but never for so much.
+    form_pays: ClassVar[float] = 0.1
     low_z: float = 0.0
     range_z: float = 1.0
     half_waves: int = eqx.field(static=True, default=0)

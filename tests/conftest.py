@@ -5,6 +5,8 @@ import os
 # Set before JAX or matplotlib is first imported. A run on an accelerator says so in JAX_PLATFORMS.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
+if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a core of its own
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from pathlib import Path
 

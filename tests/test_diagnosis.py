@@ -120,7 +120,9 @@ def test_the_interval_of_the_amplitude_holds_the_truth(drifting):
     assert estimate.low <= truth["amplitude_um"] * 16_000 / (SECONDS * RATE_HZ) <= estimate.high
 
 
-def test_same_record_same_outcome(drifting):
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_same_record_same_outcome_on_any_number_of_threads(drifting, monkeypatch, threads):
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
     made, found = drifting
     _, whole = hidden("drift", 207)
     again = pj.diagnose(whole.part(0, 16_000), ["drift", "creep"], levels=15)

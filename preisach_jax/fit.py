@@ -170,7 +170,8 @@ def fit(
         The fit.
 
     Raises:
-        InputError: if an effect is unknown, or levels is not an integer from 2 to 200.
+        InputError: if an effect is unknown or that of a constant column, or levels is not an
+            integer from 2 to 200.
 
     Example:
         >>> import numpy as np, preisach_jax as pj
@@ -181,6 +182,12 @@ def fit(
         True
     """
     chosen = resolve(effects, aux_units(record))
+    for name, values in record.aux.items():
+        if np.ptp(values) == 0 and f"aux:{name}" in [effect.name for effect in chosen]:
+            raise InputError(
+                f"{record.name}, column {name}: the auxiliary column is constant "
+                f"({values[0]:g}), so its effect cannot be seen; leave out aux:{name}"
+            )
     with double_precision():
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, checked_levels(levels))

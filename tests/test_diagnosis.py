@@ -252,14 +252,19 @@ class TooShort(pj.InputEffect):
 
 def test_a_useless_column_or_bound_is_told_of_that_candidate_alone():
     made, whole = hidden("input_lag", 206)
-    columns = {"copy": whole.input}
+    columns = {"copy": whole.input, "still": np.full(len(whole), 23.5)}
     record = pj.Record.from_arrays(whole.time, whole.input, whole.output, aux=columns)
     record = record.part(0, 16_000)
-    found = pj.diagnose(record, [TooShort(), "input_lag", "aux:copy", "drift"], levels=11)
+    found = pj.diagnose(
+        record, [TooShort(), "input_lag", "aux:copy", "aux:still", "drift"], levels=11
+    )
     assert found.effects == ("input_lag",)
     estimate = found.findings[0].parameters["tau_s"]
     assert estimate.value == pytest.approx(made["truth"]["tau_s"], rel=0.02)
     tried = {candidate.effect: candidate for candidate in found.candidates}
-    for name in ("too_short", "aux:copy", "drift"):
+    for name in ("too_short", "aux:copy", "aux:still", "drift"):
         assert not tried[name].accepted
         assert tried[name].why_not
+    assert tried["aux:still"].why_not == "the column is constant (23.5): nothing can be seen"
+    with pytest.raises(pj.InputError, match=r"column still: .*constant \(23.5\)"):
+        pj.fit(record, ["aux:still"], levels=11)

@@ -11,6 +11,7 @@ from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.signature import Projection, promises
 from preisach_jax.diagnosis.trial import NotFitted, Trial
+from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect
 from preisach_jax.fit import LEAST_PROMISE, Progress, with_effect
 from preisach_jax.identify import Point, Problem
@@ -59,6 +60,9 @@ def _try(
     projection: Projection,
     to_beat: float,
 ) -> Trial | NotFitted:
+    if isinstance(effect, Auxiliary) and np.ptp(problem.record.aux[effect.column]) == 0:
+        value = problem.record.aux[effect.column][0]
+        return NotFitted(effect, step, f"the column is constant ({value:g}): nothing can be seen")
     try:
         promised = _promise(problem, point, effect, projection)
         if promised < LEAST_PROMISE:

@@ -138,11 +138,16 @@ def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
         gain=1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square),
         z=max(
             standardised(squares_before - squares_after),
-            standardised(np.log(squares_before) - np.log(squares_after)),
+            standardised(_log(squares_before) - _log(squares_after)),
         ),
         blocks=len(squares_before),
         delta_bic=float(count * np.log(ratio) - spent * np.log(count)),
     )
+
+
+def _log(squares: np.ndarray) -> np.ndarray:
+    # Where the readings have steps, a block may be predicted without any error.
+    return np.log(np.maximum(squares, np.finfo(float).tiny))
 
 
 def simple_ratio(part: float, whole: float) -> float:

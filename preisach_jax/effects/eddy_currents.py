@@ -22,8 +22,8 @@ class EddyCurrents(HysteresisEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> path, output, time = jnp.array([0.0, 4.0]), jnp.array([0.0, 1.0]), jnp.array([0.0, 0.5])
-        >>> EddyCurrents().fed_back({"k": 0.1}, path, output, time).tolist()
-        [0.0, 3.8]
+        >>> EddyCurrents().fed_back({"k": 0.25}, path, output, time).tolist()
+        [0.0, 3.5]
     """
 
     name: ClassVar[str] = "eddy_currents"

@@ -374,8 +374,8 @@ class Record:
             source: the file for messages; the record's name by default.
 
         Raises:
-            InputError: the input, the measured output or an auxiliary column is constant, nothing
-                was measured, or fewer than `MIN_MEASURED` samples were.
+            InputError: the input or the measured output is constant, nothing was measured, or fewer
+                than `MIN_MEASURED` samples were.
 
         Example:
             >>> Record.from_arrays([0.0, 1.0], [2, 2], [0, 1]).check_identifiable()
@@ -409,12 +409,6 @@ class Record:
                 f"{output}: the output is constant ({value:g} in all {count} measured rows); check "
                 "the sensor and the choice of column"
             )
-        for name, values in self.aux.items():
-            if np.ptp(values) == 0:
-                raise InputError(
-                    f"{source}, column {name}: the auxiliary column is constant "
-                    f"({values[0]:g}), so its effect cannot be seen; leave out --aux for it"
-                )
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:

@@ -392,7 +392,9 @@ def drive(
         for effect in chain.at(HysteresisEffect):
             own = _arrays(values[effect.name])
             path = _fed_back(effect, own, path, jnp.asarray(output), signals.time)
-    return _as_seen(path, widened, _all_widen(chain))
+    if widened is None:
+        return Drive(path)
+    return Drive(path - widened, path + widened, None if _all_widen(chain) else path)
 
 
 def _path_and_widening(
@@ -412,12 +414,6 @@ def _path_and_widening(
 
 def _all_widen(chain: Chain) -> bool:
     return any(effect.widens_reversible for effect in chain.at(HysteresisEffect))
-
-
-def _as_seen(path: jax.Array, widened: jax.Array | None, all_widen: bool) -> Drive:
-    if widened is None:
-        return Drive(path)
-    return Drive(path - widened, path + widened, None if all_widen else path)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ SEEDS = {"development": (0, 1000), "reporting": (1_000_000, 1_000_000_000)}
 """First seed, and how many."""
 
 ALONE = ("input_quantisation", "output_quantisation", "accommodation")
-"""Effects that are hidden alone: those of converters vanish beside others."""
+"""Effects that are hidden alone: those of converters vanish beside others, and pairs and triples
+are drawn as they were before the library knew accommodation."""
 
 COMBINED = tuple(name for name in EFFECTS if name not in ALONE)
 """Effects that are hidden together."""

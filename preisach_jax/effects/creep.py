@@ -8,6 +8,13 @@ import numpy as np
 from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
 
 
+def creep_times(survey: Survey) -> tuple[float, ...]:
+    """Time constants of the elements of a creep that a record can show, in s."""
+    # Shorter elements than these are a lag, longer ones a ramp in disguise.
+    low = max(min(survey.duration_s / 1000, 50 * survey.step_s), 10 * survey.step_s)
+    return log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
+
+
 class Creep(OutputEffect):
     r"""Linear creep: \(z = h + \sum_i c_i\, y_i,\ \tau_i \dot y_i = h - y_i,\ c_i \ge 0\).
 
@@ -69,11 +76,7 @@ class Creep(OutputEffect):
         return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s)[None, :])
 
     def bound_to(self, survey: Survey):
-        # Shorter elements than these are a lag, longer ones a ramp in disguise.
-        low = max(min(survey.duration_s / 1000, 50 * survey.step_s), 10 * survey.step_s)
-        return Creep(
-            tau_s=log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
-        )
+        return Creep(tau_s=creep_times(survey))
 
     def total_amount(self, amounts):
         decades = np.log10(self.tau_s[-1] / self.tau_s[0])

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
+from preisach_jax.effects.base import AddedEffect, Parameter, Survey
+from preisach_jax.effects.creep import creep_times
 
 SHARES = (0.05, 0.15, 0.35)
 """Thresholds, in ranges of the input."""
@@ -74,10 +75,8 @@ class OperatorCreep(AddedEffect):
         )
 
     def bound_to(self, survey: Survey):
-        # As for linear creep: shorter elements are a lag, longer ones a ramp in disguise.
-        low = max(min(survey.duration_s / 1000, 50 * survey.step_s), 10 * survey.step_s)
-        tau_s = log_grid(min(low, survey.duration_s / 10), survey.duration_s, per_decade=2)
-        return OperatorCreep(tau_s, float(np.ptp(survey.input)) if len(survey.input) else 1.0)
+        swing = float(np.ptp(survey.input)) if len(survey.input) else 1.0
+        return OperatorCreep(creep_times(survey), swing)
 
     def columns(self, values, signals):
         tau_s = jnp.asarray(self.tau_s)[None, :]

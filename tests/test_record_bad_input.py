@@ -243,7 +243,8 @@ def test_a_constant_output_is_refused_and_a_constant_auxiliary_column_is_read(tm
     rows = [[*row, "3"] for row in rows_of_text()]
     rows[0][3] = "load_N"
     # A diagnosis sets such a column aside and goes on.
-    record = Record.load(write(tmp_path / "stage.csv", rows), aux=["load_N"], **COLUMNS)
+    stage = write(tmp_path / "stage.csv", rows)
+    record = Record.load(stage, time="t_s", input="u_V", output="z_um", aux=["load_N"])
     assert set(record.aux["load_N"]) == {3.0}
 
 

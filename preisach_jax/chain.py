@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, NamedTuple
 
@@ -119,8 +119,11 @@ class Columns:
     Attributes:
         matrix: (time, column), in the order cells, initial memory, offset, added effects.
         cells: how many columns belong to the cells of the plane.
-        groups: for each column of the initial memory, the cells whose unknown start it carries.
+        groups: for each column of the initial memory, the cells whose unknown start it carries;
+            none for those of the first run.
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
+        first_run: (2 levels,) bool: which of the hysterons that switch in the first run only the
+            last groups are, see `first_run_output`.
         added: names of the effects of the last columns, one each: added effects, free responses of
             output effects, and effects of the sensor.
         loose: (column,) whether it is there only for a past that is not known.
@@ -130,6 +133,7 @@ class Columns:
     cells: int
     groups: tuple[np.ndarray, ...]
     start: np.ndarray
+    first_run: np.ndarray
     added: tuple[str, ...]
     loose: np.ndarray
 
@@ -153,14 +157,17 @@ class Coefficients:
     Attributes:
         weights: (cells,) weights R, in output units.
         memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
-        offset: output with all hysterons off.
+        offset: output with all hysterons off, but those of the first run as it leaves them.
         added: (column,) coefficients of the added effects, of free responses, and of the sensor.
+        first_run: (2 levels,) weights of the hysterons that switch in the first run only, see
+            `first_run_output`; empty if there are none.
     """
 
     weights: np.ndarray
     memory: np.ndarray
     offset: float
     added: np.ndarray
+    first_run: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
@@ -170,10 +177,13 @@ class Coefficients:
         for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
             # The column fixes only the sum over the group: each cell gets its share by weight.
             share = weights[group] + 1e-12 * (1 + weights.max())
-            memory[group] = total * share / share.sum()
-        return Coefficients(
-            weights, memory, float(solution[columns.offset]), solution[columns.offset + 1 :]
-        )
+            if len(group):
+                memory[group] = total * share / share.sum()
+        first_run = np.zeros(len(columns.first_run))
+        count = columns.first_run.sum()
+        first_run[columns.first_run] = solution[columns.offset - count : columns.offset]
+        offset, added = float(solution[columns.offset]), solution[columns.offset + 1 :]
+        return Coefficients(weights, memory, offset, added, first_run)
 
 
 def signals_of(record: Record, origin_s: float | None = None) -> Signals:
@@ -421,36 +431,104 @@ class HysteresisColumns:
     """States of the hysterons along a path, and what their unknown start leaves open.
 
     Attributes:
-        states: (time, cell + group) states, then a column for each group of the initial memory.
-        groups: the cells of each group.
+        states: (time, cell + group) states, then a column for each group of cells of the initial
+            memory.
+        switched: (time, column) course of the hysterons of the first run.
+        groups: the cells of each group; none for those of the first run, which come last.
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
+        first_run: (2 levels,) bool: which hysterons of the first run have a column.
     """
 
     states: np.ndarray
+    switched: np.ndarray
     groups: tuple[np.ndarray, ...]
     start: np.ndarray
+    first_run: np.ndarray
 
 
-def hysteresis_columns(chain: Chain, course: Drive, initial_memory: str) -> HysteresisColumns:
+def hysteresis_columns(
+    chain: Chain, course: Drive, initial_memory: str, open_course: Drive | None = None
+) -> HysteresisColumns:
     """Columns of the Preisach operator along what drives it.
 
     Arguments:
         chain: what is in the model.
         course: what the hysterons see.
         initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
+        open_course: the same without what is fed back, by default the same.
     """
+    states, groups, start = _plane_columns(chain, course, initial_memory)
+    rising, falling = _extremes(open_course or course)
+    switched = np.concatenate([_reached(chain, rising) - 1, _reached(chain, falling)], axis=1)
+    seen = np.ptp(switched, axis=0) > 0
+    # Only what was driven beyond the range before can leave the other ones as they are.
+    levels = chain.plane.levels
+    seen[:levels] &= initial_memory != "high"
+    seen[levels:] &= initial_memory != "low"
+    groups = (*groups, *[np.zeros(0, dtype=int)] * seen.sum())
+    return HysteresisColumns(states, switched[:, seen], groups, start, seen)
+
+
+def _plane_columns(
+    chain: Chain, course: Drive, initial_memory: str
+) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
     nothing = np.zeros(chain.plane.cells)
     first_low, first_high = _state_bounds(chain.plane, _first(course), chain.hysteron)
     start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
     if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
         # The first sample forces all hysterons, or those it leaves open are off.
         states = _states_from_low(chain.plane, course, chain.hysteron)
-        return HysteresisColumns(np.asarray(states), (), start)
+        return np.asarray(states), (), start
     bounds = _state_bounds(chain.plane, course, chain.hysteron)
     low, high = (np.asarray(bound) for bound in bounds)
     if initial_memory == "free":
-        return HysteresisColumns(*_with_memory_columns(low, high), nothing)
-    return HysteresisColumns(low + start[None, :] * (high - low), (), start)
+        return *_with_memory_columns(low, high), nothing
+    return low + start[None, :] * (high - low), (), start
+
+
+def _extremes(course: Drive) -> tuple[jax.Array, jax.Array]:
+    """Greatest input so far at the thresholds α, and least one at the thresholds β."""
+    falling = course.rising if course.falling is None else course.falling
+    return jax.lax.cummax(course.rising), jax.lax.cummin(falling)
+
+
+def _reached(chain: Chain, path: jax.Array) -> np.ndarray:
+    """How far a path has reached each threshold, `(time, levels)`."""
+    plane = chain.plane
+    if chain.hysteron == "relay":
+        return (np.asarray(path)[:, None] >= plane.thresholds).astype(float)
+    position = (np.asarray(path) - plane.low) / plane.delta_x
+    return np.clip(position[:, None] - np.arange(plane.levels), 0.0, 1.0)
+
+
+def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.Array:
+    r"""What hysterons add whose other threshold lies beyond the range of the input, `(time,)`.
+
+    Those with β below it that are off at the start switch on when the input first reaches α, and
+    never off again; those with α above it that are on switch off for good at β.  They make the
+    virgin curve: \(\sum_i h_i (\rho_i(\max_{s \le t} x_s) - 1) +
+    \sum_j g_j \rho_j(\min_{s \le t} x_s)\), zero when the input has been through all its range.
+
+    Arguments:
+        chain: what is in the model.
+        course: what the hysterons see, without what is fed back.
+        first_run: (2 levels,) weights h of the former, then g of the latter; empty for none.
+    """
+    if not len(first_run):
+        return jnp.zeros_like(course.rising)
+    plane, levels = chain.plane, chain.plane.levels
+    highest, lowest = _extremes(course)
+    steps = jnp.arange(levels + 1, dtype=highest.dtype)
+
+    def switched(path, weights):
+        whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.asarray(weights))])
+        position = (path - plane.low) / plane.delta_x
+        if chain.hysteron == "relay":
+            position = jnp.floor(position + 0.5)
+        return jnp.interp(position, steps, whole)
+
+    rising, falling = first_run[:levels], first_run[levels:]
+    return switched(highest, rising) - rising.sum() + switched(lowest, falling)
 
 
 def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray:
@@ -480,25 +558,29 @@ def _first(course: Drive) -> Drive:
 def hysteresis_output(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
-    """Output of the Preisach operator (6), without offset, `(time,)`.
+    """Output of the Preisach operator (6) and of the first run, without offset, `(time,)`.
 
     Where it is fed back, the output that agrees with itself is found sample by sample.
     """
     if not chain.feeds_back:
-        return _operator_output(chain, drive(chain, values, signals), coefficients)
+        course = drive(chain, values, signals)
+        first_run = first_run_output(chain, course, coefficients.first_run)
+        return _operator_output(chain, course, coefficients) + first_run
     path, widened = _path_and_widening(chain, values, signals)
     inside = [effect for effect in chain.at(HysteresisEffect) if effect.feeds_back]
     low, width = chain.plane.low, chain.plane.high - chain.plane.low
-    return _fed_back_operator(
+    first_run = first_run_output(chain, drive(chain, values, signals), coefficients.first_run)
+    output = _fed_back_operator(
         Plane(chain.plane.levels, 0.0, 1.0),
         jax.tree.map(_as_array, inside),
         [_arrays(values[effect.name]) for effect in inside],
-        (path, signals.time, jnp.zeros_like(path) if widened is None else widened),
+        (path, signals.time, jnp.zeros_like(path) if widened is None else widened, first_run),
         (jnp.asarray(low), jnp.asarray(width)),
         (jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)),
         _all_widen(chain),
         chain.hysteron,
     )
+    return output + first_run
 
 
 @eqx.filter_jit
@@ -506,9 +588,10 @@ def _fed_back_operator(plane, effects, values, course, scale, coefficients, all_
     """Output of the operator on a plane from 0 to 1, whose inputs are scaled to it."""
 
     def seen(sample, before, output):
-        pair, time, shift = sample
+        pair, time, shift, beside = sample
+        whole = jnp.stack([before, output]) + beside
         for effect, own in zip(effects, values, strict=True):
-            pair = effect.fed_back(own, pair, jnp.stack([before, output]), time)
+            pair = effect.fed_back(own, pair, whole, time)
         path, shift = (pair[-1] - scale[0]) / scale[1], shift[-1] / scale[1]
         return (path - shift, path + shift, *([] if all_widen else [path]))
 
@@ -601,8 +684,11 @@ def tangents(
         def output(value, effect=effect, name=name):
             moved = {**values, effect: {**values[effect], name: value}}
             if effect in before:
-                course = drive(chain, moved, signals, hysteresis if chain.feeds_back else None)
+                plain = course = drive(chain, moved, signals)
+                if chain.feeds_back:
+                    course = drive(chain, moved, signals, hysteresis)
                 given = _operator_output(chain, course, coefficients)
+                given = given + first_run_output(chain, plain, coefficients.first_run)
             else:
                 assert hysteresis is not None
                 given = hysteresis
@@ -634,13 +720,14 @@ def regressors(
     Returns:
         The columns, `(row, column)`.
     """
-    states = hysteresis.states
+    parts = [hysteresis.states, hysteresis.switched]
     for effect in chain.at(WeightEffect):
-        gain = _gain(effect, _arrays(values[effect.name]), signals)
-        states = states * np.asarray(gain)[:, None]
+        gain = np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
+        parts = [part * gain[:, None] for part in parts]
     for effect in chain.at(OutputEffect):
-        states = _apply_to_columns(effect, _arrays(values[effect.name]), states, signals.time)
-    parts = [states, np.ones((len(signals.time), 1))]
+        own = _arrays(values[effect.name])
+        parts = [_apply_to_columns(effect, own, part, signals.time) for part in parts]
+    parts.append(np.ones((len(signals.time), 1)))
     rows = np.arange(len(signals.time)) if rows is None else rows
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])
@@ -651,7 +738,8 @@ def regressors(
     loose = np.zeros(matrix.shape[1], dtype=bool)
     loose[len(loose) - len(behind) :] = [not each.amount for _, each in behind]
     names = tuple(effect for effect, _ in behind)
-    return Columns(matrix, chain.plane.cells, hysteresis.groups, hysteresis.start, names, loose)
+    groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
+    return Columns(matrix, chain.plane.cells, groups, start, first_run, names, loose)
 
 
 def columns_behind(

@@ -168,7 +168,8 @@ class Problem:
         memory = self.record.initial_memory
         if chain.feeds_back:  # what is fed back differs from one point to the next
             output = None if like is None else self.hysteresis_output(like)
-            return hysteresis_columns(chain, drive(chain, values, self.signals, output), memory)
+            course = drive(chain, values, self.signals, output)
+            return hysteresis_columns(chain, course, memory, drive(chain, values, self.signals))
         moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
         key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
         slot = ("hysteresis", chain.plane, chain.hysteron)
@@ -328,6 +329,7 @@ def evaluate(
         columns.nonnegative,
         columns.groups,
         columns.loose,
+        columns.first_run,
     )
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution

@@ -33,7 +33,7 @@ from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
 
 FORMAT = "preisach_jax model"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 RANGE_TOLERANCE = 0.01
 """Share of the input range by which an input may leave the plane: noise of a converter does."""
@@ -287,12 +287,14 @@ class Model:
             # What the past of the first record has left says nothing about this one's.
             lasting = np.array([each.amount for _, each in self.chain.coefficients], dtype=bool)
             added = np.where(lasting, self.coefficients.added, 0.0)
-            coefficients = replace(self.coefficients, memory=weights * start, added=added)
+            coefficients = replace(
+                self.coefficients, memory=weights * start, added=added, first_run=np.zeros(0)
+            )
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
             if stated != "free":
                 return np.asarray(output), np.zeros(len(record.time))
-            lowest = replace(self.coefficients, memory=np.zeros_like(weights))
+            lowest = replace(coefficients, memory=np.zeros_like(weights))
             gap = middle - hysteresis_output(self.chain, self.values, signals, lowest)
             return np.asarray(output), np.abs(np.asarray(gap))
 
@@ -310,6 +312,7 @@ class Model:
             "offset": self.offset,
             "weights": self.weights.tolist(),
             "memory": self.coefficients.memory.tolist(),
+            "first_run": self.coefficients.first_run.tolist(),
             "visited": self.visited.astype(int).tolist(),
             "effects": [
                 {
@@ -463,6 +466,9 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
     for name, array in arrays.items():
         if array.shape != (plane.cells,) or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be {plane.cells} finite numbers, one a cell")
+    first_run = np.asarray(content["first_run"], dtype=float)
+    if first_run.shape != (2 * plane.levels,) or not np.isfinite(first_run).all():
+        raise ValueError(f"'first_run' must be {2 * plane.levels} finite numbers, two a level")
     for role in ("time", "input", "output"):
         _checked(content["columns"][role], str, f"the column of {role}")
     _checked(content["columns"]["aux"], list, "the list of auxiliary columns")
@@ -479,6 +485,7 @@ def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
             arrays["memory"],
             _checked(content["offset"], float, "offset"),
             np.asarray(added),
+            first_run,
         ),
         parameters=parameters,
         visited=arrays["visited"].astype(bool),

@@ -67,6 +67,15 @@ def smoothness(levels: int) -> np.ndarray:
     return energy
 
 
+def _along(first_run: np.ndarray) -> np.ndarray:
+    """Smoothness of the hysterons of the first run, by second differences of neighbours."""
+    differences = np.diff(np.eye(len(first_run) // 2), n=2, axis=0)
+    stencil = np.kron(np.eye(2), differences)
+    whole = ~(stencil[:, ~first_run] != 0).any(axis=1)
+    stencil = stencil[np.ix_(whole, first_run)]
+    return stencil.T @ stencil
+
+
 @dataclass(frozen=True)
 class NormalEquations:
     """Gram matrix, moments and power of a regression, kept apart for each fold of rows.
@@ -150,6 +159,7 @@ def normal_equations(
     nonnegative: np.ndarray,
     groups: tuple[np.ndarray, ...],
     loose: np.ndarray | None = None,
+    first_run: np.ndarray | None = None,
 ) -> NormalEquations:
     """Normal equations of a regression on the columns of a chain, fold by fold.
 
@@ -161,6 +171,8 @@ def normal_equations(
         nonnegative: (column,) whether the coefficient must not be negative.
         groups: cells whose unknown initial memory each memory column carries.
         loose: (column,) columns for an unknown past that are drawn to zero; by default none.
+        first_run: (2 levels,) which hysterons of the first run the last groups, which are empty,
+            stand for; by default none.
 
     Returns:
         The equations, with the columns behind the offset scaled to unit size.
@@ -182,6 +194,9 @@ def normal_equations(
         power[k], count[k] = goal @ goal, len(goal)
     prior, memory = np.zeros((columns, columns)), np.zeros((columns, columns))
     prior[:cells, :cells] = smoothness(levels)
+    if first_run is not None:
+        stop = cells + len(groups)
+        prior[stop - first_run.sum() : stop, stop - first_run.sum() : stop] = _along(first_run)
     for position, group in enumerate(groups):
         pull = np.zeros(columns)
         pull[cells + position], pull[group] = 1.0, -0.5

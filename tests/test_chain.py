@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import preisach_jax as pj
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -116,8 +117,8 @@ def test_columns_are_where_they_are_said_to_be(x64, memory):
     )
     np.testing.assert_array_equal(matrix[:, columns.offset], 1.0)
     np.testing.assert_array_equal(np.flatnonzero(~columns.nonnegative)[0], columns.offset)
-    assert bool(columns.groups) == (memory == "free")
     grouped = np.concatenate([np.array([], dtype=int), *columns.groups])
+    assert bool(len(grouped)) == (memory == "free")
     assert len(set(grouped)) == len(grouped)
 
 
@@ -184,6 +185,71 @@ def test_both_kinds_of_hysteron_make_a_chain(x64, hysteron):
     columns = hysteresis_columns(chain, Drive(signals.input), "high")
     expected = hysteron_states(PLANE, rec.input, "high", hysteron)
     np.testing.assert_allclose(columns.states, expected, rtol=0, atol=1e-12)
+
+
+# --- the first run ---
+
+
+BEYOND = 4
+
+
+def on_a_wider_plane(hysteron, start, seed, x):
+    """Random weights and switches of hysterons whose thresholds lie beyond the range as well."""
+    rng = np.random.default_rng(seed)
+    reach = BEYOND * PLANE.delta_x
+    wide = Plane(PLANE.levels + 2 * BEYOND, PLANE.low - reach, PLANE.high + reach)
+    weights = rng.uniform(0.1, 1.0, wide.cells)
+    switches = rng.integers(0, 2, wide.cells).astype(float) if start == "free" else start
+    return np.asarray(hysteron_states(wide, x, switches, hysteron)) @ weights
+
+
+@pytest.mark.parametrize("hysteron", ["ramp", "relay"])
+@pytest.mark.parametrize("start", ["free", "low", "high"])
+@pytest.mark.parametrize("seed", range(3))
+def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron, start, seed):
+    # After the first run, whole loops: what switches once cannot pass for what does so each time.
+    loops = np.interp(np.arange(320), [0, 80, 160, 240, 319], [0, 12, 0, 12, 3])
+    ends = {"free": loops, "low": loops, "high": 12 - loops}
+    x = np.concatenate([record(seed=seed, jump=0.4).input, ends[start]])
+    rec = Record.from_arrays(np.arange(len(x)) / 100, x, x, initial_memory=start)
+    target = on_a_wider_plane(hysteron, start, seed, x)
+    chain, signals = Chain(PLANE, (), hysteron), signals_of(rec)
+    columns = regressors(chain, {}, signals, hysteresis_columns(chain, Drive(signals.input), start))
+    solution = np.linalg.lstsq(columns.matrix, target, rcond=None)[0]
+    np.testing.assert_allclose(columns.matrix @ solution, target, rtol=0, atol=1e-8)
+    # Without them, the course of the first run is not.
+    inside = np.ones(columns.matrix.shape[1], dtype=bool)
+    inside[columns.offset - columns.first_run.sum() : columns.offset] = False
+    plain = columns.matrix[:, inside]
+    left = target - plain @ np.linalg.lstsq(plain, target, rcond=None)[0]
+    assert np.abs(left).max() > 0.05
+    got = response(chain, {}, signals, Coefficients.from_columns(columns, solution))
+    np.testing.assert_allclose(got, target, rtol=0, atol=1e-8)
+
+
+def test_a_virgin_curve_is_found_and_is_gone_after_the_first_run(x64):
+    """Plays that start between their ends, as those of a stage that was switched on."""
+    time = np.arange(3000) / 500
+    x = 40 - 40 * np.cos(2 * np.pi * time * (1 + time / 20))
+    target = 0.3 * x
+    for radius in (3.0, 8.0, 15.0):
+        play = [0.0]
+        for value in x[1:]:
+            play.append(min(max(play[-1], value - radius), value + radius))
+        target = target + 0.1 * np.array(play)
+    rec = Record.from_arrays(time, x, target)
+    fit = pj.fit(rec, levels=25)
+    assert fit.rms_validation < 2e-3 * np.ptp(target)
+    weights = fit.model.coefficients.first_run
+    # 2 r of each play come up from below the range of the input, the last one at x = 2 r.
+    assert weights[:25].sum() == pytest.approx(0.1 * (3 + 8 + 15), rel=0.05)
+    assert weights[25:].sum() == pytest.approx(0.0, abs=1e-6)
+    assert weights[10:25].sum() < 0.1
+    # A record of another day: the stage has been through its range since.
+    other = Record.from_arrays(time, x, target, initial_memory="low")
+    later = fit.model.predict(replace(other, time=other.time + 1000.0, input=x * (1 - 1e-9)))
+    rise = later.output[-1] - later.output[0]
+    assert rise == pytest.approx(target[-1] - target[0] - 2.6, abs=0.1)
 
 
 # --- order of the effects ---

@@ -337,7 +337,7 @@ def test_regressors_at_the_fed_back_output_make_the_response(x64, ratio):
     output = hysteresis_output(chain, values, signals, coefficients)
     hysteresis = hysteresis_columns(chain, drive(chain, values, signals, output), "low")
     columns = regressors(chain, values, signals, hysteresis)
-    got = columns.matrix @ np.append(WEIGHTS, 3.0)
+    got = columns.matrix @ np.concatenate([WEIGHTS, np.zeros(len(columns.groups)), [3.0]])
     np.testing.assert_allclose(got, response(chain, values, signals, coefficients), atol=1e-9)
     # Without the output, the operator has nothing to follow but the input.
     bare = hysteresis_columns(chain, drive(chain, values, signals), "low")
@@ -401,7 +401,7 @@ def test_the_columns_of_a_bent_reading_give_back_what_was_measured(x64):
     rows = np.random.default_rng(0).permutation(len(reading))[:100]
     columns = regressors(chain, values, signals, hysteresis, rows, reading[rows])
     assert columns.added == ("output_nonlinearity",) * 2
-    solution = np.concatenate([WEIGHTS, [2.0], BEND])
+    solution = np.concatenate([WEIGHTS, np.zeros(len(columns.groups)), [2.0], BEND])
     np.testing.assert_allclose(columns.matrix @ solution, reading[rows], rtol=0, atol=1e-9)
 
 

@@ -85,7 +85,14 @@ def test_size_and_deviation_are_those_of_a_regression(x64, seed):
     target = matrix @ np.array([1.0, 2.0, 0.5, -3.0, 1.5, 1.0, 0.3]) + 0.1 * rng.normal(size=COUNT)
     nonnegative = np.arange(cells + 1) < cells
     equations = normal_equations(matrix, target, problem.fold, 3, nonnegative, ())
-    columns = replace(real.columns, matrix=matrix, cells=cells, start=np.zeros(cells))
+    columns = replace(
+        real.columns,
+        matrix=matrix,
+        cells=cells,
+        groups=(),
+        start=np.zeros(cells),
+        first_run=np.zeros(6, dtype=bool),
+    )
     chain = Chain(Plane(3, 0.0, 10.0))
     point = with_all_rows(
         Point(chain, {}, 1e-14, ALL, 1.0, target, matrix, columns, equations, np.empty(0), 0.0)

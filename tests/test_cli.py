@@ -82,11 +82,31 @@ def test_diagnose_writes_a_report_and_says_what_it_found(work, tmp_path, capsys)
     assert content["sentence"] in shown
     assert "guessed from names and units: time t_ms, input u_V, output z_um" in shown
     assert "held-out RMS" in shown
-    assert "Error budget: noise" in shown
+    assert "what the rows held out would have told" in shown
     assert str(report / "report.html") in shown
     assert shlex_quoted(words) in (report / "report.html").read_text(encoding="utf-8")
     assert Model.load(report / "base.json").effects == ()
     assert Model.load(report / "model.json").plane.levels == 5
+
+
+def test_a_column_is_tried_beside_the_effects_asked_for(work, tmp_path):
+    words = ["diagnose", str(work / "stage.csv"), "--effects", "drift", "--aux", "load_N"]
+    assert main([*words, "--levels", "5", "--report", str(tmp_path / "r")]) == 0
+    content = json.loads((tmp_path / "r" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert {each["effect"] for each in content["candidates"]} == {"drift", "aux:load_N"}
+
+
+def test_a_record_that_shows_little_says_so(tmp_path, capsys):
+    time = np.arange(80) / 100
+    data = write_csv(tmp_path / "short.csv", {"t_s": time, "u_V": time, "z_um": time**1.1})
+    words = ["diagnose", str(data), "--effects", "drift", "--report", str(tmp_path / "r")]
+    assert main(words) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "80 measured rows for 325 cells" in shown
+    assert "The input turns 0 times only" in shown
+    content = json.loads((tmp_path / "r" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert len(content["notes"]) == 2
+    assert content["notes"][0] in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
 def shlex_quoted(words):

@@ -14,6 +14,7 @@ from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     discretisation_rms,
+    error_budget,
     input_quantisation_rms,
     memory_rms,
     noise_rms,
@@ -39,7 +40,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.fit import at_levels, base_point, plane_of, with_effect
+from preisach_jax.fit import at_levels, base_point, finished, plane_of, with_effect
 from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
 from preisach_jax.record import Record
 from preisach_jax.regression import solve_nonnegative
@@ -268,6 +269,19 @@ def test_steps_of_the_drive_itself_are_no_rounding(x64):
     step = np.ptp(problem.record.input) / 4
     stairs = Problem.of(replace(problem.record, input=np.round(problem.record.input / step) * step))
     assert input_quantisation_rms(stairs, base_point(problem, 9)) == 0.0
+
+
+@pytest.mark.parametrize("grid", [0.0, 0.01, 99.0])
+def test_squares_of_the_budget_add_up(x64, grid):
+    problem = problem_of("drift", noise_um=0.02)
+    fit = finished(problem, base_point(problem, 9), problem.record)
+    budget = error_budget(problem, fit, grid)
+    assert budget.noise == pytest.approx(noise_rms(problem, fit.point))
+    shares = (budget.noise, budget.discretisation, budget.memory, budget.unexplained)
+    assert np.linalg.norm(shares) == pytest.approx(fit.rms_validation)
+    if grid < 1.0:
+        assert budget.discretisation == grid
+    assert budget.is_met == (grid == 99.0)
 
 
 def test_planes_are_refined_by_half_as_long_as_it_is_cheap():

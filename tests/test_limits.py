@@ -346,6 +346,15 @@ def test_steps_that_are_not_there_are_undetectable(x64):
     assert found.value is None or found.value < 1e-4
 
 
+def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
+    smooth = hidden()
+    found = limit_of(
+        replace(smooth, output=np.round(smooth.output / 0.25) * 0.25), OutputQuantisation()
+    )
+    assert found.value == pytest.approx(0.25)
+    assert found.rms == pytest.approx(0.25 / np.sqrt(12), rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("limit", "text"),
     [

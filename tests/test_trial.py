@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 from preisach_jax.diagnosis.evidence import Evidence
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, given_up_rows, with_rival
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, failures, given_up_rows, with_rival
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -51,8 +51,17 @@ def test_what_is_given_up_says_why():
     after = given_up_rows(rows, [drift], "it is too little")
     assert told(after) == {
         ("drift", 0): (False, 0.5, "it is too little"),
-        ("creep", 0): (False, 0.5, "drift does more"),
+        ("creep", 0): (False, 0.5, "it is no better than one that was given up"),
     }
+
+
+def test_own_effects_that_failed_are_told_once():
+    rows: list[Row] = [
+        (NotFitted(Hum(), step, "failed: RuntimeError: no table", failed=True), False, "")
+        for step in (0, 1)
+    ]
+    rows.append((NotFitted(Drift(), 0, "could not be fitted: all is NaN"), False, ""))
+    assert failures(rows) == ("The effect 'hum' was not tried: it failed: RuntimeError: no table.",)
 
 
 def test_rows_say_why_an_effect_was_not_fitted():

@@ -88,6 +88,8 @@ def diagnose(
     notes: list[str] = []
     record = columns.with_effects(names).load(data, announce=notes.append)
     screen.show_record(record, notes)
+    if names:  # a column that was asked for is tried as well
+        names += [f"aux:{name}" for name in aux or () if f"aux:{name}" not in names]
     with screen.progress() as show:
         found = run(record, names or None, levels, progress=show)
         show("writing the report", 0.97)

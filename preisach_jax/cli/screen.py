@@ -121,6 +121,8 @@ def show_diagnosis(found: Diagnosis) -> None:
     from preisach_jax.report.content import HEADLINES, budget_rows, finding_parameters, ladder_rows
 
     say(f"\n{HEADLINES[found.verdict]} ({found.verdict}).\n{found.sentence}\n")
+    for note in found.notes:
+        say(f"Note: {note}\n")
     rows = ladder_rows(found)
     unit = f" ({rows[0]['unit']})" if rows[0]["unit"] else ""
     keys = ("model", "rms_validation", "percent_of_stroke", "max_abs_validation", "fit_percent")
@@ -128,8 +130,8 @@ def show_diagnosis(found: Diagnosis) -> None:
         ("model", f"held-out RMS{unit}", "% of stroke", f"largest{unit}", "fit %"),
         [[row[key] for key in keys] for row in rows],
     )
-    budget = ", ".join(f"{name} {value}" for name, value, _ in budget_rows(found)[:-1])
-    say(f"\nError budget: {budget}")
+    say()
+    table(("error budget", "RMS", "from"), budget_rows(found), numbers=False)
     for finding in found.findings:
         others = f"; cannot be told from {', '.join(finding.family[1:])}"
         say(f"\n{finding.effect}{others if len(finding.family) > 1 else ''}")
@@ -138,7 +140,8 @@ def show_diagnosis(found: Diagnosis) -> None:
     refused = [c for c in found.candidates if not c.accepted and c.step == len(found.effects)]
     if refused:
         best = max(refused, key=lambda c: c.gain)
-        say(f"\nBest of the {len(refused)} effects not added: {best.effect} ({best.why_not})")
+        others = f" of the {len(refused)} effects" if len(refused) > 1 else ""
+        say(f"\nBest{others} not added: {best.effect} ({best.why_not})")
     if found.limits:
         say("\nNot found, and with 95 % confidence")
         for limit in found.limits:

@@ -9,8 +9,9 @@ import scipy.special
 
 from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
+from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.fit import at_levels
+from preisach_jax.fit import Fit, at_levels
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
 
 MOST_LEVELS = 50
@@ -37,6 +38,34 @@ SETTLING = 50
 
 LEAST_RESTS = 10
 """Stretches of rest below which nothing is read from them."""
+
+
+def error_budget(problem: Problem, fit: Fit, discretisation: float) -> Budget:
+    """What the held-out error of a fit is made of.
+
+    Squares add up: each share is at most what those before it leave of the whole.
+
+    Arguments:
+        problem: the record as it was cut for the fit.
+        fit: the fit.
+        discretisation: the estimated RMS of what the grid of the plane adds, in output units.
+    """
+    left = fit.rms_validation**2
+    shares = []
+    for rms in (noise_rms(problem, fit.point), discretisation, memory_rms(problem, fit.point)):
+        share = min(rms**2, left)
+        shares.append(float(np.sqrt(share)))
+        left -= share
+    noise, discretisation, memory = shares
+    return Budget(
+        noise=noise,
+        input_quantisation=input_quantisation_rms(problem, fit.point),
+        output_quantisation=output_quantisation_rms(problem),
+        discretisation=discretisation,
+        memory=memory,
+        unexplained=float(np.sqrt(left)),
+        unit=problem.record.channels["output"].unit,
+    )
 
 
 def noise_rms(problem: Problem, point: Point) -> float:

@@ -79,7 +79,8 @@ def _try(
         if type(effect).__module__.startswith("preisach_jax."):
             raise
         # A user's own effect must not take the diagnosis of the others with it.
-        return NotFitted(effect, step, f"failed: {type(error).__name__}: {error}")
+        reason = f"failed: {type(error).__name__}: {error}"
+        return NotFitted(effect, step, reason, failed=True)
 
 
 def _promise(problem: Problem, point: Point, effect: Effect, projection: Projection) -> float:

@@ -20,6 +20,9 @@ from preisach_jax.effects.base import AddedEffect, Effect, SensorEffect
 from preisach_jax.identify import Point, Problem, with_all_rows
 from preisach_jax.quantity import quantity
 
+KNOWN = 1.01
+"""Ratio of a parameter's bounds below which the record shows what it is."""
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -128,6 +131,11 @@ def _limit_of_size(
     seen = [one for one in seen if one.rms > 0]
     if not seen:
         return None
+    if first.high < KNOWN * first.low:  # the record shows its value, and no other is possible
+        known, absorbed = seen[0], min(one.absorbed for one in seen)
+        value, unit = known.values[first.name], problem.shown_unit(first.unit)
+        rms = known.rms * problem.unit
+        return Limit(effect.name, first.name, float(value), unit, False, float(rms), absorbed)
     seen.sort(key=lambda one: one.rms)
     upper = np.array([max(one.size, 0.0) + one_sided * one.deviation for one in seen])
     open_ = np.flatnonzero(~(upper < 1))

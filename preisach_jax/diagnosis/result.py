@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
@@ -45,7 +47,7 @@ class Finding:
         family: names that this record cannot tell from it, itself included.
         parameters: its parameters with 95 % intervals.
         rms_before, rms_after: held-out error without and with it, in output units.
-        evidence: what the two locks measured.
+        evidence: what the two locks measure between the model before and that with it.
     """
 
     effect: str
@@ -101,6 +103,11 @@ class Budget:
     unexplained: float
     unit: str
 
+    @property
+    def is_met(self) -> bool:
+        """Whether what none of the shares explains is no more than noise and grid."""
+        return self.unexplained <= float(np.hypot(self.noise, self.discretisation))
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -127,6 +134,7 @@ class Diagnosis:
             the effect that was named.
         next_experiment: what to record next, or None.
         located: where what remains sits; empty if it is within the budget.
+        notes: what a reader must know of the record and of what was tried.
         steps: the fit of each rung.
     """
 
@@ -140,6 +148,7 @@ class Diagnosis:
     alternatives: Mapping[str, Model]
     next_experiment: Experiment | None
     located: str
+    notes: tuple[str, ...]
     steps: tuple[Fit, ...]
 
     @property
@@ -177,6 +186,7 @@ class Diagnosis:
             ],
             "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
             "located": self.located,
+            "notes": list(self.notes),
         }
 
     def summary(self) -> str:
@@ -185,7 +195,7 @@ class Diagnosis:
         def shown(value: float) -> str:
             return quantity(value, self.budget.unit)
 
-        lines = [f"{self.verdict}: {self.sentence}", ""]
+        lines = [f"{self.verdict}: {self.sentence}", *self.notes, ""]
         for rung in self.ladder:
             name = " + ".join(rung.effects) or "rate-independent Preisach model"
             lines.append(

@@ -5,38 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from preisach_jax.confidence import with_grid_error
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
-    input_quantisation_rms,
-    memory_rms,
-    noise_rms,
+    error_budget,
     on_a_coarser_plane,
-    output_quantisation_rms,
     refined_levels,
 )
 from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.limits import limits
-from preisach_jax.diagnosis.result import (
-    Budget,
-    Diagnosis,
-    Finding,
-    Rung,
-)
+from preisach_jax.diagnosis.result import Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.trial import (
     BY_THE_GRID,
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
     Row,
     Trial,
+    failures,
     given_up_rows,
     with_rival,
 )
-from preisach_jax.diagnosis.wording import located, next_experiment, sentence
+from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect, SensorEffect
 from preisach_jax.fit import (
@@ -299,25 +290,16 @@ class _Search:
         bounds = limits(self.problem, self.finer or self.now, absent)
         other = self.finer or on_a_coarser_plane(self.problem, self.now)
         discretisation = discretisation_rms(self.problem, self.now, other)
-        model = fits[-1].model
-        parameters = with_grid_error(model.parameters, self.now, other)
+        parameters = with_grid_error(fits[-1].model.parameters, self.now, other)
         alternatives = self._alternatives(problem)
         self.progress("measuring the error budget", 0.95)
-        noise = noise_rms(problem, fits[-1].point)
-        rms = fits[-1].rms_validation
-        memory = memory_rms(problem, fits[-1].point)
-        rest = float(np.sqrt(max(rms**2 - noise**2 - discretisation**2 - memory**2, 0.0)))
-        unit = problem.record.channels["output"].unit
-        steps_in = input_quantisation_rms(problem, fits[-1].point)
-        steps_out = output_quantisation_rms(problem)
-        budget = Budget(noise, steps_in, steps_out, discretisation, memory, rest, unit)
-        within = rest <= np.hypot(noise, discretisation)
-        verdict = (
-            ("explained" if within else "partly_explained")
-            if self.accepted
-            else ("adequate" if within else "unexplained")
-        )
-        model = replace(model, parameters=parameters).with_budget(noise, discretisation)
+        budget = error_budget(problem, fits[-1], discretisation)
+        if self.accepted:
+            verdict = "explained" if budget.is_met else "partly_explained"
+        else:
+            verdict = "adequate" if budget.is_met else "unexplained"
+        model = replace(fits[-1].model, parameters=parameters)
+        model = model.with_budget(budget.noise, budget.discretisation)
         fits[-1] = replace(fits[-1], model=model)
         findings = self._findings(fits)
         return Diagnosis(
@@ -333,7 +315,8 @@ class _Search:
             limits=bounds,
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
-            located="" if within else located(self.record, fits[-1]),
+            located="" if budget.is_met else located(self.record, fits[-1]),
+            notes=(*notes_on(self.record, model), *failures(self.trials)),
             steps=tuple(fits),
         )
 
@@ -416,19 +399,19 @@ class _Search:
             self.trials = given_up_rows(self.trials, [given_up], NOT_ON_ALL_ROWS)
         return fits
 
-    def _findings(self, fits) -> tuple[Finding, ...]:
+    def _findings(self, fits: list[Fit]) -> tuple[Finding, ...]:
         findings = []
         for position, named in enumerate(self.accepted):
             before, after = fits[position], fits[position + 1]
-            name = named.name
+            evidence = compare(self.problem, self.path[position], self.path[position + 1])
             findings.append(
                 Finding(
-                    name,
-                    (name, *named.rivals),
-                    fits[-1].model.parameters[name],
+                    named.name,
+                    (named.name, *named.rivals),
+                    fits[-1].model.parameters[named.name],
                     before.rms_validation,
                     after.rms_validation,
-                    named.trial.evidence.numbers(),
+                    evidence.numbers(),
                 )
             )
         return tuple(findings)

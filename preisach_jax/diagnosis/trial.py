@@ -22,6 +22,8 @@ BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
 
 NOT_ON_ALL_ROWS = "it helps on the rows of the search, and not on all of the record"
 
+WITH_ANOTHER = "it is no better than one that was given up"
+
 TOO_LITTLE = "with all that was found the model still misses most of the output: no name is sure"
 
 
@@ -76,6 +78,7 @@ class NotFitted:
     Attributes:
         reason: why.
         hopeless: whether a finer plane will not help.
+        failed: whether its own code failed.
         evidence: numbers behind the reason.
     """
 
@@ -83,6 +86,7 @@ class NotFitted:
     step: int
     reason: str
     hopeless: bool = True
+    failed: bool = False
     evidence: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
@@ -113,12 +117,27 @@ def given_up_rows(rows: list[Row], given_up: list[Trial], objection: str) -> lis
         given_up: those of the effects.
         objection: why.
     """
-    return [
-        (replace(row[0], objection=objection), False, "")
-        if isinstance(row[0], Trial) and row[0] in given_up
-        else row
-        for row in rows
-    ]
+    names = {trial.effect.name for trial in given_up}
+    after: list[Row] = []
+    for trial, accepted, better in rows:
+        if isinstance(trial, Trial) and trial in given_up:
+            after.append((replace(trial, objection=objection), False, ""))
+        elif better in names:
+            told = replace(trial, objection=WITH_ANOTHER) if isinstance(trial, Trial) else trial
+            after.append((told, accepted, ""))
+        else:
+            after.append((trial, accepted, better))
+    return after
+
+
+def failures(rows: list[Row]) -> tuple[str, ...]:
+    """One sentence an effect of a user's own that failed.
+
+    Arguments:
+        rows: the trials.
+    """
+    failed = {t.effect.name: t.reason for t, *_ in rows if isinstance(t, NotFitted) and t.failed}
+    return tuple(f"The effect {name!r} was not tried: it {why}." for name, why in failed.items())
 
 
 def with_rival(rows: list[Row], displaced: Trial, rival: Trial) -> list[Row]:

@@ -10,6 +10,7 @@ from preisach_jax.diagnosis.residuals import input_rate, time_since_reversal
 from preisach_jax.diagnosis.result import Budget, Experiment, Finding
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
+from preisach_jax.model import Model
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 
@@ -78,6 +79,29 @@ def _with_family(finding: Finding) -> str:
         return name
     others = " or ".join(finding.family[1:])
     return f"{name} (or {others}, which this record cannot tell from it)"
+
+
+LEAST_REVERSALS = 6
+"""Turns of the input below which a record shows little of what hysteresis does."""
+
+
+def notes_on(record: Record, model: Model) -> tuple[str, ...]:
+    """What a reader must know of a record before believing a verdict on it."""
+    notes = []
+    rows, cells = int(record.measured.sum()), model.plane.cells
+    if rows < cells:
+        notes.append(
+            f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
+            "can hide in it. Record more, or ask for fewer levels."
+        )
+    direction = np.sign(np.diff(record.input))
+    turns = int(np.count_nonzero(np.diff(direction[direction != 0])))
+    if turns < LEAST_REVERSALS:
+        notes.append(
+            f"The input turns {turns} times only: hysteresis, and much that acts beside it, cannot "
+            "be seen. Record loops of several heights and at more than one rate."
+        )
+    return tuple(notes)
 
 
 def located(record: Record, fit: Fit) -> str:

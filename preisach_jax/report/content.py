@@ -24,7 +24,7 @@ HEADLINES = {
     "adequate": "Nothing is missing",
     "explained": "The missing effect is found",
     "partly_explained": "An effect is found, and something remains",
-    "unexplained": "Something is missing that is not in the library",
+    "unexplained": "Something is missing, and nothing that was tried explains it",
 }
 
 REFERENCES = (
@@ -63,6 +63,7 @@ def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
         "families": [f.family for f in found.findings if len(f.family) > 1],
         "next_experiment": found.next_experiment,
         "located": found.located,
+        "notes": found.notes,
         "limits": limit_rows(found),
         "budget": budget_rows(found),
         "sampling": sampling_note(record),
@@ -148,8 +149,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         (
             "memory",
             quantity(budget.memory, budget.unit, 3),
-            "cells of the plane that the record seldom visits: identified with the rows held out, "
-            "the model leaves so much less there",
+            "cells seldom visited: what the rows held out would have told",
         ),
         ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
         (
@@ -160,11 +160,19 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     ]
 
 
+MOST_SHOWN = 8
+"""Parameters of one finding that are shown; the model file has all."""
+
+
 def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
     """The parameters of a finding with their intervals, as texts."""
-    return [
+    rows = [
         (name, interval(e.value, e.low, e.high, e.unit)) for name, e in finding.parameters.items()
     ]
+    if len(rows) <= MOST_SHOWN:
+        return rows
+    few = MOST_SHOWN // 2
+    return [*rows[:few], (f"and {len(rows) - few} more", "in model.json")]
 
 
 def comparison_sentence(comparison: Comparison) -> str:

@@ -119,10 +119,7 @@ def switching_events(
     x, _ = path_and_start(plane, x, "low", "relay")
     if events is not None and width is not None:
         return _switching_events(plane, x, events, width)
-    events, width = room_for_events(plane, x)
-    # Inputs of one length then share what is compiled.
-    events = min(-(-events // 256) * 256, x.shape[0])
-    found = _switching_events(plane, x, events, width)
+    found = _switching_events(plane, x, *_shared_room(plane, x))
     count = max(1, int(jnp.count_nonzero(found.area)))
     return jax.tree.map(lambda rows: jnp.asarray(np.asarray(rows)[:count]), found)
 
@@ -152,6 +149,28 @@ def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
     events = int(np.max(lengths.sum(axis=-1) + turns, initial=0.0)) + 2
     width = int(lengths.max(initial=0.0) * (1.0 + 1e-9)) + 1
     return max(1, min(events, x.shape[-1] - 1)), min(width, plane.levels)
+
+
+def _shared_room(plane: Plane, x: ArrayLike) -> tuple[int, int]:
+    """Room for the events of an input, in sizes that like inputs share, and so what is compiled."""
+    events, width = room_for_events(plane, x)
+    return min(_rounded_up(events), np.shape(x)[-1]), 1 << (width - 1).bit_length()
+
+
+def events_of(plane: Plane, x: ArrayLike) -> Switching:
+    """Find the switching events along an input, with fillings at the end.
+
+    Inputs of equal length, and about as many events, share what is compiled for them.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane; concrete.
+
+    Returns:
+        The events; at the fillings the sample is `time`.
+    """
+    x, _ = path_and_start(plane, x, "low", "relay")
+    return _switching_events(plane, x, *_shared_room(plane, x))
 
 
 def _levels(plane: Plane, x: jax.Array) -> jax.Array:
@@ -192,6 +211,133 @@ def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Sw
     return Switching(sample, *found)
 
 
+def relays_start_alike(plane: Plane, x0: ArrayLike, initial: str) -> bool:
+    """Tell whether `relay_output` can start from a named initial memory at an input x(0).
+
+    An input that rests on a threshold at the start holds both relays that are on at that β and
+    relays that are off at that α: no staircase tells these apart, unless all are off.
+
+    Args:
+        plane: the Preisach plane.
+        x0: () input at the first sample, concrete.
+        initial: "low", "high" or "demagnetised".
+    """
+    x0 = np.asarray(x0)
+    return initial == "low" or x0 not in plane.thresholds.astype(x0.dtype)
+
+
+def relay_output(plane: Plane, weights: ArrayLike, x: ArrayLike, initial: str = "low") -> jax.Array:
+    """Output of the Preisach model with relays, eq. (6), from one switching event to the next.
+
+    In each row i of the plane the relays j < q_i are on, where q_i is the lowest level since the
+    input last passed the row upward: O(N) an event, and exact, as no rises are summed up.
+
+    Args:
+        plane: the Preisach plane.
+        weights: (cells,) weights R, in the unit of the output.
+        x: (time,) input, in the unit of the plane; concrete.
+        initial: "low", "high" or "demagnetised", for which see `relays_start_alike`.
+
+    Returns:
+        (time,) output, in the unit of the weights; differentiable in them.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> relay_output(plane, [1.0, 2.0, 4.0], [0.0, 2.0, 1.0, 0.0]).tolist()
+        [0.0, 7.0, 3.0, 0.0]
+    """
+    x, start = path_and_start(plane, x, initial, "relay")
+    levels, count = _moves(plane, x)
+    room = _rounded_up(int(count))
+    return _relay_output(plane, jnp.asarray(weights), levels, start, room)
+
+
+def _rounded_up(count: int) -> int:
+    """The next of eight sizes an octave: inputs of like length share what is compiled."""
+    step = 1 << max(count.bit_length() - 4, 0)
+    return max(-(-count // step) * step, 16)
+
+
+@jax.jit
+def _moves(plane: Plane, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    levels = _levels(plane, x)
+    return levels, jnp.count_nonzero(levels[1:] != levels[:-1])
+
+
+def last_states(plane: Plane, x: ArrayLike) -> jax.Array:
+    """States of the relays after an input that started from saturated low, eq. (1)-(4).
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane; concrete.
+
+    Returns:
+        (cells,) states, 0 or 1.
+
+    Example:
+        >>> last_states(Plane(levels=2, low=0.0, high=2.0), [0.0, 2.0, 1.0]).tolist()
+        [1.0, 1.0, 0.0]
+    """
+    x, start = path_and_start(plane, x, "low", "relay")
+    levels, count = _moves(plane, x)
+    return _last_states(plane, levels, start, _rounded_up(int(count)))
+
+
+def _passing(plane: Plane, lowest: jax.Array, level: jax.Array, goal: jax.Array) -> jax.Array:
+    """(levels,) how many relays of each row are on when the input moves from one level to another.
+
+    Those j < q_i, where q_i is the lowest level since the input last passed row i upward.
+    """
+    index = jnp.arange(plane.levels, dtype=lowest.dtype)
+    passed = (level <= index) & (index < goal)
+    return jnp.where(passed, jnp.minimum(goal, index + 1), jnp.minimum(lowest, goal))
+
+
+def _staircase(plane: Plane, states: jax.Array) -> jax.Array:
+    on = jnp.zeros((plane.levels, plane.levels), states.dtype)
+    on = on.at[plane.alpha_index, plane.beta_index].set(states)
+    return jnp.sum(on, axis=1).astype(jnp.int32)
+
+
+def _goals(levels: jax.Array, events: int) -> tuple[jax.Array, jax.Array]:
+    """(time,) whether the level moves, and (events,) where to; at the end it stays."""
+    moved = jnp.concatenate([jnp.zeros(1, bool), levels[1:] != levels[:-1]])
+    return moved, levels[jnp.nonzero(moved, size=events, fill_value=levels.shape[0] - 1)[0]]
+
+
+@eqx.filter_jit
+def _last_states(plane: Plane, levels, start, events: int) -> jax.Array:
+    def advance(carry, goal):
+        return (_passing(plane, *carry, goal), goal), None
+
+    first = (_staircase(plane, start), levels[0])
+    lowest = jax.lax.scan(advance, first, _goals(levels, events)[1])[0][0]
+    return (plane.beta_index < lowest[plane.alpha_index]).astype(start.dtype)
+
+
+@eqx.filter_jit
+def _relay_output(plane: Plane, weights, levels, start, events: int) -> jax.Array:
+    matrix = jnp.zeros((plane.levels, plane.levels), weights.dtype)
+    matrix = matrix.at[plane.alpha_index, plane.beta_index].set(weights)
+    # Weight of the first q relays of each row, the rows one behind another.
+    sums = jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1).ravel()
+    row = jnp.arange(plane.levels, dtype=jnp.int32) * (plane.levels + 1)
+
+    def output(lowest):
+        # Out of range is nowhere: a check of the indices would cost more than all the rest.
+        return jnp.sum(sums.at[row + lowest].get(mode="promise_in_bounds"))
+
+    def advance(carry, goal):
+        lowest = _passing(plane, *carry, goal)
+        return (lowest, goal), output(lowest)
+
+    lowest = _staircase(plane, start)
+    moved, goals = _goals(levels, events)
+    outputs = jax.lax.scan(advance, (lowest, levels[0]), goals)[1]
+    outputs = jnp.concatenate([output(lowest)[None], outputs])
+    return outputs[jnp.cumsum(moved.astype(jnp.int32))]
+
+
 def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.Array:
     """Rise of the model's output (6) at each event, Σ R on S⁺ less Σ R on S⁻.
 
@@ -225,13 +371,16 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
 
 
 def adapt_over_events(
-    plane: Plane, switching: Switching, increments: ArrayLike, weights: ArrayLike
+    plane: Plane,
+    switching: Switching,
+    increments: ArrayLike,
+    weights: ArrayLike,
+    step_size: ArrayLike = 1.0,
 ) -> tuple[jax.Array, jax.Array]:
     """Run the paper's recursion over switching events, for many outputs of one input at once.
 
     At each event e = Δz - (Σ R̂ on S⁺ - Σ R̂ on S⁻), eq. (7), and then R̂ ← R̂ ± e/A on S±, eq. (8),
-    (12), which touches only the cells that switch: O(N) an event. The same as `AdaptiveFilter` in
-    its event form.
+    (12), which touches only the cells that switch: O(N) an event. The same as `AdaptiveFilter`.
 
     Args:
         plane: the Preisach plane.
@@ -239,6 +388,7 @@ def adapt_over_events(
         increments: (events, lanes) rise of the measured output since the event before (at the first
             one, since the start), in the unit of the output.
         weights: (cells, lanes) weights to start from, same unit.
+        step_size: () or (lanes,) step size μ, by which e/A is multiplied.
 
     Returns:
         `(weights, errors)`: (cells, lanes) weights after the last event, and (events, lanes) errors
@@ -261,7 +411,7 @@ def adapt_over_events(
         cells = crossing.cells(plane)
         estimate = jnp.sum(weights.at[cells].get(mode="fill", fill_value=0.0), axis=0)
         error = jnp.where(area > 0, increment - sign * estimate, 0.0)
-        move = sign * error / jnp.maximum(area, 1.0)
+        move = step_size * sign * error / jnp.maximum(area, 1.0)
         move = jnp.broadcast_to(move, (cells.shape[0], move.shape[0]))
         # Fillings repeat an index, so that indices are not unique; they are dropped.
         return weights.at[cells].add(move, mode="drop"), error

@@ -15,6 +15,14 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.errors import InputError
+from preisach_jax.events import (
+    Switching,
+    adapt_over_events,
+    events_of,
+    last_states,
+    relay_output,
+    relays_start_alike,
+)
 from preisach_jax.hysteron import (
     as_float,
     hysteron_step,
@@ -26,6 +34,8 @@ from preisach_jax.hysteron import (
 from preisach_jax.plane import Plane
 
 SAMPLINGS = ("event", "sample")
+
+FORMS = ("auto", "dense", "event")
 
 # An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
 # that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
@@ -39,11 +49,13 @@ def simulate(
     x: ArrayLike,
     hysteron: str = "ramp",
     initial: ArrayLike | str = "low",
+    form: str = "auto",
 ) -> jax.Array:
     """Simulate the Preisach model.
 
-    z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps). Needs memory for
-    the states of one sample; its gradient, for 2√time of them.
+    z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps). The dense form
+    advances all states at every sample. It needs memory for the states of one sample; its gradient,
+    for 2√time of them. The event form of relays does O(N) where some switch (`relay_output`).
 
     Args:
         plane: the Preisach plane.
@@ -52,12 +64,15 @@ def simulate(
         hysteron: "relay" or "ramp".
         initial: (cells,) states before the first sample, or the name of an initial memory (see
             `Plane.initial_states`).
+        form: "dense", "event", or "auto": the event form where it can be had, which is for relays
+            that start from a named initial memory, with a concrete input.
 
     Returns:
         (time,) output; differentiable in `weights`, and with ramps in `x`.
 
     Raises:
-        InputError: a shape, a type or a name is wrong, or the input leaves the plane.
+        InputError: a shape, a type or a name is wrong, the input leaves the plane, or there is no
+            event form.
 
     Example:
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
@@ -72,7 +87,42 @@ def simulate(
         initial = as_float(initial, "initial")
     x = as_float(x, "the input x")
     require_on_plane(plane, x)
+    why_not = _why_no_events(plane, x, hysteron, initial)
+    if chosen_form(form, why_not) == "event":
+        return relay_output(plane, weights, x, initial)
     return _simulate(plane, weights, x, hysteron, initial)
+
+
+def chosen_form(form: str, why_not: str) -> str:
+    """Choose between the dense form and the event form.
+
+    Args:
+        form: "auto", "dense" or "event".
+        why_not: why there is no event form; empty if there is one.
+
+    Returns:
+        "dense" or "event".
+
+    Raises:
+        InputError: the form is unknown, or it is "event" and there is none.
+    """
+    if form not in FORMS:
+        raise InputError(f"form is {form!r}: it must be one of {', '.join(map(repr, FORMS))}")
+    if form == "event" and why_not:
+        raise InputError(f"there is no event form {why_not}: use form='auto' or 'dense'")
+    return "dense" if form == "dense" or why_not else "event"
+
+
+def _why_no_events(plane: Plane, x, hysteron: str, initial: ArrayLike | str) -> str:
+    if hysteron != "relay":
+        return "of ramps, which move at every sample"
+    if isinstance(x, Tracer):
+        return "for an input without values, inside a compiled or differentiated function"
+    if not isinstance(initial, str):
+        return "from initial states of one's own"
+    if x.ndim == 1 and len(x) and not relays_start_alike(plane, x[0], initial):
+        return f"from {initial!r} with an input that starts on a threshold ({x[0]})"
+    return ""
 
 
 @eqx.filter_jit
@@ -280,7 +330,12 @@ class AdaptiveFilter(eqx.Module):
         return following, info
 
     def run(
-        self, x: ArrayLike, z: ArrayLike, state: FilterState | None = None, passes: int = 1
+        self,
+        x: ArrayLike,
+        z: ArrayLike,
+        state: FilterState | None = None,
+        passes: int = 1,
+        form: str = "auto",
     ) -> FilterResult:
         """Run the filter over a record, once or several times.
 
@@ -294,6 +349,9 @@ class AdaptiveFilter(eqx.Module):
             state: the state after an earlier part of the record, which this run continues; without
                 it the filter starts from saturated low at the first sample.
             passes: how often the record is taken in, at least once.
+            form: "dense", a scan of `step`; "event", the same from one switching event to the next,
+                O(N) each; or "auto": the latter where it can be had, which is for relays in event
+                form that start from saturated low, with a concrete record and no output missing.
 
         Returns:
             The weights after the last sample, the rows of each sample and the final state, all of
@@ -301,7 +359,7 @@ class AdaptiveFilter(eqx.Module):
 
         Raises:
             InputError: lengths or types are wrong, an input leaves the plane or is not finite, an
-                output is infinite, or `passes` is below 1.
+                output is infinite, `passes` is below 1, or there is no event form.
         """
         x, z = input_and_output(self.plane, x, z)
         if state is not None:
@@ -312,7 +370,18 @@ class AdaptiveFilter(eqx.Module):
             count = 0
         if count != passes or count < 1:
             raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
+        if chosen_form(form, self._why_no_events(x, z, state)) == "event":
+            return _run_over_events(self, x, z, events_of(self.plane, x), count)
         return _run(self, x, z, state, count)
+
+    def _why_no_events(self, x, z, state: FilterState | None) -> str:
+        if self.sampling != "event":
+            return "with sampling='sample'"
+        if state is not None:
+            return "from a state"
+        if not isinstance(z, Tracer) and not np.isfinite(z).all():
+            return "where outputs are missing"
+        return _why_no_events(self.plane, z if isinstance(z, Tracer) else x, self.hysteron, "low")
 
 
 @partial(jax.jit, static_argnames="passes")
@@ -326,6 +395,51 @@ def _run(filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int) -> 
     no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
     state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
     return FilterResult(state.weights, *info, state)
+
+
+def _run_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: int) -> FilterResult:
+    rows, weights = _rows_over_events(filt, x, z, switching, passes)
+    states = last_states(filt.plane, x)
+    sample = jnp.max(jnp.where(switching.area > 0, switching.sample, 0))
+    state = FilterState(weights, states, x[-1], states, z[sample])
+    return FilterResult(weights, *rows, state)
+
+
+@partial(jax.jit, static_argnames="passes")
+def _rows_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: int):
+    start = filt.init(x[0], z[0])
+    measured = z.at[switching.sample].get(mode="clip")
+    increments = jnp.diff(measured, prepend=z[:1])[:, None]
+    sign, area = switching.sign.astype(z.dtype), switching.area.astype(z.dtype)
+    rate = jnp.asarray(filt.step_size, z.dtype)
+
+    def one_pass(carry, _):
+        weights, error = adapt_over_events(filt.plane, switching, increments, carry[0], rate)
+        return (weights, error, carry[0]), None
+
+    first = start.weights[:, None]
+    carry = (first, jnp.zeros_like(increments), first)
+    weights, error, before = jax.lax.scan(one_pass, carry, length=passes)[0]
+    error = error[:, 0]
+    rise = jnp.where(area > 0, increments[:, 0] - error, 0.0)
+    # What has switched on takes its share of the error along.
+    after = rise + jnp.where(switching.rising & (area > 0), rate * error, 0.0)
+    settled = jnp.sum(before[:, 0] * start.states) + jnp.cumsum(after)
+
+    def at_events(values, steady):
+        return steady.at[switching.sample].set(values, mode="drop")
+
+    moved = at_events(jnp.ones_like(sign), jnp.zeros_like(z))
+    # Events so far, and before this sample.
+    until = jnp.cumsum(moved).astype(int)
+    steady = jnp.concatenate([settled[:1] - after[:1], settled])[until]
+    reference = jnp.concatenate([z[:1], measured])[until - moved.astype(int)]
+    info = FilterInfo(
+        output=at_events(settled - after + rise, steady),
+        error=at_events(error, z - reference),
+        switched=at_events(area, jnp.zeros_like(z)),
+    )
+    return info, weights[:, 0]
 
 
 def require_plane(plane: Plane) -> None:

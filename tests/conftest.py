@@ -31,6 +31,27 @@ def compiled_code_is_let_go():
     jax.clear_caches()
 
 
+@pytest.fixture
+def compilations():
+    """A function that names the functions which JAX compiles while another one runs."""
+
+    def names(run):
+        seen = []
+
+        def note(event: str, duration_secs: float, **keywords: str | int) -> None:
+            if event == "/jax/core/compile/backend_compile_duration":
+                seen.append(keywords.get("fun_name", event))
+
+        jax.monitoring.register_event_duration_secs_listener(note)
+        try:
+            run()
+        finally:
+            jax.monitoring.unregister_event_duration_listener(note)
+        return seen
+
+    return names
+
+
 @pytest.fixture(params=["float32", "float64"])
 def precision(request):
     """The test runs once in each floating-point precision; the value is the dtype's name."""

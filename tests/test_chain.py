@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -348,23 +347,7 @@ def test_without_parameters_there_are_no_tangents(x64):
 # --- compiling ---
 
 
-def compilations(run):
-    """How many functions JAX compiles while `run()` runs."""
-    seen = []
-
-    def note(event: str, duration_secs: float, **keywords: str | int) -> None:
-        if event == "/jax/core/compile/backend_compile_duration":
-            seen.append(keywords.get("fun_name", event))
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    try:
-        run()
-    finally:
-        jax.monitoring.unregister_event_duration_listener(note)
-    return seen
-
-
-def test_other_numbers_compile_nothing(x64):
+def test_other_numbers_compile_nothing(x64, compilations):
     names = ("delay", "drift")
 
     def everything(factor):
@@ -384,7 +367,7 @@ def test_other_numbers_compile_nothing(x64):
     assert not compilations(lambda: everything(1.3))
 
 
-def test_another_record_of_the_same_size_compiles_nothing(x64):
+def test_another_record_of_the_same_size_compiles_nothing(x64, compilations):
     """Another range of the input, another scale of time, and a start that leaves more open."""
 
     def everything(record):

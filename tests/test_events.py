@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from preisach_jax.errors import InputError
 from preisach_jax.events import (
     adapt_over_events,
     flat_index,
+    last_states,
     room_for_events,
     switching_events,
 )
-from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.filter import AdaptiveFilter, simulate
 from preisach_jax.hysteron import hysteron_states
 from preisach_jax.plane import Plane
 
@@ -179,6 +181,112 @@ def test_gradient_through_the_recursion_matches_finite_differences(x64):
             above[array], below[array] = above[array] + move, below[array] - move
             numeric = float(loss(*above) - loss(*below)) / 0.2
             assert float(gradient[cell, 0]) == pytest.approx(numeric, rel=1e-9, abs=1e-9)
+
+
+# --- the forms of the model and of the filter ---
+
+
+@pytest.mark.parametrize("kind", sorted(paths(0)))
+@pytest.mark.parametrize("initial", ["low", "high", "demagnetised"])
+def test_the_output_over_events_is_that_of_the_relays(kind, initial, precision, tolerance):
+    x = paths(3)[kind].astype(precision)
+    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells).astype(precision)
+    if kind in ("lattice", "rests") and initial != "low":
+        x[0] += 0.13  # not on a threshold, for which there is no event form
+    dense = simulate(PLANE, weights, x, "relay", initial, form="dense")
+    event = simulate(PLANE, weights, x, "relay", initial, form="event")
+    assert event.dtype == precision
+    np.testing.assert_allclose(event, dense, rtol=0, atol=20 * tolerance)
+    np.testing.assert_array_equal(simulate(PLANE, weights, x, "relay", initial), event)
+
+
+def test_the_output_over_events_has_the_gradient_of_its_sums(x64):
+    x = paths(5)["walk"]
+    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells)
+
+    def loss(weights, form):
+        return jnp.sum(simulate(PLANE, weights, x, "relay", form=form) ** 2)
+
+    got = jax.grad(loss)(weights, "event")
+    states = np.asarray(relays(PLANE, x))
+    np.testing.assert_allclose(got, 2 * states.T @ (states @ weights), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", sorted(paths(0)))
+@pytest.mark.parametrize("step_size", [1.0, 0.3])
+@pytest.mark.parametrize("passes", [1, 3])
+def test_a_run_over_events_is_the_scan_of_steps(kind, step_size, passes, precision, tolerance):
+    x = paths(6)[kind].astype(precision)
+    rng = np.random.default_rng(7)
+    z = (np.sin(x) + x + rng.normal(0, 0.1, SAMPLES)).astype(precision)
+    start = rng.uniform(0, 1, PLANE.cells).astype(precision)
+    filt = AdaptiveFilter(PLANE, initial_weight=start, step_size=step_size)
+    dense = filt.run(x, z, passes=passes, form="dense")
+    event = filt.run(x, z, passes=passes, form="event")
+    for one, other in zip(jax.tree.leaves(event), jax.tree.leaves(dense), strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_allclose(one, other, rtol=0, atol=200 * tolerance)
+    assert np.count_nonzero(event.switched) > 10
+    automatic = filt.run(x, z, passes=passes)
+    np.testing.assert_array_equal(automatic.weights, event.weights)
+    # A run goes on from the state of either.
+    more = [filt.run(x[:40], z[:40], each.state) for each in (dense, event)]
+    np.testing.assert_allclose(more[1].output, more[0].output, rtol=0, atol=200 * tolerance)
+
+
+def test_a_run_over_a_resting_input_learns_nothing():
+    result = AdaptiveFilter(PLANE).run(np.full(9, 2.2), np.arange(9.0), form="event")
+    np.testing.assert_array_equal(result.error, np.arange(9.0))
+    assert not np.any(result.switched)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_last_states_are_those_of_the_relays(seed, x64):
+    for x in paths(seed).values():
+        expected = relays(PLANE, x)[-1]
+        np.testing.assert_array_equal(last_states(PLANE, x), expected)
+
+
+def test_where_there_is_no_event_form_it_says_why():
+    x = paths(0)["walk"]
+    missing = np.where(np.arange(SAMPLES) == 7, np.nan, x)
+    weights = np.ones(PLANE.cells)
+    start = AdaptiveFilter(PLANE).init(x[0], 0.0)
+    cases = [
+        (lambda form: simulate(PLANE, weights, x, "ramp", form=form), "of ramps"),
+        (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
+        (lambda form: simulate(PLANE, weights, [2.5, 3.0], "relay", "high", form), "(2.5)"),
+        (lambda form: AdaptiveFilter(PLANE, "ramp").run(x, x, form=form), "of ramps"),
+        (lambda form: AdaptiveFilter(PLANE).run(x, missing, form=form), "outputs are missing"),
+        (lambda form: AdaptiveFilter(PLANE).run(x, x, start, form=form), "from a state"),
+        (
+            lambda form: AdaptiveFilter(PLANE, sampling="sample").run(x, x, form=form),
+            "sampling='sample'",
+        ),
+        (
+            lambda form: jax.jit(lambda x: simulate(PLANE, weights, x, "relay", form=form))(x),
+            "without values",
+        ),
+    ]
+    for call, reason in cases:
+        call("auto")
+        with pytest.raises(InputError, match="there is no event form") as raised:
+            call("event")
+        assert reason in str(raised.value)
+    with pytest.raises(InputError, match="form is 'fast'"):
+        simulate(PLANE, weights, x, form="fast")
+
+
+def test_inputs_of_one_length_share_what_is_compiled(compilations):
+    filt, rng = AdaptiveFilter(PLANE), np.random.default_rng(0)
+    x = np.abs(np.mod(np.cumsum(rng.normal(0, 0.2, 801)), 12) - 6)  # a length of its own
+
+    def everything(x):
+        simulate(PLANE, np.ones(PLANE.cells), x, "relay")
+        filt.run(x, x)
+
+    assert compilations(lambda: everything(x))
+    assert not compilations(lambda: everything(6 - x))
 
 
 def test_mistakes_are_named():

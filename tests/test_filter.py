@@ -444,9 +444,10 @@ def test_a_run_in_two_parts_is_one_run(hysteron, sampling, cut):
     x = wandering(dtype="float32")
     z = np.sin(x) + x
     filt = AdaptiveFilter(PLANE, hysteron, sampling)
-    whole = filt.run(x, z)
+    whole = filt.run(x, z, form="dense")
     # Both parts are filled up to one length, by rests: one compilation.
-    first = filt.run(np.append(x[:cut], np.full(SAMPLES - cut, x[cut - 1])), filled(z[:cut]))
+    part = np.append(x[:cut], np.full(SAMPLES - cut, x[cut - 1]))
+    first = filt.run(part, filled(z[:cut]), form="dense")
     second = filt.run(np.append(x[cut:], np.full(cut, x[-1])), filled(z[cut:]), first.state)
     for name in ("output", "error", "switched"):
         parts = np.append(getattr(first, name)[:cut], getattr(second, name)[: SAMPLES - cut])
@@ -656,7 +657,7 @@ def test_each_pass_starts_from_the_first_memory_and_the_last_weights(hysteron, x
         left.append(np.linalg.norm(several.weights - truth))
         state = dataclasses.replace(start, weights=single.weights)
     assert np.all(np.diff(left) < 0)
-    from_low = filt.run(x, z, passes=3).weights
+    from_low = filt.run(x, z, passes=3, form="dense").weights
     np.testing.assert_array_equal(from_low, filt.run(x, z, filt.init(x[0], z[0]), 3).weights)
     by_states = filt.init(x[0], z[0], np.asarray(start.states))
     np.testing.assert_array_equal(by_states.states, start.states)

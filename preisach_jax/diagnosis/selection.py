@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.budget import (
     refined_levels,
 )
 from preisach_jax.diagnosis.candidates import try_beside
-from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.trial import (
@@ -389,9 +389,11 @@ class _Search:
         }
 
     def _fits(self, problem: Problem) -> list[Fit]:
-        """The fit of each step; effects at the end that do not help on all rows are given up."""
+        """The fit of each step; effects at the end that help too little on all rows are given up."""
         fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
-        while len(fits) > 1 and not fits[-1].rms_validation < fits[-2].rms_validation:
+        # The first lock, on all rows.
+        most = (1 - LEAST_GAIN) ** 0.5
+        while len(fits) > 1 and not fits[-1].rms_validation <= most * fits[-2].rms_validation:
             given_up = self.accepted.pop().trial
             self.path.pop()
             self.finer = None

@@ -88,7 +88,7 @@ def simulate(
     x = as_float(x, "the input x")
     require_on_plane(plane, x)
     why_not = _why_no_events(plane, x, hysteron, initial)
-    if chosen_form(form, why_not) == "event":
+    if chosen_form(form, why_not) == "event" and isinstance(initial, str):
         return relay_output(plane, weights, x, initial)
     return _simulate(plane, weights, x, hysteron, initial)
 
@@ -406,7 +406,9 @@ def _run_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: i
 
 
 @partial(jax.jit, static_argnames="passes")
-def _rows_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: int):
+def _rows_over_events(
+    filt: AdaptiveFilter, x, z, switching: Switching, passes: int
+) -> tuple[FilterInfo, jax.Array]:
     start = filt.init(x[0], z[0])
     measured = z.at[switching.sample].get(mode="clip")
     increments = jnp.diff(measured, prepend=z[:1])[:, None]

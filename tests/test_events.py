@@ -255,7 +255,10 @@ def test_where_there_is_no_event_form_it_says_why():
     cases = [
         (lambda form: simulate(PLANE, weights, x, "ramp", form=form), "of ramps"),
         (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
-        (lambda form: simulate(PLANE, weights, [2.5, 3.0], "relay", "high", form), "(2.5)"),
+        (
+            lambda form: simulate(PLANE, weights, np.array([2.5, 3.0]), "relay", "high", form),
+            "(2.5)",
+        ),
         (lambda form: AdaptiveFilter(PLANE, "ramp").run(x, x, form=form), "of ramps"),
         (lambda form: AdaptiveFilter(PLANE).run(x, missing, form=form), "outputs are missing"),
         (lambda form: AdaptiveFilter(PLANE).run(x, x, start, form=form), "from a state"),

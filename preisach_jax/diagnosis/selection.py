@@ -389,7 +389,7 @@ class _Search:
         }
 
     def _fits(self, problem: Problem) -> list[Fit]:
-        """The fit of each step; effects at the end that help too little on all rows are given up."""
+        """The fit of each step; last effects that help too little on all rows are given up."""
         fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
         # The first lock, on all rows.
         most = (1 - LEAST_GAIN) ** 0.5

@@ -308,11 +308,12 @@ def _goals(levels: jax.Array, events: int) -> tuple[jax.Array, jax.Array]:
 @eqx.filter_jit
 def _last_states(plane: Plane, levels, start, events: int) -> jax.Array:
     def advance(carry, goal):
-        return (_passing(plane, *carry, goal), goal), None
+        lowest, level = carry
+        return (_passing(plane, lowest, level, goal), goal), None
 
     first = (_staircase(plane, start), levels[0])
     lowest = jax.lax.scan(advance, first, _goals(levels, events)[1])[0][0]
-    return (plane.beta_index < lowest[plane.alpha_index]).astype(start.dtype)
+    return (jnp.asarray(plane.beta_index) < lowest[plane.alpha_index]).astype(start.dtype)
 
 
 @eqx.filter_jit
@@ -328,7 +329,8 @@ def _relay_output(plane: Plane, weights, levels, start, events: int) -> jax.Arra
         return jnp.sum(sums.at[row + lowest].get(mode="promise_in_bounds"))
 
     def advance(carry, goal):
-        lowest = _passing(plane, *carry, goal)
+        lowest, level = carry
+        lowest = _passing(plane, lowest, level, goal)
         return (lowest, goal), output(lowest)
 
     lowest = _staircase(plane, start)

@@ -402,7 +402,7 @@ def _run_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: i
     states = last_states(filt.plane, x)
     sample = jnp.max(jnp.where(switching.area > 0, switching.sample, 0))
     state = FilterState(weights, states, x[-1], states, z[sample])
-    return FilterResult(weights, *rows, state)
+    return FilterResult(weights, rows.output, rows.error, rows.switched, state)
 
 
 @partial(jax.jit, static_argnames="passes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import relays
 import streaming
 import sweep
 import whole_process
@@ -11,6 +12,7 @@ import whole_process
 BENCHMARKS = {
     "sweep": sweep.main,
     "streaming": streaming.main,
+    "relays": relays.main,
     "whole_process": whole_process.main,
 }
 

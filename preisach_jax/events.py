@@ -119,7 +119,7 @@ def switching_events(
     x, _ = path_and_start(plane, x, "low", "relay")
     if events is not None and width is not None:
         return _switching_events(plane, x, events, width)
-    found = _switching_events(plane, x, *_shared_room(plane, x))
+    found, _ = events_and_states(plane, x)
     count = max(1, int(jnp.count_nonzero(found.area)))
     return jax.tree.map(lambda rows: jnp.asarray(np.asarray(rows)[:count]), found)
 
@@ -151,26 +151,57 @@ def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
     return max(1, min(events, x.shape[-1] - 1)), min(width, plane.levels)
 
 
-def _shared_room(plane: Plane, x: ArrayLike) -> tuple[int, int]:
-    """Room for the events of an input, in sizes that like inputs share, and so what is compiled."""
-    events, width = room_for_events(plane, x)
-    return min(_rounded_up(events), np.shape(x)[-1]), 1 << (width - 1).bit_length()
-
-
-def events_of(plane: Plane, x: ArrayLike) -> Switching:
-    """Find the switching events along an input, with fillings at the end.
+def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]:
+    """Find the switching events along an input, and the states of the relays at its end.
 
     Inputs of equal length, and about as many events, share what is compiled for them.
 
     Args:
         plane: the Preisach plane.
-        x: (time,) input, in the unit of the plane; concrete.
+        x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
 
     Returns:
-        The events; at the fillings the sample is `time`.
+        `(switching, states)`: the events, of which the last ones may be fillings whose sample is
+        `time`, and (cells,) states, 0 or 1.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> events_and_states(plane, jnp.asarray([0.0, 2.0, 1.0]))[1].tolist()
+        [1.0, 1.0, 0.0]
     """
-    x, _ = path_and_start(plane, x, "low", "relay")
-    return _switching_events(plane, x, *_shared_room(plane, x))
+    levels = _concrete_levels(plane, np.asarray(x))
+    sample, to = _moves(levels)
+    width = int(np.abs(np.diff(to, prepend=levels[0])).max(initial=1))
+    # Fillings stay where the input ends.
+    sample = jnp.asarray(np.where(sample < 0, len(levels), sample))
+    width = 1 << (width - 1).bit_length()
+    found, lowest = _crossings(plane, sample, jnp.asarray(to), jnp.asarray(levels[0]), width)
+    on = plane.beta_index < np.asarray(lowest)[plane.alpha_index]
+    return found, jnp.asarray(on, x.dtype)
+
+
+def _concrete_levels(plane: Plane, x: np.ndarray) -> np.ndarray:
+    """(time,) levels of an input, as `_levels` has them: NumPy is quicker at this than XLA."""
+    thresholds = plane.thresholds.astype(x.dtype)
+    last, following = np.append(-np.inf, thresholds), np.append(thresholds, np.inf)
+    position = (x - plane.low) / (plane.high - plane.low) * plane.levels
+    count = np.clip(np.rint(position), 0, plane.levels).astype(np.int32)
+    count += (following[count] <= x).astype(np.int32) - (last[count] > x)
+    on_threshold = last[count] == x
+    if on_threshold.any():  # rule (3), (4): a rising input has passed it, a falling one not yet
+        moved_at = np.maximum.accumulate(np.where(np.diff(x, prepend=x[0]), np.arange(len(x)), 0))
+        falling = (moved_at > 0) & (x < x[moved_at - 1])
+        count -= on_threshold & (falling | (moved_at == 0))
+    return count
+
+
+def _moves(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(events,) samples at which the level moves, then -1, and where to; at the end it stays."""
+    sample = np.flatnonzero(levels[1:] != levels[:-1]) + 1
+    # Inputs of like length share what is compiled.
+    filling = _rounded_up(len(sample)) - len(sample)
+    to = np.append(levels[sample], np.full(filling, levels[-1]))
+    return np.append(sample, np.full(filling, -1)).astype(np.int32), to.astype(np.int32)
 
 
 def _levels(plane: Plane, x: jax.Array) -> jax.Array:
@@ -186,6 +217,11 @@ def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Sw
     before = jnp.concatenate([levels[:1], levels[:-1]])
     sample = jnp.nonzero(levels != before, size=events, fill_value=x.shape[0])[0]
     to = levels.at[sample].get(mode="fill", fill_value=-1)
+    return _crossings(plane, sample, to, levels[0], width)[0]
+
+
+@eqx.filter_jit
+def _crossings(plane: Plane, sample, to, start, width: int) -> tuple[Switching, jax.Array]:
     index = jnp.arange(plane.levels, dtype=jnp.int32)
     passed = jnp.arange(width, dtype=jnp.int32)
 
@@ -205,10 +241,9 @@ def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Sw
 
     # Of each row, the lowest level since the input last passed it upward; of each column, the
     # highest since it last passed that downward.
-    start = levels[0]
     lowest, highest = jnp.where(index < start, start, 0), jnp.full_like(index, start)
-    found = jax.lax.scan(cross, (lowest, highest, start), to)[1]
-    return Switching(sample, *found)
+    (lowest, _, _), found = jax.lax.scan(cross, (lowest, highest, start), to)
+    return Switching(sample, *found), lowest
 
 
 def relays_start_alike(plane: Plane, x0: ArrayLike, initial: str) -> bool:
@@ -247,40 +282,16 @@ def relay_output(plane: Plane, weights: ArrayLike, x: ArrayLike, initial: str = 
         [0.0, 7.0, 3.0, 0.0]
     """
     x, start = path_and_start(plane, x, initial, "relay")
-    levels, count = _moves(plane, x)
-    room = _rounded_up(int(count))
-    return _relay_output(plane, jnp.asarray(weights), levels, start, room)
+    levels = _concrete_levels(plane, np.asarray(x))
+    until = np.cumsum(np.diff(levels, prepend=levels[0]) != 0, dtype=np.int32)
+    weights, to = jnp.asarray(weights), jnp.asarray(_moves(levels)[1])
+    return _relay_output(plane, weights, start, levels[0], to, jnp.asarray(until))
 
 
 def _rounded_up(count: int) -> int:
     """The next of eight sizes an octave: inputs of like length share what is compiled."""
     step = 1 << max(count.bit_length() - 4, 0)
     return max(-(-count // step) * step, 16)
-
-
-@jax.jit
-def _moves(plane: Plane, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    levels = _levels(plane, x)
-    return levels, jnp.count_nonzero(levels[1:] != levels[:-1])
-
-
-def last_states(plane: Plane, x: ArrayLike) -> jax.Array:
-    """States of the relays after an input that started from saturated low, eq. (1)-(4).
-
-    Args:
-        plane: the Preisach plane.
-        x: (time,) input, in the unit of the plane; concrete.
-
-    Returns:
-        (cells,) states, 0 or 1.
-
-    Example:
-        >>> last_states(Plane(levels=2, low=0.0, high=2.0), [0.0, 2.0, 1.0]).tolist()
-        [1.0, 1.0, 0.0]
-    """
-    x, start = path_and_start(plane, x, "low", "relay")
-    levels, count = _moves(plane, x)
-    return _last_states(plane, levels, start, _rounded_up(int(count)))
 
 
 def _passing(plane: Plane, lowest: jax.Array, level: jax.Array, goal: jax.Array) -> jax.Array:
@@ -299,25 +310,8 @@ def _staircase(plane: Plane, states: jax.Array) -> jax.Array:
     return jnp.sum(on, axis=1).astype(jnp.int32)
 
 
-def _goals(levels: jax.Array, events: int) -> tuple[jax.Array, jax.Array]:
-    """(time,) whether the level moves, and (events,) where to; at the end it stays."""
-    moved = jnp.concatenate([jnp.zeros(1, bool), levels[1:] != levels[:-1]])
-    return moved, levels[jnp.nonzero(moved, size=events, fill_value=levels.shape[0] - 1)[0]]
-
-
 @eqx.filter_jit
-def _last_states(plane: Plane, levels, start, events: int) -> jax.Array:
-    def advance(carry, goal):
-        lowest, level = carry
-        return (_passing(plane, lowest, level, goal), goal), None
-
-    first = (_staircase(plane, start), levels[0])
-    lowest = jax.lax.scan(advance, first, _goals(levels, events)[1])[0][0]
-    return (jnp.asarray(plane.beta_index) < lowest[plane.alpha_index]).astype(start.dtype)
-
-
-@eqx.filter_jit
-def _relay_output(plane: Plane, weights, levels, start, events: int) -> jax.Array:
+def _relay_output(plane: Plane, weights, start, level, to, until) -> jax.Array:
     matrix = jnp.zeros((plane.levels, plane.levels), weights.dtype)
     matrix = matrix.at[plane.alpha_index, plane.beta_index].set(weights)
     # Weight of the first q relays of each row, the rows one behind another.
@@ -334,10 +328,9 @@ def _relay_output(plane: Plane, weights, levels, start, events: int) -> jax.Arra
         return (lowest, goal), output(lowest)
 
     lowest = _staircase(plane, start)
-    moved, goals = _goals(levels, events)
-    outputs = jax.lax.scan(advance, (lowest, levels[0]), goals)[1]
+    outputs = jax.lax.scan(advance, (lowest, jnp.asarray(level)), to)[1]
     outputs = jnp.concatenate([output(lowest)[None], outputs])
-    return outputs[jnp.cumsum(moved.astype(jnp.int32))]
+    return outputs.at[until].get(mode="promise_in_bounds")
 
 
 def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.Array:

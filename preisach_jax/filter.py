@@ -18,8 +18,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.events import (
     Switching,
     adapt_over_events,
-    events_of,
-    last_states,
+    events_and_states,
     relay_output,
     relays_start_alike,
 )
@@ -371,7 +370,7 @@ class AdaptiveFilter(eqx.Module):
         if count != passes or count < 1:
             raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
         if chosen_form(form, self._why_no_events(x, z, state)) == "event":
-            return _run_over_events(self, x, z, events_of(self.plane, x), count)
+            return _run_over_events(self, x, z, count)
         return _run(self, x, z, state, count)
 
     def _why_no_events(self, x, z, state: FilterState | None) -> str:
@@ -397,9 +396,9 @@ def _run(filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int) -> 
     return FilterResult(state.weights, *info, state)
 
 
-def _run_over_events(filt: AdaptiveFilter, x, z, switching: Switching, passes: int) -> FilterResult:
+def _run_over_events(filt: AdaptiveFilter, x, z, passes: int) -> FilterResult:
+    switching, states = events_and_states(filt.plane, x)
     rows, weights = _rows_over_events(filt, x, z, switching, passes)
-    states = last_states(filt.plane, x)
     sample = jnp.max(jnp.where(switching.area > 0, switching.sample, 0))
     state = FilterState(weights, states, x[-1], states, z[sample])
     return FilterResult(weights, rows.output, rows.error, rows.switched, state)

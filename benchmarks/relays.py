@@ -1,0 +1,217 @@
+"""Measure relays from event to event: the model's output and the paper's recursion.
+
+    python benchmarks/run.py relays
+
+Beside the package stand, in the same run and on the same core, NumPy as one first writes it (all
+relays at every sample), NumPy as one writes it for speed (lists of the relays that switch), and C
+(`relays.c`, compiled here with -O3 -march=native).  All give the same weights, which is checked.
+One input, a Bernoulli ramp at 2 kHz; double precision; medians of repeated runs.  What finds the
+switching events counts as part of the run.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from conditions import write_results
+
+from preisach_jax.events import adapt_over_events, events_and_states
+from preisach_jax.filter import AdaptiveFilter, simulate
+from preisach_jax.piezo import RANGE_V
+from preisach_jax.plane import Plane
+from preisach_jax.signals import bernoulli_ramp
+
+LEVELS, SAMPLES, RATE_HZ, LANES, REPEATS = (9, 13, 19, 37, 75), 50_000, 2000.0, 64, 9
+START = 1e-9  # weights before the first event
+NAIVE_SAMPLES = 2_000  # of the naive loop, whose time is extrapolated
+SOURCE = Path(__file__).with_name("relays.c")
+
+
+def measured(function: Callable, repeats: int = REPEATS) -> dict[str, float]:
+    """Seconds of the first call, and median and range of those after it."""
+    spent = []
+    for _ in range(repeats + 1):
+        begin = time.perf_counter()
+        jax.block_until_ready(function())
+        spent.append(time.perf_counter() - begin)
+    first, later = spent[0], spent[1:]
+    return {"first_s": first, "median_s": float(np.median(later)), "least_s": min(later)}
+
+
+class CReference:
+    """The functions of `relays.c`."""
+
+    def __init__(self, folder: str):
+        library = Path(folder) / "relays.so"
+        compiler = os.environ.get("CC", "cc")
+        options = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
+        subprocess.run([compiler, *options, str(SOURCE), "-o", str(library)], check=True)
+        self.library = ctypes.CDLL(str(library))
+
+    def adapt(self, plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(cells, lanes) weights after the outputs (time, lanes) of one input."""
+        weights = np.full((plane.cells, z.shape[1]), START)
+        size = (plane.levels, ctypes.c_long(len(x)), z.shape[1])
+        self.library.adapt(*size, *_limits(plane), *map(_pointer, (x, z, weights)))
+        return weights
+
+    def simulate(self, plane: Plane, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(time,) output."""
+        output = np.empty(len(x))
+        size = (plane.levels, ctypes.c_long(len(x)))
+        self.library.simulate(*size, *_limits(plane), *map(_pointer, (x, weights, output)))
+        return output
+
+
+def _limits(plane: Plane) -> tuple[ctypes.c_double, ctypes.c_double]:
+    return ctypes.c_double(plane.low), ctypes.c_double(plane.delta_x)
+
+
+def _pointer(array: np.ndarray) -> ctypes.c_void_p:
+    assert array.flags.c_contiguous
+    assert array.dtype == np.float64
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def naive_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """All relays at every sample, eq. (3), (4), (7), (8), (12), for one lane."""
+    alpha, beta = plane.alpha, plane.beta
+    weights, states, reference = np.full(plane.cells, START), x[0] > alpha, z[0, 0]
+    for k in range(1, len(x)):
+        new = np.where(x[k] >= alpha, True, np.where(x[k] < beta, False, states))
+        on, off = new & ~states, states & ~new
+        area = on.sum() + off.sum()
+        if area:
+            error = z[k, 0] - reference - (weights[on].sum() - weights[off].sum())
+            weights[on] += error / area
+            weights[off] -= error / area
+            reference = z[k, 0]
+        states = new
+    return weights[:, None]
+
+
+def clever_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Only samples that pass a threshold, and lists of the relays that they switch."""
+    levels = np.floor((x - plane.low) / plane.delta_x + 0.5).astype(int)
+    events = np.flatnonzero(np.diff(levels)) + 1
+    weights = np.full((plane.cells, z.shape[1]), START)
+    start = levels[0]
+    lowest = np.where(np.arange(plane.levels) < start, start, 0)
+    highest = np.full(plane.levels, start)
+    first = np.arange(plane.levels) * (np.arange(plane.levels) + 1) // 2
+    before, reference = start, z[0]
+    for k in events:
+        to = levels[k]
+        if to > before:
+            sign = 1.0
+            parts = [first[i] + np.arange(lowest[i], i + 1) for i in range(before, to)]
+        else:
+            sign = -1.0
+            parts = [first[j : highest[j]] + j for j in range(to, before)]
+        cells = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        if len(cells):
+            error = z[k] - reference - sign * weights[cells].sum(axis=0)
+            weights[cells] += sign * error / len(cells)
+            reference = z[k]
+        lowest[before:to] = to
+        highest[to:before] = to
+        np.minimum(lowest, to, out=lowest)
+        np.maximum(highest, to, out=highest)
+        before = to
+    return weights
+
+
+@jax.jit
+def _adapt(plane: Plane, switching, z, weights):
+    at = z.at[switching.sample].get(mode="clip")
+    rises = jnp.diff(at, axis=0, prepend=z[:1])
+    return adapt_over_events(plane, switching, rises, weights)[0]
+
+
+def jax_adapt(plane: Plane, x: jax.Array, z: jax.Array) -> jax.Array:
+    """The package, for all lanes."""
+    return _adapt(
+        plane, events_and_states(plane, x)[0], z, jnp.full((plane.cells, z.shape[1]), START)
+    )
+
+
+def measure(levels: int, reference: CReference) -> dict:
+    """All variants on one plane."""
+    plane = Plane(levels=levels, low=0.0, high=RANGE_V)
+    x = np.asarray(bernoulli_ramp(jax.random.key(levels), SAMPLES, RATE_HZ, high=RANGE_V))
+    rng = np.random.default_rng(levels)
+    truth = rng.uniform(0.1, 1.0, plane.cells)
+    clean = reference.simulate(plane, x, truth)
+    z = np.ascontiguousarray(clean[:, None] + 0.01 * rng.normal(size=(SAMPLES, LANES)))
+    one = np.ascontiguousarray(z[:, :1])
+    filt, inputs = AdaptiveFilter(plane, initial_weight=START), jnp.asarray(x)
+    lanes = jnp.asarray(z)
+    weights = jnp.asarray(truth)
+
+    wanted = reference.adapt(plane, x, z)
+    for got in (jax_adapt(plane, inputs, lanes), clever_adapt(plane, x, z)):
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(filt.run(x, z[:, 0]).weights, wanted[:, 0], rtol=0, atol=1e-11)
+    few = slice(0, NAIVE_SAMPLES)
+    part = reference.adapt(plane, x[few], one[few].copy())
+    np.testing.assert_allclose(naive_adapt(plane, x[few], one[few]), part, rtol=0, atol=1e-11)
+    simulated = simulate(plane, weights, inputs, "relay")
+    np.testing.assert_allclose(simulated, clean, rtol=0, atol=1e-8)
+
+    def loss(weights):
+        return jnp.sum(simulate(plane, weights, inputs, "relay") ** 2)
+
+    naive = measured(lambda: naive_adapt(plane, x[few], one[few]), 3)
+    scale = SAMPLES / NAIVE_SAMPLES
+    return {
+        "levels": levels,
+        "events": int(np.count_nonzero(events_and_states(plane, inputs)[0].area)),
+        "one_lane": {
+            "event_form": measured(lambda: filt.run(inputs, lanes[:, 0]).weights),
+            "dense_form": measured(lambda: filt.run(inputs, lanes[:, 0], form="dense").weights, 3),
+            "c": measured(lambda: reference.adapt(plane, x, one)),
+            "clever_numpy": measured(lambda: clever_adapt(plane, x, one), 3),
+            "naive_numpy_extrapolated": {name: scale * s for name, s in naive.items()},
+        },
+        "many_lanes": {
+            "event_form": measured(lambda: jax_adapt(plane, inputs, lanes)),
+            "c": measured(lambda: reference.adapt(plane, x, z)),
+            "clever_numpy": measured(lambda: clever_adapt(plane, x, z), 3),
+        },
+        "simulate": {
+            "event_form": measured(lambda: simulate(plane, weights, inputs, "relay")),
+            "dense_form": measured(
+                lambda: simulate(plane, weights, inputs, "relay", form="dense"), 3
+            ),
+            "value_and_gradient": measured(lambda: jax.value_and_grad(loss)(weights)),
+            "c": measured(lambda: reference.simulate(plane, x, truth)),
+        },
+    }
+
+
+def main() -> None:
+    """Measure all planes and write the figures."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    jax.config.update("jax_enable_x64", True)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [measure(levels, CReference(folder)) for levels in LEVELS]
+    for row in rows:
+        for task in ("one_lane", "many_lanes", "simulate"):
+            base = row[task]["c"]["median_s"]
+            ratios = {name: round(each["median_s"] / base, 1) for name, each in row[task].items()}
+            print(f"N = {row['levels']}, {task}, over C ({1e3 * base:.3g} ms): {ratios}")
+    settings = {"samples": SAMPLES, "lanes": LANES, "repeats": REPEATS, "cores": 1}
+    write_results("relays.json", settings | {"planes": rows})
+
+
+if __name__ == "__main__":
+    main()

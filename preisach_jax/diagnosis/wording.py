@@ -6,7 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from preisach_jax.diagnosis.residuals import input_rate, time_since_reversal
+from preisach_jax.diagnosis.residuals import (
+    cumulated_periodogram,
+    in_sequence,
+    input_rate,
+    longest_lag,
+    reversals,
+    time_since_reversal,
+)
 from preisach_jax.diagnosis.result import Budget, Experiment, Finding
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
@@ -94,8 +101,7 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
             "can hide in it. Record more, or ask for fewer levels."
         )
-    direction = np.sign(np.diff(record.input))
-    turns = int(np.count_nonzero(np.diff(direction[direction != 0])))
+    turns = len(reversals(record.input))
     if turns < LEAST_REVERSALS:
         notes.append(
             f"The input turns {turns} times only: hysteresis, and much that acts beside it, cannot "
@@ -108,17 +114,20 @@ def located(record: Record, fit: Fit) -> str:
     """Where the residual of a fit sits: the stretch of an axis that holds most of its power.
 
     Each axis is cut into ten parts of equal numbers of samples; the part with the greatest share
-    of the squared residual is named, for the three axes that concentrate it most.
+    of the squared residual is named, for the three axes that concentrate it most.  Then the
+    direction of the input, if one has much more than its share, and the band of frequencies.
     """
     rows = np.flatnonzero(record.measured)
     power = fit.residual[rows] ** 2
+    rate = input_rate(record.time, record.input)
     unit_u, unit_z = record.input_unit, record.output_unit
     axes = {
         "time": (record.time, "s"),
         "input": (record.input, unit_u),
         "output": (record.output, unit_z),
-        "speed of the input": (np.abs(input_rate(record.time, record.input)), f"{unit_u}/s"),
+        "speed of the input": (np.abs(rate), f"{unit_u}/s"),
         "time since the last reversal": (time_since_reversal(record.time, record.input), "s"),
+        "input at the last reversal": (_last_turn(record.input), unit_u),
     }
     places = []
     for name, (values, unit) in axes.items():
@@ -135,7 +144,48 @@ def located(record: Record, fit: Fit) -> str:
             )
         )
     places.sort(reverse=True)
-    return "; ".join(text for _, text in places[:3]) + " (each a tenth of the samples)"
+    tenths = "; ".join(text for _, text in places[:3]) + " (each a tenth of the samples)"
+    return "; ".join([tenths, *_one_sided(np.sign(rate[rows]), power), _band(record, fit.residual)])
+
+
+UNEVEN = 1.5
+"""Share of the power over that of the samples from which a direction is named."""
+
+
+LEAST_SHARE = 0.2
+"""Share of the power below which no direction is named."""
+
+
+def _one_sided(direction: np.ndarray, power: np.ndarray) -> list[str]:
+    """The direction of the input that has much more of the power than of the samples."""
+    texts = []
+    for sign, name in ((1, "rises"), (-1, "falls"), (0, "rests")):
+        inside = direction == sign
+        share, expected = power[inside].sum() / power.sum(), inside.mean()
+        if share > max(UNEVEN * expected, LEAST_SHARE):
+            texts.append(
+                f"{100 * share:.0f} % while the input {name} ({100 * expected:.0f} % of the "
+                "samples)"
+            )
+    return texts
+
+
+def _band(record: Record, residual: np.ndarray) -> str:
+    """The band of frequencies that holds the middle half of the power."""
+    spectrum = cumulated_periodogram(
+        in_sequence(record, residual, longest_lag(record)), record.step_s
+    )
+    first, last = (
+        quantity(float(spectrum.frequency_hz[np.searchsorted(spectrum.value, share)]), "Hz", 2)
+        for share in (0.25, 0.75)
+    )
+    return f"half of it between {first} and {last}"
+
+
+def _last_turn(values: np.ndarray) -> np.ndarray:
+    """(time,) input at the last reversal before each sample; at the start, the first one."""
+    turns = np.concatenate([[0], reversals(values)]).astype(int)
+    return values[turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]]
 
 
 def next_experiment(

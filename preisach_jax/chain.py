@@ -461,10 +461,8 @@ def hysteresis_columns(
     rising, falling = _extremes(open_course or course)
     switched = np.concatenate([_reached(chain, rising) - 1, _reached(chain, falling)], axis=1)
     seen = np.ptp(switched, axis=0) > 0
-    # Only what was driven beyond the range before can leave the other ones as they are.
-    levels = chain.plane.levels
-    seen[:levels] &= initial_memory != "high"
-    seen[levels:] &= initial_memory != "low"
+    if initial_memory in ("low", "high"):  # saturated: no threshold lies beyond the range
+        seen[:] = False
     groups = (*groups, *[np.zeros(0, dtype=int)] * seen.sum())
     return HysteresisColumns(states, switched[:, seen], groups, start, seen)
 

@@ -26,7 +26,6 @@ from preisach_jax.identify import (
     refine,
     search,
     with_all_rows,
-    with_feedback,
     with_strength,
 )
 from preisach_jax.model import Model, Origin, Prediction
@@ -317,8 +316,7 @@ def settled(problem: Problem, point: Point) -> Point:
     point = refine(problem, point)
     before = point.strength
     point = with_strength(point)
-    point = point if point.strength == before else refine(problem, point, iterations=4)
-    return with_feedback(problem, point)
+    return point if point.strength == before else refine(problem, point, iterations=4)
 
 
 def finished(problem: Problem, point: Point, record: Record) -> Fit:

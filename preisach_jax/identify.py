@@ -25,7 +25,6 @@ from preisach_jax.chain import (
     hysteresis_columns,
     hysteresis_output,
     regressors,
-    response,
     sensed,
     signals_of,
     tangents,
@@ -244,8 +243,6 @@ class Point:
         equations: normal equations, in output ranges.
         solution: (column,) scaled coefficients from those folds.
         objective: mean square plus penalty on those folds.
-        fed_back: (row,) output where it feeds back on itself, in output ranges; None where it does
-            not, or where that was held at the output of a point near by.
     """
 
     chain: Chain
@@ -259,7 +256,6 @@ class Point:
     equations: NormalEquations
     solution: np.ndarray
     objective: float
-    fed_back: np.ndarray | None = None
 
     @property
     def residual(self) -> np.ndarray:
@@ -267,8 +263,6 @@ class Point:
 
         What the sensor makes of the output is predicted as it would be without the measurement.
         """
-        if self.fed_back is not None:
-            return self.target - self.fed_back
         if not self.chain.at(SensorEffect):
             return self.target - self.matrix @ self.solution
         rest = self.matrix.shape[1] - self.chain.sensor_coefficients
@@ -279,8 +273,7 @@ class Point:
     @property
     def validation_mean_square(self) -> float:
         """Mean square on the held-out blocks, in squared output ranges."""
-        # What the sensor does, or feeds back, is in no normal equations.
-        if self.fed_back is not None or self.chain.at(SensorEffect):
+        if self.chain.at(SensorEffect):  # what the sensor does is in no normal equations
             held_out = int(self.equations.count[VALIDATION].sum())
             return float(np.mean(self.residual[-held_out:] ** 2))
         return self.equations.mean_square(self.solution, VALIDATION)
@@ -355,15 +348,7 @@ def _solved(point: Point) -> Point:
     passive = guess > 0 if len(guess) == len(moment) else None
     solution = solve_nonnegative(gram, moment, equations.nonnegative, passive)
     objective = equations.mean_square(solution, folds) + equations.penalty(solution, strength)
-    return replace(point, solution=solution, objective=objective, fed_back=None)
-
-
-def with_feedback(problem: Problem, point: Point) -> Point:
-    """The same point, whose residual is that of the output that agrees with what it feeds back."""
-    if not point.chain.feeds_back:
-        return point
-    output = response(point.chain, point.values, problem.signals, point.coefficients())
-    return replace(point, fed_back=np.asarray(output)[problem.rows] / point.unit)
+    return replace(point, solution=solution, objective=objective)
 
 
 def with_strength(point: Point) -> Point:

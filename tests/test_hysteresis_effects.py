@@ -344,26 +344,6 @@ def test_regressors_at_the_fed_back_output_make_the_response(x64, ratio):
     assert np.abs(bare.states @ WEIGHTS + 3.0 - got).max() > 0.1
 
 
-def test_a_fed_back_point_is_judged_by_the_output_that_agrees_with_itself(x64):
-    time, path = wandering(seed=9)
-    coefficients = Coefficients(WEIGHTS, np.zeros(PLANE.cells), 3.0, np.zeros(0))
-    output = np.asarray(response(*moving_setting(0.3)[:3], coefficients))
-    record = Record.from_arrays(time, path, output, initial_memory="low")
-    problem = Problem.of(record)
-    point = base_point(problem, 6)
-    effect = Moving(0.0, 12.0, TOTAL)
-    found = with_effect(problem, point, effect, always=True)
-    expected = response(found.chain, found.values, problem.signals, found.coefficients())
-    expected = (record.output - np.asarray(expected))[problem.rows] / found.unit
-    np.testing.assert_allclose(found.residual, expected, rtol=0, atol=1e-12)
-    held_out = problem.fold == 3
-    assert found.validation_mean_square == pytest.approx(np.mean(expected[held_out] ** 2))
-    # What was held while it was solved for is another output.
-    held = found.target - found.matrix @ found.solution
-    assert np.abs(held - expected).max() > 1e-6
-    assert with_all_rows(found).fed_back is None
-
-
 def test_feedback_keeps_the_ends_of_the_loop(x64):
     moving = Moving(low_u=-3.0, range_u=6.0, range_z=40.0)
     for a in (-0.05, 0.0, 0.1):

@@ -15,7 +15,6 @@ import ctypes
 import os
 import subprocess
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from conditions import write_results
+from timing import spread, timed
 
 from preisach_jax.events import adapt_over_events, events_and_states
 from preisach_jax.filter import AdaptiveFilter, simulate
@@ -38,13 +38,8 @@ SOURCE = Path(__file__).with_name("relays.c")
 
 def measured(function: Callable, repeats: int = REPEATS) -> dict[str, float]:
     """Seconds of the first call, and median and range of those after it."""
-    spent = []
-    for _ in range(repeats + 1):
-        begin = time.perf_counter()
-        jax.block_until_ready(function())
-        spent.append(time.perf_counter() - begin)
-    first, later = spent[0], spent[1:]
-    return {"first_s": first, "median_s": float(np.median(later)), "least_s": min(later)}
+    first = timed(function)
+    return {"first_s": first} | spread([timed(function) for _ in range(repeats)])
 
 
 class CReference:
@@ -180,7 +175,9 @@ def measure(levels: int, reference: CReference) -> dict:
             "dense_form": measured(lambda: filt.run(inputs, lanes[:, 0], form="dense").weights, 3),
             "c": measured(lambda: reference.adapt(plane, x, one)),
             "clever_numpy": measured(lambda: clever_adapt(plane, x, one), 3),
-            "naive_numpy_extrapolated": {name: scale * s for name, s in naive.items()},
+            "naive_numpy_extrapolated": {
+                name: value if name == "repeats" else scale * value for name, value in naive.items()
+            },
         },
         "many_lanes": {
             "event_form": measured(lambda: jax_adapt(plane, inputs, lanes)),

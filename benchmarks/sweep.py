@@ -9,12 +9,11 @@ samples, for one output of one input on one device.
 
 from __future__ import annotations
 
-import time
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from conditions import write_results
+from timing import spread, timed
 
 from preisach_jax.filter import AdaptiveFilter
 from preisach_jax.piezo import RANGE_V
@@ -25,23 +24,6 @@ from preisach_jax.theory import propagate_error
 SEEDS, SAMPLES, REPEATS = 8, 50_000, 11
 
 use_all_cores()
-
-
-def spread(seconds: list[float]) -> dict[str, float]:
-    """Median and range of repeated measurements."""
-    return {
-        "median_s": float(np.median(seconds)),
-        "least_s": min(seconds),
-        "most_s": max(seconds),
-        "repeats": len(seconds),
-    }
-
-
-def timed(function, *arguments) -> float:
-    """Seconds of one call, its result included."""
-    begin = time.perf_counter()
-    jax.block_until_ready(function(*arguments))
-    return time.perf_counter() - begin
 
 
 def plain_filter(x: jax.Array, z: jax.Array) -> dict:

@@ -458,11 +458,12 @@ def hysteresis_columns(
         open_course: the same without what is fed back, by default the same.
     """
     states, groups, start = _plane_columns(chain, course, initial_memory)
+    if initial_memory in ("low", "high"):  # saturated: no threshold lies beyond the range
+        none = np.zeros(2 * chain.plane.levels, dtype=bool)
+        return HysteresisColumns(states, np.zeros((len(states), 0)), groups, start, none)
     rising, falling = _extremes(open_course or course)
     switched = np.concatenate([_reached(chain, rising) - 1, _reached(chain, falling)], axis=1)
     seen = np.ptp(switched, axis=0) > 0
-    if initial_memory in ("low", "high"):  # saturated: no threshold lies beyond the range
-        seen[:] = False
     groups = (*groups, *[np.zeros(0, dtype=int)] * seen.sum())
     return HysteresisColumns(states, switched[:, seen], groups, start, seen)
 
@@ -560,14 +561,13 @@ def hysteresis_output(
 
     Where it is fed back, the output that agrees with itself is found sample by sample.
     """
+    course = drive(chain, values, signals)
+    first_run = first_run_output(chain, course, coefficients.first_run)
     if not chain.feeds_back:
-        course = drive(chain, values, signals)
-        first_run = first_run_output(chain, course, coefficients.first_run)
         return _operator_output(chain, course, coefficients) + first_run
     path, widened = _path_and_widening(chain, values, signals)
     inside = [effect for effect in chain.at(HysteresisEffect) if effect.feeds_back]
     low, width = chain.plane.low, chain.plane.high - chain.plane.low
-    first_run = first_run_output(chain, drive(chain, values, signals), coefficients.first_run)
     output = _fed_back_operator(
         Plane(chain.plane.levels, 0.0, 1.0),
         jax.tree.map(_as_array, inside),

@@ -304,18 +304,21 @@ def _passing(plane: Plane, lowest: jax.Array, level: jax.Array, goal: jax.Array)
     return jnp.where(passed, jnp.minimum(goal, index + 1), jnp.minimum(lowest, goal))
 
 
-def _staircase(plane: Plane, states: jax.Array) -> jax.Array:
-    on = jnp.zeros((plane.levels, plane.levels), states.dtype)
-    on = on.at[plane.alpha_index, plane.beta_index].set(states)
-    return jnp.sum(on, axis=1).astype(jnp.int32)
+def _laid_out(plane: Plane, values: jax.Array) -> jax.Array:
+    """(levels, levels) values of the cells, row α index, column β index; 0 where α < β."""
+    matrix = jnp.zeros((plane.levels, plane.levels), values.dtype)
+    return matrix.at[plane.alpha_index, plane.beta_index].set(values)
+
+
+def _sums_of_rows(matrix: jax.Array) -> jax.Array:
+    """(levels, levels + 1) sums of the first q cells of each row."""
+    return jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1)
 
 
 @eqx.filter_jit
 def _relay_output(plane: Plane, weights, start, level, to, until) -> jax.Array:
-    matrix = jnp.zeros((plane.levels, plane.levels), weights.dtype)
-    matrix = matrix.at[plane.alpha_index, plane.beta_index].set(weights)
     # Weight of the first q relays of each row, the rows one behind another.
-    sums = jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1).ravel()
+    sums = _sums_of_rows(_laid_out(plane, weights)).ravel()
     row = jnp.arange(plane.levels, dtype=jnp.int32) * (plane.levels + 1)
 
     def output(lowest):
@@ -327,7 +330,7 @@ def _relay_output(plane: Plane, weights, start, level, to, until) -> jax.Array:
         lowest = _passing(plane, lowest, level, goal)
         return (lowest, goal), output(lowest)
 
-    lowest = _staircase(plane, start)
+    lowest = jnp.sum(_laid_out(plane, start), axis=1).astype(jnp.int32)
     outputs = jax.lax.scan(advance, (lowest, jnp.asarray(level)), to)[1]
     outputs = jnp.concatenate([output(lowest)[None], outputs])
     return outputs.at[until].get(mode="promise_in_bounds")
@@ -353,11 +356,8 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
         >>> output_rises(plane, switching, jnp.asarray([1.0, 2.0, 4.0])).tolist()
         [7.0, -4.0]
     """
-    weights = jnp.asarray(weights)
-    matrix = jnp.zeros((plane.levels, plane.levels), weights.dtype)
-    matrix = matrix.at[plane.alpha_index, plane.beta_index].set(weights)
-    rows = jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1)
-    columns = jnp.cumsum(jnp.pad(matrix, ((1, 0), (0, 0))), axis=0)
+    matrix = _laid_out(plane, jnp.asarray(weights))
+    rows, columns = _sums_of_rows(matrix), _sums_of_rows(matrix.T).T
     line, first, last = switching.line, switching.first, switching.last
     on = rows.at[line, last].get(mode="clip") - rows.at[line, first].get(mode="clip")
     off = columns.at[first, line].get(mode="clip") - columns.at[last, line].get(mode="clip")

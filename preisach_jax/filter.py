@@ -36,6 +36,8 @@ SAMPLINGS = ("event", "sample")
 
 FORMS = ("auto", "dense", "event")
 
+WITHOUT_VALUES = "for an input without values, inside a compiled or differentiated function"
+
 # An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
 # that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
 # output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
@@ -116,7 +118,7 @@ def _why_no_events(plane: Plane, x, hysteron: str, initial: ArrayLike | str) -> 
     if hysteron != "relay":
         return "of ramps, which move at every sample"
     if isinstance(x, Tracer):
-        return "for an input without values, inside a compiled or differentiated function"
+        return WITHOUT_VALUES
     if not isinstance(initial, str):
         return "from initial states of one's own"
     if x.ndim == 1 and len(x) and not relays_start_alike(plane, x[0], initial):
@@ -378,9 +380,11 @@ class AdaptiveFilter(eqx.Module):
             return "with sampling='sample'"
         if state is not None:
             return "from a state"
-        if not isinstance(z, Tracer) and not np.isfinite(z).all():
-            return "where outputs are missing"
-        return _why_no_events(self.plane, z if isinstance(z, Tracer) else x, self.hysteron, "low")
+        if why_not := _why_no_events(self.plane, x, self.hysteron, "low"):
+            return why_not
+        if isinstance(z, Tracer):
+            return WITHOUT_VALUES
+        return "" if np.isfinite(z).all() else "where outputs are missing"
 
 
 @partial(jax.jit, static_argnames="passes")

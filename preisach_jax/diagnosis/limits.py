@@ -131,18 +131,16 @@ def _limit_of_size(
     seen = [one for one in seen if one.rms > 0]
     if not seen:
         return None
+    unit, absorbed = problem.shown_unit(first.unit), min(one.absorbed for one in seen)
     if first.high < KNOWN * first.low:  # the record shows its value, and no other is possible
-        known, absorbed = seen[0], min(one.absorbed for one in seen)
-        value, unit = known.values[first.name], problem.shown_unit(first.unit)
-        rms = known.rms * problem.unit
-        return Limit(effect.name, first.name, float(value), unit, False, float(rms), absorbed)
+        value, rms = float(seen[0].values[first.name]), float(seen[0].rms) * problem.unit
+        return Limit(effect.name, first.name, value, unit, False, rms, absorbed)
     seen.sort(key=lambda one: one.rms)
     upper = np.array([max(one.size, 0.0) + one_sided * one.deviation for one in seen])
     open_ = np.flatnonzero(~(upper < 1))
     weakest = int(open_[-1]) + 1 if len(open_) else 0
     ends = np.array([one.values[first.name] for one in seen])
     above = len(ends) > 1 and bool(np.polyfit(np.arange(len(ends)), np.log(ends), 1)[0] < 0)
-    unit, absorbed = problem.shown_unit(first.unit), min(one.absorbed for one in seen)
     if weakest == len(seen):
         return Limit(effect.name, first.name, None, unit, above, None, absorbed)
     value, rms = ends[weakest], seen[weakest].rms

@@ -296,6 +296,24 @@ def _turns(extremes: Sequence[float], places: Sequence[int], dead_band: float) -
     return found
 
 
+def last_reversal(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
+    """Sample at which a signal last turned; before its first turn, the first one.
+
+    Arguments:
+        values: (time,) signal.
+        dead_band: see `reversals`.
+
+    Returns:
+        (time,) indices.
+
+    Example:
+        >>> last_reversal(np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
+        array([0, 0, 2, 2, 2])
+    """
+    turns = np.append(0, reversals(values, dead_band))
+    return turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
+
+
 def time_since_reversal(
     time: np.ndarray, values: np.ndarray, dead_band: float | None = None
 ) -> np.ndarray:
@@ -313,9 +331,7 @@ def time_since_reversal(
         >>> time_since_reversal(np.arange(5.0), np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
         array([0., 1., 0., 1., 2.])
     """
-    turns = np.concatenate([[0], reversals(values, dead_band)])
-    last = turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
-    return time - time[last]
+    return time - time[last_reversal(values, dead_band)]
 
 
 def binned(position: np.ndarray, values: np.ndarray, bins: int = 24, fewest: int = 8) -> Bins:

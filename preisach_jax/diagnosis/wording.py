@@ -10,9 +10,9 @@ from preisach_jax.diagnosis.residuals import (
     cumulated_periodogram,
     in_sequence,
     input_rate,
+    last_reversal,
     longest_lag,
     reversals,
-    time_since_reversal,
 )
 from preisach_jax.diagnosis.result import Budget, Experiment, Finding
 from preisach_jax.effects.base import Effect
@@ -119,15 +119,15 @@ def located(record: Record, fit: Fit) -> str:
     """
     rows = np.flatnonzero(record.measured)
     power = fit.residual[rows] ** 2
-    rate = input_rate(record.time, record.input)
+    rate, last = input_rate(record.time, record.input), last_reversal(record.input)
     unit_u, unit_z = record.input_unit, record.output_unit
     axes = {
         "time": (record.time, "s"),
         "input": (record.input, unit_u),
         "output": (record.output, unit_z),
         "speed of the input": (np.abs(rate), f"{unit_u}/s"),
-        "time since the last reversal": (time_since_reversal(record.time, record.input), "s"),
-        "input at the last reversal": (_last_turn(record.input), unit_u),
+        "time since the last reversal": (record.time - record.time[last], "s"),
+        "input at the last reversal": (record.input[last], unit_u),
     }
     places = []
     for name, (values, unit) in axes.items():
@@ -180,12 +180,6 @@ def _band(record: Record, residual: np.ndarray) -> str:
         for share in (0.25, 0.75)
     )
     return f"half of it between {first} and {last}"
-
-
-def _last_turn(values: np.ndarray) -> np.ndarray:
-    """(time,) input at the last reversal before each sample; at the start, the first one."""
-    turns = np.concatenate([[0], reversals(values)]).astype(int)
-    return values[turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]]
 
 
 def next_experiment(

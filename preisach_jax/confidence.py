@@ -10,10 +10,14 @@ import scipy.linalg
 import scipy.special
 
 from preisach_jax.effects.base import Parameter
-from preisach_jax.identify import FOLDS, Point, Problem, linearise
+from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
 
 LEVEL = 0.95
+"""Coverage of the intervals, and certainty of the tests."""
+
+LEAST_PARTS = 3
+"""Least number of blocks for each amount from which their covariance is inverted."""
 
 
 def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEstimate]]:
@@ -33,22 +37,11 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
         Estimates by effect and parameter name; intervals never leave the parameters' bounds.
     """
     parameters = point.parameters
-    linear = linearise(problem, point, parameters)
+    linear, parts = _influences(problem, point, parameters)
     size = len(point.solution)
-    gram, _ = linear.equations.system(point.folds, point.strength)
-    free = ~point.equations.nonnegative | (point.solution > 0)
-    inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
-    matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
-    residual = point.residual
-    used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
-    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
-    influence = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos").T
-    deviation = np.zeros(gram.shape[0])
     # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
-    stretch = used // FOLDS
-    longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
-    deviation[inside] = np.maximum(_scatter(influence), _scatter(longer))
-    factor = scipy.special.stdtrit(len(used) - 1, 0.5 + LEVEL / 2)
+    deviation = np.sqrt(np.maximum(*(np.diag(_scatter(part)) for part in parts)))
+    factor = _factor(len(parts[0]))
     found = {effect.name: {} for effect in point.chain.effects}
     for position, (effect, parameter) in enumerate(parameters):
         half = factor * deviation[size + position] / linear.scale[position]
@@ -97,34 +90,92 @@ def with_grid_error(
     return wider
 
 
+def _influences(
+    problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]
+) -> tuple[Linearised, tuple[np.ndarray, np.ndarray]]:
+    """What each block, and each stretch of four, moves of every column; `(part, column)`."""
+    linear = linearise(problem, point, parameters)
+    gram, _ = linear.equations.system(point.folds, point.strength)
+    free = ~point.equations.nonnegative | (point.solution > 0)
+    inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
+    matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
+    residual = point.residual
+    used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
+    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
+    influence = np.zeros((len(used), gram.shape[0]))
+    solved = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos")
+    influence[:, inside] = solved.T
+    stretch = used // FOLDS
+    longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
+    return linear, (influence, longer)
+
+
 def _scatter(parts: np.ndarray) -> np.ndarray:
-    """Standard deviation of the sum of independent parts, `(part, column)`."""
+    """Covariance of the sum of independent parts, `(part, column)`."""
     count = len(parts)
-    return np.sqrt((parts**2).sum(axis=0) * count / (count - 1))
+    return parts.T @ parts * count / (count - 1)
 
 
-def differs_from_nothing(
-    point: Point, effect: str, found: dict[str, dict[str, ParameterEstimate]]
-) -> bool:
-    """Whether an amount of an effect (a gain, a loss, a coefficient) is surely not zero.
+def differs_from_nothing(problem: Problem, point: Point, effect: str) -> bool:
+    r"""Whether the amounts of an effect (gains, losses, coefficients) are surely not all zero.
 
-    Effects without an amount, such as a lag, are there as soon as they are in the model.
+    One of them alone by its interval, or all together by Hotelling's test,
+    \(T^2 = a^\top S^{-1} a\) with the sandwich covariance S of `estimates`, against
+    \(k (n - 1) / (n - k)\, F_{k, n-k}\) for k amounts and n blocks (T. W. Anderson, An Introduction
+    to Multivariate Statistical Analysis, 3rd ed., Wiley 2003, sec. 5.2): elements of a creep that
+    share one tail are each uncertain, and together are not.  Amounts at their bound of zero are
+    held there.  Effects without an amount, such as a lag, are there as soon as they are in the
+    model.
 
     Arguments:
-        point: the model.
+        problem: the record.
+        point: a refined point.
         effect: the effect's name.
-        found: its `estimates`.
     """
-    amounts = [
-        parameter.name
-        for name, parameter in point.parameters
-        if name == effect and (parameter.is_amount or parameter.start == (0.0,))
+    own = [p for name, p in point.parameters if name == effect]
+    amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]
+    linear_amounts = [
+        position
+        for position, (name, each) in enumerate(point.chain.coefficients)
+        if name == effect and each.amount
     ]
-    amounts += [
-        each.name for name, each in point.chain.coefficients if name == effect and each.amount
+    if not amounts and not linear_amounts:
+        return True
+    parameters = [
+        (name, p) for name, p in point.parameters if not p.is_amount or point.values[name][p.name]
     ]
-    intervals = [found[effect][name] for name in amounts]
-    return not amounts or any(interval.low * interval.high > 0 for interval in intervals)
+    linear, parts = _influences(problem, point, parameters)
+    size, first = len(point.solution), point.columns.offset + 1
+    columns = [first + position for position in linear_amounts]
+    values = [point.solution[column] for column in columns]
+    for position, (name, p) in enumerate(parameters):
+        if name == effect and p.name in amounts:
+            columns.append(size + position)
+            values.append(point.values[name][p.name] * linear.scale[position])
+    amount = np.array(values)
+    covariances = [_scatter(part[:, columns]) for part in parts]
+    half = _factor(len(parts[0])) * np.sqrt(np.maximum(*map(np.diag, covariances)))
+    together = all(
+        _differs_from_zero(amount, covariance, len(part))
+        for covariance, part in zip(covariances, parts, strict=True)
+    )
+    return together or bool((np.abs(amount) > half).any())
+
+
+def _differs_from_zero(values: np.ndarray, covariance: np.ndarray, count: int) -> bool:
+    """Whether numbers, of which a covariance is known from `count` parts, are not all zero."""
+    size = len(values)
+    # With few parts for each number, the covariance is too uncertain for a joint test.
+    if not 0 < LEAST_PARTS * size <= count:
+        return False
+    statistic = values @ np.linalg.pinv(covariance, hermitian=True) @ values
+    bound = size * (count - 1) / (count - size) * scipy.special.fdtri(size, count - size, LEVEL)
+    return bool(statistic > bound)
+
+
+def _factor(count: int) -> float:
+    """Half an interval over the standard deviation that `count` parts gave."""
+    return float(scipy.special.stdtrit(count - 1, 0.5 + LEVEL / 2))
 
 
 def _interval(

@@ -11,13 +11,12 @@ from threadpoolctl import threadpool_limits
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
 from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Parameter
+from preisach_jax.effects.base import AddedEffect, InputEffect, Parameter
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
-from preisach_jax.model import ParameterEstimate
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 
@@ -185,46 +184,60 @@ def test_without_effects_there_is_nothing_to_estimate(x64):
 # --- whether an effect is there at all ---
 
 
-class Gain(OutputEffect):
-    name = "gain"
+def certain(effect, start, truth, added, seeds=SEEDS):
+    """Share of records in which an effect is surely there, and in which one interval says so."""
+    record, output, chain = clean((effect,), {effect.name: truth}, added)
+    sure, alone = [], []
+    for seed in range(seeds):
+        noisy = output + noise_of(seed, 0.0)
+        problem, point, found = identified(record, noisy, chain, {effect.name: start})
+        sure.append(differs_from_nothing(problem, point, effect.name))
+        amounts = [found[effect.name][name] for name in found[effect.name] if name in AMOUNTS]
+        alone.append(any(each.low * each.high > 0 for each in amounts))
+    return np.mean(sure), np.mean(alone)
 
-    def parameters(self):
-        return (Parameter("g", "1", -1.0, 1.0), Parameter("tau_s", "s", 0.1, 1.0, start=(0.2,)))
 
-    def init(self, values, first):
-        return first
-
-    def step(self, values, state, value, dt):
-        return state, value * (1 + values["g"])
-
-
-def estimate(low, high):
-    return ParameterEstimate((low + high) / 2, low, high, "1")
+AMOUNTS = ("per_record", "c_1", "c_2", "amplitude", "loss")
 
 
 @pytest.mark.parametrize(
-    ("effect", "intervals", "certain"),
+    ("effect", "start", "truth", "added"),
     [
-        (Gain(), {"g": (0.1, 0.2), "tau_s": (0.1, 1.0)}, True),
-        (Gain(), {"g": (-0.2, -0.1), "tau_s": (0.1, 1.0)}, True),
-        (Gain(), {"g": (-0.1, 0.2), "tau_s": (0.1, 0.2)}, False),
-        (Gain(), {"g": (0.0, 0.2), "tau_s": (0.1, 0.2)}, False),
-        (Drift(), {"amplitude": (-0.3, -0.1), "tau_s": (0.1, 9.0)}, True),
-        (Drift(), {"amplitude": (-0.3, 0.1), "tau_s": (0.1, 0.2)}, False),
-        (InputLag(), {"tau_s": (1e-5, 0.2)}, True),
-        (Creep(tau_s=(0.1, 1.0)), {"c_1": (0.0, 0.2), "c_2": (0.01, 0.02)}, True),
-        (Creep(tau_s=(0.1, 1.0)), {"c_1": (0.0, 0.2), "c_2": (0.0, 0.02)}, False),
+        (Slope(), {}, {}, (0.05,)),
+        (Slope(), {}, {}, (-0.05,)),
+        (Drift(horizon_s=SECONDS), {"tau_s": 1.5}, {"tau_s": 1.5}, (0.2,)),
+        (Ageing(horizon_s=SECONDS), {"loss": 0.01, "tau_s": 2.0}, {"loss": 0.02, "tau_s": 2.0}, ()),
     ],
 )
-def test_an_effect_is_there_if_its_amount_is_surely_not_zero(x64, effect, intervals, certain):
-    record, output, _ = clean((), {}, ())
-    problem = Problem.of(Record.from_arrays(record.time, record.input, output))
-    values = {effect.name: {p.name: p.start[0] for p in effect.parameters()}}
-    chain = Chain(Plane(2, 0.0, 75.0), (effect,))
-    found = {effect.name: {name: estimate(*interval) for name, interval in intervals.items()}}
-    assert (
-        differs_from_nothing(evaluate(problem, chain, values, 1e-4), effect.name, found) == certain
-    )
+def test_an_effect_is_surely_there_if_it_stands_out_of_the_noise(x64, effect, start, truth, added):
+    assert certain(effect, start, truth, added, seeds=10)[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "start", "most"),
+    [
+        (Slope(), {}, 0.15),
+        # Two amounts, each with its own interval, and both together.
+        (Creep(tau_s=(0.4, 0.6)), {"c_1": 0.01, "c_2": 0.01}, 0.2),
+    ],
+)
+def test_an_effect_that_is_absent_is_seldom_surely_there(x64, effect, start, most):
+    absent = dict.fromkeys(start, 0.0)
+    added = (0.0,) if isinstance(effect, Slope) else ()
+    assert certain(effect, start, absent, added)[0] <= most
+
+
+def test_elements_that_share_one_tail_are_sure_together(x64):
+    twins = {"c_1": 0.01, "c_2": 0.01}
+    sure, alone = certain(Creep(tau_s=(0.45, 0.55)), twins, twins, (), seeds=20)
+    assert sure == 1.0
+    assert alone < 0.9
+
+
+def test_an_effect_without_amounts_is_there_once_it_is_in_the_model(x64):
+    record, output, chain = clean((InputLag(),), {"input_lag": {"tau_s": 0.05}}, ())
+    problem, point, _ = identified(record, output, chain, {"input_lag": {"tau_s": 0.05}})
+    assert differs_from_nothing(problem, point, "input_lag")
 
 
 def test_intervals_grow_by_what_another_grid_changes():

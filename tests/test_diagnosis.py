@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
+from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.result import VERDICTS
@@ -268,3 +269,30 @@ def test_a_useless_column_or_bound_is_told_of_that_candidate_alone():
     assert tried["aux:still"].why_not == "the column is constant (23.5): nothing can be seen"
     with pytest.raises(pj.InputError, match=r"column still: .*constant \(23.5\)"):
         pj.fit(record, ["aux:still"], levels=11)
+
+
+# --- a stage just switched on, whose loops grow ---
+
+
+def growing_loops(creep_share, seed, count=4000, rate_hz=250.0):
+    """Plays driven from rest by ever greater cycles; a share of the stroke comes late."""
+    time = np.arange(count) / rate_hz
+    amplitude = 0.15 + 0.85 * time / time[-1]
+    drive = 50 * amplitude * (1 - np.cos(2 * np.pi * (0.6 * time + 0.05 * time**2)))
+    radii = np.geomspace(1, 40, 30)
+    play, stroke = np.zeros(30), np.empty(count)
+    for k, u in enumerate(drive):
+        play = np.clip(play, u - radii, u + radii)
+        stroke[k] = 0.5 * u + 0.02 * play.sum()
+    output = stroke + 0.008 * np.random.default_rng(seed).normal(size=count)
+    for tau in (0.3, 3.0):
+        share = 1 - np.exp(-1 / rate_hz / tau)
+        output += creep_share / 2 * (signal.lfilter([share], [1, share - 1], stroke) - stroke)
+    return pj.Record.from_arrays(time, drive, output)
+
+
+@pytest.mark.parametrize(("creep_share", "effects"), [(0.03, ("creep",)), (0.0, ())])
+def test_a_creep_in_growing_loops_is_not_taken_for_a_lag(creep_share, effects):
+    found = pj.diagnose(growing_loops(creep_share, 203), ["creep", "input_lag"])
+    assert found.effects == effects
+    assert [finding.family for finding in found.findings] == [(name,) for name in effects]

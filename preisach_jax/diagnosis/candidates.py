@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from preisach_jax.confidence import differs_from_nothing, estimates
+from preisach_jax.confidence import differs_from_nothing
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.signature import Projection, promises
@@ -69,9 +69,7 @@ def _try(
             return NotFitted.screened(effect, step, promised)
         rich = with_effect(problem, point, effect, to_beat=to_beat)
         evidence = compare(problem, point, rich)
-        certain = bool(evidence.against) or differs_from_nothing(
-            rich, effect.name, estimates(problem, rich)
-        )
+        certain = bool(evidence.against) or differs_from_nothing(problem, rich, effect.name)
         return Trial(effect, step, rich, evidence, certain)
     except (FloatingPointError, np.linalg.LinAlgError) as error:
         return NotFitted(effect, step, f"could not be fitted: {error}")

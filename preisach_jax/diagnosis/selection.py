@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from preisach_jax.confidence import with_grid_error
+from preisach_jax.confidence import differs_from_nothing, with_grid_error
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
     discretisation_rms,
@@ -229,7 +229,10 @@ class _Search:
         self.trials = kept + [(trial, trial is best, name) for trial in trials]
         if best is None:
             return False
-        others = [trial for trial in passing if trial is not best]
+        # What opens both locks may stand in the family, even if its amounts alone are uncertain.
+        others = [
+            t for t in trials if isinstance(t, Trial) and t.opens_both_locks and t is not best
+        ]
         rivals = {o.effect.name: o.point for o in others if self._alike(best.point, o.point)}
         self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
@@ -334,15 +337,16 @@ class _Search:
                 for name, point in named.rivals.items()
                 if name not in present
             }
-            better = {
-                name: point
+            better = [
+                self._try_again(named, name, point)
                 for name, point in rivals.items()
                 if not compare(self.problem, self.now, point).against
-            }
-            if better:
+            ]
+            certain = [trial for trial in better if trial.certain]
+            if certain:
                 rivals[named.name] = self.now
-                name = min(better, key=lambda each: better[each].validation_mean_square)
-                again = self._try_again(named, name, better[name])
+                again = min(certain, key=lambda trial: trial.point.validation_mean_square)
+                name = again.effect.name
                 self.trials = with_rival(self.trials, named.trial, again)
                 self.accepted[position] = Named(again, {})
                 names = [each.name for each in self.accepted]
@@ -378,7 +382,8 @@ class _Search:
         without = without_effect(self.problem, self.now, named.name)
         effect = next(effect for effect in self.tried if effect.name == rival)
         evidence = compare(self.problem, without, point)
-        return Trial(effect, named.trial.step, point, evidence, True)
+        certain = differs_from_nothing(self.problem, point, rival)
+        return Trial(effect, named.trial.step, point, evidence, certain)
 
     def _alternatives(self, problem: Problem) -> dict[str, Model]:
         """The model with each rival in place of the effect that was named."""

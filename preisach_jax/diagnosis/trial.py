@@ -47,9 +47,14 @@ class Trial:
     objection: str = ""
 
     @property
+    def opens_both_locks(self) -> bool:
+        """Whether both locks open, and nothing was seen later that speaks against it."""
+        return not self.evidence.against and not self.objection
+
+    @property
     def passes(self) -> bool:
         """Whether both locks open, and its amount is surely not zero."""
-        return self.certain and not self.evidence.against
+        return self.certain and self.opens_both_locks
 
     @property
     def hopeless(self) -> bool:

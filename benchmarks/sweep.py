@@ -15,10 +15,11 @@ import numpy as np
 from conditions import write_results
 from timing import spread, timed
 
+from preisach_jax.devices import use_all_cores
 from preisach_jax.filter import AdaptiveFilter
 from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
-from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep, use_all_cores
+from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep
 from preisach_jax.theory import propagate_error
 
 SEEDS, SAMPLES, REPEATS = 8, 50_000, 11

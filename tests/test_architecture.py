@@ -19,6 +19,7 @@ LAYERS = [
     "quantity",
     "files",
     "cores",
+    "devices",
     "hysteron",
     "plane",
     "events",

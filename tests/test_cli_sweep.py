@@ -57,11 +57,14 @@ def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
 
 def test_a_broken_chunk_is_told_and_a_restart_begins_anew(tmp_path, capsys, monkeypatch):
     assert main([*WORDS, "--out", str(tmp_path)]) == 0
-    chunk = tmp_path / "chunks" / "seeds_0001-0001.npz"
+    chunk = tmp_path / "done" / "seeds_0001-0001.json"
     chunk.write_bytes(b"no chunk")
     capsys.readouterr()
     assert main([*WORDS, "--out", str(tmp_path)]) == 0
-    assert f"computed again: {chunk} cannot be read" in capsys.readouterr().out
+    assert (
+        f"computed again: {chunk} or its part of sweep.zarr cannot be read"
+        in capsys.readouterr().out
+    )
 
     computed = []
     genuine = storage.sweep
@@ -128,7 +131,7 @@ def test_what_was_ended_from_outside_goes_on_to_the_same_numbers(how, expected, 
         assert "Traceback" not in said
     else:
         assert code == -signal.SIGKILL
-    first = out / "chunks" / "seeds_0000-0000.npz"
+    first = out / "done" / "seeds_0000-0000.json"
     before = first.stat().st_mtime_ns
     assert main([*WORDS, "--out", str(out)]) == 0
     assert first.stat().st_mtime_ns == before
@@ -189,7 +192,7 @@ def test_a_folder_that_cannot_be_one_or_that_holds_another_sweep(tmp_path, capsy
     assert main([*WORDS, "--out", str(file)]) == 2
     assert "this is a file" in capsys.readouterr().err
     settings = storage.sweep_settings(jax.random.key(6), *SETTINGS, 1)
-    manifest = {"format": 1, "settings": settings, "made_with": storage.made_with()}
+    manifest = {"format": 2, "settings": settings, "made_with": storage.made_with()}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     assert main([*WORDS, "--out", str(tmp_path)]) == 2
     message = capsys.readouterr().err

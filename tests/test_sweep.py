@@ -354,7 +354,7 @@ def test_files_that_hold_no_whole_sweep_are_refused(whole, tmp_path):
 
 
 def chunk_names(folder):
-    return sorted(path.name for path in (folder / "chunks").iterdir())
+    return sorted(path.name for path in (folder / "done").iterdir())
 
 
 def run_to(folder, key, **changes):
@@ -382,12 +382,12 @@ def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
     check_same(storage.load_folder(tmp_path / "new"), whole, rtol=1e-12)
     assert computed == [[0, 1], [2, 3]]
     assert shown == [("chunk 1 of 2", 0.0), ("chunk 2 of 2", 0.5)]
-    assert chunk_names(tmp_path / "new") == ["seeds_0000-0001.npz", "seeds_0002-0003.npz"]
+    assert chunk_names(tmp_path / "new") == ["seeds_0000-0001.json", "seeds_0002-0003.json"]
     content = json.loads((tmp_path / "new" / "sweep.json").read_text())
     assert content == json.loads(json.dumps(found.to_json()))
-    parts = [Sweep.load(path) for path in (tmp_path / "new" / "chunks").iterdir()]
-    assert found.run_s == pytest.approx(sum(part.run_s for part in parts))
-    assert found.compile_s == pytest.approx(sum(part.compile_s for part in parts))
+    parts = [json.loads(path.read_text()) for path in (tmp_path / "new" / "done").iterdir()]
+    assert found.run_s == pytest.approx(sum(part["run_s"] for part in parts))
+    assert found.compile_s == pytest.approx(sum(part["compile_s"] for part in parts))
 
 
 def test_a_sweep_that_is_whole_is_not_repeated_unless_restarted(key, whole, tmp_path, computed):
@@ -410,7 +410,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_numbers(key, whole, tmp_path, 
     monkeypatch.setattr(storage, "sweep", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_to(tmp_path, key)
-    assert chunk_names(tmp_path) == ["seeds_0000-0001.npz"]
+    assert chunk_names(tmp_path) == ["seeds_0000-0001.json"]
     assert not (tmp_path / "sweep.json").exists()
     with pytest.raises(InputError, match="1 of 2 chunks of the sweep are missing; finish it"):
         storage.load_folder(tmp_path)
@@ -420,19 +420,35 @@ def test_an_interrupted_sweep_goes_on_to_the_same_numbers(key, whole, tmp_path, 
 
 def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, computed):
     run_to(tmp_path, key)
-    first, second = (tmp_path / "chunks" / name for name in chunk_names(tmp_path))
-    computed.clear()
-    for content, why in [
-        (first.read_bytes()[:-100], "cannot be read as a sweep"),
-        (second.read_bytes(), "is of another sweep"),
+    first, second = (tmp_path / "done" / name for name in chunk_names(tmp_path))
+    rows = tmp_path / "sweep.zarr" / "noise_part" / "c" / "0" / "0" / "0"
+    for path, content in [
+        (first, first.read_bytes()[:-100]),
+        (first, second.read_bytes()),
+        (rows, b"no rows"),
+        (rows, rows.with_name("1").read_bytes()),
+        (rows, None),
     ]:
-        first.write_bytes(content)
+        computed.clear()
+        if content is None:
+            path.unlink()
+        else:
+            path.write_bytes(content)
         notes = []
         check_same(run_to(tmp_path, key, announce=notes.append), whole, rtol=1e-12)
+        assert computed == [[0, 1]]
         assert len(notes) == 1
-        assert notes[0].startswith(f"computed again: {first}")
-        assert why in notes[0]
-    assert computed == [[0, 1]] * 2
+        assert notes[0].startswith(f"computed again: {first} or its part of sweep.zarr cannot be")
+
+
+def test_more_seeds_continue_a_sweep(key, whole, tmp_path, computed):
+    run_to(tmp_path, key, seeds=3)
+    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
+    # The chunk of the third seed alone is not whole any more.
+    assert computed == [[0, 1], [2], [2, 3]]
+    check_same(storage.load_folder(tmp_path), whole, rtol=1e-12)
+    with pytest.raises(InputError, match="seeds 0,1,2,3 and not 0,1,2"):
+        run_to(tmp_path, key, seeds=3)
 
 
 @pytest.mark.parametrize(
@@ -441,13 +457,13 @@ def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, compute
         (9, {}, "with key 0,7 and not 0,9: choose another folder with --out, or .*--restart"),
         (7, {"levels": (5,)}, "levels 5,3 and not 5:"),
         (7, {"noise": (0.05, 0.6)}, "noise 0.05,0.5 and not 0.05,0.6:"),
-        (7, {"seeds": 40}, r"seeds 0,1,2,3 and not 0 \.\.\. 39 \(40 values\):"),
+        (7, {"seeds": range(9, 49)}, r"seeds 0,1,2,3 and not 9 \.\.\. 48 \(40 values\):"),
         (7, {"samples": 1501, "chunk": 1}, "samples 1500 and not 1501, chunk 2 and not 1:"),
     ],
 )
 def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_path, monkeypatch):
     settings = storage.sweep_settings(jax.random.key(7), *SETTINGS, CHUNK)
-    content = {"format": 1, "settings": settings, "made_with": storage.made_with()}
+    content = {"format": 2, "settings": settings, "made_with": storage.made_with()}
     (tmp_path / "manifest.json").write_text(json.dumps(content))
     monkeypatch.delattr(storage, "sweep")  # nothing must be computed
     with pytest.raises(InputError, match=message):
@@ -458,11 +474,11 @@ def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_pat
 def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, computed):
     settings = storage.sweep_settings(key, *SETTINGS, CHUNK)
     made_with = storage.made_with()
-    whole = {"format": 1, "settings": settings, "made_with": made_with}
+    whole = {"format": 2, "settings": settings, "made_with": made_with}
     broken = {
         "jax 0.1 and not": whole | {"made_with": made_with | {"jax": "0.1"}},
-        "has the format 2, and 1 is the newest": whole | {"format": 2},
-        "cannot be read as the manifest": {"format": 1, "settings": {}, "made_with": made_with},
+        "has the format 3, and 2 is the newest": whole | {"format": 3},
+        "cannot be read as the manifest": {"format": 2, "settings": {}, "made_with": made_with},
         "choose another folder": [],
     }
     for message, content in broken.items():
@@ -473,7 +489,7 @@ def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, 
     run_to(tmp_path, key, resume=False)
     assert json.loads((tmp_path / "manifest.json").read_text()) == whole
     with pytest.raises(InputError, match=r"there is no manifest\.json; give a folder"):
-        storage.load_folder(tmp_path / "chunks")
+        storage.load_folder(tmp_path / "done")
 
 
 def test_chunks_without_a_manifest_are_not_trusted(key, tmp_path, computed):

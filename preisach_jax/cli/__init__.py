@@ -70,6 +70,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A terminal that has no µ shows a question mark, and the work is not lost for it.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
+    code = _run(words)
+    if code != OK and "preisach_jax.devices" in sys.modules:
+        from preisach_jax.devices import abandon
+
+        abandon(code)
+    return code
+
+
+def _run(words: list[str]) -> int:
     try:
         command = get_command(build())
         context = {"command": shlex.join(["preisach", *words])}

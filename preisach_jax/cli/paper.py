@@ -49,16 +49,34 @@ def sweep(
     restart: Annotated[
         bool, typer.Option("--restart", help="start anew; lose the sweep in the folder")
     ] = False,
+    distributed: Annotated[
+        bool,
+        typer.Option("--distributed", help="share it with the processes of a Slurm or MPI job"),
+    ] = False,
+    coordinator: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="without Slurm or MPI: where process 0 is reached"),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(metavar="P", help="how many processes share the sweep")
+    ] = None,
+    process: Annotated[
+        int | None, typer.Option(metavar="I", help="which of them this is, from 0")
+    ] = None,
 ) -> None:
     """Measure how the residual error grows with noise, for several levels."""
     import jax
 
+    from preisach_jax.devices import connect, disconnect, is_first, use_all_cores
     from preisach_jax.files import check_folder
-    from preisach_jax.sweep import LEVELS, NOISE_UM, use_all_cores
-    from preisach_jax.sweep.storage import RESULT, sweep_settings, sweep_to_folder
+    from preisach_jax.sweep import LEVELS, NOISE_UM
+    from preisach_jax.sweep.storage import RESULT, sweep_settings
 
     check_folder(out)
     use_all_cores()
+    by_hand = (coordinator, processes, process)
+    if distributed or any(one is not None for one in by_hand):
+        connect(*by_hand)
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
@@ -68,22 +86,36 @@ def sweep(
         sweep_settings(*settings)
     except InputError as error:  # it begins with the name of the argument, which the option has too
         raise InputError(f"--{error}") from error
+    found = _run_sweep(out, settings, not restart, context.obj["command"])
+    if found is not None and is_first():
+        show_sweep(found)
+        screen.say(f"\nSweep: {out / RESULT}")
+    disconnect()
+
+
+def _run_sweep(out: Path, settings: tuple, resume: bool, command: str) -> Sweep | None:
+    """Run a sweep into a folder, with progress, and tell how to go on if it is interrupted."""
+    from preisach_jax.devices import is_first
+    from preisach_jax.sweep.storage import sweep_to_folder
+
     notes: list[str] = []
     try:
         with screen.progress() as show:
             found = sweep_to_folder(
-                out, *settings, resume=not restart, progress=show, announce=notes.append
+                out,
+                *settings,
+                resume=resume,
+                progress=show if is_first() else None,
+                announce=notes.append,
             )
     except KeyboardInterrupt:
-        words = shlex.split(context.obj["command"])
-        again = shlex.join(word for word in words if word != "--restart")
+        again = shlex.join(word for word in shlex.split(command) if word != "--restart")
         raise Interrupted(
             f"interrupted; {out} keeps the finished chunks, go on by: {again}"
         ) from None
     for note in notes:
         screen.say(note)
-    show_sweep(found)
-    screen.say(f"\nSweep: {out / RESULT}")
+    return found
 
 
 def show_sweep(found: Sweep) -> None:
@@ -144,9 +176,9 @@ def figures(
     ] = False,
 ) -> None:
     """Draw the figures of the paper, and those that go further."""
+    from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
     from preisach_jax.plot.paper import figures as run
-    from preisach_jax.sweep import use_all_cores
 
     check_folder(out)
     use_all_cores()

@@ -13,15 +13,13 @@ import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from preisach_jax.cores import usable_cores
+from preisach_jax.devices import compiled, evenly, gathered, greatest, local
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
     Switching,
@@ -48,7 +46,6 @@ __all__ = [
     "realisation",
     "sweep",
     "true_weights",
-    "use_all_cores",
 ]
 
 LEVELS = (75, 37, 19, 13, 9)
@@ -68,19 +65,6 @@ _ROOM = 64
 
 _CACHED = 2**16
 """Weights that a core's cache holds, while a recursion over events updates them."""
-
-
-def use_all_cores() -> None:
-    """Give JAX one CPU device for each core that this process may use, so that a sweep shares them.
-
-    It is a setting of the whole process, and one that JAX takes only before its first computation:
-    after that, the devices stay as they are.
-
-    Example:
-        >>> use_all_cores()  # doctest: +SKIP
-    """
-    with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", usable_cores())
 
 
 def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:
@@ -174,34 +158,34 @@ def sweep(
     """
     key = as_key(key)
     levels, noise, numbers, samples = checked_settings(levels, noise, seeds, samples)
+    count = evenly(len(numbers))
+    padded = np.array([*numbers, *numbers[-1:] * (count - len(numbers))], np.int32)
     with jax.enable_x64(True):
         begin = time.perf_counter()
-        draw = _compiled_draw(len(numbers), samples, len(noise))
+        draw = _compiled_draw(count, samples, len(noise))
         compile_s = time.perf_counter() - begin
         begin = time.perf_counter()
-        drawn = jax.block_until_ready(draw(key, jnp.asarray(numbers, jnp.int32)))
-        x = drawn.record.input_v
-        room = tuple(
-            (math.ceil(events / _ROOM) * _ROOM, width)
-            for events, width in (room_for_events(_plane(N), x) for N in levels)
-        )
+        drawn = draw(jax.random.key_data(key), padded)
+        x, z = (local(rows) for rows in (drawn.record.input_v, drawn.record.stroke_um))
+        rooms = np.array([room_for_events(_plane(N), x) for N in levels])
+        room = tuple((math.ceil(e / _ROOM) * _ROOM, int(w)) for e, w in greatest(rooms))
+        slope = max(largest_slope(*pair) for pair in zip(x, z, strict=True))
         run_s = time.perf_counter() - begin
         begin = time.perf_counter()
-        identify = _compiled_identify(levels, room, len(numbers), samples, len(noise))
+        identify = _compiled_identify(levels, room, count, samples, len(noise))
         compile_s += time.perf_counter() - begin
         begin = time.perf_counter()
-        found = jax.block_until_ready(identify(jnp.asarray(noise), drawn))
+        found = gathered(identify(np.array(noise), drawn))
         run_s += time.perf_counter() - begin
-    found = [jax.tree.map(np.asarray, one) for one in found]
-    record = drawn.record
-    pairs = zip(np.asarray(record.input_v), np.asarray(record.stroke_um), strict=True)
+        slope = float(greatest(np.array(slope)))
+    found = jax.tree.map(lambda rows: rows[: len(numbers)], found)
     return Sweep(
         levels=np.array(levels),
         noise_um=np.array(noise),
         seeds=np.array(numbers),
         samples=samples,
         first=_first(samples),
-        slope=max(largest_slope(*pair) for pair in pairs),
+        slope=slope,
         weights=tuple(one.weights for one in found),
         compile_s=compile_s,
         run_s=run_s,
@@ -263,7 +247,9 @@ def _identify(
     return _Identified(
         weights=weights.T,
         events=events,
-        output_error=jnp.sqrt(stage_errors / (events - 1)),
+        output_error=jnp.where(
+            events > 1, jnp.sqrt(stage_errors / jnp.maximum(events - 1, 1)), jnp.nan
+        ),
         weight_error_squared=total[1:],
         bias_squared=total[0],
         noise_part=added,
@@ -301,22 +287,18 @@ def _plane(levels: int) -> Plane:
     return Plane(levels=levels, low=0.0, high=RANGE_V)
 
 
-def _mesh(seeds: int) -> Mesh:
-    """As many devices as share the seeds evenly."""
-    devices = jax.devices()
-    count = max(n for n in range(1, len(devices) + 1) if seeds % n == 0)
-    return Mesh(np.array(devices[:count]), ("seed",))
-
-
-# Compiled ahead of time, so that compiling and running are measured apart.
 @functools.lru_cache(maxsize=8)
 def _compiled_draw(seeds: int, samples: int, noises: int) -> Callable:
-    return _compiled(*_draw_with_shapes(seeds, samples, noises), seeds)
+    return compiled(*_draw_with_shapes(seeds, samples, noises))
 
 
 def _draw_with_shapes(seeds: int, samples: int, noises: int) -> tuple[Callable, Any, Any]:
-    draw = jax.vmap(functools.partial(realisation, samples=samples, noises=noises), (None, 0))
-    return draw, jax.random.key(0), jax.ShapeDtypeStruct((seeds,), jnp.int32)
+    def draw(key_data, numbers):
+        key = jax.random.wrap_key_data(key_data)
+        one = functools.partial(realisation, samples=samples, noises=noises)
+        return jax.vmap(one, (None, 0))(key, numbers)
+
+    return draw, jax.random.key_data(jax.random.key(0)), jax.ShapeDtypeStruct((seeds,), jnp.int32)
 
 
 @functools.lru_cache(maxsize=8)
@@ -335,17 +317,7 @@ def _compiled_identify(
 
     drawn = jax.eval_shape(*_draw_with_shapes(seeds, samples, noises))
     noise_um = jax.ShapeDtypeStruct((noises,), jnp.result_type(float))
-    return _compiled(identify, noise_um, drawn, seeds)
-
-
-def _compiled(function: Callable, common: Any, of_seeds: Any, seeds: int) -> Callable:
-    """Compile a function of what is common to all seeds and of what each has, on all devices."""
-    mesh = _mesh(seeds)
-    specs = (PartitionSpec(), PartitionSpec("seed"))
-    shared = jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=specs[1], check_vma=False)
-    shardings = [NamedSharding(mesh, spec) for spec in specs]
-    compiled = jax.jit(shared, in_shardings=shardings).lower(common, of_seeds).compile()
-    return lambda *arguments: compiled(*jax.device_put(arguments, tuple(shardings)))
+    return compiled(identify, noise_um, drawn)
 
 
 def checked_settings(

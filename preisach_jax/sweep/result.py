@@ -94,7 +94,8 @@ class Sweep:
         first: m of (30): residuals are taken over the samples from here to the end.
         slope: I, eq. (27), of the stage, µm/V.
         events: (level, seed) switching events in the residual interval.
-        output_error: (level, seed) ⟨e⟩, eq. (30), over the switching samples, µm.
+        output_error: (level, seed) ⟨e⟩, eq. (30), over the switching samples, µm; NaN of fewer
+            than two of them.
         weight_error_squared: (level, noise, seed) ⟨‖E‖²⟩, µm².
         bias_squared: (level, seed) the same without noise, the rest of the initial error, µm².
         noise_part: (level, noise, seed) ⟨‖E - E without noise‖²⟩, µm².
@@ -159,14 +160,16 @@ class Sweep:
                 e = 0 where nothing switches, as (7) has it.
 
         Returns:
-            (level,) ⟨e⟩, µm.
+            (level,) ⟨e⟩, µm; NaN where no seed has two switching samples.
 
         Raises:
             InputError: `over` is neither.
         """
-        total = np.sum(self.output_error**2 * (self.events - 1), axis=1)
+        counts = np.maximum(self.events - 1, 0)
+        total = np.sum(np.where(counts > 0, self.output_error**2, 0.0) * counts, axis=1)
         if over == "events":
-            return np.sqrt(total / np.sum(self.events - 1, axis=1))
+            every = counts.sum(axis=1)
+            return np.where(every > 0, np.sqrt(total / np.maximum(every, 1)), np.nan)
         if over == "samples":
             return np.sqrt(total / (len(self.seeds) * (self.samples - self.first - 1)))
         raise InputError(f"over is {over!r}: it must be 'events' or 'samples'")

@@ -1,28 +1,34 @@
 """Sweeps on disk, in chunks of seeds, each written as it is done: an interruption loses little.
 
-A folder holds `manifest.json` (the settings), `chunks/seeds_0000-0007.npz` and so on (one `Sweep`
-each), and at the end `sweep.json`. Files appear whole or not at all, and the realisation of a seed
-depends on the key and its number only: a sweep that was interrupted ends with the same numbers.
+A folder holds `manifest.json` (the settings), `sweep.zarr` (the arrays) with `done/`, which says
+what of them is whole, and at the end `sweep.json`. The realisation of a seed depends on the key and
+its number only: a sweep that was interrupted ends with the same numbers, on whatever devices.
+
+Of several processes the first one alone reads and writes the folder; all compute every chunk.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
+from preisach_jax.devices import from_first, is_first
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings, sweep
+from preisach_jax.sweep.chunks import ARRAYS, Chunks
 from preisach_jax.sweep.result import Sweep, merge
 
-FORMAT = 1
+FORMAT = 2
 _REMEDY = "choose another folder with --out, or start anew with --restart"
-MANIFEST, RESULT, CHUNKS = "manifest.json", "sweep.json", "chunks"
+MANIFEST, RESULT = "manifest.json", "sweep.json"
 
 
 def sweep_to_folder(
@@ -36,7 +42,7 @@ def sweep_to_folder(
     resume: bool = True,
     progress: Callable[[str, float], None] | None = None,
     announce: Callable[[str], object] | None = None,
-) -> Sweep:
+) -> Sweep | None:
     """Run a sweep by chunks of seeds into a folder, or go on with one that was interrupted.
 
     Args:
@@ -44,15 +50,18 @@ def sweep_to_folder(
         key: random key (`jax.random.key`); realisation i depends on the key and on i only.
         levels: N of the planes, each at least 2.
         noise: standard deviations of the noise where the truth is known, µm.
-        seeds: how many realisations of input and noise, or their numbers.
+        seeds: how many realisations of input and noise, or their numbers; more than the folder
+            holds continue its sweep.
         samples: time steps at 2 kHz.
         chunk: how many seeds are computed at once, and written when they are done.
         resume: keep the chunks that are there; otherwise start anew.
         progress: called with a text and the part that is done.
-        announce: called with a note for each chunk that is there and must be computed again.
+        announce: called with a note for each chunk that is there and must be computed again, and if
+            memory is too small for a whole chunk at once.
 
     Returns:
-        The results of all seeds.
+        The results of all seeds; in processes other than the first, those that it computed with
+        them, which may be none.
 
     Raises:
         InputError: a number is out of its range, the folder holds a sweep of other settings, or it
@@ -65,26 +74,32 @@ def sweep_to_folder(
         ...         folder, jax.random.key(0), (5, 3), (0.1,), seeds=2, samples=2000, chunk=1
         ...     )
         ...     print(sorted(path.name for path in Path(folder).iterdir()))
-        ...     print(sorted(path.name for path in Path(folder, "chunks").iterdir()))
-        ['chunks', 'manifest.json', 'sweep.json']
-        ['seeds_0000-0000.npz', 'seeds_0001-0001.npz']
+        ...     print(sorted(path.name for path in Path(folder, "done").iterdir()))
+        ['done', 'manifest.json', 'sweep.json', 'sweep.zarr']
+        ['seeds_0000-0000.json', 'seeds_0001-0001.json']
     """
     folder = Path(folder)
     settings = sweep_settings(key, levels, noise, seeds, samples, chunk)
-    _open(folder, settings, resume)
-    paths = _chunk_paths(folder, settings)
-    parts = []
-    for path, numbers in paths:
+    chunks = Chunks(folder, settings)
+    wanted = list(chunks)
+    parts: list[Sweep | None] = [None] * len(wanted)
+    if is_first():
+        _open(folder, settings, resume)
+        parts = [_stored(chunks, numbers, announce) for numbers in wanted]
+    missing = np.flatnonzero(from_first(np.array([part is None for part in parts])))
+    for done, position in enumerate(missing, start=len(wanted) - len(missing)):
         if progress is not None:
-            progress(f"chunk {len(parts) + 1} of {len(paths)}", len(parts) / len(paths))
-        part = _stored(path, settings, numbers, announce)
-        if part is None:
-            part = sweep(key, settings["levels"], settings["noise"], numbers, settings["samples"])
-            part.save(path)
-        parts.append(part)
-    found = merge(parts)
-    write_files({folder / RESULT: json_bytes(found.to_json())})
-    return found
+            progress(f"chunk {done + 1} of {len(wanted)}", done / len(wanted))
+        part = _computed(key, settings, wanted[position], announce)
+        if is_first():
+            chunks.write(part)
+        parts[position] = part
+    found = [part for part in parts if part is not None]
+    if not is_first():
+        return merge(found) if found else None
+    whole = merge(found)
+    write_files({folder / RESULT: json_bytes(whole.to_json())})
+    return whole
 
 
 def load_folder(folder: str | Path) -> Sweep:
@@ -103,14 +118,15 @@ def load_folder(folder: str | Path) -> Sweep:
     manifest = _manifest(folder)
     if manifest is None:
         raise InputError(f"{folder}: there is no {MANIFEST}; give a folder that a sweep wrote")
-    paths = _chunk_paths(folder, manifest["settings"])
-    missing = sum(not path.exists() for path, _ in paths)
+    chunks = Chunks(folder, manifest["settings"])
+    wanted = list(chunks)
+    missing = sum(not chunks.note(numbers).exists() for numbers in wanted)
     if missing:
         raise InputError(
-            f"{folder}: {missing} of {len(paths)} chunks of the sweep are missing; finish it by "
+            f"{folder}: {missing} of {len(wanted)} chunks of the sweep are missing; finish it by "
             "the command that began it"
         )
-    return merge([Sweep.load(path) for path, _ in paths])
+    return merge([chunks.read(numbers) for numbers in wanted])
 
 
 def sweep_settings(
@@ -157,17 +173,24 @@ def _open(folder: Path, settings: dict[str, Any], resume: bool) -> None:
     manifest = {"format": FORMAT, "settings": settings, "made_with": made_with()}
     old = _manifest(folder) if resume else None
     if old is None:
-        for path in (folder / RESULT, *folder.glob(f"{CHUNKS}/seeds_*.npz")):
-            path.unlink(missing_ok=True)
+        (folder / RESULT).unlink(missing_ok=True)
+        Chunks(folder, settings).clear()
+        shutil.rmtree(folder / ARRAYS, ignore_errors=True)
         write_files({folder / MANIFEST: json_bytes(manifest)})
         return
     there, now = ({**one["settings"], **one["made_with"]} for one in (old, manifest))
+    held = there["seeds"]
+    if len(held) < len(settings["seeds"]) and held == settings["seeds"][: len(held)]:
+        there["seeds"] = now["seeds"]  # more seeds continue a sweep
     other = [name for name in now if there.get(name) != now[name]]
     if other:
         differ = ", ".join(
             f"{name} {_shown(there.get(name))} and not {_shown(now[name])}" for name in other
         )
         raise InputError(f"{folder} holds a sweep with {differ}: {_REMEDY}")
+    if held != settings["seeds"]:
+        (folder / RESULT).unlink(missing_ok=True)
+        write_files({folder / MANIFEST: json_bytes(manifest)})
 
 
 def made_with() -> dict[str, str]:
@@ -206,39 +229,38 @@ def _manifest(folder: Path) -> dict[str, Any] | None:
         ) from error
 
 
-def _chunk_paths(folder: Path, settings: dict[str, Any]) -> list[tuple[Path, list[int]]]:
-    """File and seeds of each chunk."""
-    seeds, chunk = settings["seeds"], settings["chunk"]
-    chunks = [seeds[begin : begin + chunk] for begin in range(0, len(seeds), chunk)]
-    return [
-        (folder / CHUNKS / f"seeds_{numbers[0]:04d}-{numbers[-1]:04d}.npz", numbers)
-        for numbers in chunks
-    ]
-
-
 def _stored(
-    path: Path,
+    chunks: Chunks, numbers: list[int], announce: Callable[[str], object] | None
+) -> Sweep | None:
+    """A chunk that is there and whole; else None, with a note if a part of it is there."""
+    if not chunks.note(numbers).exists():
+        return None
+    try:
+        return chunks.read(numbers)
+    except InputError as error:
+        if announce is not None:
+            announce(f"computed again: {error}")
+        return None
+
+
+def _computed(
+    key: jax.Array,
     settings: dict[str, Any],
     numbers: list[int],
     announce: Callable[[str], object] | None,
-) -> Sweep | None:
-    """A chunk that is there, whole and of these settings; else None, with a note if it is there."""
-    if not path.exists():
-        return None
+) -> Sweep:
+    """A chunk; if memory is too small for all its seeds at once, by halves."""
     try:
-        part = Sweep.load(path)
-        held = (part.key, part.levels, part.noise_um, part.seeds)
-        wanted = (*(settings[name] for name in ("key", "levels", "noise")), numbers)
-        if all(a.tolist() == b for a, b in zip(held, wanted, strict=True)) and (
-            part.samples == settings["samples"]
-        ):
-            return part
-        why = f"{path} is of another sweep"
-    except InputError as error:
-        why = str(error)
+        return sweep(key, settings["levels"], settings["noise"], numbers, settings["samples"])
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        too_large = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
+        if not too_large or len(numbers) == 1 or jax.process_count() > 1:
+            raise
+    half = (len(numbers) + 1) // 2
     if announce is not None:
-        announce(f"computed again: {why}")
-    return None
+        announce(f"too little memory for {len(numbers)} seeds at once: {half} are taken")
+    halves = numbers[:half], numbers[half:]
+    return merge([_computed(key, settings, part, announce) for part in halves])
 
 
 def _shown(value: Any) -> str:

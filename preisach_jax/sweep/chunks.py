@@ -1,0 +1,174 @@
+"""The arrays of a sweep on disk: Zarr, in chunks of seeds, each with a note that says it is whole.
+
+Zarr keeps every chunk of an array in a file of its own, so that chunks are written apart, and any
+reader of Zarr opens them. `done/seeds_0000-0007.json` is written after all arrays of its seeds, and
+holds their checksum: without it, or if it does not fit, they do not count.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.files import json_bytes, write_files
+from preisach_jax.sweep.result import Sweep
+
+if TYPE_CHECKING:
+    import zarr
+
+ARRAYS, DONE = "sweep.zarr", "done"
+
+_ABOUT = ("first", "slope", "compile_s", "run_s", "device")
+
+
+class Chunks:
+    """The chunks of a sweep in a folder.
+
+    Arguments:
+        folder: the folder of the sweep.
+        settings: its settings, as they stand in the manifest.
+    """
+
+    def __init__(self, folder: Path, settings: Mapping[str, Any]):
+        self.folder = folder
+        self.settings = settings
+
+    def __iter__(self) -> Iterator[list[int]]:
+        """Numbers of the seeds of each chunk."""
+        seeds, size = self.settings["seeds"], self.settings["chunk"]
+        return iter([seeds[begin : begin + size] for begin in range(0, len(seeds), size)])
+
+    def note(self, numbers: Sequence[int]) -> Path:
+        """The file that says that a chunk is whole.
+
+        Args:
+            numbers: its seeds.
+        """
+        return self.folder / DONE / f"seeds_{numbers[0]:04d}-{numbers[-1]:04d}.json"
+
+    def clear(self) -> None:
+        """Let no chunk count any more."""
+        for path in self.folder.glob(f"{DONE}/seeds_*.json"):
+            path.unlink(missing_ok=True)
+
+    def write(self, part: Sweep) -> None:
+        """Write a chunk; it counts from when all of it is on the disk.
+
+        Args:
+            part: the sweep of its seeds.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        numbers = part.seeds.tolist()
+        note = self.note(numbers)
+        note.unlink(missing_ok=True)
+        begin = self.settings["seeds"].index(numbers[0])
+        arrays = _arrays(part)
+        try:
+            group = self._group(arrays)
+            for name, (axes, values, _) in arrays.items():
+                place = [slice(None)] * values.ndim
+                place[axes.index("seed")] = slice(begin, begin + len(numbers))
+                group[name][tuple(place)] = values  # pyright: ignore[reportIndexIssue]
+        except OSError as error:
+            raise InputError(
+                f"{self.folder / ARRAYS}: cannot be written ({error.strerror or error}); what was "
+                "finished stays: make room, and give the same command again"
+            ) from error
+        about = {name: getattr(part, name) for name in _ABOUT}
+        checksum = _checksum(values for _, values, _ in arrays.values())
+        write_files({note: json_bytes({"seeds": numbers, **about, "checksum": checksum})})
+
+    def read(self, numbers: list[int]) -> Sweep:
+        """Read a chunk.
+
+        Args:
+            numbers: its seeds.
+
+        Returns:
+            The sweep of its seeds.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        note = self.note(numbers)
+        try:
+            about = json.loads(note.read_text(encoding="utf-8"))
+            arrays = self._read(numbers)
+            if about["seeds"] != numbers or about["checksum"] != _checksum(arrays.values()):
+                raise ValueError("its arrays are not those that were written with it")
+            found = {name: about[name] for name in _ABOUT}
+        # Zarr and its codecs raise errors of many kinds on damaged files.
+        except Exception as error:
+            raise InputError(f"{note} or its part of {ARRAYS} cannot be read ({error})") from error
+        levels = np.array(self.settings["levels"])
+        return Sweep(
+            levels=levels,
+            noise_um=np.array(self.settings["noise"]),
+            seeds=np.array(numbers),
+            samples=self.settings["samples"],
+            key=np.array(self.settings["key"], np.uint32),
+            weights=tuple(arrays[f"weights_{N}"] for N in levels),
+            **{name: arrays[name] for name in Sweep.AXES},
+            **found,
+        )
+
+    def _read(self, numbers: list[int]) -> dict[str, np.ndarray]:
+        import zarr
+
+        group = zarr.open_group(self.folder / ARRAYS, mode="r")
+        begin = self.settings["seeds"].index(numbers[0])
+        found = {}
+        for name in (*Sweep.AXES, *(f"weights_{N}" for N in self.settings["levels"])):
+            array = group[name]
+            axes = array.metadata.dimension_names  # pyright: ignore[reportAttributeAccessIssue]
+            place = [slice(None)] * len(axes)
+            place[axes.index("seed")] = slice(begin, begin + len(numbers))
+            found[name] = np.asarray(array[tuple(place)])  # pyright: ignore[reportIndexIssue]
+        return found
+
+    def _group(self, arrays: Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]) -> zarr.Group:
+        """The arrays on disk, with room for all seeds."""
+        import zarr
+
+        group = zarr.open_group(self.folder / ARRAYS, mode="a")
+        count = len(self.settings["seeds"])
+        for name, (axes, values, unit) in arrays.items():
+            seed = axes.index("seed")
+            shape, chunks = list(values.shape), list(values.shape)
+            shape[seed], chunks[seed] = count, self.settings["chunk"]
+            there = group.get(name)
+            if there is not None and there.shape != tuple(shape):  # more seeds than before
+                there.resize(tuple(shape))  # pyright: ignore[reportAttributeAccessIssue]
+            if there is None:
+                group.create_array(
+                    name,
+                    shape=tuple(shape),
+                    chunks=tuple(chunks),
+                    dtype=values.dtype,
+                    dimension_names=axes,
+                    attributes={"units": unit},
+                )
+        return group
+
+
+def _arrays(part: Sweep) -> dict[str, tuple[tuple[str, ...], np.ndarray, str]]:
+    """Axes, values and unit of all arrays of a sweep that have seeds."""
+    found = {name: (axes, getattr(part, name), unit) for name, (axes, unit) in part.AXES.items()}
+    for N, rows in zip(part.levels, part.weights, strict=True):
+        found[f"weights_{N}"] = (("seed", "output", f"cell_{N}"), rows, "um")
+    return found
+
+
+def _checksum(arrays: Iterator[np.ndarray] | Any) -> int:
+    total = 0
+    for values in arrays:
+        total = zlib.crc32(np.ascontiguousarray(values), total)
+    return total

@@ -1,0 +1,232 @@
+"""A batch shared among devices and among processes: equal results, and failures that help."""
+
+import json
+import socket
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from preisach_jax.cli import main
+from preisach_jax.devices import compiled, connect, evenly, gathered, local
+from preisach_jax.errors import InputError
+from preisach_jax.sweep import Sweep, storage
+
+WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 5 --samples 1000 --seed 5 --chunk 2".split()
+
+
+def free_port():
+    with socket.socket() as place:
+        place.bind(("127.0.0.1", 0))
+        return place.getsockname()[1]
+
+
+# Speaks of what it computes, and does what it is told before the second chunk.
+PROCESS = """
+import os, signal, sys
+import preisach_jax.devices as devices
+from preisach_jax.cli import main
+from preisach_jax.sweep import storage
+
+devices.CONNECTING_S = int(sys.argv[2])
+genuine, chunks = storage.sweep, []
+
+def told(*arguments):
+    chunks.append(arguments[3])
+    if len(chunks) == 2 and sys.argv[1] == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    found = genuine(*arguments)
+    print("computed", arguments[3], flush=True)
+    return found
+
+storage.sweep = told
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+def begun(out, process, port, then="go on", patience=60, processes=2):
+    place = ["--coordinator", f"127.0.0.1:{port}"]
+    numbers = ["--processes", str(processes), "--process", str(process)]
+    words = [*WORDS, "--out", str(out), *place, *numbers]
+    return subprocess.Popen(
+        [sys.executable, "-c", PROCESS, then, str(patience), *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def same(found, expected):
+    for name in found.AXES:
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
+    for one, other in zip(found.weights, expected.weights, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("alone")
+    assert main([*WORDS, "--out", str(folder)]) == 0
+    return Sweep.load(folder)
+
+
+def test_a_batch_is_computed_entry_by_entry():
+    count = evenly(5)
+    assert count >= 5
+    rows = np.arange(3.0 * count).reshape(count, 3)
+    shapes = jax.ShapeDtypeStruct(rows.shape, np.float32)
+    function = compiled(lambda factor, rows: (factor * rows, rows.sum(axis=1)), 2.0, shapes)
+    scaled, sums = function(2.0, rows.astype(np.float32))
+    np.testing.assert_array_equal(local(scaled), 2 * rows)
+    np.testing.assert_array_equal(gathered(sums), rows.sum(axis=1))
+
+
+DEVICES = """
+import sys
+import jax
+jax.config.update("jax_num_cpu_devices", int(sys.argv[1]))
+import numpy as np
+from preisach_jax.devices import compiled, evenly, gathered
+from preisach_jax.sweep import sweep
+
+devices = int(sys.argv[1])
+assert evenly(5) == {1: 5, 2: 6, 3: 6}[devices]
+where = compiled(lambda _, rows: rows, 0.0, jax.ShapeDtypeStruct((6,), np.float32))
+shards = where(0.0, np.arange(6, dtype=np.float32)).addressable_shards
+assert [len(one.data) for one in shards] == [6 // devices] * devices
+sweep(jax.random.key(5), (3, 2), (0.1, 0.2, 0.4), 5, 1000).save(sys.argv[2])
+"""
+
+
+@pytest.mark.slow
+def test_several_devices_compute_what_one_does(tmp_path):
+    found = []
+    for devices in (1, 2, 3):
+        path = tmp_path / f"{devices}.npz"
+        subprocess.run([sys.executable, "-c", DEVICES, str(devices), str(path)], check=True)
+        found.append(Sweep.load(path))
+    for one in found[1:]:
+        same(one, found[0])
+
+
+@pytest.mark.slow
+def test_two_processes_share_a_sweep(alone, tmp_path):
+    port = free_port()
+    pair = [begun(tmp_path / "sweep", k, port) for k in (0, 1)]
+    said = [process.communicate(timeout=200) for process in pair]
+    assert [process.returncode for process in pair] == [0, 0], said
+    for out, _ in said:  # both compute all chunks, each its half of them
+        computed = [line for line in out.splitlines() if line.startswith("computed")]
+        assert computed == ["computed [0, 1]", "computed [2, 3]", "computed [4]"]
+    assert "Sweep: " in said[0][0]
+    assert "Sweep: " not in said[1][0]
+    same(Sweep.load(tmp_path / "sweep"), alone)
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_leaves_a_sweep_that_resumes(alone, tmp_path, capsys):
+    out, port = tmp_path / "sweep", free_port()
+    first, second = begun(out, 0, port), begun(out, 1, port, then="die")
+    second.communicate(timeout=200)
+    told, error = first.communicate(timeout=200)
+    assert first.returncode == 2, error
+    message = error.strip().splitlines()[-1]
+    assert message.startswith("preisach: another process of the 2 ended or cannot be reached")
+    assert "start all of them again" in message
+    assert "Traceback" not in error
+    assert "computed [0, 1]" in told
+    assert [path.name for path in (out / "done").iterdir()] == ["seeds_0000-0001.json"]
+    assert not (out / "sweep.json").exists()
+
+    written = (out / "done" / "seeds_0000-0001.json").stat().st_mtime_ns
+    assert main([*WORDS, "--out", str(out)]) == 0  # by one process, what two began
+    assert (out / "done" / "seeds_0000-0001.json").stat().st_mtime_ns == written
+    same(Sweep.load(out), alone)
+    assert json.loads((out / "sweep.json").read_text())["seeds"] == [0, 1, 2, 3, 4]
+    capsys.readouterr()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("process", [0, 1])
+def test_processes_that_never_come_are_told(process, tmp_path):
+    port = free_port()
+    lonely = begun(tmp_path / "sweep", process, port, patience=3)
+    _, error = lonely.communicate(timeout=100)
+    assert lonely.returncode == 2
+    message = error.strip().splitlines()[-1]
+    assert message.startswith(
+        f"preisach: the other processes were not reached at 127.0.0.1:{port} (no answer in 3"
+    )
+    assert "start as many processes as you say there are" in message
+    assert "Traceback" not in error
+    assert not (tmp_path / "sweep").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("node:1", 2, None), "coordinator, processes and process are node:1, 2 and None"),
+        ((None, 2, 0), "give all three"),
+        (("node", 2, 0), "coordinator is 'node': give HOST:PORT"),
+        ((":80", 2, 0), "coordinator is ':80'"),
+        (("node:one", 2, 0), "coordinator is 'node:one'"),
+        (("node:1", 0, 0), "processes is 0"),
+        (("node:1", 2, 2), "process is 2: of 2 processes the last one is 1"),
+        (("node:1", 2, -1), "process is -1"),
+    ],
+)
+def test_numbers_that_do_not_fit_are_told_before_anything_starts(given, message):
+    with pytest.raises(InputError, match=message):
+        connect(*given)
+
+
+# --- memory and disk ---
+
+
+def test_a_chunk_that_is_too_large_is_halved_and_said_so(alone, tmp_path, capsys, monkeypatch):
+    genuine, tried = storage.sweep, []
+
+    def small(key, levels, noise, seeds, samples):
+        tried.append(list(seeds))
+        if len(seeds) > 2:
+            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes")
+        return genuine(key, levels, noise, seeds, samples)
+
+    monkeypatch.setattr(storage, "sweep", small)
+    words = [*WORDS[:-1], "5"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    assert tried == [[0, 1, 2, 3, 4], [0, 1, 2], [0, 1], [2], [3, 4]]
+    shown = capsys.readouterr().out
+    assert "too little memory for 5 seeds at once: 3 are taken" in shown
+    assert "too little memory for 3 seeds at once: 2 are taken" in shown
+    same(Sweep.load(tmp_path), alone)
+
+
+def test_a_full_disk_keeps_what_was_finished(tmp_path, capsys, monkeypatch):
+    from preisach_jax.sweep import chunks
+
+    genuine, calls = chunks.Chunks._group, []
+
+    def full(self, arrays):
+        calls.append(self)
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device")
+        return genuine(self, arrays)
+
+    monkeypatch.setattr(chunks.Chunks, "_group", full)
+    assert main([*WORDS, "--out", str(tmp_path)]) == 2
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert f"{tmp_path / 'sweep.zarr'}: cannot be written (No space left on device)" in message
+    assert "what was finished stays" in message
+    assert [path.name for path in (tmp_path / "done").iterdir()] == ["seeds_0000-0001.json"]
+    assert main([*WORDS, "--out", str(tmp_path)]) == 0
+
+
+def test_the_arrays_open_in_any_reader_of_zarr(alone, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    assert main([*WORDS, "--out", str(tmp_path)]) == 0
+    read = xarray.open_zarr(tmp_path / "sweep.zarr", consolidated=False)
+    assert read["noise_part"].dims == ("level", "noise", "seed")
+    assert read["noise_part"].attrs["units"] == "um^2"
+    np.testing.assert_array_equal(read["noise_part"], alone.noise_part)
+    np.testing.assert_array_equal(read["weights_3"], alone.weights[0])

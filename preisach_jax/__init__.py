@@ -20,6 +20,7 @@ from preisach_jax.effects.base import (
 from preisach_jax.errors import InputError
 from preisach_jax.filter import AdaptiveFilter, simulate
 from preisach_jax.fit import Fit, fit
+from preisach_jax.fleet import FleetResult, run_fleet
 from preisach_jax.model import Model, ParameterEstimate, Prediction
 from preisach_jax.online import OnlineFilter
 from preisach_jax.plane import Plane
@@ -37,6 +38,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "Fit",
+    "FleetResult",
     "HysteresisEffect",
     "InputEffect",
     "InputError",
@@ -59,6 +61,7 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "run_fleet",
     "simulate",
     "simulate_stage",
     "sweep",

@@ -26,6 +26,7 @@ LAYERS = [
     "filter",
     "recursion",
     "online",
+    "fleet",
     "signals",
     "plant",
     "piezo",

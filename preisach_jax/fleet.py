@@ -1,0 +1,150 @@
+"""A fleet of records: the adaptive filter on many stages at once, shared among all devices."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from preisach_jax.devices import compiled, evenly, gathered
+from preisach_jax.errors import InputError, whole_number
+from preisach_jax.events import adapt_over_events, room_for_events, switching_events
+from preisach_jax.filter import AdaptiveFilter, input_and_output
+
+_ROOM = 64
+"""Room for events comes in steps of so many, so that new inputs rarely need a compilation."""
+
+
+class FleetResult(NamedTuple):
+    """What the adaptive filter found of each record of a fleet.
+
+    Attributes:
+        weights: (records, cells) weights R̂ after the last sample, in the unit of the output.
+        error: (records,) rms of the differential output error e(k) over the updates of the last
+            pass, in the unit of the output; NaN without any.
+        updates: (records,) how many samples of a pass updated weights.
+    """
+
+    weights: np.ndarray
+    error: np.ndarray
+    updates: np.ndarray
+
+
+def run_fleet(
+    adaptive: AdaptiveFilter,
+    inputs: Sequence[ArrayLike] | ArrayLike,
+    outputs: Sequence[ArrayLike] | ArrayLike,
+    passes: int = 1,
+) -> FleetResult:
+    """Run one adaptive filter on each of many records, shared among the devices of all processes.
+
+    The same as `AdaptiveFilter.run` on one record after another, from saturated low. Relays go from
+    one switching event to the next where no output is missing.
+
+    Args:
+        adaptive: the filter.
+        inputs: (records, time) inputs, or a sequence of rows of any lengths, in the plane's unit.
+        outputs: measured outputs of the same shapes; NaN where they are missing.
+        passes: how often each record is taken in.
+
+    Returns:
+        The weights and errors of each record, the same in every process.
+
+    Raises:
+        InputError: there is no record, one is not sound (the message has its number), or `passes`
+            is below 1.
+
+    Example:
+        >>> from preisach_jax.plane import Plane
+        >>> rows = [np.abs(np.mod(np.linspace(0.0, n, 60 * n), 2.0) - 1.0) for n in (5, 9)]
+        >>> adaptive = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
+        >>> found = run_fleet(adaptive, rows, [3.0 * rows[0], 2.0 * rows[1]])
+        >>> found.weights.shape, found.updates.tolist()
+        ((2, 10), [20, 36])
+    """
+    passes = whole_number("passes is", passes, 1)
+    rows = _checked(adaptive, inputs, outputs)
+    lengths = [len(x) for x, _ in rows]
+    x, z = (
+        np.stack([_lengthened(row, max(lengths)) for row in side])
+        for side in zip(*rows, strict=True)
+    )
+    over_events = adaptive.sampling == "event" and adaptive.hysteron == "relay"
+    room = None
+    if over_events and all(np.isfinite(own).all() for _, own in rows):
+        events, width = room_for_events(adaptive.plane, x)
+        room = (-(-events // _ROOM) * _ROOM, width)
+    else:
+        z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
+    count = evenly(len(rows))
+    x, z = (np.concatenate([side, side[-1:].repeat(count - len(rows), axis=0)]) for side in (x, z))
+    numbers, structure = jax.tree.flatten(jax.tree.map(np.asarray, adaptive))
+    kinds = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in numbers)
+    run = _compiled_run(structure, kinds, room, x.shape, x.dtype, passes)
+    found = gathered(run(numbers, (x, z)))
+    return FleetResult(*(values[: len(rows)] for values in found))
+
+
+def _checked(
+    adaptive: AdaptiveFilter, inputs: Any, outputs: Any
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Input and output of each record, of one floating type."""
+    if len(inputs) != len(outputs) or not len(inputs):
+        raise InputError(
+            f"there are {len(inputs)} inputs and {len(outputs)} outputs: give one of each for "
+            "every record, at least one"
+        )
+    rows = []
+    for number, pair in enumerate(zip(inputs, outputs, strict=True)):
+        try:
+            rows.append(input_and_output(adaptive.plane, *pair))
+        except InputError as error:
+            raise InputError(f"record {number}: {error}") from None
+    kind = jnp.result_type(*(side for row in rows for side in row))
+    return [(np.asarray(x, kind), np.asarray(z, kind)) for x, z in rows]
+
+
+def _lengthened(row: np.ndarray, length: int) -> np.ndarray:
+    """A row that rests at its last value until a length."""
+    return np.pad(row, (0, length - len(row)), mode="edge")
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled_run(structure, kinds, room, shape, dtype, passes: int) -> Callable:
+    def run(numbers, rows):
+        adaptive = jax.tree.unflatten(structure, numbers)
+        one = _densely if room is None else functools.partial(_over_events, room=room)
+        return jax.vmap(lambda x, z: one(adaptive, x, z, passes=passes))(*rows)
+
+    side = jax.ShapeDtypeStruct(shape, dtype)
+    return compiled(run, list(kinds), (side, side))
+
+
+def _densely(adaptive: AdaptiveFilter, x, z, passes: int):
+    found = adaptive.run(x, z, passes=passes, form="dense")
+    return (found.weights, *_of_updates(found.error, found.switched > 0))
+
+
+def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, int]):
+    switching = switching_events(adaptive.plane, x, *room)
+    measured = z.at[switching.sample].get(mode="clip")
+    increments = jnp.diff(measured, prepend=z[:1])[:, None]
+
+    def one_pass(weights, _):
+        return adapt_over_events(adaptive.plane, switching, increments, weights, adaptive.step_size)
+
+    start = adaptive.init(x[0], z[0]).weights[:, None]
+    weights, errors = jax.lax.scan(one_pass, start, length=passes)
+    return (weights[:, 0], *_of_updates(errors[-1, :, 0], switching.area > 0))
+
+
+def _of_updates(error, updated):
+    """Rms of the errors at updates, and how many updates there are."""
+    count = jnp.sum(updated)
+    squares = jnp.sum(jnp.where(updated, error**2, 0.0))
+    return jnp.sqrt(squares / count), count

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import peers
 import relays
 import streaming
 import sweep
@@ -13,6 +14,7 @@ BENCHMARKS = {
     "sweep": sweep.main,
     "streaming": streaming.main,
     "relays": relays.main,
+    "peers": peers.main,
     "whole_process": whole_process.main,
 }
 

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.hysteron import path_and_start
@@ -265,12 +266,13 @@ def relay_output(plane: Plane, weights: ArrayLike, x: ArrayLike, initial: str = 
     """Output of the Preisach model with relays, eq. (6), from one switching event to the next.
 
     In each row i of the plane the relays j < q_i are on, where q_i is the lowest level since the
-    input last passed the row upward: O(N) an event, and exact, as no rises are summed up.
+    input last passed the row upward: O(N) an event, and exact, as no rises are summed up. Inside a
+    compiled function, where the events are not known before, every sample counts as one.
 
     Args:
         plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
-        x: (time,) input, in the unit of the plane; concrete.
+        x: (time,) input, in the unit of the plane.
         initial: "low", "high" or "demagnetised", for which see `relays_start_alike`.
 
     Returns:
@@ -282,9 +284,13 @@ def relay_output(plane: Plane, weights: ArrayLike, x: ArrayLike, initial: str = 
         [0.0, 7.0, 3.0, 0.0]
     """
     x, start = path_and_start(plane, x, initial, "relay")
+    weights = jnp.asarray(weights)
+    if isinstance(x, Tracer):
+        levels = _levels(plane, x)
+        return _relay_output(plane, weights, start, levels[0], levels[1:], jnp.arange(len(x)))
     levels = _concrete_levels(plane, np.asarray(x))
     until = np.cumsum(np.diff(levels, prepend=levels[0]) != 0, dtype=np.int32)
-    weights, to = jnp.asarray(weights), jnp.asarray(_moves(levels)[1])
+    to = jnp.asarray(_moves(levels)[1])
     return _relay_output(plane, weights, start, levels[0], to, jnp.asarray(until))
 
 

@@ -56,7 +56,8 @@ def simulate(
 
     z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps). The dense form
     advances all states at every sample. It needs memory for the states of one sample; its gradient,
-    for 2√time of them. The event form of relays does O(N) where some switch (`relay_output`).
+    for 2√time of them. The event form of relays does O(N) where some switch, and inside a compiled
+    or batched function at every sample (`relay_output`).
 
     Args:
         plane: the Preisach plane.
@@ -66,7 +67,7 @@ def simulate(
         initial: (cells,) states before the first sample, or the name of an initial memory (see
             `Plane.initial_states`).
         form: "dense", "event", or "auto": the event form where it can be had, which is for relays
-            that start from a named initial memory, with a concrete input.
+            that start from saturated low, or with a concrete input from any named initial memory.
 
     Returns:
         (time,) output; differentiable in `weights`, and with ramps in `x`.
@@ -117,10 +118,10 @@ def chosen_form(form: str, why_not: str) -> str:
 def _why_no_events(plane: Plane, x, hysteron: str, initial: ArrayLike | str) -> str:
     if hysteron != "relay":
         return "of ramps, which move at every sample"
-    if isinstance(x, Tracer):
-        return WITHOUT_VALUES
     if not isinstance(initial, str):
         return "from initial states of one's own"
+    if isinstance(x, Tracer):
+        return "" if initial == "low" else f"from {initial!r} {WITHOUT_VALUES}"
     if x.ndim == 1 and len(x) and not relays_start_alike(plane, x[0], initial):
         return f"from {initial!r} with an input that starts on a threshold ({x[0]})"
     return ""
@@ -382,7 +383,7 @@ class AdaptiveFilter(eqx.Module):
             return "from a state"
         if why_not := _why_no_events(self.plane, x, self.hysteron, "low"):
             return why_not
-        if isinstance(z, Tracer):
+        if isinstance(x, Tracer) or isinstance(z, Tracer):
             return WITHOUT_VALUES
         return "" if np.isfinite(z).all() else "where outputs are missing"
 

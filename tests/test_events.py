@@ -200,6 +200,20 @@ def test_the_output_over_events_is_that_of_the_relays(kind, initial, precision, 
     np.testing.assert_array_equal(simulate(PLANE, weights, x, "relay", initial), event)
 
 
+def test_a_batch_of_inputs_without_values_has_the_outputs_of_each(precision, tolerance):
+    batch = np.stack([x for seed in range(3) for x in paths(seed).values()]).astype(precision)
+    batch[1] = 3.0  # at rest on a threshold
+    batch[2] = np.clip(batch[2] + 2.0, 0.0, 6.0)
+    weights = np.random.default_rng(4).uniform(0, 1, (len(batch), PLANE.cells)).astype(precision)
+    together = jax.jit(jax.vmap(lambda w, x: simulate(PLANE, w, x, "relay", form="event")))
+    expected = [
+        simulate(PLANE, w, x, "relay", form="dense") for w, x in zip(weights, batch, strict=True)
+    ]
+    np.testing.assert_allclose(together(weights, batch), expected, rtol=0, atol=20 * tolerance)
+    slow = [relays(PLANE, x) @ w for w, x in zip(weights, batch, strict=True)]
+    np.testing.assert_allclose(together(weights, batch), slow, rtol=0, atol=20 * tolerance)
+
+
 def test_the_output_over_events_has_the_gradient_of_its_sums(x64):
     x = paths(5)["walk"]
     weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells)
@@ -267,7 +281,11 @@ def test_where_there_is_no_event_form_it_says_why():
             "sampling='sample'",
         ),
         (
-            lambda form: jax.jit(lambda x: simulate(PLANE, weights, x, "relay", form=form))(x),
+            lambda form: jax.jit(lambda x: simulate(PLANE, weights, x, "relay", "high", form))(x),
+            "from 'high' for an input without values",
+        ),
+        (
+            lambda form: jax.jit(lambda x: AdaptiveFilter(PLANE).run(x, x, form=form).weights)(x),
             "without values",
         ),
     ]

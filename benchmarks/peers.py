@@ -1,0 +1,203 @@
+"""Measure against what today's differentiable packages do: soft relays, trained with Adam.
+
+    python benchmarks/run.py peers
+
+The peer is written here for the purpose, after the way such packages work: N (N+1)/2 relays whose
+switching is smeared by a tanh, so that it has a slope, a dense scan over all samples in float32,
+and all weights trained with Adam.  The stage has 300 levels of relays, on the grid of neither
+model, and 0.15 % noise; errors are those against its clean output.  Beside both stands ridge
+regression on the states of exact relays.  One core; medians of repeated runs.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import scipy.linalg
+from conditions import write_results
+from scipy import signal
+from threadpoolctl import threadpool_limits
+from timing import spread, timed
+
+import preisach_jax as pj
+
+SAMPLES, LEVELS, NOISE, ADAM_STEPS, WIDTH = 5_000, 37, 2e-3, 1_000, 0.01
+RANGES = ((0.02, 0.98), (0.03, 0.97))  # of the record, and of the one held out
+
+
+def stage_input(seed: int, low: float, high: float, samples: int = SAMPLES) -> np.ndarray:
+    """(time,) smooth random input between two levels."""
+    noise = np.random.default_rng(seed).normal(size=samples + 500)
+    smooth = np.asarray(signal.lfilter(*signal.butter(2, 0.02), noise))[500:]
+    return low + (high - low) * (smooth - smooth.min()) / np.ptp(smooth)
+
+
+def stage_output(x: np.ndarray) -> np.ndarray:
+    """(time,) output, about ±0.65, of relays much finer than those of the models."""
+    fine = pj.Plane(levels=300, low=0.0, high=1.0)
+    width, place = fine.alpha - fine.beta, fine.alpha + fine.beta
+    density = np.exp(-(((width - 0.15) / 0.12) ** 2) - ((place - 1.05) / 0.5) ** 2)
+    density += 0.1 * np.exp(-width / 0.3)
+    weights = jnp.asarray(density / density.sum())
+    return 1.3 * np.asarray(pj.simulate(fine, weights, jnp.asarray(x), "relay")) - 0.65
+
+
+def soft_relays(plane: pj.Plane, weights, x, width: float = WIDTH):
+    """(time,) output of relays that switch over a width of the input, all at every sample."""
+    alpha, beta = jnp.asarray(plane.alpha, x.dtype), jnp.asarray(plane.beta, x.dtype)
+
+    def step(carry, now):
+        states, before = carry
+        on = 0.5 + 0.5 * jnp.tanh((now - alpha) / width)
+        off = 0.5 + 0.5 * jnp.tanh((now - beta) / width)
+        states = jnp.where(now > before, jnp.maximum(states, on), jnp.minimum(states, off))
+        return (states, now), states @ weights
+
+    start = 0.5 + 0.5 * jnp.tanh((x[0] - alpha) / width)
+    return jax.lax.scan(step, (start, x[0]), x)[1]
+
+
+@partial(jax.jit, static_argnames="steps")
+def trained(plane: pj.Plane, x, z, steps: int):
+    """Weights and offset of soft relays, trained with Adam."""
+    adam = optax.adam(optax.cosine_decay_schedule(3e-3, steps))
+    start = (jnp.full(plane.cells, jnp.ptp(z) / plane.cells), jnp.min(z))
+
+    def loss(numbers):
+        weights, offset = numbers
+        return jnp.mean((soft_relays(plane, weights, x) + offset - z) ** 2)
+
+    def step(carry, _):
+        numbers, state = carry
+        updates, state = adam.update(jax.grad(loss)(numbers), state)
+        return (optax.apply_updates(numbers, updates), state), None
+
+    return jax.lax.scan(step, (start, adam.init(start)), length=steps)[0][0]
+
+
+def relay_states(plane: pj.Plane, x: np.ndarray) -> np.ndarray:
+    """(time, cells + 1) states of exact relays, and ones for the offset."""
+    states, found = x[0] >= plane.alpha, []
+    for value in x:
+        states = (value >= plane.alpha) | (states & (value >= plane.beta))
+        found.append(states)
+    return np.column_stack([np.array(found, float), np.ones(len(x))])
+
+
+def ridge(plane: pj.Plane, x: np.ndarray, z: np.ndarray, strength: float = 1e-2) -> np.ndarray:
+    """(cells + 1,) weights and offset."""
+    states = relay_states(plane, x)
+    gram = states.T @ states + strength * np.eye(plane.cells + 1)
+    return scipy.linalg.solve(gram, states.T @ z, assume_a="pos")
+
+
+def repeated(function, repeats: int) -> dict[str, float]:
+    """Seconds of the first call, and of those after it."""
+    return {"first_s": timed(function)} | spread([timed(function) for _ in range(repeats)])
+
+
+def identification() -> list[dict]:
+    """Time and errors of each way to identify a model from one record."""
+    plane = pj.Plane(levels=LEVELS, low=0.0, high=1.0)
+    inputs = [stage_input(seed, *ends) for seed, ends in enumerate(RANGES, start=1)]
+    clean = [stage_output(x) for x in inputs]
+    measured = clean[0] + NOISE * np.random.default_rng(7).normal(size=SAMPLES)
+    time = np.arange(SAMPLES) / 1000.0
+    record = pj.Record.from_arrays(time, inputs[0], measured, initial_memory="low")
+    single = [jnp.asarray(one, jnp.float32) for one in (*inputs, measured)]
+
+    def errors(outputs):
+        each = [float(np.sqrt(np.mean((z - c) ** 2))) for z, c in zip(outputs, clean, strict=True)]
+        return {"rms_fitted": each[0], "rms_held_out": each[1]}
+
+    def of_model(model):
+        unread = np.full(SAMPLES, np.nan)
+        return errors([
+            model.predict(pj.Record.from_arrays(time, x, unread, initial_memory="low")).output
+            for x in inputs
+        ])  # fmt: skip
+
+    rows = []
+    for levels in (LEVELS, 25):
+        seconds = repeated(lambda N=levels: pj.fit(record, [], levels=N), 5)
+        found = of_model(pj.fit(record, [], levels=levels).model)
+        rows.append({"method": "preisach_jax.fit", "levels": levels} | seconds | found)
+    weights = ridge(plane, inputs[0], measured)
+    found = errors([relay_states(plane, x) @ weights for x in inputs])
+    seconds = repeated(lambda: ridge(plane, inputs[0], measured), 5)
+    rows.append({"method": "ridge on relays, NumPy", "levels": LEVELS} | seconds | found)
+    weights, offset = trained(plane, single[0], single[2], ADAM_STEPS)
+    found = errors([np.asarray(soft_relays(plane, weights, x) + offset) for x in single[:2]])
+    seconds = repeated(lambda: trained(plane, single[0], single[2], ADAM_STEPS), 1)
+    name = f"soft relays, Adam, {ADAM_STEPS} steps"
+    return [*rows, {"method": name, "levels": LEVELS} | seconds | found]
+
+
+def forward(levels: int, samples: int) -> dict:
+    """Seconds of simulation, and for short records of its gradient with respect to the input."""
+    plane = pj.Plane(levels=levels, low=0.0, high=1.0)
+    x = jnp.asarray(stage_input(3, 0.02, 0.98, samples))
+    weights = jnp.asarray(np.random.default_rng(1).uniform(size=plane.cells) / plane.cells)
+    single, single_weights = x.astype(jnp.float32), weights.astype(jnp.float32)
+    soft = jax.jit(partial(soft_relays, plane))
+    exact = pj.simulate(plane, weights, x, "relay")
+    error = np.sqrt(np.mean((soft(single_weights, single) - exact) ** 2))
+    row = {
+        "levels": levels,
+        "samples": samples,
+        "relays": repeated(lambda: pj.simulate(plane, weights, x, "relay"), 9),
+        "ramps": repeated(lambda: pj.simulate(plane, weights, x, "ramp"), 3),
+        "soft_relays": repeated(lambda: soft(single_weights, single), 3),
+        "rms_of_soft_relays_from_exact_ones": float(error),
+    }
+    if samples == SAMPLES:
+        steep = jax.jit(jax.grad(lambda x: jnp.sum(soft_relays(plane, single_weights, x) ** 2)))
+        ramps = jax.grad(lambda x: jnp.sum(pj.simulate(plane, weights, x, "ramp") ** 2))
+        row["gradient_of_soft_relays_in_input"] = repeated(lambda: steep(single), 3)
+        row["gradient_of_ramps_in_input"] = repeated(lambda: ramps(x), 3)
+    return row
+
+
+def batched() -> dict:
+    """Seconds of 64 simulations of 1,000 samples with weights of their own."""
+    plane = pj.Plane(levels=LEVELS, low=0.0, high=1.0)
+    rng = np.random.default_rng(2)
+    x = jnp.asarray(np.stack([stage_input(10 + k, 0.02, 0.98, 1_000) for k in range(64)]))
+    weights = jnp.asarray(rng.uniform(size=(64, plane.cells)) / plane.cells)
+    exact = jax.jit(jax.vmap(lambda w, x: pj.simulate(plane, w, x, "relay")))
+    soft = jax.jit(jax.vmap(partial(soft_relays, plane)))
+    single = weights.astype(jnp.float32), x.astype(jnp.float32)
+    return {
+        "records": 64,
+        "samples": 1_000,
+        "relays_batch": repeated(lambda: exact(weights, x), 9),
+        "soft_relays_batch": repeated(lambda: soft(*single), 5),
+    }
+
+
+def main() -> None:
+    """Measure all and write the figures."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    jax.config.update("jax_enable_x64", True)
+    with threadpool_limits(1):
+        content = {
+            "identification": identification(),
+            "forward": [forward(37, SAMPLES), forward(75, 10 * SAMPLES)],
+            "batch": batched(),
+        }
+    for row in content["identification"]:
+        print({name: round(v, 5) if isinstance(v, float) else v for name, v in row.items()})
+    for row in [*content["forward"], content["batch"]]:
+        each = {n: f"{1e3 * v['median_s']:.3g} ms" for n, v in row.items() if isinstance(v, dict)}
+        print(row.get("levels", LEVELS), row["samples"], each)
+    settings = {"samples": SAMPLES, "noise": NOISE, "soft_width": WIDTH, "cores": 1}
+    write_results("peers.json", settings | content)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import growth
 import peers
 import relays
 import streaming
@@ -14,6 +15,7 @@ BENCHMARKS = {
     "sweep": sweep.main,
     "streaming": streaming.main,
     "relays": relays.main,
+    "growth": growth.main,
     "peers": peers.main,
     "whole_process": whole_process.main,
 }

@@ -70,6 +70,7 @@ def test_a_broken_chunk_is_told_and_a_restart_begins_anew(tmp_path, capsys, monk
     genuine = storage.sweep
     monkeypatch.setattr(storage, "sweep", lambda *a: computed.append(a[3]) or genuine(*a))
     assert main([*WORDS, "--out", str(tmp_path)]) == 0
+    assert main([*WORDS, "--out", str(tmp_path), "--resume"]) == 0
     assert computed == []
     assert main([*WORDS, "--out", str(tmp_path), "--restart"]) == 0
     assert computed == [[0], [1]]

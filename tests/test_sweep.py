@@ -378,6 +378,7 @@ def computed(monkeypatch):
 def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
     shown = []
     found = run_to(tmp_path / "new", key, progress=lambda *now: shown.append(now))
+    assert found is not None
     check_same(found, whole, rtol=1e-12)
     check_same(storage.load_folder(tmp_path / "new"), whole, rtol=1e-12)
     assert computed == [[0, 1], [2, 3]]

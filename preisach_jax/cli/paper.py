@@ -46,9 +46,13 @@ def sweep(
     chunk: Annotated[
         int, typer.Option(metavar="C", help="records computed at once, and then written")
     ] = 8,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="start anew; lose the sweep in the folder")
-    ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume/--restart",
+            help="go on with the sweep in the folder, or lose it and start anew",
+        ),
+    ] = True,
     distributed: Annotated[
         bool,
         typer.Option("--distributed", help="share it with the processes of a Slurm or MPI job"),
@@ -86,7 +90,7 @@ def sweep(
         sweep_settings(*settings)
     except InputError as error:  # it begins with the name of the argument, which the option has too
         raise InputError(f"--{error}") from error
-    found = _run_sweep(out, settings, not restart, context.obj["command"])
+    found = _run_sweep(out, settings, resume, context.obj["command"])
     if found is not None and is_first():
         show_sweep(found)
         screen.say(f"\nSweep: {out / RESULT}")

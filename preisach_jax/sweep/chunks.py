@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.sweep.result import Sweep
-
-if TYPE_CHECKING:
-    import zarr
 
 ARRAYS, DONE = "sweep.zarr", "done"
 
@@ -76,7 +73,7 @@ class Chunks:
             for name, (axes, values, _) in arrays.items():
                 place = [slice(None)] * values.ndim
                 place[axes.index("seed")] = slice(begin, begin + len(numbers))
-                group[name][tuple(place)] = values  # pyright: ignore[reportIndexIssue]
+                group[name][tuple(place)] = values
         except OSError as error:
             raise InputError(
                 f"{self.folder / ARRAYS}: cannot be written ({error.strerror or error}); what was "
@@ -123,22 +120,22 @@ class Chunks:
     def _read(self, numbers: list[int]) -> dict[str, np.ndarray]:
         import zarr
 
-        group = zarr.open_group(self.folder / ARRAYS, mode="r")
+        group: Any = zarr.open_group(self.folder / ARRAYS, mode="r")
         begin = self.settings["seeds"].index(numbers[0])
         found = {}
         for name in (*Sweep.AXES, *(f"weights_{N}" for N in self.settings["levels"])):
             array = group[name]
-            axes = array.metadata.dimension_names  # pyright: ignore[reportAttributeAccessIssue]
+            axes = array.metadata.dimension_names
             place = [slice(None)] * len(axes)
             place[axes.index("seed")] = slice(begin, begin + len(numbers))
-            found[name] = np.asarray(array[tuple(place)])  # pyright: ignore[reportIndexIssue]
+            found[name] = np.asarray(array[tuple(place)])
         return found
 
-    def _group(self, arrays: Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]) -> zarr.Group:
+    def _group(self, arrays: Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]) -> Any:
         """The arrays on disk, with room for all seeds."""
         import zarr
 
-        group = zarr.open_group(self.folder / ARRAYS, mode="a")
+        group: Any = zarr.open_group(self.folder / ARRAYS, mode="a")
         count = len(self.settings["seeds"])
         for name, (axes, values, unit) in arrays.items():
             seed = axes.index("seed")
@@ -146,7 +143,7 @@ class Chunks:
             shape[seed], chunks[seed] = count, self.settings["chunk"]
             there = group.get(name)
             if there is not None and there.shape != tuple(shape):  # more seeds than before
-                there.resize(tuple(shape))  # pyright: ignore[reportAttributeAccessIssue]
+                there.resize(tuple(shape))
             if there is None:
                 group.create_array(
                     name,
@@ -167,8 +164,8 @@ def _arrays(part: Sweep) -> dict[str, tuple[tuple[str, ...], np.ndarray, str]]:
     return found
 
 
-def _checksum(arrays: Iterator[np.ndarray] | Any) -> int:
+def _checksum(arrays: Iterable[np.ndarray]) -> int:
     total = 0
     for values in arrays:
-        total = zlib.crc32(np.ascontiguousarray(values), total)
+        total = zlib.crc32(values.tobytes(), total)
     return total

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -65,11 +66,12 @@ def connect(
         ...
         preisach_jax.errors.InputError: process is 2: of 2 processes the last one is 1
     """
-    given = (coordinator, processes, process)
-    if any(one is None for one in given) and any(one is not None for one in given):
+    given = {"coordinator": coordinator, "processes": processes, "process": process}
+    missing = [name for name, value in given.items() if value is None]
+    if 0 < len(missing) < len(given):
         raise InputError(
-            f"coordinator, processes and process are {coordinator}, {processes} and {process}: "
-            "give all three, or none where a scheduler such as Slurm tells them"
+            f"{' and '.join(missing)} must be given too: all three of {', '.join(given)}, or none "
+            "where a scheduler such as Slurm tells them"
         )
     if coordinator is not None:
         host, _, port = coordinator.rpartition(":")
@@ -99,9 +101,14 @@ def connect(
     attempt = threading.Thread(target=reach, daemon=True)
     attempt.start()
     attempt.join(CONNECTING_S)
+    if failure and coordinator is None:
+        raise InputError(
+            f"no scheduler such as Slurm or Open MPI was found ({_first_line(failure[0])}): start "
+            "the processes by srun or mpirun, or give coordinator, processes and process"
+        )
     if failure or attempt.is_alive():
         why = _first_line(failure[0]) if failure else f"no answer in {CONNECTING_S} s"
-        place = f"at {coordinator}" if coordinator else "through a scheduler"
+        place = f"at {coordinator}" if coordinator else "through the scheduler"
         raise InputError(
             f"the other processes were not reached {place} ({why}): start as many processes as you "
             "say there are, each with its own number, and give an address of process 0 that all "
@@ -130,6 +137,26 @@ def abandon(code: int) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+
+
+@contextmanager
+def quiet_output() -> Iterator[None]:
+    """Lead what libraries write to standard output to standard error, while processes share work.
+
+    Gloo, which carries numbers between processes, greets there, and Python cannot hinder it.
+    """
+    if not jax.distributed.is_initialized():
+        yield
+        return
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def is_first() -> bool:
@@ -276,4 +303,5 @@ def _failures_told() -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0][:200]
+    line = str(error).strip().splitlines()[0]
+    return re.sub(r"\[external[^\]]*\]\s*", "", line)[:200]

@@ -73,8 +73,8 @@ def simulate(
         (time,) output; differentiable in `weights`, and with ramps in `x`.
 
     Raises:
-        InputError: a shape, a type or a name is wrong, the input leaves the plane, or there is no
-            event form.
+        InputError: a shape, a type or a name is wrong, there is no event form, or the input leaves
+            the plane or is not finite (inside a compiled function hysterons saturate instead).
 
     Example:
         >>> plane = Plane(levels=2, low=0.0, high=2.0)

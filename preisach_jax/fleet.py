@@ -68,6 +68,10 @@ def run_fleet(
         ((2, 10), [20, 36])
     """
     passes = whole_number("passes is", passes, 1)
+    if not isinstance(adaptive, AdaptiveFilter):
+        raise InputError(
+            f"the filter is {adaptive!r}: give an AdaptiveFilter, as of pj.AdaptiveFilter"
+        )
     rows = _checked(adaptive, inputs, outputs)
     lengths = [len(x) for x, _ in rows]
     x, z = (
@@ -94,7 +98,14 @@ def _checked(
     adaptive: AdaptiveFilter, inputs: Any, outputs: Any
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Input and output of each record, of one floating type."""
-    if len(inputs) != len(outputs) or not len(inputs):
+    try:
+        inputs, outputs = list(inputs), list(outputs)
+    except TypeError:
+        raise InputError(
+            f"the inputs are {type(inputs).__name__} and the outputs {type(outputs).__name__}: "
+            "give a sequence of rows each, outside of compiled functions"
+        ) from None
+    if len(inputs) != len(outputs) or not inputs:
         raise InputError(
             f"there are {len(inputs)} inputs and {len(outputs)} outputs: give one of each for "
             "every record, at least one"

@@ -115,8 +115,9 @@ def test_two_processes_share_a_sweep(alone, tmp_path):
     pair = [begun(tmp_path / "sweep", k, port) for k in (0, 1)]
     said = [process.communicate(timeout=200) for process in pair]
     assert [process.returncode for process in pair] == [0, 0], said
-    for out, _ in said:  # both compute all chunks, each its half of them
-        computed = [line for line in out.splitlines() if line.startswith("computed")]
+    for out, error in said:  # both compute all chunks, each its half of them
+        assert "Gloo" not in out
+        computed = [line for line in (out + error).splitlines() if line.startswith("computed")]
         assert computed == ["computed [0, 1]", "computed [2, 3]", "computed [4]"]
     assert "Sweep: " in said[0][0]
     assert "Sweep: " not in said[1][0]
@@ -134,7 +135,8 @@ def test_a_process_that_dies_leaves_a_sweep_that_resumes(alone, tmp_path, capsys
     assert message.startswith("preisach: another process of the 2 ended or cannot be reached")
     assert "start all of them again" in message
     assert "Traceback" not in error
-    assert "computed [0, 1]" in told
+    assert "computed [0, 1]" in told + error
+    assert "external" not in message
     assert [path.name for path in (out / "done").iterdir()] == ["seeds_0000-0001.json"]
     assert not (out / "sweep.json").exists()
 
@@ -165,8 +167,8 @@ def test_processes_that_never_come_are_told(process, tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (("node:1", 2, None), "coordinator, processes and process are node:1, 2 and None"),
-        ((None, 2, 0), "give all three"),
+        (("node:1", 2, None), "^process must be given too: all three of coordinator, proc"),
+        ((None, 2, None), "^coordinator and process must be given too"),
         (("node", 2, 0), "coordinator is 'node': give HOST:PORT"),
         ((":80", 2, 0), "coordinator is ':80'"),
         (("node:one", 2, 0), "coordinator is 'node:one'"),
@@ -178,6 +180,20 @@ def test_processes_that_never_come_are_told(process, tmp_path):
 def test_numbers_that_do_not_fit_are_told_before_anything_starts(given, message):
     with pytest.raises(InputError, match=message):
         connect(*given)
+
+
+def test_options_that_do_not_fit_are_told_by_their_names(tmp_path, capsys):
+    for words, message in [
+        (["--processes", "2"], "preisach: --coordinator and process must be given too"),
+        (
+            ["--coordinator", "node:1", "--processes", "2", "--process", "2"],
+            "preisach: --process is 2: of 2 processes the last one is 1",
+        ),
+        (["--distributed"], "preisach: no scheduler such as Slurm or Open MPI was found"),
+    ]:
+        assert main([*WORDS, "--out", str(tmp_path / "sweep"), *words]) == 2
+        assert capsys.readouterr().err.startswith(message)
+    assert not (tmp_path / "sweep").exists()
 
 
 # --- memory and disk ---
@@ -230,3 +246,24 @@ def test_the_arrays_open_in_any_reader_of_zarr(alone, tmp_path):
     assert read["noise_part"].attrs["units"] == "um^2"
     np.testing.assert_array_equal(read["noise_part"], alone.noise_part)
     np.testing.assert_array_equal(read["weights_3"], alone.weights[0])
+    again = alone.to_xarray()
+    for name in ("level", "noise", "seed"):
+        np.testing.assert_array_equal(read.coords[name], again.coords[name])
+    assert read.attrs["samples"] == 1000
+
+
+def test_what_is_not_computed_yet_is_no_number_on_disk(tmp_path, monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    genuine = storage.sweep
+
+    def interrupted(key, levels, noise, seeds, samples):
+        if seeds[0] > 1:
+            raise KeyboardInterrupt
+        return genuine(key, levels, noise, seeds, samples)
+
+    monkeypatch.setattr(storage, "sweep", interrupted)
+    assert main([*WORDS, "--out", str(tmp_path)]) == 130
+    read = xarray.open_zarr(tmp_path / "sweep.zarr", consolidated=False, mask_and_scale=False)
+    assert np.isfinite(read["noise_part"][..., :2]).all()
+    assert np.isnan(read["noise_part"][..., 2:]).all()
+    assert (read["events"][..., 2:] == -1).all()

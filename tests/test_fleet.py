@@ -105,3 +105,11 @@ def test_three_devices_share_a_fleet(x64, tmp_path, request):
 def test_unsound_records_are_told_by_their_number(inputs, outputs, passes, message):
     with pytest.raises(InputError, match=message):
         run_fleet(AdaptiveFilter(PLANE), inputs, outputs, passes)
+
+
+def test_what_is_no_filter_or_no_fleet_is_told():
+    adaptive = AdaptiveFilter(PLANE)
+    with pytest.raises(InputError, match="the filter is Plane"):
+        run_fleet(PLANE, [[1.0]], [[1.0]])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="the inputs are NoneType"):
+        run_fleet(adaptive, None, [[1.0]])  # pyright: ignore[reportArgumentType]

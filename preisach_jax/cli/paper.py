@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +21,9 @@ _EXPONENTS = {
     "paper_all_samples": "norm (31) against W (29), all samples",
     "truth": "what noise adds to ‖E‖² against its power",
 }
+
+
+_NAMES = ("levels", "noise", "seeds", "samples", "chunk", "coordinator", "process")
 
 
 class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no error
@@ -80,16 +84,13 @@ def sweep(
     use_all_cores()
     by_hand = (coordinator, processes, process)
     if distributed or any(one is not None for one in by_hand):
-        connect(*by_hand)
+        _named_by_option(connect, *by_hand)
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
         raise InputError(f"--seed is {seed}: give a whole number of at least 0")
     settings = (jax.random.key(seed), planes, powers, seeds, samples, chunk)
-    try:
-        sweep_settings(*settings)
-    except InputError as error:  # it begins with the name of the argument, which the option has too
-        raise InputError(f"--{error}") from error
+    _named_by_option(sweep_settings, *settings)
     found = _run_sweep(out, settings, resume, context.obj["command"])
     if found is not None and is_first():
         show_sweep(found)
@@ -97,14 +98,23 @@ def sweep(
     disconnect()
 
 
+def _named_by_option(check: Callable, *arguments: Any) -> None:
+    """Call what checks arguments; the names that its messages begin with are those of options."""
+    try:
+        check(*arguments)
+    except InputError as error:
+        named = str(error).startswith(_NAMES)
+        raise InputError(f"--{error}" if named else str(error)) from error
+
+
 def _run_sweep(out: Path, settings: tuple, resume: bool, command: str) -> Sweep | None:
     """Run a sweep into a folder, with progress, and tell how to go on if it is interrupted."""
-    from preisach_jax.devices import is_first
+    from preisach_jax.devices import is_first, quiet_output
     from preisach_jax.sweep.storage import sweep_to_folder
 
     notes: list[str] = []
     try:
-        with screen.progress() as show:
+        with screen.progress() as show, quiet_output():
             found = sweep_to_folder(
                 out,
                 *settings,

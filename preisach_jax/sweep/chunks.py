@@ -152,8 +152,26 @@ class Chunks:
                     dtype=values.dtype,
                     dimension_names=axes,
                     attributes={"units": unit},
+                    fill_value=np.nan if values.dtype.kind == "f" else -1,  # not yet computed
                 )
+        self._label(group)
         return group
+
+    def _label(self, group: Any) -> None:
+        """Write the coordinates of the axes, under the names of the axes, and the settings."""
+        labels = {"level": ("levels", "1"), "noise": ("noise", "um"), "seed": ("seeds", "1")}
+        for name, (setting, unit) in labels.items():
+            values = np.array(self.settings[setting])
+            there = group.get(name)
+            if there is None or there.shape != values.shape:
+                group.create_array(
+                    name,
+                    data=values,
+                    dimension_names=(name,),
+                    attributes={"units": unit},
+                    overwrite=True,
+                )
+        group.attrs.update({"samples": self.settings["samples"], "key": self.settings["key"]})
 
 
 def _arrays(part: Sweep) -> dict[str, tuple[tuple[str, ...], np.ndarray, str]]:

@@ -333,7 +333,7 @@ class Sweep:
             from preisach_jax.sweep.storage import load_folder
 
             return load_folder(Path(path))
-        remedy = "give a file that a sweep wrote"
+        remedy = "give a file that Sweep.save wrote, or the folder of a sweep"
         with read_arrays(Path(path), FORMAT, "a sweep", remedy) as (about, stored):
             arrays = {name: stored[name] for name in (*cls.AXES, *_LABELS)}
             weights = tuple(stored[f"weights_{N}"] for N in arrays["levels"])

@@ -87,9 +87,11 @@ def sweep_to_folder(
         _open(folder, settings, resume)
         parts = [_stored(chunks, numbers, announce) for numbers in wanted]
     missing = np.flatnonzero(from_first(np.array([part is None for part in parts])))
-    for done, position in enumerate(missing, start=len(wanted) - len(missing)):
+    there = len(wanted) - len(missing)
+    found_there = f" ({there} were there)" if there else ""
+    for done, position in enumerate(missing, start=there):
         if progress is not None:
-            progress(f"chunk {done + 1} of {len(wanted)}", done / len(wanted))
+            progress(f"chunk {done + 1} of {len(wanted)}{found_there}", done / len(wanted))
         part = _computed(key, settings, wanted[position], announce)
         if is_first():
             chunks.write(part)

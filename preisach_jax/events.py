@@ -173,12 +173,58 @@ def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]
     levels = _concrete_levels(plane, np.asarray(x))
     sample, to = _moves(levels)
     width = int(np.abs(np.diff(to, prepend=levels[0])).max(initial=1))
+    found, lowest = _crossings_at_once(plane, to, int(levels[0]), 1 << (width - 1).bit_length())
     # Fillings stay where the input ends.
-    sample = jnp.asarray(np.where(sample < 0, len(levels), sample))
-    width = 1 << (width - 1).bit_length()
-    found, lowest = _crossings(plane, sample, jnp.asarray(to), jnp.asarray(levels[0]), width)
-    on = plane.beta_index < np.asarray(lowest)[plane.alpha_index]
-    return found, jnp.asarray(on, x.dtype)
+    sample = np.where(sample < 0, len(levels), sample)
+    on = plane.beta_index < lowest[plane.alpha_index]
+    return Switching(jnp.asarray(sample), *map(jnp.asarray, found)), jnp.asarray(on, x.dtype)
+
+
+def _crossings_at_once(
+    plane: Plane, to: np.ndarray, start: int, width: int
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """What `_crossings` finds, for levels that are known: NumPy needs no loop over the events."""
+    before = np.append(start, to[:-1])
+    rising, count = to > before, np.abs(to - before)
+    event = np.repeat(np.arange(len(to)), count)
+    passed = np.arange(len(event)) - np.repeat(np.cumsum(count) - count, count)
+    upward = rising[event]
+    line = np.where(upward, before[event] + passed, before[event] - 1 - passed)
+    index = np.arange(plane.levels)
+
+    up, down = upward.nonzero()[0], (~upward).nonzero()[0]
+    below = np.where(index < start, start, 0)
+    low, lowest = _extremes(np.minimum, to, event[up], line[up], below)
+    high, _ = _extremes(np.maximum, to, event[down], line[down], np.full(plane.levels, start))
+    bounds = np.zeros((3, len(to), width), np.int32)
+    bounds[:, event[up], passed[up]] = line[up], low, line[up] + 1
+    bounds[:, event[down], passed[down]] = line[down], line[down], high
+    return (rising, *bounds), lowest
+
+
+def _extremes(
+    extreme: np.ufunc, to: np.ndarray, event: np.ndarray, line: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest or highest level since a line was last passed: at each crossing, and at the end.
+
+    `start` holds what counts for each line until it is first passed.
+    """
+    since_start = extreme.accumulate(to)
+    until_end = extreme.accumulate(to[::-1])[::-1]
+    end = extreme(start, since_start[-1])
+    if not len(event):
+        return event, end
+    order = np.lexsort((event, line))
+    at, of = event[order], line[order]
+    first = np.append(True, of[1:] != of[:-1])
+    # Of a crossing, the extreme from the one before on the same line; each stretch is seen once.
+    since = np.append(to[:1], extreme.reduceat(to, at)[:-1])
+    begun = np.where(at > 0, extreme(start[of], since_start[at - 1]), start[of])
+    found = np.empty_like(at)
+    found[order] = np.where(first, begun, since)
+    last = np.append(first[1:], True)
+    end[of[last]] = until_end[at[last]]
+    return found, end
 
 
 def _concrete_levels(plane: Plane, x: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.trial import (
     BY_THE_GRID,
+    BY_THE_PRIOR,
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
     Row,
@@ -46,7 +47,7 @@ from preisach_jax.fit import (
     with_effect,
     without_effect,
 )
-from preisach_jax.identify import Point, Problem, evaluate
+from preisach_jax.identify import Point, Problem, evaluate, refine
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
@@ -218,9 +219,12 @@ class _Search:
         )
         passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
         passing.sort(key=lambda trial: trial.point.validation_mean_square)
-        while passing and not self._stands_on_a_finer_plane(passing[0]):
-            by_grid = passing.pop(0)
-            trials[trials.index(by_grid)] = replace(by_grid, objection=BY_THE_GRID)
+        while passing:
+            objection = self._objection(passing[0])
+            if not objection:
+                break
+            refused = passing.pop(0)
+            trials[trials.index(refused)] = replace(refused, objection=objection)
         best = passing[0] if passing else None
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
@@ -238,6 +242,33 @@ class _Search:
         self.path.append(best.point)
         return True
 
+    def _objection(self, trial: Trial) -> str:
+        """What speaks against a weak effect that opens both locks.
+
+        If it is the strength of the prior alone that helps, the present model takes it over.
+        """
+        if trial.evidence.gain >= WEAK:
+            return ""
+        plain = self._with_the_prior_of(trial.point)
+        if compare(self.problem, plain, trial.point).against:
+            self.path[-1] = plain
+            return BY_THE_PRIOR
+        return "" if self._stands_on_a_finer_plane(trial) else BY_THE_GRID
+
+    def _with_the_prior_of(self, rich: Point) -> Point:
+        """The present model with the strength of the prior that was chosen for a richer one.
+
+        The strength is chosen for each model from few folds, by chance not always well; what
+        another one brings is no merit of the effect.
+        """
+        if rich.strength == self.now.strength:
+            return self.now
+        now = self.now
+        there = evaluate(self.problem, now.chain, now.values, rich.strength, now)
+        plain = refine(self.problem, there, iterations=4)
+        better = plain.validation_mean_square < now.validation_mean_square
+        return plain if better else now
+
     def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
         """Whether a weak effect helps on a finer plane as well.
 
@@ -246,7 +277,7 @@ class _Search:
         """
         levels = self.now.chain.plane.levels
         finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
-        if trial.evidence.gain >= WEAK or finer <= levels:
+        if finer <= levels:
             return True
         self.progress(f"trying {trial.effect.name} on a plane of {finer} levels", self._done(1.0))
         plain = at_levels(self.problem, self.now, finer)

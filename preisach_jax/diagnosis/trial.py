@@ -20,6 +20,8 @@ NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
 BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
 
+BY_THE_PRIOR = "with the same smoothness of the density the model does as well without it"
+
 NOT_ON_ALL_ROWS = "it helps on the rows of the search, and too little on all of the record"
 
 WITH_ANOTHER = "it is no better than one that was given up"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -116,10 +117,22 @@ def _scatter(parts: np.ndarray) -> np.ndarray:
     return parts.T @ parts * count / (count - 1)
 
 
-def differs_from_nothing(problem: Problem, point: Point, effect: str) -> bool:
+class Certainty(NamedTuple):
+    """Whether an effect is surely there.
+
+    Attributes:
+        alone: one of its amounts has an interval that excludes zero, or it has no amounts.
+        together: all its amounts together are surely not zero.
+    """
+
+    alone: bool
+    together: bool
+
+
+def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certainty:
     r"""Whether the amounts of an effect (gains, losses, coefficients) are surely not all zero.
 
-    One of them alone by its interval, or all together by Hotelling's test,
+    One of them alone by its interval, and all together by Hotelling's test,
     \(T^2 = a^\top S^{-1} a\) with the sandwich covariance S of `estimates`, against
     \(k (n - 1) / (n - k)\, F_{k, n-k}\) for k amounts and n blocks (T. W. Anderson, An Introduction
     to Multivariate Statistical Analysis, 3rd ed., Wiley 2003, sec. 5.2): elements of a creep that
@@ -131,6 +144,9 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> bool:
         problem: the record.
         point: a refined point.
         effect: the effect's name.
+
+    Returns:
+        Both answers; the second is the bolder one, as amounts at zero are left out after a look.
     """
     own = [p for name, p in point.parameters if name == effect]
     amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]
@@ -140,7 +156,7 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> bool:
         if name == effect and each.amount
     ]
     if not amounts and not linear_amounts:
-        return True
+        return Certainty(alone=True, together=True)
     parameters = [
         (name, p) for name, p in point.parameters if not p.is_amount or point.values[name][p.name]
     ]
@@ -159,7 +175,7 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> bool:
         _differs_from_zero(amount, covariance, len(part))
         for covariance, part in zip(covariances, parts, strict=True)
     )
-    return together or bool((np.abs(amount) > half).any())
+    return Certainty(alone=bool((np.abs(amount) > half).any()), together=together)
 
 
 def _differs_from_zero(values: np.ndarray, covariance: np.ndarray, count: int) -> bool:

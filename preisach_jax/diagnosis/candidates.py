@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from preisach_jax.confidence import differs_from_nothing
+from preisach_jax.confidence import Certainty, differs_from_nothing
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.signature import Projection, promises
@@ -69,7 +69,12 @@ def _try(
             return NotFitted.screened(effect, step, promised)
         rich = with_effect(problem, point, effect, to_beat=to_beat)
         evidence = compare(problem, point, rich)
-        certain = bool(evidence.against) or differs_from_nothing(problem, rich, effect.name)
+        # What the locks refuse need not be asked how sure it is.
+        certain = (
+            Certainty(alone=True, together=True)
+            if evidence.against
+            else differs_from_nothing(problem, rich, effect.name)
+        )
         return Trial(effect, step, rich, evidence, certain)
     except (FloatingPointError, np.linalg.LinAlgError) as error:
         return NotFitted(effect, step, f"could not be fitted: {error}")

@@ -217,8 +217,7 @@ class _Search:
             len(self.accepted),
             lambda text, share: self.progress(text, self._done(share)),
         )
-        passing = [trial for trial in trials if isinstance(trial, Trial) and trial.passes]
-        passing.sort(key=lambda trial: trial.point.validation_mean_square)
+        passing = self._ranked([t for t in trials if isinstance(t, Trial) and t.passes])
         while passing:
             objection = self._objection(passing[0])
             if not objection:
@@ -241,6 +240,14 @@ class _Search:
         self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
         return True
+
+    def _ranked(self, passing: list[Trial]) -> list[Trial]:
+        """The best first; those that are sure of no single amount must beat the others clearly."""
+        by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
+        sure = [trial for trial in by_error if trial.certain.alone]
+        others = [trial for trial in by_error if not trial.certain.alone]
+        clear = [t for t in others if not (sure and self._alike(t.point, sure[0].point))]
+        return [*clear, *sure, *(t for t in others if t not in clear)]
 
     def _objection(self, trial: Trial) -> str:
         """What speaks against a weak effect that opens both locks.
@@ -373,7 +380,7 @@ class _Search:
                 for name, point in rivals.items()
                 if not compare(self.problem, self.now, point).against
             ]
-            certain = [trial for trial in better if trial.certain]
+            certain = [trial for trial in better if any(trial.certain)]
             if certain:
                 rivals[named.name] = self.now
                 again = min(certain, key=lambda trial: trial.point.validation_mean_square)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis.evidence import Evidence
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.effects.base import Effect
@@ -37,7 +38,7 @@ class Trial:
         effect, step: the effect, and how many the point has.
         point: the model with it.
         evidence: what the two locks measured.
-        certain: whether its amount is surely not zero.
+        certain: whether its amounts are surely not zero, one alone or all together.
         objection: what was seen later and speaks against it.
     """
 
@@ -45,7 +46,7 @@ class Trial:
     step: int
     point: Point
     evidence: Evidence
-    certain: bool
+    certain: Certainty
     objection: str = ""
 
     @property
@@ -55,8 +56,8 @@ class Trial:
 
     @property
     def passes(self) -> bool:
-        """Whether both locks open, and its amount is surely not zero."""
-        return self.certain and self.opens_both_locks
+        """Whether both locks open, and its amounts are surely not zero."""
+        return any(self.certain) and self.opens_both_locks
 
     @property
     def hopeless(self) -> bool:
@@ -65,7 +66,7 @@ class Trial:
 
     def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
-        against = self.evidence.against or ("" if self.certain else NOT_CERTAIN)
+        against = self.evidence.against or ("" if any(self.certain) else NOT_CERTAIN)
         against = against or self.objection
         return Candidate(
             self.effect.name,

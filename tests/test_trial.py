@@ -2,6 +2,7 @@
 
 from typing import Any, cast
 
+from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis.evidence import Evidence
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, failures, given_up_rows, with_rival
 from preisach_jax.effects.creep import Creep
@@ -15,7 +16,13 @@ class Point:
 
 
 def trial(effect, step, gain=0.5):
-    return Trial(effect, step, cast(Any, Point()), Evidence(gain, 9.0, 24, 99.0), True)
+    return Trial(
+        effect,
+        step,
+        cast(Any, Point()),
+        Evidence(gain, 9.0, 24, 99.0),
+        Certainty(alone=True, together=True),
+    )
 
 
 def told(rows: list[Row]):

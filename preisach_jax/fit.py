@@ -308,7 +308,16 @@ def at_levels(problem: Problem, point: Point, levels: int) -> Point:
 def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
     there = evaluate(problem, point.chain, point.values, point.strength, point)
-    return refine(problem, with_strength(there), iterations=3)
+    moved = refine(problem, with_strength(there), iterations=3)
+    for effect in point.chain.effects:
+        if not effect.found_in_residual:
+            continue
+        # Thinned rows may have led to a wrong line, from which no refinement leads away.
+        without = without_effect(problem, moved, effect.name)
+        again = with_effect(problem, without, effect, always=True)
+        if again.validation_mean_square < (1 - LEAST_PROMISE) * moved.validation_mean_square:
+            moved = again
+    return moved
 
 
 def settled(problem: Problem, point: Point) -> Point:

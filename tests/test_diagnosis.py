@@ -10,7 +10,10 @@ import world
 from scipy import signal
 
 import preisach_jax as pj
+from preisach_jax.chain import Chain
 from preisach_jax.diagnosis.result import VERDICTS
+from preisach_jax.fit import base_point, moved_to, plane_of
+from preisach_jax.identify import Problem, evaluate, refine
 from preisach_jax.model import Model
 from preisach_jax.report import write_report
 
@@ -296,3 +299,18 @@ def test_a_creep_in_growing_loops_is_not_taken_for_a_lag(creep_share, effects):
     found = pj.diagnose(growing_loops(creep_share, 203), ["creep", "input_lag"])
     assert found.effects == effects
     assert [finding.family for finding in found.findings] == [(name,) for name in effects]
+
+
+def test_a_hum_that_the_search_took_for_another_is_found_on_all_rows(x64):
+    time = np.arange(6000) / 300.0
+    drive = 40 - 40 * np.cos(2 * np.pi * time * (0.3 + 0.01 * time))
+    noise = 0.001 * np.random.default_rng(3).normal(size=len(time))
+    output = 0.1 * drive + 0.05 * np.sin(2 * np.pi * 50.05 * time + 0.4) + noise
+    problem = Problem.of(pj.Record.from_arrays(time, drive, output))
+    hum = pj.effects()["hum"].bound_to(problem.survey_of(base_point(problem, 7)))
+    chain = Chain(plane_of(problem, 7), (hum,))
+    astray = refine(problem, evaluate(problem, chain, {"hum": {"f_hz": 49.98}}, 1e-3))
+    assert abs(astray.values["hum"]["f_hz"] - 50.05) > 0.01  # a side lobe holds it
+    moved = moved_to(problem, astray)
+    assert moved.values["hum"]["f_hz"] == pytest.approx(50.05, abs=1e-3)
+    assert moved.validation_mean_square * problem.unit**2 < 1.5 * 0.001**2

@@ -143,6 +143,8 @@ class Effect(eqx.Module):
         form_pays: share of a simpler form's held-out mean square that another form of the effect
             (see `variants`) must not leave.
         on_request: whether a diagnosis tries it only where it is asked for by name.
+        found_in_residual: whether its search starts from what the residual shows, so that it begins
+            anew with all rows of a record.
 
     Its fields say how it is bound to a record.  Floats, and tuples of them, are traced where the
     effect acts, so that code compiled for one record serves others; to branch on them there, or to
@@ -157,6 +159,7 @@ class Effect(eqx.Module):
     confused_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
     on_request: ClassVar[bool] = False
+    found_in_residual: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 
     def parameters(self) -> tuple[Parameter, ...]:

@@ -22,7 +22,7 @@ import numpy as np
 from conditions import RESULTS, write_results
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
-from timing import spread, timed
+from timing import measured
 
 from preisach_jax.events import adapt_over_events, events_and_states
 from preisach_jax.filter import simulate
@@ -35,11 +35,6 @@ EVENTS, REPEATS, LONG = 4_000, 15, 10_000_000
 LEVELS = (9, 19, 37, 75, 150, 300)
 SAMPLES = (12_500, 25_000, 50_000, 100_000, 200_000, 400_000)
 LANES = (1, 8, 64, 256, 1024, 4096)
-
-
-def seconds(function) -> dict[str, float]:
-    """Seconds of the first call, and of those after it."""
-    return {"first_s": timed(function)} | spread([timed(function) for _ in range(REPEATS)])
 
 
 def walk(plane: Plane, count: int = EVENTS) -> np.ndarray:
@@ -70,7 +65,7 @@ def over_levels() -> list[dict]:
         switching = events_and_states(plane, jnp.asarray(walk(plane)))[0]
         count = int(np.count_nonzero(switching.area))
         rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), 1)))
-        time = seconds(lambda p=plane, s=switching, r=rises: adapted(p, s, r))
+        time = measured(lambda p=plane, s=switching, r=rises: adapted(p, s, r), REPEATS)
         rows.append({"levels": levels, "events": count} | time)
     return rows
 
@@ -81,7 +76,7 @@ def over_samples() -> list[dict]:
     weights = jnp.ones(plane.cells)
     for samples in SAMPLES:
         x = bernoulli_ramp(jax.random.key(0), samples, 2000.0, high=RANGE_V)
-        time = seconds(lambda x=x: simulate(plane, weights, x, "relay"))
+        time = measured(lambda x=x: simulate(plane, weights, x, "relay"), REPEATS)
         rows.append({"samples": samples} | time)
     return rows
 
@@ -92,7 +87,9 @@ def over_lanes() -> list[dict]:
     switching = events_and_states(plane, jnp.asarray(walk(plane)))[0]
     for lanes in LANES:
         rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), lanes)))
-        rows.append({"lanes": lanes} | seconds(lambda r=rises: adapted(plane, switching, r)))
+        rows.append(
+            {"lanes": lanes} | measured(lambda r=rises: adapted(plane, switching, r), REPEATS)
+        )
     return rows
 
 

@@ -22,7 +22,7 @@ import scipy.linalg
 from conditions import write_results
 from scipy import signal
 from threadpoolctl import threadpool_limits
-from timing import spread, timed
+from timing import measured
 
 import preisach_jax as pj
 
@@ -96,20 +96,15 @@ def ridge(plane: pj.Plane, x: np.ndarray, z: np.ndarray, strength: float = 1e-2)
     return scipy.linalg.solve(gram, states.T @ z, assume_a="pos")
 
 
-def repeated(function, repeats: int) -> dict[str, float]:
-    """Seconds of the first call, and of those after it."""
-    return {"first_s": timed(function)} | spread([timed(function) for _ in range(repeats)])
-
-
 def identification() -> list[dict]:
     """Time and errors of each way to identify a model from one record."""
     plane = pj.Plane(levels=LEVELS, low=0.0, high=1.0)
     inputs = [stage_input(seed, *ends) for seed, ends in enumerate(RANGES, start=1)]
     clean = [stage_output(x) for x in inputs]
-    measured = clean[0] + NOISE * np.random.default_rng(7).normal(size=SAMPLES)
+    readings = clean[0] + NOISE * np.random.default_rng(7).normal(size=SAMPLES)
     time = np.arange(SAMPLES) / 1000.0
-    record = pj.Record.from_arrays(time, inputs[0], measured, initial_memory="low")
-    single = [jnp.asarray(one, jnp.float32) for one in (*inputs, measured)]
+    record = pj.Record.from_arrays(time, inputs[0], readings, initial_memory="low")
+    single = [jnp.asarray(one, jnp.float32) for one in (*inputs, readings)]
 
     def errors(outputs):
         each = [float(np.sqrt(np.mean((z - c) ** 2))) for z, c in zip(outputs, clean, strict=True)]
@@ -124,16 +119,16 @@ def identification() -> list[dict]:
 
     rows = []
     for levels in (LEVELS, 25):
-        seconds = repeated(lambda N=levels: pj.fit(record, [], levels=N), 5)
+        seconds = measured(lambda N=levels: pj.fit(record, [], levels=N), 5)
         found = of_model(pj.fit(record, [], levels=levels).model)
         rows.append({"method": "preisach_jax.fit", "levels": levels} | seconds | found)
-    weights = ridge(plane, inputs[0], measured)
+    weights = ridge(plane, inputs[0], readings)
     found = errors([relay_states(plane, x) @ weights for x in inputs])
-    seconds = repeated(lambda: ridge(plane, inputs[0], measured), 5)
+    seconds = measured(lambda: ridge(plane, inputs[0], readings), 5)
     rows.append({"method": "ridge on relays, NumPy", "levels": LEVELS} | seconds | found)
     weights, offset = trained(plane, single[0], single[2], ADAM_STEPS)
     found = errors([np.asarray(soft_relays(plane, weights, x) + offset) for x in single[:2]])
-    seconds = repeated(lambda: trained(plane, single[0], single[2], ADAM_STEPS), 1)
+    seconds = measured(lambda: trained(plane, single[0], single[2], ADAM_STEPS), 1)
     name = f"soft relays, Adam, {ADAM_STEPS} steps"
     return [*rows, {"method": name, "levels": LEVELS} | seconds | found]
 
@@ -150,16 +145,16 @@ def forward(levels: int, samples: int) -> dict:
     row = {
         "levels": levels,
         "samples": samples,
-        "relays": repeated(lambda: pj.simulate(plane, weights, x, "relay"), 9),
-        "ramps": repeated(lambda: pj.simulate(plane, weights, x, "ramp"), 3),
-        "soft_relays": repeated(lambda: soft(single_weights, single), 3),
+        "relays": measured(lambda: pj.simulate(plane, weights, x, "relay"), 9),
+        "ramps": measured(lambda: pj.simulate(plane, weights, x, "ramp"), 3),
+        "soft_relays": measured(lambda: soft(single_weights, single), 3),
         "rms_of_soft_relays_from_exact_ones": float(error),
     }
     if samples == SAMPLES:
         steep = jax.jit(jax.grad(lambda x: jnp.sum(soft_relays(plane, single_weights, x) ** 2)))
         ramps = jax.grad(lambda x: jnp.sum(pj.simulate(plane, weights, x, "ramp") ** 2))
-        row["gradient_of_soft_relays_in_input"] = repeated(lambda: steep(single), 3)
-        row["gradient_of_ramps_in_input"] = repeated(lambda: ramps(x), 3)
+        row["gradient_of_soft_relays_in_input"] = measured(lambda: steep(single), 3)
+        row["gradient_of_ramps_in_input"] = measured(lambda: ramps(x), 3)
     return row
 
 
@@ -175,8 +170,8 @@ def batched() -> dict:
     return {
         "records": 64,
         "samples": 1_000,
-        "relays_batch": repeated(lambda: exact(weights, x), 9),
-        "soft_relays_batch": repeated(lambda: soft(*single), 5),
+        "relays_batch": measured(lambda: exact(weights, x), 9),
+        "soft_relays_batch": measured(lambda: soft(*single), 5),
     }
 
 

@@ -15,31 +15,24 @@ import ctypes
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from conditions import write_results
-from timing import spread, timed
+from timing import REPEATS, measured
 
-from preisach_jax.events import adapt_over_events, events_and_states
+from preisach_jax.events import adapt_over_events, events_and_states, measured_rises
 from preisach_jax.filter import AdaptiveFilter, simulate
 from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
 from preisach_jax.signals import bernoulli_ramp
 
-LEVELS, SAMPLES, RATE_HZ, LANES, REPEATS = (9, 13, 19, 37, 75), 50_000, 2000.0, 64, 9
+LEVELS, SAMPLES, RATE_HZ, LANES = (9, 13, 19, 37, 75), 50_000, 2000.0, 64
 START = 1e-9  # weights before the first event
 NAIVE_SAMPLES = 2_000  # of the naive loop, whose time is extrapolated
 SOURCE = Path(__file__).with_name("relays.c")
-
-
-def measured(function: Callable, repeats: int = REPEATS) -> dict[str, float]:
-    """Seconds of the first call, and median and range of those after it."""
-    first = timed(function)
-    return {"first_s": first} | spread([timed(function) for _ in range(repeats)])
 
 
 class CReference:
@@ -127,9 +120,7 @@ def clever_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @jax.jit
 def _adapt(plane: Plane, switching, z, weights):
-    at = z.at[switching.sample].get(mode="clip")
-    rises = jnp.diff(at, axis=0, prepend=z[:1])
-    return adapt_over_events(plane, switching, rises, weights)[0]
+    return adapt_over_events(plane, switching, measured_rises(switching, z), weights)[0]
 
 
 def jax_adapt(plane: Plane, x: jax.Array, z: jax.Array) -> jax.Array:

@@ -41,7 +41,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     linear, parts = _influences(problem, point, parameters)
     size = len(point.solution)
     # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
-    deviation = np.sqrt(np.maximum(*(np.diag(_scatter(part)) for part in parts)))
+    deviation = np.sqrt(np.maximum(*(_variances(part) for part in parts)))
     factor = _factor(len(parts[0]))
     found = {effect.name: {} for effect in point.chain.effects}
     for position, (effect, parameter) in enumerate(parameters):
@@ -109,6 +109,12 @@ def _influences(
     stretch = used // FOLDS
     longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
     return linear, (influence, longer)
+
+
+def _variances(parts: np.ndarray) -> np.ndarray:
+    """Variance of the sum of independent parts, `(part, column)`."""
+    count = len(parts)
+    return (parts**2).sum(axis=0) * count / (count - 1)
 
 
 def _scatter(parts: np.ndarray) -> np.ndarray:

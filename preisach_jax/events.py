@@ -125,7 +125,7 @@ def switching_events(
     return jax.tree.map(lambda rows: jnp.asarray(np.asarray(rows)[:count]), found)
 
 
-def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
+def room_for_events(plane: Plane, x: ArrayLike, step: int = 1) -> tuple[int, int]:
     """Bound the events along inputs, and the thresholds that one sample passes.
 
     A stretch between two turning points passes at most one threshold more than its length holds
@@ -134,6 +134,8 @@ def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
     Args:
         plane: the Preisach plane.
         x: (..., time) inputs, in the unit of the plane; concrete.
+        step: what the bound on the events is rounded up to a multiple of, so that other inputs
+            rarely need a compilation.
 
     Returns:
         `(events, width)`, at least 1 each, enough for each of the inputs.
@@ -149,7 +151,8 @@ def room_for_events(plane: Plane, x: ArrayLike) -> tuple[int, int]:
     lengths = np.abs(steps)
     events = int(np.max(lengths.sum(axis=-1) + turns, initial=0.0)) + 2
     width = int(lengths.max(initial=0.0) * (1.0 + 1e-9)) + 1
-    return max(1, min(events, x.shape[-1] - 1)), min(width, plane.levels)
+    events = max(1, min(events, x.shape[-1] - 1))
+    return -(-events // step) * step, min(width, plane.levels)
 
 
 def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]:
@@ -415,6 +418,24 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
     off = columns.at[first, line].get(mode="clip") - columns.at[last, line].get(mode="clip")
     rises = jnp.where(jnp.expand_dims(switching.rising, -1), on, off)
     return jnp.sum(jnp.where(last > first, rises, 0.0), axis=-1)
+
+
+def measured_rises(switching: Switching, z: jax.Array) -> jax.Array:
+    """Rise of measured outputs from event to event, as `adapt_over_events` takes it.
+
+    Args:
+        switching: the events.
+        z: (time, lanes) outputs.
+
+    Returns:
+        (events, lanes) rises; the first one since the start, and 0 where there is no event.
+
+    Example:
+        >>> switching = switching_events(Plane(levels=2, low=0.0, high=2.0), [0.0, 2.0, 1.0])
+        >>> measured_rises(switching, jnp.asarray([[1.0], [8.0], [5.0]]))[:, 0].tolist()
+        [7.0, -3.0]
+    """
+    return jnp.diff(jnp.concatenate([z[:1], z.at[switching.sample].get(mode="clip")]), axis=0)
 
 
 def adapt_over_events(

@@ -13,7 +13,12 @@ from jax.typing import ArrayLike
 
 from preisach_jax.devices import compiled, evenly, gathered
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.events import adapt_over_events, room_for_events, switching_events
+from preisach_jax.events import (
+    adapt_over_events,
+    measured_rises,
+    room_for_events,
+    switching_events,
+)
 from preisach_jax.filter import AdaptiveFilter, input_and_output
 
 _ROOM = 64
@@ -81,8 +86,7 @@ def run_fleet(
     over_events = adaptive.sampling == "event" and adaptive.hysteron == "relay"
     room = None
     if over_events and all(np.isfinite(own).all() for _, own in rows):
-        events, width = room_for_events(adaptive.plane, x)
-        room = (-(-events // _ROOM) * _ROOM, width)
+        room = room_for_events(adaptive.plane, x, _ROOM)
     else:
         z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
     count = evenly(len(rows))
@@ -143,8 +147,7 @@ def _densely(adaptive: AdaptiveFilter, x, z, passes: int):
 
 def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, int]):
     switching = switching_events(adaptive.plane, x, *room)
-    measured = z.at[switching.sample].get(mode="clip")
-    increments = jnp.diff(measured, prepend=z[:1])[:, None]
+    increments = measured_rises(switching, z[:, jnp.newaxis])
 
     def one_pass(weights, _):
         return adapt_over_events(adaptive.plane, switching, increments, weights, adaptive.step_size)

@@ -24,6 +24,7 @@ from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
     Switching,
     adapt_over_events,
+    measured_rises,
     output_rises,
     room_for_events,
     switching_events,
@@ -167,8 +168,8 @@ def sweep(
         begin = time.perf_counter()
         drawn = draw(jax.random.key_data(key), padded)
         x, z = (local(rows) for rows in (drawn.record.input_v, drawn.record.stroke_um))
-        rooms = np.array([room_for_events(_plane(N), x) for N in levels])
-        room = tuple((math.ceil(e / _ROOM) * _ROOM, int(w)) for e, w in greatest(rooms))
+        rooms = np.array([room_for_events(_plane(N), x, _ROOM) for N in levels])
+        room = tuple((int(events), int(width)) for events, width in greatest(rooms))
         slope = max(largest_slope(*pair) for pair in zip(x, z, strict=True))
         run_s = time.perf_counter() - begin
         begin = time.perf_counter()
@@ -231,8 +232,9 @@ def _identify(
     truth = jnp.asarray(true_weights(plane))
     clean = output_rises(plane, switching, truth)[:, jnp.newaxis]
     noise = drawn.noise * noise_um[jnp.newaxis]
-    nu = jnp.pad(_rises(noise, switching), ((0, 0), (1, 0)))  # none in the first of them
-    rises = jnp.concatenate([_rises(record.stroke_um[:, jnp.newaxis], switching), clean + nu], 1)
+    nu = jnp.pad(measured_rises(switching, noise), ((0, 0), (1, 0)))  # none in the first of them
+    stage = measured_rises(switching, record.stroke_um[:, jnp.newaxis])
+    rises = jnp.concatenate([stage, clean + nu], 1)
     start = jnp.full((plane.cells, rises.shape[1]), INITIAL_WEIGHT_UM, rises.dtype)
     weights, errors = adapt_over_events(plane, switching, rises, start)
 
@@ -254,11 +256,6 @@ def _identify(
         bias_squared=total[0],
         noise_part=added,
     )
-
-
-def _rises(z: jax.Array, switching: Switching) -> jax.Array:
-    """(events, lanes) rise of (time, lanes) outputs from event to event."""
-    return jnp.diff(jnp.concatenate([z[:1], z.at[switching.sample].get(mode="clip")]), axis=0)
 
 
 def _squared_error(

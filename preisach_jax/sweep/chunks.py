@@ -66,14 +66,11 @@ class Chunks:
         numbers = part.seeds.tolist()
         note = self.note(numbers)
         note.unlink(missing_ok=True)
-        begin = self.settings["seeds"].index(numbers[0])
         arrays = _arrays(part)
         try:
             group = self._group(arrays)
             for name, (axes, values, _) in arrays.items():
-                place = [slice(None)] * values.ndim
-                place[axes.index("seed")] = slice(begin, begin + len(numbers))
-                group[name][tuple(place)] = values
+                group[name][self._place(axes, numbers)] = values
         except OSError as error:
             raise InputError(
                 f"{self.folder / ARRAYS}: cannot be written ({error.strerror or error}); what was "
@@ -121,15 +118,17 @@ class Chunks:
         import zarr
 
         group: Any = zarr.open_group(self.folder / ARRAYS, mode="r")
-        begin = self.settings["seeds"].index(numbers[0])
         found = {}
         for name in (*Sweep.AXES, *(f"weights_{N}" for N in self.settings["levels"])):
             array = group[name]
-            axes = array.metadata.dimension_names
-            place = [slice(None)] * len(axes)
-            place[axes.index("seed")] = slice(begin, begin + len(numbers))
-            found[name] = np.asarray(array[tuple(place)])
+            found[name] = np.asarray(array[self._place(array.metadata.dimension_names, numbers)])
         return found
+
+    def _place(self, axes: Sequence[str], numbers: Sequence[int]) -> tuple[slice, ...]:
+        """Where the seeds of a chunk lie in an array with some axes."""
+        begin = self.settings["seeds"].index(numbers[0])
+        seeds = slice(begin, begin + len(numbers))
+        return tuple(seeds if axis == "seed" else slice(None) for axis in axes)
 
     def _group(self, arrays: Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]) -> Any:
         """The arrays on disk, with room for all seeds."""

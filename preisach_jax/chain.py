@@ -228,7 +228,8 @@ def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
 
 
 def _as_array(leaf):
-    return jnp.asarray(leaf) if isinstance(leaf, float) else leaf
+    # Python floats would be compiled in as constants; NumPy makes arrays of them in no time.
+    return np.asarray(leaf, jnp.result_type(float)) if isinstance(leaf, float) else leaf
 
 
 def _compiled(function):
@@ -360,8 +361,8 @@ def _operator(plane: Plane, drive, weights, memory, hysteron: str):
 
 
 def _arrays(values: Mapping[str, Any]) -> Values:
-    # Python floats would be compiled in as constants.
-    return {name: jnp.asarray(value, dtype=float) for name, value in values.items()}
+    numbers = {k: float(v) if isinstance(v, int) else v for k, v in values.items()}
+    return {name: _as_array(value) for name, value in numbers.items()}
 
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
@@ -488,7 +489,19 @@ def _plane_columns(
 def _extremes(course: Drive) -> tuple[jax.Array, jax.Array]:
     """Greatest input so far at the thresholds α, and least one at the thresholds β."""
     falling = course.rising if course.falling is None else course.falling
-    return jax.lax.cummax(course.rising), jax.lax.cummin(falling)
+    return course.rising[_last_records(course.rising)], falling[_last_records(-falling)]
+
+
+@jax.jit
+def _last_records(path: jax.Array) -> jax.Array:
+    """Where the greatest value so far was reached, `(time,)`.
+
+    The derivative of a value taken from there is a gather; that of `cummax` is a tree of slices,
+    which took twenty times as long.
+    """
+    path = jax.lax.stop_gradient(path)
+    reached = jnp.where(path == jax.lax.cummax(path), jnp.arange(len(path)), 0)
+    return jax.lax.cummax(reached)
 
 
 def _reached(chain: Chain, path: jax.Array) -> np.ndarray:
@@ -515,18 +528,22 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
     """
     if not len(first_run):
         return jnp.zeros_like(course.rising)
-    plane, levels = chain.plane, chain.plane.levels
-    highest, lowest = _extremes(course)
-    steps = jnp.arange(levels + 1, dtype=highest.dtype)
+    return _switched_output(chain.plane, _extremes(course), jnp.asarray(first_run), chain.hysteron)
+
+
+@_compiled_on_a_plane
+def _switched_output(plane: Plane, extremes, first_run, hysteron: str):
+    steps = jnp.arange(plane.levels + 1, dtype=first_run.dtype)
 
     def switched(path, weights):
-        whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.asarray(weights))])
+        whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
         position = (path - plane.low) / plane.delta_x
-        if chain.hysteron == "relay":
+        if hysteron == "relay":
             position = jnp.floor(position + 0.5)
         return jnp.interp(position, steps, whole)
 
-    rising, falling = first_run[:levels], first_run[levels:]
+    highest, lowest = extremes
+    rising, falling = first_run[: plane.levels], first_run[plane.levels :]
     return switched(highest, rising) - rising.sum() + switched(lowest, falling)
 
 
@@ -609,8 +626,18 @@ def behind_hysteresis(
     signals: Signals,
     hysteresis: jax.Array,
     coefficients: Coefficients,
+    known: Mapping[str, jax.Array] | None = None,
 ) -> jax.Array:
-    """From the output of the Preisach operator to that of the model, `(time,)`."""
+    """From the output of the Preisach operator to that of the model, `(time,)`.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        hysteresis: (time,) output of the operator.
+        coefficients: its linear coefficients.
+        known: those of the `_columns_beside` that need not be computed again.
+    """
     signal = hysteresis
     for effect in chain.at(WeightEffect):
         signal = signal * _gain(effect, _arrays(values[effect.name]), signals)
@@ -618,7 +645,7 @@ def behind_hysteresis(
         signal = _apply(effect, _arrays(values[effect.name]), signal, signals.time)
     signal = signal + coefficients.offset
     start = 0
-    for columns in _columns_beside(chain, values, signals):
+    for columns in _columns_beside(chain, values, signals, known or {}).values():
         stop = start + columns.shape[1]
         signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
         start = stop
@@ -638,16 +665,22 @@ def sensed(
     return signal
 
 
-def _columns_beside(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
-    """What adds to the output beside the hysteresis: added effects, and free responses."""
-    added = [
-        _added_columns(effect, len(effect.coefficients()), _arrays(values[effect.name]), signals)
-        for effect in chain.at(AddedEffect)
-    ]
+def _columns_beside(
+    chain: Chain, values: EffectValues, signals: Signals, known: Mapping[str, jax.Array]
+) -> dict[str, jax.Array]:
+    """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
     remembering = [effect for effect in chain.at(OutputEffect) if effect.coefficients()]
-    return added + [
-        _free_response(effect, len(effect.coefficients()), signals) for effect in remembering
-    ]
+    beside = {}
+    for effect in (*chain.at(AddedEffect), *remembering):
+        count = len(effect.coefficients())
+        if effect.name in known:
+            beside[effect.name] = known[effect.name]
+        elif isinstance(effect, AddedEffect):
+            own = _arrays(values[effect.name])
+            beside[effect.name] = _added_columns(effect, count, own, signals)
+        else:
+            beside[effect.name] = _free_response(effect, count, signals)
+    return beside
 
 
 def response(
@@ -676,11 +709,13 @@ def tangents(
     hysteresis = None
     if chain.feeds_back or any(effect not in before for effect, _ in parameters):
         hysteresis = hysteresis_output(chain, values, signals, coefficients)
-    columns = []
-    for effect, name in parameters:
+    beside = _columns_beside(chain, values, signals, {})
 
-        def output(value, effect=effect, name=name):
-            moved = {**values, effect: {**values[effect], name: value}}
+    def along(effect: str, names: list[str]) -> np.ndarray:
+        others = {of: known for of, known in beside.items() if of != effect}
+
+        def output(own):
+            moved = {**values, effect: {**values[effect], **own}}
             if effect in before:
                 plain = course = drive(chain, moved, signals)
                 if chain.feeds_back:
@@ -690,11 +725,18 @@ def tangents(
             else:
                 assert hysteresis is not None
                 given = hysteresis
-            return behind_hysteresis(chain, moved, signals, given, coefficients)
+            return behind_hysteresis(chain, moved, signals, given, coefficients, others)
 
-        at = jnp.asarray(values[effect][name], dtype=float)
-        columns.append(np.asarray(jax.jvp(output, (at,), (jnp.ones_like(at),))[1]))
-    return np.stack(columns, axis=1)
+        at = {name: jnp.asarray(values[effect][name], dtype=float) for name in names}
+        each = dict(zip(names, jnp.eye(len(names)), strict=True))
+        return np.asarray(jax.vmap(lambda step: jax.jvp(output, (at,), (step,))[1])(each))
+
+    effects = dict.fromkeys(effect for effect, _ in parameters)
+    columns: dict[tuple[str, str], np.ndarray] = {}
+    for effect in effects:
+        names = [name for of, name in parameters if of == effect]
+        columns |= zip(((effect, name) for name in names), along(effect, names), strict=True)
+    return np.stack([columns[parameter] for parameter in parameters], axis=1)
 
 
 def regressors(
@@ -756,7 +798,8 @@ def columns_behind(
         rows: (row,) samples at which the output was measured.
         measured: (row,) measured output at these samples, for the effects of the sensor.
     """
-    parts = [np.asarray(columns) for columns in _columns_beside(chain, values, signals)]
+    beside = _columns_beside(chain, values, signals, {})
+    parts = [np.asarray(columns) for columns in beside.values()]
     for effect in chain.at(SensorEffect):
         reading = np.full(len(signals.time), np.nan)
         reading[rows] = measured

@@ -32,7 +32,8 @@ Values = dict[str, Any]
 _nothing = partial(np.zeros, 0)
 
 
-class Parameter(eqx.Module):
+@dataclass(frozen=True)
+class Parameter:
     """A named, bounded, united parameter of an effect.
 
     Arguments:
@@ -53,16 +54,16 @@ class Parameter(eqx.Module):
         True
     """
 
-    name: str = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
-    low: float = eqx.field(static=True)
-    high: float = eqx.field(static=True)
-    start: tuple[float, ...] = eqx.field(static=True, default=(0.0,))
-    log: bool = eqx.field(static=True, default=False)
-    meaning: str = eqx.field(static=True, default="")
-    amount: bool = eqx.field(static=True, default=True)
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: tuple[float, ...] = (0.0,)
+    log: bool = False
+    meaning: str = ""
+    amount: bool = True
 
-    def __check_init__(self):
+    def __post_init__(self):
         if not self.low < self.high:
             raise ValueError(
                 f"parameter {self.name!r} has bounds {self.low} and {self.high}: "

@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
-import scipy.special
+import scipy
 
 from preisach_jax.effects.base import Parameter
 from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import optimize, signal
 
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.signals import checked_lines
@@ -181,7 +181,7 @@ def fit_modes(
 
     Example:
         >>> f = np.linspace(20.0, 480.0, 93)
-        >>> h = signal.freqz([1.0], [1.0, -1.2, 0.98], worN=f, fs=1000.0)[1]
+        >>> h = scipy.signal.freqz([1.0], [1.0, -1.2, 0.98], worN=f, fs=1000.0)[1]
         >>> fit_modes(f, h, rate_hz=1000.0, modes=1).frequency_hz.round(2).tolist()
         [146.38]
     """
@@ -206,7 +206,7 @@ def fit_modes(
     start = np.concatenate([np.log(_peaks(f, h, modes)), np.full(modes, np.log(START_DAMPING))])
     lowest = np.repeat(np.log([f[0], DAMPING[0]]), modes)
     highest = np.repeat(np.log([f[-1], DAMPING[1]]), modes)
-    found = optimize.least_squares(errors, start, bounds=(lowest, highest), x_scale=0.01)
+    found = scipy.optimize.least_squares(errors, start, bounds=(lowest, highest), x_scale=0.01)
     frequency, damping = np.exp(found.x.reshape(2, modes))
     order = np.argsort(frequency)
     frequency, damping = frequency[order], damping[order]
@@ -239,7 +239,7 @@ def _denominator(frequency_hz: np.ndarray, damping: np.ndarray, rate_hz: float) 
 def _peaks(f: np.ndarray, h: np.ndarray, modes: int) -> np.ndarray:
     """Frequencies of the peaks that stand out most, ascending."""
     size = np.log(np.abs(h))
-    places, about = signal.find_peaks(size, prominence=0.0)
+    places, about = scipy.signal.find_peaks(size, prominence=0.0)
     if places.size < modes:
         raise InputError(
             f"the response has {places.size} peaks and modes is {modes}: give lines that cover "

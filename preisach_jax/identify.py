@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import jax.numpy as jnp
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from preisach_jax.chain import (
     Chain,

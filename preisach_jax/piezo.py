@@ -13,9 +13,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax.core import Tracer
 from jax.typing import ArrayLike
-from scipy import signal
 
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
@@ -303,7 +303,7 @@ def _resonant_filter() -> tuple[np.ndarray, np.ndarray]:
     parts = []
     for share, f, damping in zip(PARTICIPATION, *resonances(NOTCH_NUMERATOR), strict=True):
         omega = 2.0 * np.pi * f
-        mode = signal.lti([share * omega**2], [1.0, 2.0 * damping * omega, omega**2])
+        mode = scipy.signal.lti([share * omega**2], [1.0, 2.0 * damping * omega, omega**2])
         sampled = mode.to_discrete(1.0 / RATE_HZ, "foh")  # pyright: ignore[reportAttributeAccessIssue]
         parts.append(sampled)
     one, two = parts

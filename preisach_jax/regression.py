@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 STRENGTHS = tuple(10.0**exponent for exponent in range(-8, 1))
 """Strengths of the smoothness prior among which the data choose, per sample."""

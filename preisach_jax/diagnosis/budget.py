@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.special
+import scipy
 
 from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time

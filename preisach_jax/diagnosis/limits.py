@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.special
+import scipy
 
 from preisach_jax.confidence import LEVEL
 from preisach_jax.cores import on_all_cores

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import minimize_scalar
+import scipy
 
 FINENESS = 4
 """Least number of frequencies searched in one over the span; a line loses 5 % between two."""
@@ -64,7 +63,7 @@ def strongest_lines(
         if prominence < PROMINENCE:
             break
         reach = 1 / (FINENESS * span)
-        refined: Any = minimize_scalar(
+        refined: Any = scipy.optimize.minimize_scalar(
             lambda f, values: -np.abs(np.exp(-2j * np.pi * f * position) @ values),
             bounds=(max(frequency - reach, low), min(frequency + reach, high)),
             args=(rest,),
@@ -99,7 +98,7 @@ def _most_prominent(
     power = power[first : last + 1]
     level = np.log(power + np.finfo(float).tiny)
     # The mean logarithm of exponentially distributed powers lies Euler's gamma below their mean.
-    around = uniform_filter1d(level, BACKGROUND, mode="reflect") + np.euler_gamma
+    around = scipy.ndimage.uniform_filter1d(level, BACKGROUND, mode="reflect") + np.euler_gamma
     if white:
         around = np.full_like(level, np.log(np.sum(values**2)))
     best = int(np.argmax(level - around))

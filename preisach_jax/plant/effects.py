@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from preisach_jax.errors import InputError
 from preisach_jax.plant.stage import RANGE_V, Stage
@@ -322,7 +322,7 @@ def low_pass(x: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
         [0.0, 0.5, 1.0]
     """
     ratio = tau_s / step_s
-    return signal.lfilter(
+    return scipy.signal.lfilter(
         [0.5 / (ratio + 0.5)] * 2,
         [1.0, -(ratio - 0.5) / (ratio + 0.5)],
         x,
@@ -350,8 +350,8 @@ def resonate(x: np.ndarray, f_hz: float, zeta: float, step_s: float) -> np.ndarr
     """
     omega = 2.0 * math.pi * f_hz
     mode = ([omega**2], [1.0, 2.0 * zeta * omega, omega**2])
-    discrete: Any = signal.cont2discrete(mode, step_s, method="foh")
-    return x[0] + signal.lfilter(discrete[0].ravel(), discrete[1], x - x[0])
+    discrete: Any = scipy.signal.cont2discrete(mode, step_s, method="foh")
+    return x[0] + scipy.signal.lfilter(discrete[0].ravel(), discrete[1], x - x[0])
 
 
 def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:

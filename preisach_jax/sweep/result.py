@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-import scipy.special
+import scipy
 
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays

@@ -309,8 +309,9 @@ def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
     there = evaluate(problem, point.chain, point.values, point.strength, point)
     moved = refine(problem, with_strength(there), iterations=3)
+    thinned = len(point.target) < len(problem.target)
     for effect in point.chain.effects:
-        if not effect.found_in_residual:
+        if not (thinned and effect.found_in_residual):
             continue
         # Thinned rows may have led to a wrong line, from which no refinement leads away.
         without = without_effect(problem, moved, effect.name)

@@ -306,10 +306,11 @@ def test_a_hum_that_the_search_took_for_another_is_found_on_all_rows(x64):
     drive = 40 - 40 * np.cos(2 * np.pi * time * (0.3 + 0.01 * time))
     noise = 0.001 * np.random.default_rng(3).normal(size=len(time))
     output = 0.1 * drive + 0.05 * np.sin(2 * np.pi * 50.05 * time + 0.4) + noise
-    problem = Problem.of(pj.Record.from_arrays(time, drive, output))
+    record = pj.Record.from_arrays(time, drive, output)
+    problem, thinned = Problem.of(record), Problem.of(record, 3000)
     hum = pj.effects()["hum"].bound_to(problem.survey_of(base_point(problem, 7)))
     chain = Chain(plane_of(problem, 7), (hum,))
-    astray = refine(problem, evaluate(problem, chain, {"hum": {"f_hz": 49.98}}, 1e-3))
+    astray = refine(thinned, evaluate(thinned, chain, {"hum": {"f_hz": 49.98}}, 1e-3))
     assert abs(astray.values["hum"]["f_hz"] - 50.05) > 0.01  # a side lobe holds it
     moved = moved_to(problem, astray)
     assert moved.values["hum"]["f_hz"] == pytest.approx(50.05, abs=1e-3)

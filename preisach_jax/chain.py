@@ -216,6 +216,10 @@ class ThinnedSignals(Signals):
 ROUND_COLUMNS = 64
 """Unit of the number of columns that an effect of the output is compiled for."""
 
+MOST_COLUMNS = 384
+"""Columns to which an effect of the output is applied at once: more take memory and no less time
+each, fewer take more."""
+
 
 def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
     # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
@@ -257,10 +261,14 @@ def _apply_to_padded(effect, values: Values, matrix, time):
 
 
 def _apply_to_columns(effect, values: Values, matrix: np.ndarray, time) -> np.ndarray:
-    # How many columns the initial memory takes differs from record to record.
-    count = matrix.shape[1]
-    padded = np.pad(matrix, ((0, 0), (0, -count % ROUND_COLUMNS)))
-    return np.asarray(_apply_to_padded(effect, values, padded, time))[:, :count]
+    applied = np.empty_like(matrix)
+    for start in range(0, matrix.shape[1], MOST_COLUMNS):
+        chunk = matrix[:, start : start + MOST_COLUMNS]
+        # How many columns the initial memory takes differs from record to record.
+        padded = np.pad(chunk, ((0, 0), (0, -chunk.shape[1] % ROUND_COLUMNS)))
+        done = _apply_to_padded(effect, values, padded, time)
+        applied[:, start : start + MOST_COLUMNS] = np.asarray(done)[:, : chunk.shape[1]]
+    return applied
 
 
 @_compiled
@@ -760,14 +768,12 @@ def regressors(
     Returns:
         The columns, `(row, column)`.
     """
-    parts = [hysteresis.states, hysteresis.switched]
+    operator = np.concatenate([hysteresis.states, hysteresis.switched], axis=1)
     for effect in chain.at(WeightEffect):
-        gain = np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
-        parts = [part * gain[:, None] for part in parts]
+        operator *= np.asarray(_gain(effect, _arrays(values[effect.name]), signals))[:, None]
     for effect in chain.at(OutputEffect):
-        own = _arrays(values[effect.name])
-        parts = [_apply_to_columns(effect, own, part, signals.time) for part in parts]
-    parts.append(np.ones((len(signals.time), 1)))
+        operator = _apply_to_columns(effect, _arrays(values[effect.name]), operator, signals.time)
+    parts = [operator, np.ones((len(signals.time), 1))]
     rows = np.arange(len(signals.time)) if rows is None else rows
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])

@@ -43,6 +43,7 @@ from preisach_jax.regression import (
     NormalEquations,
     choose_strength,
     normal_equations,
+    slices_of,
     solve_nonnegative,
 )
 
@@ -283,6 +284,12 @@ class Point:
         """All nonlinear parameters with the effects they belong to."""
         return parameters_of(self.chain.effects)
 
+    def share_of(self, effect: str) -> np.ndarray:
+        """(row,) what the columns of an added effect give, in output ranges."""
+        names = self.columns.added
+        own = [len(self.solution) - len(names) + i for i, of in enumerate(names) if of == effect]
+        return self.matrix[:, own] @ self.solution[own]
+
     def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
@@ -394,8 +401,7 @@ def linearise(
     raw = raw / scale
     target = problem.target / problem.unit
     other, own, moment = [], [], []
-    for k in ALL:
-        rows = problem.fold == k
+    for rows in slices_of(problem.fold):
         other.append(point.matrix[rows].T @ raw[rows])
         own.append(raw[rows].T @ raw[rows])
         moment.append(raw[rows].T @ target[rows])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -151,6 +152,18 @@ class NormalEquations:
         )
 
 
+def slices_of(fold: np.ndarray) -> list[slice]:
+    """The rows of each fold, of rows that are in the order of their folds.
+
+    Example:
+        >>> import numpy as np
+        >>> slices_of(np.array([0, 0, 1, 1, 1]))
+        [slice(0, 2, None), slice(2, 5, None)]
+    """
+    edges = np.searchsorted(fold, np.arange(int(fold.max()) + 2)).tolist()
+    return [slice(*pair) for pair in itertools.pairwise(edges)]
+
+
 def normal_equations(
     matrix: np.ndarray,
     target: np.ndarray,
@@ -183,11 +196,10 @@ def normal_equations(
     behind = slice(cells + len(groups) + 1, columns)
     size = np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0))
     scale[behind] = np.where(size > 0, size, 1.0)
-    folds = int(fold.max()) + 1
+    folds = len(slices_of(fold))
     gram, moment = np.zeros((folds, columns, columns)), np.zeros((folds, columns))
     power, count = np.zeros(folds), np.zeros(folds)
-    for k in range(folds):
-        rows = slice(*np.searchsorted(fold, [k, k + 1]))
+    for k, rows in enumerate(slices_of(fold)):
         part, goal = matrix[rows], target[rows]
         gram[k] = part.T @ part / np.outer(scale, scale)
         moment[k] = part.T @ goal / scale
@@ -198,9 +210,9 @@ def normal_equations(
         stop = cells + len(groups)
         prior[stop - first_run.sum() : stop, stop - first_run.sum() : stop] = _along(first_run)
     for position, group in enumerate(groups):
-        pull = np.zeros(columns)
-        pull[cells + position], pull[group] = 1.0, -0.5
-        memory += np.outer(pull, pull)
+        pulled = np.array([cells + position, *group])
+        pull = np.array([1.0, *[-0.5] * len(group)])
+        memory[np.ix_(pulled, pulled)] += np.outer(pull, pull)
     if loose is not None:
         memory[loose, loose] = 1.0
     return NormalEquations(gram, moment, power, count, scale, nonnegative, prior, memory)

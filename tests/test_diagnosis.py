@@ -175,6 +175,31 @@ class Warming(pj.AddedEffect):
         return signals.time[:, None]
 
 
+def jumping(time, rng):
+    """A zero that jumps between two levels, at random times some two seconds apart."""
+    switched = np.cumsum(rng.random(len(time)) < np.diff(time, prepend=0.0) / 2.0)
+    return 0.1 * (switched % 2)
+
+
+def wandering(time, rng):
+    """A zero that wanders smoothly, by waves whose periods are no multiples of the record."""
+    periods, phases = (23.0, 9.1, 5.3), rng.uniform(0, 2 * np.pi, 3)
+    waves = [np.cos(2 * np.pi * time / p + f) for p, f in zip(periods, phases, strict=True)]
+    return 0.1 * np.sum(waves, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("moves", "seed", "effects", "verdict"),
+    [(jumping, 5, (), "unexplained"), (wandering, 6, ("drift",), "explained")],
+)
+def test_slow_waves_are_no_name_for_a_zero_that_jumps(moves, seed, effects, verdict):
+    _, still = hidden(None, seed)
+    moved = still.output + moves(still.time, np.random.default_rng(seed))
+    record = pj.Record.from_arrays(still.time, still.input, moved).part(0, IDENTIFIED)
+    found = pj.diagnose(record, ["drift", "creep"], levels=25)
+    assert (found.effects, found.verdict) == (effects, verdict)
+
+
 def test_the_bundled_curves_age_or_drift_and_do_not_hum():
     """The grid's error repeats with each curve and makes a comb of lines; none of them is a hum."""
     path = resources.files("preisach_jax") / "bundled" / "conventional_example.forc"

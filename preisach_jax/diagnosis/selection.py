@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from preisach_jax.confidence import differs_from_nothing, with_grid_error
 from preisach_jax.diagnosis.budget import (
     REFINEMENT,
@@ -16,12 +18,13 @@ from preisach_jax.diagnosis.budget import (
 from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.limits import limits
-from preisach_jax.diagnosis.result import Diagnosis, Finding, Rung
+from preisach_jax.diagnosis.result import Budget, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.trial import (
     BY_THE_GRID,
     BY_THE_PRIOR,
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
+    WITHOUT_A_LAW,
     Row,
     Trial,
     failures,
@@ -62,6 +65,10 @@ CONFIRMATION_LEVELS = 50
 
 MOST_MISSED = 0.3
 """RMS error of a final model, over the spread of the output, beyond which no effect is named."""
+
+MOST_LEFT_BY_THE_LAWLESS = 0.1
+"""Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
+for what was there."""
 
 REFINEMENT_PAYS = 0.1
 """Relative fall of the held-out mean square for which a finer plane is kept."""
@@ -324,17 +331,19 @@ class _Search:
         self.progress("fitting all rows", 0.8)
         problem = Problem.of(self.record, FINAL_ROWS)
         fits = self._fits(problem)
-        self.progress("limiting what was not found", 0.9)
+        other = self.finer or on_a_coarser_plane(self.problem, self.now)
+        discretisation = discretisation_rms(self.problem, self.now, other)
+        self.progress("measuring the error budget", 0.9)
+        budget = error_budget(problem, fits[-1], discretisation)
+        if self._give_up_the_lawless(budget):
+            return self._conclude()
+        self.progress("limiting what was not found", 0.95)
         spoken_of = {name for named in self.accepted for name in (named.name, *named.rivals)}
         absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
         bounds = limits(self.problem, self.finer or self.now, absent)
-        other = self.finer or on_a_coarser_plane(self.problem, self.now)
-        discretisation = discretisation_rms(self.problem, self.now, other)
         parameters = with_grid_error(fits[-1].model.parameters, self.now, other)
         alternatives = self._alternatives(problem)
-        self.progress("measuring the error budget", 0.95)
-        budget = error_budget(problem, fits[-1], discretisation)
         if self.accepted:
             verdict = "explained" if budget.is_met else "partly_explained"
         else:
@@ -360,6 +369,23 @@ class _Search:
             notes=(*notes_on(self.record, model), *failures(self.trials)),
             steps=tuple(fits),
         )
+
+    def _give_up_the_lawless(self, budget: Budget) -> bool:
+        """Take back a form without a law that leaves much unexplained beside what it takes up.
+
+        Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
+        """
+        for position, named in enumerate(self.accepted):
+            effect = next(e for e in self.now.chain.effects if e.name == named.name)
+            taken = float(np.std(self.now.share_of(named.name)) * self.problem.unit)
+            if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
+                self.accepted.pop(position)
+                self.trials = given_up_rows(self.trials, [named.trial], WITHOUT_A_LAW)
+                names = [kept.name for kept in self.accepted]
+                self.path = [self.path[0], *self._ladder(names)]
+                self.finer = None
+                return True
+        return False
 
     def _settle_families(self) -> None:
         """Ask of every rival again whether it could stand in the final model, all refitted.

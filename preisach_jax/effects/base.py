@@ -163,6 +163,11 @@ class Effect(eqx.Module):
     found_in_residual: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 
+    @property
+    def lawless(self) -> bool:
+        """Whether this form follows no law, and so takes up a part of anything that is like it."""
+        return False
+
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the search must find (those that enter the model nonlinearly)."""
         raise NotImplementedError(f"{type(self).__name__} must say what its parameters are")

@@ -63,6 +63,10 @@ class Drift(AddedEffect):
 
     waves: int = eqx.field(static=True, default=0)
 
+    @property
+    def lawless(self) -> bool:
+        return self.waves > 0
+
     def parameters(self) -> tuple[Parameter, ...]:
         if self.waves:
             return ()

@@ -78,10 +78,12 @@ def test_a_broken_chunk_is_told_and_a_restart_begins_anew(tmp_path, capsys, monk
 
 # The second chunk begins, and never ends.
 HANGING = """
-import sys, time
+import signal, sys, time
 from preisach_jax.cli import main
 from preisach_jax.sweep import storage
 
+# Tests that run in the background of a shell hand down that interruptions are ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 genuine = storage.sweep
 
 def hang(key, levels, noise, seeds, samples):

@@ -369,8 +369,10 @@ def _operator(plane: Plane, drive, weights, memory, hysteron: str):
 
 
 def _arrays(values: Mapping[str, Any]) -> Values:
-    numbers = {k: float(v) if isinstance(v, int) else v for k, v in values.items()}
-    return {name: _as_array(value) for name, value in numbers.items()}
+    return {
+        name: _as_array(float(value) if isinstance(value, int) else value)
+        for name, value in values.items()
+    }
 
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
@@ -768,12 +770,16 @@ def regressors(
     Returns:
         The columns, `(row, column)`.
     """
-    operator = np.concatenate([hysteresis.states, hysteresis.switched], axis=1)
+    parts = [hysteresis.states, hysteresis.switched]
     for effect in chain.at(WeightEffect):
-        operator *= np.asarray(_gain(effect, _arrays(values[effect.name]), signals))[:, None]
+        gain = np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
+        parts = [part * gain[:, None] for part in parts]
+    if chain.at(OutputEffect):  # those of the first run are too few to be filtered alone
+        parts = [np.concatenate(parts, axis=1)]
     for effect in chain.at(OutputEffect):
-        operator = _apply_to_columns(effect, _arrays(values[effect.name]), operator, signals.time)
-    parts = [operator, np.ones((len(signals.time), 1))]
+        own = _arrays(values[effect.name])
+        parts = [_apply_to_columns(effect, own, part, signals.time) for part in parts]
+    parts.append(np.ones((len(signals.time), 1)))
     rows = np.arange(len(signals.time)) if rows is None else rows
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])

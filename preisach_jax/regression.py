@@ -196,10 +196,11 @@ def normal_equations(
     behind = slice(cells + len(groups) + 1, columns)
     size = np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0))
     scale[behind] = np.where(size > 0, size, 1.0)
-    folds = len(slices_of(fold))
-    gram, moment = np.zeros((folds, columns, columns)), np.zeros((folds, columns))
-    power, count = np.zeros(folds), np.zeros(folds)
-    for k, rows in enumerate(slices_of(fold)):
+    folds = slices_of(fold)
+    gram = np.zeros((len(folds), columns, columns))
+    moment = np.zeros((len(folds), columns))
+    power, count = np.zeros(len(folds)), np.zeros(len(folds))
+    for k, rows in enumerate(folds):
         part, goal = matrix[rows], target[rows]
         gram[k] = part.T @ part / np.outer(scale, scale)
         moment[k] = part.T @ goal / scale

@@ -173,8 +173,8 @@ def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]
         >>> events_and_states(plane, jnp.asarray([0.0, 2.0, 1.0]))[1].tolist()
         [1.0, 1.0, 0.0]
     """
-    levels = _concrete_levels(plane, np.asarray(x))
-    sample, to = _moves(levels)
+    levels = np.asarray(relay_levels(plane, x))
+    sample, to = moves_of(levels)
     width = int(np.abs(np.diff(to, prepend=levels[0])).max(initial=1))
     found, lowest = _crossings_at_once(plane, to, int(levels[0]), 1 << (width - 1).bit_length())
     # Fillings stay where the input ends.
@@ -230,8 +230,32 @@ def _extremes(
     return found, end
 
 
-def _concrete_levels(plane: Plane, x: np.ndarray) -> np.ndarray:
-    """(time,) levels of an input, as `_levels` has them: NumPy is quicker at this than XLA."""
+def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | jax.Array:
+    """Quantise an input to the levels that relays see, with the rest it may start with.
+
+    As `Plane.quantise`, but a threshold on which the input rests at its start is not passed, as the
+    states there are those of the initial memory by rule (1).
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        before: the level at which the initial memory ends.
+
+    Returns:
+        (time,) integers in 0 ... levels; a NumPy array if the input is known, which is quicker.
+
+    Example:
+        >>> plane = Plane(levels=3, low=0.0, high=3.0)
+        >>> [relay_levels(plane, np.asarray([1.5, 1.5, 2.5]), end).tolist() for end in (0, 3)]
+        [[1, 1, 3], [2, 2, 3]]
+    """
+    if isinstance(x, Tracer):
+        thresholds = jnp.asarray(plane.thresholds, x.dtype)
+        least, most = (jnp.searchsorted(thresholds, x[0], side=side) for side in ("left", "right"))
+        resting = jnp.cumsum(x != x[0]) == 0
+        levels = jnp.where(resting, jnp.clip(before, least, most), plane.quantise(x))
+        return levels.astype(jnp.int32)
+    x = np.asarray(x)
     thresholds = plane.thresholds.astype(x.dtype)
     last, following = np.append(-np.inf, thresholds), np.append(thresholds, np.inf)
     position = (x - plane.low) / (plane.high - plane.low) * plane.levels
@@ -241,29 +265,36 @@ def _concrete_levels(plane: Plane, x: np.ndarray) -> np.ndarray:
     if on_threshold.any():  # rule (3), (4): a rising input has passed it, a falling one not yet
         moved_at = np.maximum.accumulate(np.where(np.diff(x, prepend=x[0]), np.arange(len(x)), 0))
         falling = (moved_at > 0) & (x < x[moved_at - 1])
-        count -= on_threshold & (falling | (moved_at == 0))
+        count -= on_threshold & (falling | ((moved_at == 0) & (before < count)))
     return count
 
 
-def _moves(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(events,) samples at which the level moves, then -1, and where to; at the end it stays."""
+def moves_of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pick the samples at which a level moves.
+
+    Args:
+        levels: (time,) integers.
+
+    Returns:
+        `(sample, to)`, (moves,) each: where, and to which level. They are filled up, so that inputs
+        of like length share what is compiled, with samples -1 at which the level stays as it ends.
+
+    Example:
+        >>> sample, to = moves_of(np.asarray([0, 0, 2, 1]))
+        >>> len(sample), sample[:3].tolist(), to[:3].tolist()
+        (16, [2, 3, -1], [2, 1, 1])
+    """
     sample = np.flatnonzero(levels[1:] != levels[:-1]) + 1
-    # Inputs of like length share what is compiled.
-    filling = _rounded_up(len(sample)) - len(sample)
+    # The next of eight sizes an octave.
+    step = 1 << max(len(sample).bit_length() - 4, 0)
+    filling = max(-(-len(sample) // step) * step, 16) - len(sample)
     to = np.append(levels[sample], np.full(filling, levels[-1]))
     return np.append(sample, np.full(filling, -1)).astype(np.int32), to.astype(np.int32)
 
 
-def _levels(plane: Plane, x: jax.Array) -> jax.Array:
-    """(time,) levels of an input; at rest at the start a threshold it lies on is not yet passed."""
-    resting = jnp.cumsum(x != x[0]) == 0
-    passed = jnp.searchsorted(jnp.asarray(plane.thresholds, x.dtype), x[0], side="left")
-    return jnp.where(resting, passed, plane.quantise(x)).astype(jnp.int32)
-
-
 @eqx.filter_jit
 def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Switching:
-    levels = _levels(plane, x)
+    levels = jnp.asarray(relay_levels(plane, x))
     before = jnp.concatenate([levels[:1], levels[:-1]])
     sample = jnp.nonzero(levels != before, size=events, fill_value=x.shape[0])[0]
     to = levels.at[sample].get(mode="fill", fill_value=-1)
@@ -296,71 +327,21 @@ def _crossings(plane: Plane, sample, to, start, width: int) -> tuple[Switching, 
     return Switching(sample, *found), lowest
 
 
-def relays_start_alike(plane: Plane, x0: ArrayLike, initial: str) -> bool:
-    """Tell whether `relay_output` can start from a named initial memory at an input x(0).
-
-    An input that rests on a threshold at the start holds both relays that are on at that β and
-    relays that are off at that α: no staircase tells these apart, unless all are off.
+def laid_out(plane: Plane, values: ArrayLike) -> jax.Array:
+    """Lay values of the cells out on the plane, for sums along its rows and columns.
 
     Args:
         plane: the Preisach plane.
-        x0: () input at the first sample, concrete.
-        initial: "low", "high" or "demagnetised".
-    """
-    x0 = np.asarray(x0)
-    return initial == "low" or x0 not in plane.thresholds.astype(x0.dtype)
-
-
-def relay_output(plane: Plane, weights: ArrayLike, x: ArrayLike, initial: str = "low") -> jax.Array:
-    """Output of the Preisach model with relays, eq. (6), from one switching event to the next.
-
-    In each row i of the plane the relays j < q_i are on, where q_i is the lowest level since the
-    input last passed the row upward: O(N) an event, and exact, as no rises are summed up. Inside a
-    compiled function, where the events are not known before, every sample counts as one.
-
-    Args:
-        plane: the Preisach plane.
-        weights: (cells,) weights R, in the unit of the output.
-        x: (time,) input, in the unit of the plane.
-        initial: "low", "high" or "demagnetised", for which see `relays_start_alike`.
+        values: (cells,) one value a cell.
 
     Returns:
-        (time,) output, in the unit of the weights; differentiable in them.
+        (levels, levels) matrix, row α index, column β index; 0 where α < β.
 
     Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> relay_output(plane, [1.0, 2.0, 4.0], [0.0, 2.0, 1.0, 0.0]).tolist()
-        [0.0, 7.0, 3.0, 0.0]
+        >>> laid_out(Plane(levels=2, low=0.0, high=1.0), [1.0, 2.0, 3.0]).tolist()
+        [[1.0, 0.0], [2.0, 3.0]]
     """
-    x, start = path_and_start(plane, x, initial, "relay")
-    weights = jnp.asarray(weights)
-    if isinstance(x, Tracer):
-        levels = _levels(plane, x)
-        return _relay_output(plane, weights, start, levels[0], levels[1:], jnp.arange(len(x)))
-    levels = _concrete_levels(plane, np.asarray(x))
-    until = np.cumsum(np.diff(levels, prepend=levels[0]) != 0, dtype=np.int32)
-    to = jnp.asarray(_moves(levels)[1])
-    return _relay_output(plane, weights, start, levels[0], to, jnp.asarray(until))
-
-
-def _rounded_up(count: int) -> int:
-    """The next of eight sizes an octave: inputs of like length share what is compiled."""
-    step = 1 << max(count.bit_length() - 4, 0)
-    return max(-(-count // step) * step, 16)
-
-
-def _passing(plane: Plane, lowest: jax.Array, level: jax.Array, goal: jax.Array) -> jax.Array:
-    """(levels,) how many relays of each row are on when the input moves from one level to another.
-
-    Those j < q_i, where q_i is the lowest level since the input last passed row i upward.
-    """
-    index = jnp.arange(plane.levels, dtype=lowest.dtype)
-    passed = (level <= index) & (index < goal)
-    return jnp.where(passed, jnp.minimum(goal, index + 1), jnp.minimum(lowest, goal))
-
-
-def _laid_out(plane: Plane, values: jax.Array) -> jax.Array:
-    """(levels, levels) values of the cells, row α index, column β index; 0 where α < β."""
+    values = jnp.asarray(values)
     matrix = jnp.zeros((plane.levels, plane.levels), values.dtype)
     return matrix.at[plane.alpha_index, plane.beta_index].set(values)
 
@@ -368,27 +349,6 @@ def _laid_out(plane: Plane, values: jax.Array) -> jax.Array:
 def _sums_of_rows(matrix: jax.Array) -> jax.Array:
     """(levels, levels + 1) sums of the first q cells of each row."""
     return jnp.cumsum(jnp.pad(matrix, ((0, 0), (1, 0))), axis=1)
-
-
-@eqx.filter_jit
-def _relay_output(plane: Plane, weights, start, level, to, until) -> jax.Array:
-    # Weight of the first q relays of each row, the rows one behind another.
-    sums = _sums_of_rows(_laid_out(plane, weights)).ravel()
-    row = jnp.arange(plane.levels, dtype=jnp.int32) * (plane.levels + 1)
-
-    def output(lowest):
-        # Out of range is nowhere: a check of the indices would cost more than all the rest.
-        return jnp.sum(sums.at[row + lowest].get(mode="promise_in_bounds"))
-
-    def advance(carry, goal):
-        lowest, level = carry
-        lowest = _passing(plane, lowest, level, goal)
-        return (lowest, goal), output(lowest)
-
-    lowest = jnp.sum(_laid_out(plane, start), axis=1).astype(jnp.int32)
-    outputs = jax.lax.scan(advance, (lowest, jnp.asarray(level)), to)[1]
-    outputs = jnp.concatenate([output(lowest)[None], outputs])
-    return outputs.at[until].get(mode="promise_in_bounds")
 
 
 def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.Array:
@@ -411,7 +371,7 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
         >>> output_rises(plane, switching, jnp.asarray([1.0, 2.0, 4.0])).tolist()
         [7.0, -4.0]
     """
-    matrix = _laid_out(plane, jnp.asarray(weights))
+    matrix = laid_out(plane, jnp.asarray(weights))
     rows, columns = _sums_of_rows(matrix), _sums_of_rows(matrix.T).T
     line, first, last = switching.line, switching.first, switching.last
     on = rows.at[line, last].get(mode="clip") - rows.at[line, first].get(mode="clip")

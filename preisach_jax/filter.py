@@ -14,16 +14,12 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
+from preisach_jax.branches import output_along_branches
 from preisach_jax.errors import InputError
-from preisach_jax.events import (
-    Switching,
-    adapt_over_events,
-    events_and_states,
-    relay_output,
-    relays_start_alike,
-)
+from preisach_jax.events import Switching, adapt_over_events, events_and_states
 from preisach_jax.hysteron import (
     as_float,
+    as_path,
     hysteron_step,
     path_and_start,
     require_finite,
@@ -56,8 +52,8 @@ def simulate(
 
     z(k) = Σ R_i y_i(k), eq. (6), with states 0 and 1 (relays) or between (ramps). The dense form
     advances all states at every sample. It needs memory for the states of one sample; its gradient,
-    for 2√time of them. The event form of relays does O(N) where some switch, and inside a compiled
-    or batched function at every sample (`relay_output`).
+    for 2√time of them. The event form goes from one turning point of the input to the next, and
+    does not become slower with the number of hysterons (`output_along_branches`).
 
     Args:
         plane: the Preisach plane.
@@ -66,8 +62,8 @@ def simulate(
         hysteron: "relay" or "ramp".
         initial: (cells,) states before the first sample, or the name of an initial memory (see
             `Plane.initial_states`).
-        form: "dense", "event", or "auto": the event form where it can be had, which is for relays
-            that start from saturated low, or with a concrete input from any named initial memory.
+        form: "dense", "event", or "auto": the event form where it can be had, which is from any
+            named initial memory.
 
     Returns:
         (time,) output; differentiable in `weights`, and with ramps in `x`.
@@ -85,14 +81,13 @@ def simulate(
     weights = as_float(weights, "weights")
     if weights.shape != (plane.cells,):
         raise InputError(f"weights has the shape {weights.shape}: give ({plane.cells},)")
+    x = as_path(plane, x)
     if not isinstance(initial, str):
-        initial = as_float(initial, "initial")
-    x = as_float(x, "the input x")
-    require_on_plane(plane, x)
-    why_not = _why_no_events(plane, x, hysteron, initial)
-    if chosen_form(form, why_not) == "event" and isinstance(initial, str):
-        return relay_output(plane, weights, x, initial)
-    return _simulate(plane, weights, x, hysteron, initial)
+        chosen_form(form, "from initial states of one's own")
+        return _simulate(plane, weights, x, hysteron, as_float(initial, "initial"))
+    if chosen_form(form, "") == "dense":
+        return _simulate(plane, weights, x, hysteron, initial)
+    return output_along_branches(plane, weights, x, hysteron, initial)
 
 
 def chosen_form(form: str, why_not: str) -> str:
@@ -113,18 +108,6 @@ def chosen_form(form: str, why_not: str) -> str:
     if form == "event" and why_not:
         raise InputError(f"there is no event form {why_not}: use form='auto' or 'dense'")
     return "dense" if form == "dense" or why_not else "event"
-
-
-def _why_no_events(plane: Plane, x, hysteron: str, initial: ArrayLike | str) -> str:
-    if hysteron != "relay":
-        return "of ramps, which move at every sample"
-    if not isinstance(initial, str):
-        return "from initial states of one's own"
-    if isinstance(x, Tracer):
-        return "" if initial == "low" else f"from {initial!r} {WITHOUT_VALUES}"
-    if x.ndim == 1 and len(x) and not relays_start_alike(plane, x[0], initial):
-        return f"from {initial!r} with an input that starts on a threshold ({x[0]})"
-    return ""
 
 
 @eqx.filter_jit
@@ -381,8 +364,8 @@ class AdaptiveFilter(eqx.Module):
             return "with sampling='sample'"
         if state is not None:
             return "from a state"
-        if why_not := _why_no_events(self.plane, x, self.hysteron, "low"):
-            return why_not
+        if self.hysteron != "relay":
+            return "of ramps, which move at every sample"
         if isinstance(x, Tracer) or isinstance(z, Tracer):
             return WITHOUT_VALUES
         return "" if np.isfinite(z).all() else "where outputs are missing"
@@ -419,13 +402,13 @@ def _rows_over_events(
     sign, area = switching.sign.astype(z.dtype), switching.area.astype(z.dtype)
     rate = jnp.asarray(filt.step_size, z.dtype)
 
-    def one_pass(carry, _):
-        weights, error = adapt_over_events(filt.plane, switching, increments, carry[0], rate)
-        return (weights, error, carry[0]), None
+    def one_pass(weights):
+        return adapt_over_events(filt.plane, switching, increments, weights, rate)
 
     first = start.weights[:, None]
-    carry = (first, jnp.zeros_like(increments), first)
-    weights, error, before = jax.lax.scan(one_pass, carry, length=passes)[0]
+    before = jax.lax.fori_loop(1, passes, lambda _, weights: one_pass(weights)[0], first)
+    # Outside the loop, where XLA does not copy the weights at each event.
+    weights, error = one_pass(before)
     error = error[:, 0]
     rise = jnp.where(area > 0, increments[:, 0] - error, 0.0)
     # What has switched on takes its share of the error along.

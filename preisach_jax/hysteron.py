@@ -409,13 +409,33 @@ def state_bounds(
     return low, hysteron_states(plane, x, "high", hysteron, falling, reversible)
 
 
+def as_path(plane: Plane, x: ArrayLike) -> jax.Array:
+    """Check an input: a row of numbers on the plane.
+
+    Values are checked where there are any: inside a compiled function an input beyond the plane
+    passes, and the hysterons saturate.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+
+    Returns:
+        (time,) input with a floating type.
+
+    Raises:
+        InputError: it is not such a row.
+    """
+    x = as_float(x, "the input x")
+    if x.ndim != 1 or x.shape[0] == 0:
+        raise InputError(f"the input x has the shape {x.shape}: give (time,), with time > 0")
+    require_on_plane(plane, x)
+    return x
+
+
 def path_and_start(
     plane: Plane, x: ArrayLike, initial_states: ArrayLike | str, hysteron: str
 ) -> tuple[jax.Array, jax.Array]:
     """Check an input and the states before it, and bring both to one floating type.
-
-    Values are checked where there are any: inside a compiled function an input beyond the plane
-    passes, and the hysterons saturate.
 
     Args:
         plane: the Preisach plane.
@@ -430,10 +450,7 @@ def path_and_start(
         InputError: a shape, a type or a name is wrong, or the input leaves the plane.
     """
     require_hysteron(hysteron)
-    x = as_float(x, "the input x")
-    if x.ndim != 1 or x.shape[0] == 0:
-        raise InputError(f"the input x has the shape {x.shape}: give (time,), with time > 0")
-    require_on_plane(plane, x)
+    x = as_path(plane, x)
     if isinstance(initial_states, str):
         return x, plane.initial_states(initial_states, x[0], hysteron)
     states = as_float(initial_states, "initial_states").astype(x.dtype)

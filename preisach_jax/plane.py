@@ -25,6 +25,13 @@ def _limit(value: float) -> float:
         raise InputError(f"a limit of the plane is {value!r}: give a number") from error
 
 
+def _require_memory(kind: str) -> None:
+    if kind not in ("low", "high", "demagnetised"):
+        raise InputError(
+            f"the initial memory is {kind!r}: it must be 'low', 'high' or 'demagnetised'"
+        )
+
+
 class Plane(eqx.Module):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
@@ -220,18 +227,40 @@ class Plane(eqx.Module):
             [1.0, 0.5, 0.0]
         """
         require_hysteron(hysteron)
+        _require_memory(kind)
         x0 = as_float(x0, "x0")
         if kind == "low":
             states = np.zeros(self.cells)
         elif kind == "high":
             states = np.ones(self.cells)
-        elif kind == "demagnetised":
+        else:
             # α + β against low + high, in whole cells: exact.
             beyond = self.alpha_index + self.beta_index + 1 - self.levels
             on_the_line = 0.5 if hysteron == "ramp" else 0.0
             states = np.where(beyond == 0, on_the_line, beyond < 0)
-        else:
-            raise InputError(
-                f"the initial memory is {kind!r}: it must be 'low', 'high' or 'demagnetised'"
-            )
         return hysteron_step(self, jnp.asarray(states, x0.dtype), x0, x0, hysteron)
+
+    def initial_turns(self, kind: str, hysteron: str = "ramp") -> np.ndarray:
+        """Turning points that leave a named initial memory behind, see `initial_states`.
+
+        Args:
+            kind: "low", "high" or "demagnetised".
+            hysteron: "relay" or "ramp".
+
+        Returns:
+            (turns,) positions (x - low)/δx in 0 ... levels, the first one 0; whole for relays.
+
+        Raises:
+            InputError: `kind` or `hysteron` is unknown.
+
+        Example:
+            >>> Plane(levels=3, low=0.0, high=3.0).initial_turns("demagnetised").tolist()
+            [0.0, 3.0, 0.5, 2.0, 1.5]
+        """
+        require_hysteron(hysteron)
+        _require_memory(kind)
+        highs = self.levels - np.arange(self.levels, dtype=float)
+        lows = np.arange(self.levels) + (0.5 if hysteron == "ramp" else 0.0)
+        decaying = np.stack([highs, lows], axis=1).ravel()
+        kept = {"low": 0, "high": 1, "demagnetised": self.levels + 1}[kind]
+        return np.append(0.0, decaying[:kept])

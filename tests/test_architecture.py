@@ -23,6 +23,7 @@ LAYERS = [
     "hysteron",
     "plane",
     "events",
+    "branches",
     "filter",
     "recursion",
     "online",

@@ -183,47 +183,7 @@ def test_gradient_through_the_recursion_matches_finite_differences(x64):
             assert float(gradient[cell, 0]) == pytest.approx(numeric, rel=1e-9, abs=1e-9)
 
 
-# --- the forms of the model and of the filter ---
-
-
-@pytest.mark.parametrize("kind", sorted(paths(0)))
-@pytest.mark.parametrize("initial", ["low", "high", "demagnetised"])
-def test_the_output_over_events_is_that_of_the_relays(kind, initial, precision, tolerance):
-    x = paths(3)[kind].astype(precision)
-    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells).astype(precision)
-    if kind in ("lattice", "rests") and initial != "low":
-        x[0] += 0.13  # not on a threshold, for which there is no event form
-    dense = simulate(PLANE, weights, x, "relay", initial, form="dense")
-    event = simulate(PLANE, weights, x, "relay", initial, form="event")
-    assert event.dtype == precision
-    np.testing.assert_allclose(event, dense, rtol=0, atol=20 * tolerance)
-    np.testing.assert_array_equal(simulate(PLANE, weights, x, "relay", initial), event)
-
-
-def test_a_batch_of_inputs_without_values_has_the_outputs_of_each(precision, tolerance):
-    batch = np.stack([x for seed in range(3) for x in paths(seed).values()]).astype(precision)
-    batch[1] = 3.0  # at rest on a threshold
-    batch[2] = np.clip(batch[2] + 2.0, 0.0, 6.0)
-    weights = np.random.default_rng(4).uniform(0, 1, (len(batch), PLANE.cells)).astype(precision)
-    together = jax.jit(jax.vmap(lambda w, x: simulate(PLANE, w, x, "relay", form="event")))
-    expected = [
-        simulate(PLANE, w, x, "relay", form="dense") for w, x in zip(weights, batch, strict=True)
-    ]
-    np.testing.assert_allclose(together(weights, batch), expected, rtol=0, atol=20 * tolerance)
-    slow = [relays(PLANE, x) @ w for w, x in zip(weights, batch, strict=True)]
-    np.testing.assert_allclose(together(weights, batch), slow, rtol=0, atol=20 * tolerance)
-
-
-def test_the_output_over_events_has_the_gradient_of_its_sums(x64):
-    x = paths(5)["walk"]
-    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells)
-
-    def loss(weights, form):
-        return jnp.sum(simulate(PLANE, weights, x, "relay", form=form) ** 2)
-
-    got = jax.grad(loss)(weights, "event")
-    states = np.asarray(relays(PLANE, x))
-    np.testing.assert_allclose(got, 2 * states.T @ (states @ weights), rtol=1e-12)
+# --- the forms of the filter ---
 
 
 @pytest.mark.parametrize("kind", sorted(paths(0)))
@@ -267,22 +227,13 @@ def test_where_there_is_no_event_form_it_says_why():
     weights = np.ones(PLANE.cells)
     start = AdaptiveFilter(PLANE).init(x[0], 0.0)
     cases = [
-        (lambda form: simulate(PLANE, weights, x, "ramp", form=form), "of ramps"),
         (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
-        (
-            lambda form: simulate(PLANE, weights, np.array([2.5, 3.0]), "relay", "high", form),
-            "(2.5)",
-        ),
         (lambda form: AdaptiveFilter(PLANE, "ramp").run(x, x, form=form), "of ramps"),
         (lambda form: AdaptiveFilter(PLANE).run(x, missing, form=form), "outputs are missing"),
         (lambda form: AdaptiveFilter(PLANE).run(x, x, start, form=form), "from a state"),
         (
             lambda form: AdaptiveFilter(PLANE, sampling="sample").run(x, x, form=form),
             "sampling='sample'",
-        ),
-        (
-            lambda form: jax.jit(lambda x: simulate(PLANE, weights, x, "relay", "high", form))(x),
-            "from 'high' for an input without values",
         ),
         (
             lambda form: jax.jit(lambda x: AdaptiveFilter(PLANE).run(x, x, form=form).weights)(x),

@@ -1,0 +1,167 @@
+"""Branches between turning points against the states of all hysterons."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from preisach_jax.branches import branch_starts, output_along_branches, weight_between
+from preisach_jax.errors import InputError
+from preisach_jax.filter import simulate
+from preisach_jax.hysteron import hysteron_states
+from preisach_jax.plane import Plane
+
+SAMPLES = 120
+INITIAL = ("low", "high", "demagnetised")
+PLANES = [Plane(levels=levels, low=-1.0, high=5.0) for levels in (2, 5, 6)]
+
+
+def paths(seed):
+    """Inputs that jump, that rest exactly on thresholds and limits, that decay, and all of it."""
+    rng = np.random.default_rng(seed)
+    lattice = np.round(rng.uniform(-1, 5, SAMPLES) * 2) / 2
+    walk = np.abs(np.mod(3 + np.cumsum(rng.normal(0, 0.2, SAMPLES)), 12) - 6) - 1
+    k = np.arange(SAMPLES)
+    return {
+        "jumps": rng.uniform(-1, 5, SAMPLES),
+        "lattice": lattice,
+        "rests": np.repeat(lattice[: SAMPLES // 4], 4),
+        "walk": walk,
+        "decay": 2.1 + 2.9 * (-0.99) ** k,
+        "growth": 2.1 + 2.9 * (-0.97) ** (SAMPLES - k),
+        "mixed": np.where(rng.random(SAMPLES) < 0.1, lattice, walk),
+    }
+
+
+def slow_starts(path):
+    """Turning points by the rule of Mayergoyz: larger oscillations wipe out smaller ones."""
+    starts, nested, rising = [], [0], True
+    for k, value in enumerate(path):
+        if k and value != path[k - 1] and (value > path[k - 1]) != rising:
+            rising = not rising
+            nested.append(k - 1)
+        while len(nested) > 2 and (
+            value >= path[nested[-2]] if rising else value <= path[nested[-2]]
+        ):
+            nested = nested[:-2]
+        starts.append(nested[-1])
+    return starts
+
+
+@pytest.mark.parametrize("kind", sorted(paths(0)))
+def test_branches_depart_from_turning_points_that_are_not_wiped_out(kind, precision):
+    for seed in range(3):
+        path = np.append(-1.0, paths(seed)[kind]).astype(precision)
+        assert branch_starts(path).tolist() == slow_starts(path.tolist())
+
+
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=40))
+def test_the_starts_of_any_path_are_those_of_the_rule(turns):
+    path = [0.0, *map(float, turns), *[float(turns[-1])] * (40 - len(turns))]
+    assert branch_starts(np.asarray(path)).tolist() == slow_starts(path)
+
+
+@pytest.mark.parametrize("plane", PLANES, ids=lambda plane: str(plane.levels))
+def test_the_weight_between_two_positions_is_twice_the_everett_function(plane, x64):
+    rng = np.random.default_rng(1)
+    weights = rng.uniform(0, 1, plane.cells)
+    upper = np.concatenate([rng.uniform(0, plane.levels, 40), [plane.levels] * 3, [1.5, 1, 0]])
+    lower = np.minimum(upper, np.append(rng.uniform(0, plane.levels, 40), [0, 1, 99, 1, 1, 0]))
+    got = weight_between(plane, jnp.asarray(weights), jnp.asarray(upper), jnp.asarray(lower))
+    alpha, beta = (plane.low + plane.delta_x * position for position in (upper, lower))
+    np.testing.assert_allclose(got, 2 * plane.everett(weights, alpha, beta), atol=1e-13)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+@pytest.mark.parametrize("plane", PLANES, ids=lambda plane: str(plane.levels))
+@pytest.mark.parametrize("initial", INITIAL)
+def test_turning_points_leave_the_named_memory_behind(plane, hysteron, initial, x64):
+    turns = plane.low + plane.delta_x * plane.initial_turns(initial, hysteron)
+    assert turns[0] == plane.low
+    assert np.all(np.diff(turns) != 0)
+    left = hysteron_states(plane, turns, "low", hysteron)[-1]
+    np.testing.assert_allclose(left, plane.initial_states(initial, turns[-1], hysteron), atol=1e-14)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+@pytest.mark.parametrize("kind", sorted(paths(0)))
+@pytest.mark.parametrize("initial", INITIAL)
+def test_the_output_along_branches_is_that_of_all_states(
+    kind, initial, hysteron, precision, tolerance
+):
+    for seed, plane in enumerate(PLANES):
+        x = paths(seed)[kind].astype(precision)
+        weights = np.random.default_rng(4).uniform(0, 1, plane.cells).astype(precision)
+        dense = simulate(plane, weights, x, hysteron, initial, form="dense")
+        event = simulate(plane, weights, x, hysteron, initial, form="event")
+        assert event.dtype == precision
+        np.testing.assert_allclose(event, dense, rtol=0, atol=20 * tolerance)
+        np.testing.assert_array_equal(simulate(plane, weights, x, hysteron, initial), event)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+@pytest.mark.parametrize("initial", INITIAL)
+def test_a_start_on_a_threshold_leaves_the_states_there_as_they_were(hysteron, initial, x64):
+    plane = PLANES[1]
+    weights = np.random.default_rng(4).uniform(0, 1, plane.cells)
+    for threshold in plane.thresholds:
+        for then in (-0.3, 0.3):
+            x = np.array([threshold, threshold, threshold + then, threshold - 2 * then])
+            dense = simulate(plane, weights, x, hysteron, initial, form="dense")
+            event = simulate(plane, weights, x, hysteron, initial, form="event")
+            traced = jax.jit(
+                lambda x, plane=plane: simulate(plane, weights, x, hysteron, initial, form="event")
+            )
+            np.testing.assert_allclose(event, dense, atol=1e-13)
+            np.testing.assert_allclose(traced(x), dense, atol=1e-13)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+def test_a_batch_of_inputs_without_values_has_the_outputs_of_each(hysteron, precision, tolerance):
+    plane = PLANES[2]
+    batch = np.stack([x for seed in range(3) for x in paths(seed).values()]).astype(precision)
+    batch[1] = 3.5  # at rest on a threshold
+    weights = np.random.default_rng(4).uniform(0, 1, (len(batch), plane.cells)).astype(precision)
+    together = jax.jit(jax.vmap(lambda w, x: simulate(plane, w, x, hysteron, form="event")))
+    expected = [
+        simulate(plane, w, x, hysteron, form="dense") for w, x in zip(weights, batch, strict=True)
+    ]
+    np.testing.assert_allclose(together(weights, batch), expected, rtol=0, atol=20 * tolerance)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+def test_the_gradient_in_the_weights_is_that_of_their_sums(hysteron, x64):
+    plane, x = PLANES[2], paths(5)["walk"]
+    weights = np.random.default_rng(4).uniform(0, 1, plane.cells)
+    got = jax.grad(lambda w: jnp.sum(simulate(plane, w, x, hysteron, form="event") ** 2))(weights)
+    states = np.asarray(hysteron_states(plane, x, "low", hysteron))
+    np.testing.assert_allclose(got, 2 * states.T @ (states @ weights), rtol=1e-11)
+
+
+@pytest.mark.parametrize("initial", INITIAL)
+def test_derivatives_in_the_input_are_differences_of_outputs(initial, x64):
+    plane, rng = PLANES[2], np.random.default_rng(4)
+    weights, direction = rng.uniform(0, 1, plane.cells), rng.normal(size=SAMPLES)
+    for kind in ("jumps", "walk"):
+        x = paths(5)[kind]
+
+        def output(x):
+            return simulate(plane, weights, jnp.asarray(x), "ramp", initial, form="event")
+
+        step = 1e-7
+        differences = (
+            simulate(plane, weights, x + step * direction, "ramp", initial, form="dense")
+            - simulate(plane, weights, x - step * direction, "ramp", initial, form="dense")
+        ) / (2 * step)
+        _, forward = jax.jvp(output, (x,), (direction,))
+        np.testing.assert_allclose(forward, differences, rtol=1e-5, atol=1e-5)
+        cotangent = rng.normal(size=SAMPLES)
+        backward = jax.vjp(output, x)[1](cotangent)[0]
+        assert float(backward @ direction) == pytest.approx(float(cotangent @ forward), rel=1e-9)
+
+
+def test_an_unknown_memory_is_named():
+    with pytest.raises(InputError, match="the initial memory is 'middle'"):
+        output_along_branches(PLANES[0], np.ones(3), np.zeros(1), initial="middle")

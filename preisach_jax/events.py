@@ -285,9 +285,7 @@ def moves_of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         (16, [2, 3, -1], [2, 1, 1])
     """
     sample = np.flatnonzero(levels[1:] != levels[:-1]) + 1
-    # The next of eight sizes an octave.
-    step = 1 << max(len(sample).bit_length() - 4, 0)
-    filling = max(-(-len(sample) // step) * step, 16) - len(sample)
+    filling = rounded_up(len(sample)) - len(sample)
     to = np.append(levels[sample], np.full(filling, levels[-1]))
     return np.append(sample, np.full(filling, -1)).astype(np.int32), to.astype(np.int32)
 
@@ -325,6 +323,23 @@ def _crossings(plane: Plane, sample, to, start, width: int) -> tuple[Switching, 
     lowest, highest = jnp.where(index < start, start, 0), jnp.full_like(index, start)
     (lowest, _, _), found = jax.lax.scan(cross, (lowest, highest, start), to)
     return Switching(sample, *found), lowest
+
+
+def rounded_up(count: int) -> int:
+    """Round up to one of eight sizes an octave: inputs of like length share what is compiled.
+
+    Args:
+        count: how many there are.
+
+    Returns:
+        How many there are room for, at least 16.
+
+    Example:
+        >>> rounded_up(3), rounded_up(1000)
+        (16, 1024)
+    """
+    step = 1 << max(count.bit_length() - 4, 0)
+    return max(-(-count // step) * step, 16)
 
 
 def laid_out(plane: Plane, values: ArrayLike) -> jax.Array:

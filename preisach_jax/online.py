@@ -17,7 +17,6 @@ from jax.typing import ArrayLike
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.filter import (
-    EVENT_SIZE,
     AdaptiveFilter,
     FilterInfo,
     FilterState,
@@ -25,6 +24,7 @@ from preisach_jax.filter import (
     require_state,
 )
 from preisach_jax.hysteron import as_float, require_on_plane
+from preisach_jax.moves import EVENT_SIZE
 from preisach_jax.plane import Plane
 
 FORMAT = 3  # 1 had no step size: it was 1.0; 2 had no count of missing samples and no last output

@@ -32,7 +32,6 @@ from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter import (
-    EVENT_SIZE,
     AdaptiveFilter,
     FilterInfo,
     check_start,
@@ -43,6 +42,7 @@ from preisach_jax.filter import (
     start_at,
 )
 from preisach_jax.hysteron import hysteron_step
+from preisach_jax.moves import EVENT_SIZE
 from preisach_jax.plane import Plane
 
 # What forgetting leaves of the prior of a cell before it is restored, λᴸ, is at least this, so that

@@ -24,6 +24,7 @@ LAYERS = [
     "plane",
     "events",
     "branches",
+    "moves",
     "filter",
     "recursion",
     "online",

@@ -228,7 +228,6 @@ def test_where_there_is_no_event_form_it_says_why():
     start = AdaptiveFilter(PLANE).init(x[0], 0.0)
     cases = [
         (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
-        (lambda form: AdaptiveFilter(PLANE, "ramp").run(x, x, form=form), "of ramps"),
         (lambda form: AdaptiveFilter(PLANE).run(x, missing, form=form), "outputs are missing"),
         (lambda form: AdaptiveFilter(PLANE).run(x, x, start, form=form), "from a state"),
         (
@@ -237,6 +236,14 @@ def test_where_there_is_no_event_form_it_says_why():
         ),
         (
             lambda form: jax.jit(lambda x: AdaptiveFilter(PLANE).run(x, x, form=form).weights)(x),
+            "without values",
+        ),
+        (
+            lambda form: jax.grad(
+                lambda start: jnp.sum(
+                    AdaptiveFilter(PLANE, "ramp", "event", start).run(x, x, form=form).weights
+                )
+            )(weights),
             "without values",
         ),
     ]

@@ -1,0 +1,213 @@
+"""Moves of ramps: which line of the plane each sample moves, and the recursion along them.
+
+Every sample moves ramps, but only those that it is passing: while the input rises through cell m of
+its axis the ramps of row m, while it falls through it those of column m. So a sample costs O(N),
+and once more for each cell of the axis that it leaves behind.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from preisach_jax.events import flat_index, rounded_up
+from preisach_jax.plane import Plane
+
+# An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
+# that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
+# output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
+EVENT_SIZE = 0.5
+
+
+class RampMoves(eqx.Module):
+    """The moves that an input makes ramps do (a pytree).
+
+    Attributes:
+        line: (moves,) row that is passed upward, or column that is passed downward.
+        rising: (moves,) which of the two.
+        part: (moves,) how far the input is in that cell of its axis, 0 to 1; rising, no ramp of the
+            row is below it then, falling, none of the column above.
+        ends: (samples,) the last move of each sample.
+    """
+
+    line: jax.Array
+    rising: jax.Array
+    part: jax.Array
+    ends: jax.Array
+
+    def cells(self, plane: Plane) -> jax.Array:
+        """Flat indices of the cells of a line.
+
+        Args:
+            plane: the Preisach plane.
+
+        Returns:
+            (levels,) indices for one move; `plane.cells`, which is out of range, as a filling.
+        """
+        along = jnp.arange(plane.levels)
+        row = jnp.where(along <= self.line, flat_index(self.line, along), plane.cells)
+        column = jnp.where(along >= self.line, flat_index(along, self.line), plane.cells)
+        return jnp.where(self.rising, row, column)
+
+
+def ramp_moves(plane: Plane, x: ArrayLike) -> RampMoves:
+    """Find the moves that an input makes ramps do.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane; concrete.
+
+    Returns:
+        The moves: one a sample, and one more for each cell of the axis that it leaves; in the end
+        fillings that move nothing.
+
+    Example:
+        >>> plane = Plane(levels=3, low=0.0, high=3.0)
+        >>> moves = ramp_moves(plane, [0.0, 1.5, 0.5])
+        >>> moves.line[:5].tolist(), moves.part[:5].tolist(), moves.ends.tolist()
+        ([0, 0, 1, 1, 0], [1.0, 1.0, 0.5, 0.0, 0.5], [0, 2, 4])
+    """
+    x = np.asarray(x)
+    position = (x - plane.low) / (plane.high - plane.low) * plane.levels
+    position = np.clip(position, 0.0, plane.levels).astype(x.dtype)
+    before = np.append(position[:1], position[:-1])
+    rising = position > before
+    last = plane.levels - 1
+    up = np.minimum(np.floor(before), last), np.ceil(position) - 1
+    down = np.maximum(np.ceil(before) - 1, 0), np.floor(position)
+    first, final = (np.where(rising, one, other) for one, other in zip(up, down, strict=True))
+    # An input that rests moves nothing.
+    final = np.where(position == before, first, final)
+    count = np.abs(final - first).astype(int) + 1
+    ends = np.cumsum(count) - 1
+    sample = np.repeat(np.arange(len(x)), count)
+    passed = np.arange(len(sample)) - np.repeat(ends - count + 1, count)
+    line = first[sample] + np.where(rising, 1, -1)[sample] * passed
+    part = np.clip(position[sample] - line, 0.0, 1.0)
+    part = np.where((position == before)[sample], 1.0, part)
+    filling = (0, rounded_up(len(line)) - len(line))
+    return RampMoves(
+        jnp.asarray(np.pad(line.astype(np.int32), filling)),
+        jnp.asarray(np.pad(rising[sample], filling)),
+        jnp.asarray(np.pad(part.astype(x.dtype), filling, constant_values=1.0)),
+        jnp.asarray(ends.astype(np.int32)),
+    )
+
+
+class RampRun(NamedTuple):
+    """What the recursion found along an input.
+
+    Attributes:
+        weights: (cells,) weights after the last sample.
+        states: (cells,) states after it.
+        moved: (cells,) how far the states have moved since the last event.
+        reference: () measured output at the last event.
+        output: (time,) the model's output before each update.
+        error: (time,) error e(k), eq. (7).
+        squared: (time,) sᵀs of the events, 0 at other samples.
+    """
+
+    weights: jax.Array
+    states: jax.Array
+    moved: jax.Array
+    reference: jax.Array
+    output: jax.Array
+    error: jax.Array
+    squared: jax.Array
+
+
+class _Carry(NamedTuple):
+    cells: jax.Array
+    """Weight, state, and move since the last event, of each cell."""
+    squared: jax.Array
+    rise: jax.Array
+    output: jax.Array
+    reference: jax.Array
+    oldest: jax.Array
+
+
+def adapt_over_moves(
+    plane: Plane,
+    moves: RampMoves,
+    z: jax.Array,
+    weights: jax.Array,
+    states: jax.Array,
+    step_size: ArrayLike = 1.0,
+) -> RampRun:
+    """Run the recursion of ramps over their moves, as `AdaptiveFilter.step` does at every sample.
+
+    At an event e = Δz - R̂ᵀs and R̂ ← R̂ + μ e s/(sᵀs), where only the lines that were moved since
+    the last one are touched. Output, R̂ᵀs and sᵀs are carried along.
+
+    Args:
+        plane: the Preisach plane.
+        moves: of the input.
+        z: (time,) measured output; no value is missing.
+        weights: (cells,) weights to start from, in the unit of `z`.
+        states: (cells,) states at the first sample.
+        step_size: () step size μ.
+
+    Returns:
+        Weights, states and rows.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> x = jnp.asarray([0.0, 1.0, 2.0])
+        >>> found = adapt_over_moves(plane, ramp_moves(plane, x), 3 * x, jnp.zeros(3), jnp.zeros(3))
+        >>> found.weights.tolist(), found.error.tolist()
+        ([3.0, 1.5, 1.5], [0.0, 3.0, 3.0])
+    """
+    count = moves.line.shape[0]
+    index = jnp.arange(count, dtype=moves.ends.dtype)
+    at_end = jnp.zeros(count, bool).at[moves.ends].set(True)
+    own_z = z.at[jnp.searchsorted(moves.ends, index)].get(mode="clip")
+
+    def learn(carry: _Carry, rate, last):
+        def one_line(so_far):
+            values, output, number = so_far
+            cells = jax.tree.map(lambda each: each[number], lines).cells(plane)
+            weight, state, moved = values.at[cells].get(mode="fill", fill_value=0.0).T
+            share = rate * moved
+            new = jnp.stack([weight + share, state, jnp.zeros_like(moved)], axis=1)
+            values = values.at[cells].set(new, mode="drop")
+            return values, output + jnp.sum(share * state), number + 1
+
+        start = (carry.cells, carry.output, carry.oldest)
+        return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, start)
+
+    def advance(carry: _Carry, move):
+        number, line, z, ends = move
+        cells = line.cells(plane)
+        weight, old, moved = carry.cells.at[cells].get(mode="fill", fill_value=0.0).T
+        new = jnp.where(line.rising, jnp.maximum(old, line.part), jnp.minimum(old, line.part))
+        step = jnp.where(cells < plane.cells, new - old, 0.0)
+        change = jnp.sum(weight * step)
+        squared = carry.squared + jnp.sum((2 * moved + step) * step)
+        rise, output = carry.rise + change, carry.output + change
+        error = z - carry.reference - rise
+        event = ends & (squared >= EVENT_SIZE)
+        row = jnp.stack([output, error, jnp.where(event, squared, 0.0)])
+        values = carry.cells.at[cells].set(
+            jnp.stack([weight, new, moved + step], axis=1), mode="drop"
+        )
+        rate = step_size * error / jnp.where(event, squared, 1.0)
+        values, output, oldest = learn(
+            carry._replace(cells=values, output=output), rate, jnp.where(event, number, -1)
+        )
+        reference = jnp.where(event, z, carry.reference)
+        squared, rise = jnp.where(event, 0.0, squared), jnp.where(event, 0.0, rise)
+        return _Carry(values, squared, rise, output, reference, oldest), row
+
+    lines = RampMoves(moves.line, moves.rising, moves.part, index)
+    zero = jnp.zeros((), weights.dtype)
+    values = jnp.stack([weights, states, jnp.zeros_like(states)], axis=1)
+    start = _Carry(values, zero, zero, weights @ states, z[0], index[0])
+    carry, rows = jax.lax.scan(advance, start, (index, lines, own_z, at_end))
+    weight, state, moved = carry.cells.T
+    output, error, squared = rows[moves.ends].T
+    return RampRun(weight, state, moved, carry.reference, output, error, squared)

@@ -20,6 +20,7 @@ LAYERS = [
     "files",
     "cores",
     "devices",
+    "chunks",
     "hysteron",
     "plane",
     "events",

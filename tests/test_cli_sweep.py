@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 
+from preisach_jax.chunks import made_with
 from preisach_jax.cli import main
 from preisach_jax.sweep import merge, storage, sweep
 
@@ -195,7 +196,7 @@ def test_a_folder_that_cannot_be_one_or_that_holds_another_sweep(tmp_path, capsy
     assert main([*WORDS, "--out", str(file)]) == 2
     assert "this is a file" in capsys.readouterr().err
     settings = storage.sweep_settings(jax.random.key(6), *SETTINGS, 1)
-    manifest = {"format": 2, "settings": settings, "made_with": storage.made_with()}
+    manifest = {"format": 2, "settings": settings, "made_with": made_with()}
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     assert main([*WORDS, "--out", str(tmp_path)]) == 2
     message = capsys.readouterr().err

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 
+from preisach_jax.chunks import Chunks
 from preisach_jax.cli import main
 from preisach_jax.devices import compiled, connect, evenly, gathered, local
 from preisach_jax.errors import InputError
@@ -219,9 +220,7 @@ def test_a_chunk_that_is_too_large_is_halved_and_said_so(alone, tmp_path, capsys
 
 
 def test_a_full_disk_keeps_what_was_finished(tmp_path, capsys, monkeypatch):
-    from preisach_jax.sweep import chunks
-
-    genuine, calls = chunks.Chunks._group, []
+    genuine, calls = Chunks._group, []
 
     def full(self, arrays):
         calls.append(self)
@@ -229,7 +228,7 @@ def test_a_full_disk_keeps_what_was_finished(tmp_path, capsys, monkeypatch):
             raise OSError(28, "No space left on device")
         return genuine(self, arrays)
 
-    monkeypatch.setattr(chunks.Chunks, "_group", full)
+    monkeypatch.setattr(Chunks, "_group", full)
     assert main([*WORDS, "--out", str(tmp_path)]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert f"{tmp_path / 'sweep.zarr'}: cannot be written (No space left on device)" in message

@@ -12,6 +12,7 @@ import pytest
 from scipy import stats
 
 import preisach_jax
+from preisach_jax.chunks import made_with
 from preisach_jax.errors import InputError
 from preisach_jax.filter import AdaptiveFilter
 from preisach_jax.hysteron import hysteron_states
@@ -464,7 +465,7 @@ def test_more_seeds_continue_a_sweep(key, whole, tmp_path, computed):
 )
 def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_path, monkeypatch):
     settings = storage.sweep_settings(jax.random.key(7), *SETTINGS, CHUNK)
-    content = {"format": 2, "settings": settings, "made_with": storage.made_with()}
+    content = {"format": 2, "settings": settings, "made_with": made_with()}
     (tmp_path / "manifest.json").write_text(json.dumps(content))
     monkeypatch.delattr(storage, "sweep")  # nothing must be computed
     with pytest.raises(InputError, match=message):
@@ -474,12 +475,12 @@ def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_pat
 
 def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, computed):
     settings = storage.sweep_settings(key, *SETTINGS, CHUNK)
-    made_with = storage.made_with()
-    whole = {"format": 2, "settings": settings, "made_with": made_with}
+    versions = made_with()
+    whole = {"format": 2, "settings": settings, "made_with": versions}
     broken = {
-        "jax 0.1 and not": whole | {"made_with": made_with | {"jax": "0.1"}},
+        "jax 0.1 and not": whole | {"made_with": versions | {"jax": "0.1"}},
         "has the format 3, and 2 is the newest": whole | {"format": 3},
-        "cannot be read as the manifest": {"format": 2, "settings": {}, "made_with": made_with},
+        "cannot be read as the manifest": {"format": 2, "settings": {}, "made_with": versions},
         "choose another folder": [],
     }
     for message, content in broken.items():

@@ -1,34 +1,29 @@
-"""Sweeps on disk, in chunks of seeds, each written as it is done: an interruption loses little.
+"""Sweeps on disk, in chunks of seeds.
 
-A folder holds `manifest.json` (the settings), `sweep.zarr` (the arrays) with `done/`, which says
-what of them is whole, and at the end `sweep.json`. The realisation of a seed depends on the key and
-its number only: a sweep that was interrupted ends with the same numbers, on whatever devices.
-
-Of several processes the first one alone reads and writes the folder; all compute every chunk.
+A folder holds `manifest.json`, `sweep.zarr` with `done/`, and at the end `sweep.json`. The
+realisation of a seed depends on the key and its number only: a sweep that was interrupted ends with
+the same numbers, on whatever devices.
 """
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from preisach_jax.devices import from_first, is_first
+from preisach_jax.chunks import MANIFEST, Chunks, Values, Work, read_manifest, work_in_chunks
+from preisach_jax.devices import is_first
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings, sweep
-from preisach_jax.sweep.chunks import ARRAYS, Chunks
 from preisach_jax.sweep.result import Sweep, merge
 
-FORMAT = 2
-_REMEDY = "choose another folder with --out, or start anew with --restart"
-MANIFEST, RESULT = "manifest.json", "sweep.json"
+RESULT = "sweep.json"
+
+_ABOUT = ("first", "slope", "compile_s", "run_s", "device")
 
 
 def sweep_to_folder(
@@ -80,28 +75,19 @@ def sweep_to_folder(
     """
     folder = Path(folder)
     settings = sweep_settings(key, levels, noise, seeds, samples, chunk)
-    chunks = Chunks(folder, settings)
-    wanted = list(chunks)
-    parts: list[Sweep | None] = [None] * len(wanted)
-    if is_first():
-        _open(folder, settings, resume)
-        parts = [_stored(chunks, numbers, announce) for numbers in wanted]
-    missing = np.flatnonzero(from_first(np.array([part is None for part in parts])))
-    there = len(wanted) - len(missing)
-    found_there = f" ({there} were there)" if there else ""
-    for done, position in enumerate(missing, start=there):
-        if progress is not None:
-            progress(f"chunk {done + 1} of {len(wanted)}{found_there}", done / len(wanted))
-        part = _computed(key, settings, wanted[position], announce)
-        if is_first():
-            chunks.write(part)
-        parts[position] = part
-    found = [part for part in parts if part is not None]
-    if not is_first():
-        return merge(found) if found else None
-    whole = merge(found)
-    write_files({folder / RESULT: json_bytes(whole.to_json())})
-    return whole
+    chunks = _chunks(folder, settings)
+
+    def compute(numbers: list[int]) -> Sweep:
+        return sweep(key, settings["levels"], settings["noise"], numbers, settings["samples"])
+
+    def write(numbers: list[int], part: Sweep) -> None:
+        chunks.write(numbers, _arrays(part), {name: getattr(part, name) for name in _ABOUT})
+
+    work = Work(compute, lambda numbers: _part(chunks, numbers), write, merge)
+    found = work_in_chunks(chunks, work, resume, folder / RESULT, progress, announce)
+    if found is not None and is_first():
+        write_files({folder / RESULT: json_bytes(found.to_json())})
+    return found
 
 
 def load_folder(folder: str | Path) -> Sweep:
@@ -117,10 +103,10 @@ def load_folder(folder: str | Path) -> Sweep:
         InputError: it holds no sweep, or one that is not whole.
     """
     folder = Path(folder)
-    manifest = _manifest(folder)
+    manifest = read_manifest(folder, "sweep", "seeds")
     if manifest is None:
         raise InputError(f"{folder}: there is no {MANIFEST}; give a folder that a sweep wrote")
-    chunks = Chunks(folder, manifest["settings"])
+    chunks = _chunks(folder, manifest["settings"])
     wanted = list(chunks)
     missing = sum(not chunks.note(numbers).exists() for numbers in wanted)
     if missing:
@@ -128,7 +114,7 @@ def load_folder(folder: str | Path) -> Sweep:
             f"{folder}: {missing} of {len(wanted)} chunks of the sweep are missing; finish it by "
             "the command that began it"
         )
-    return merge([chunks.read(numbers) for numbers in wanted])
+    return merge([_part(chunks, numbers) for numbers in wanted])
 
 
 def sweep_settings(
@@ -170,103 +156,37 @@ def sweep_settings(
     }
 
 
-def _open(folder: Path, settings: dict[str, Any], resume: bool) -> None:
-    """Write the manifest of a new sweep, or make sure that the one there has the same settings."""
-    manifest = {"format": FORMAT, "settings": settings, "made_with": made_with()}
-    old = _manifest(folder) if resume else None
-    if old is None:
-        (folder / RESULT).unlink(missing_ok=True)
-        Chunks(folder, settings).clear()
-        shutil.rmtree(folder / ARRAYS, ignore_errors=True)
-        write_files({folder / MANIFEST: json_bytes(manifest)})
-        return
-    there, now = ({**one["settings"], **one["made_with"]} for one in (old, manifest))
-    held = there["seeds"]
-    if len(held) < len(settings["seeds"]) and held == settings["seeds"][: len(held)]:
-        there["seeds"] = now["seeds"]  # more seeds continue a sweep
-    other = [name for name in now if there.get(name) != now[name]]
-    if other:
-        differ = ", ".join(
-            f"{name} {_shown(there.get(name))} and not {_shown(now[name])}" for name in other
-        )
-        raise InputError(f"{folder} holds a sweep with {differ}: {_REMEDY}")
-    if held != settings["seeds"]:
-        (folder / RESULT).unlink(missing_ok=True)
-        write_files({folder / MANIFEST: json_bytes(manifest)})
+def _chunks(folder: Path, settings: dict[str, Any]) -> Chunks:
+    labels = {
+        "level": Values(("level",), np.array(settings["levels"])),
+        "noise": Values(("noise",), np.array(settings["noise"]), "um"),
+        "seed": Values(("seed",), np.array(settings["seeds"])),
+    }
+    return Chunks(folder, "sweep", "seed", settings, settings["seeds"], labels)
 
 
-def made_with() -> dict[str, str]:
-    """What numbers depend on beside the settings, in their last places.
-
-    Returns:
-        Versions by the names of packages, and the kind of the device.
-
-    Example:
-        >>> sorted(made_with())
-        ['device', 'jax', 'jaxlib', 'numpy', 'preisach_jax']
-    """
-    versions = {name: version(name) for name in ("preisach_jax", "jax", "jaxlib", "numpy")}
-    return versions | {"device": jax.devices()[0].device_kind}
+def _arrays(part: Sweep) -> dict[str, Values]:
+    """All arrays of a sweep that have seeds."""
+    found = {
+        name: Values(axes, getattr(part, name), unit) for name, (axes, unit) in part.AXES.items()
+    }
+    for N, rows in zip(part.levels, part.weights, strict=True):
+        found[f"weights_{N}"] = Values(("seed", "output", f"cell_{N}"), rows, "um")
+    return found
 
 
-def _manifest(folder: Path) -> dict[str, Any] | None:
-    path = folder / MANIFEST
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] > FORMAT:
-            raise InputError(
-                f"{path} has the format {content['format']}, and {FORMAT} is the newest that this "
-                "version reads: update preisach_jax, or choose another folder with --out"
-            )
-        if not (content["settings"].keys() >= {"seeds", "chunk"} and content["made_with"].keys()):
-            raise ValueError("it lacks the seeds, the chunk or the versions")
-        return content
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except InputError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path} cannot be read as the manifest of a sweep ({error}): {_REMEDY}"
-        ) from error
-
-
-def _stored(
-    chunks: Chunks, numbers: list[int], announce: Callable[[str], object] | None
-) -> Sweep | None:
-    """A chunk that is there and whole; else None, with a note if a part of it is there."""
-    if not chunks.note(numbers).exists():
-        return None
-    try:
-        return chunks.read(numbers)
-    except InputError as error:
-        if announce is not None:
-            announce(f"computed again: {error}")
-        return None
-
-
-def _computed(
-    key: jax.Array,
-    settings: dict[str, Any],
-    numbers: list[int],
-    announce: Callable[[str], object] | None,
-) -> Sweep:
-    """A chunk; if memory is too small for all its seeds at once, by halves."""
-    try:
-        return sweep(key, settings["levels"], settings["noise"], numbers, settings["samples"])
-    except (MemoryError, jax.errors.JaxRuntimeError) as error:
-        too_large = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
-        if not too_large or len(numbers) == 1 or jax.process_count() > 1:
-            raise
-    half = (len(numbers) + 1) // 2
-    if announce is not None:
-        announce(f"too little memory for {len(numbers)} seeds at once: {half} are taken")
-    halves = numbers[:half], numbers[half:]
-    return merge([_computed(key, settings, part, announce) for part in halves])
-
-
-def _shown(value: Any) -> str:
-    """A setting in few words."""
-    if isinstance(value, list) and len(value) > 8:
-        return f"{value[0]} ... {value[-1]} ({len(value)} values)"
-    return ",".join(str(one) for one in value) if isinstance(value, list) else str(value)
+def _part(chunks: Chunks, numbers: list[int]) -> Sweep:
+    """The sweep of a chunk of seeds in a folder."""
+    settings = chunks.settings
+    weights = [f"weights_{N}" for N in settings["levels"]]
+    arrays, about = chunks.read(numbers, (*Sweep.AXES, *weights))
+    return Sweep(
+        levels=np.array(settings["levels"]),
+        noise_um=np.array(settings["noise"]),
+        seeds=np.array(numbers),
+        samples=settings["samples"],
+        key=np.array(settings["key"], np.uint32),
+        weights=tuple(arrays[name] for name in weights),
+        **{name: arrays[name] for name in Sweep.AXES},
+        **{name: about[name] for name in _ABOUT},
+    )

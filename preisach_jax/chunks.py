@@ -1,0 +1,394 @@
+"""Long work in a folder, in chunks, each written as it is done: an interruption loses little.
+
+A folder holds `manifest.json` (the settings) and a Zarr group of arrays with `done/`, which says
+what of them is whole. Zarr keeps every chunk of an array in a file of its own, so that chunks are
+written apart, and any reader of Zarr opens them. `done/seeds_0000-0007.json` is written after all
+arrays of its seeds, and holds their checksum: without it, or if it does not fit, they do not count.
+
+Of several processes the first one alone reads and writes the folder; all compute every chunk.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import jax
+import numpy as np
+
+from preisach_jax.devices import from_first, is_first
+from preisach_jax.errors import InputError
+from preisach_jax.files import json_bytes, write_files
+
+FORMAT = 2
+MANIFEST, DONE = "manifest.json", "done"
+
+_REMEDY = "choose another folder with --out, or start anew with --restart"
+
+Part = TypeVar("Part")
+Progress = Callable[[str, float], None]
+Announce = Callable[[str], object]
+
+
+class Values(NamedTuple):
+    """An array of a chunk, or of all of the work.
+
+    Attributes:
+        axes: names of its axes; one of them is that of the items.
+        values: the numbers.
+        unit: their unit.
+    """
+
+    axes: tuple[str, ...]
+    values: np.ndarray
+    unit: str = "1"
+
+
+class Chunks:
+    """The chunks of some work in a folder.
+
+    Arguments:
+        folder: the folder.
+        work: what it is, as `sweep`, which names the arrays' folder.
+        item: what a chunk holds several of, as `seed`.
+        settings: those of the work; with all items, in order, under the plural of `item`, and how
+            many of them make a `chunk`.
+        numbers: of the items; by default 0, 1, ...
+        labels: coordinates of the axes, which are written with the arrays.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        work: str,
+        item: str,
+        settings: Mapping[str, Any],
+        numbers: Sequence[int] | None = None,
+        labels: Mapping[str, Values] | None = None,
+    ):
+        self.folder, self.work, self.item, self.settings = folder, work, item, settings
+        self.numbers = list(range(len(settings[f"{item}s"])) if numbers is None else numbers)
+        self.labels = labels or {}
+
+    def __iter__(self) -> Iterator[list[int]]:
+        """Numbers of the items of each chunk."""
+        size = self.settings["chunk"]
+        begins = range(0, len(self.numbers), size)
+        return iter([self.numbers[begin : begin + size] for begin in begins])
+
+    @property
+    def arrays(self) -> Path:
+        """The folder of the arrays."""
+        return self.folder / f"{self.work}.zarr"
+
+    def note(self, numbers: Sequence[int]) -> Path:
+        """The file that says that a chunk is whole.
+
+        Args:
+            numbers: its items.
+        """
+        return self.folder / DONE / f"{self.item}s_{numbers[0]:04d}-{numbers[-1]:04d}.json"
+
+    def clear(self) -> None:
+        """Lose all chunks."""
+        for path in self.folder.glob(f"{DONE}/{self.item}s_*.json"):
+            path.unlink(missing_ok=True)
+        shutil.rmtree(self.arrays, ignore_errors=True)
+
+    def write(
+        self, numbers: Sequence[int], arrays: Mapping[str, Values], about: Mapping[str, Any]
+    ) -> None:
+        """Write a chunk; it counts from when all of it is on the disk.
+
+        Args:
+            numbers: its items.
+            arrays: by names.
+            about: what else is known of it, ready for JSON.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        note = self.note(numbers)
+        note.unlink(missing_ok=True)
+        try:
+            group = self._group(arrays)
+            for name, (axes, values, _) in arrays.items():
+                group[name][self._place(axes, numbers)] = values
+        except OSError as error:
+            raise InputError(
+                f"{self.arrays}: cannot be written ({error.strerror or error}); what was "
+                "finished stays: make room, and give the same command again"
+            ) from error
+        checksum = _checksum(each.values for each in arrays.values())
+        content = {f"{self.item}s": list(numbers), **about, "checksum": checksum}
+        write_files({note: json_bytes(content)})
+
+    def read(
+        self, numbers: Sequence[int], names: Iterable[str]
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Read a chunk.
+
+        Args:
+            numbers: its items.
+            names: of its arrays, in the order in which they were written.
+
+        Returns:
+            `(arrays, about)`.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        note = self.note(numbers)
+        try:
+            about = json.loads(note.read_text(encoding="utf-8"))
+            arrays = self._read(numbers, names)
+            fits = about.pop("checksum") == _checksum(arrays.values())
+            if about.pop(f"{self.item}s") != list(numbers) or not fits:
+                raise ValueError("its arrays are not those that were written with it")
+        # Zarr and its codecs raise errors of many kinds on damaged files.
+        except Exception as error:
+            raise InputError(
+                f"{note} or its part of {self.arrays.name} cannot be read ({error})"
+            ) from error
+        return arrays, about
+
+    def _read(self, numbers: Sequence[int], names: Iterable[str]) -> dict[str, np.ndarray]:
+        import zarr
+
+        group: Any = zarr.open_group(self.arrays, mode="r")
+        found = {}
+        for name in names:
+            array = group[name]
+            found[name] = np.asarray(array[self._place(array.metadata.dimension_names, numbers)])
+        return found
+
+    def _place(self, axes: Sequence[str], numbers: Sequence[int]) -> tuple[slice, ...]:
+        """Where the items of a chunk lie in an array with some axes."""
+        begin = self.numbers.index(numbers[0])
+        items = slice(begin, begin + len(numbers))
+        return tuple(items if axis == self.item else slice(None) for axis in axes)
+
+    def _group(self, arrays: Mapping[str, Values]) -> Any:
+        """The arrays on disk, with room for all items."""
+        import zarr
+
+        group: Any = zarr.open_group(self.arrays, mode="a")
+        for name, (axes, values, unit) in arrays.items():
+            own = axes.index(self.item)
+            shape, chunks = list(values.shape), list(values.shape)
+            shape[own], chunks[own] = len(self.numbers), self.settings["chunk"]
+            there = group.get(name)
+            if there is not None and there.shape != tuple(shape):  # more items than before
+                there.resize(tuple(shape))
+            if there is None:
+                group.create_array(
+                    name,
+                    shape=tuple(shape),
+                    chunks=tuple(chunks),
+                    dtype=values.dtype,
+                    dimension_names=axes,
+                    attributes={"units": unit},
+                    fill_value=np.nan if values.dtype.kind == "f" else -1,  # not yet computed
+                )
+        for name, (axes, values, unit) in self.labels.items():
+            there = group.get(name)
+            if there is None or there.shape != values.shape:
+                attributes = {"units": unit}
+                group.create_array(
+                    name, data=values, dimension_names=axes, attributes=attributes, overwrite=True
+                )
+        items = f"{self.item}s"
+        group.attrs.update({name: v for name, v in self.settings.items() if name != items})
+        return group
+
+
+def _checksum(arrays: Iterable[np.ndarray]) -> int:
+    total = 0
+    for values in arrays:
+        total = zlib.crc32(values.tobytes(), total)
+    return total
+
+
+class Work(NamedTuple, Generic[Part]):
+    """What to do for a chunk.
+
+    Attributes:
+        compute: makes the part of some items.
+        read: the part of a chunk from the folder.
+        write: a part to the folder.
+        merge: joins parts.
+    """
+
+    compute: Callable[[list[int]], Part]
+    read: Callable[[list[int]], Part]
+    write: Callable[[list[int], Part], None]
+    merge: Callable[[Sequence[Part]], Part]
+
+
+def work_in_chunks(
+    chunks: Chunks,
+    work: Work[Part],
+    resume: bool = True,
+    result: Path | None = None,
+    progress: Progress | None = None,
+    announce: Announce | None = None,
+) -> Part | None:
+    """Compute all chunks that are not there, or go on with what was interrupted.
+
+    Args:
+        chunks: of the work.
+        work: what to do for one.
+        resume: keep the chunks that are there; otherwise start anew.
+        result: a file that the finished work writes; it is removed where it no longer fits.
+        progress: called with a text and the part that is done.
+        announce: called with a note for each chunk that is there and must be computed again, and if
+            memory is too small for a whole chunk at once.
+
+    Returns:
+        All parts joined; in processes other than the first, those that it computed with them, or
+        None.
+
+    Raises:
+        InputError: the folder holds work with other settings, or it cannot be written to.
+    """
+    wanted = list(chunks)
+    parts: list[Part | None] = [None] * len(wanted)
+    if is_first():
+        _open(chunks, resume, result)
+        parts = [_stored(chunks, work, numbers, announce) for numbers in wanted]
+    missing = np.flatnonzero(from_first(np.array([part is None for part in parts])))
+    there = len(wanted) - len(missing)
+    found_there = f" ({there} were there)" if there else ""
+    for done, position in enumerate(missing, start=there):
+        if progress is not None:
+            progress(f"chunk {done + 1} of {len(wanted)}{found_there}", done / len(wanted))
+        numbers = wanted[position]
+        part = _computed(chunks, work, numbers, announce)
+        if is_first():
+            work.write(numbers, part)
+        parts[position] = part
+    found = [part for part in parts if part is not None]
+    return work.merge(found) if found else None
+
+
+def _open(chunks: Chunks, resume: bool, result: Path | None) -> None:
+    """Write the manifest of new work, or make sure that the one there has the same settings."""
+    folder, settings, items = chunks.folder, chunks.settings, f"{chunks.item}s"
+    manifest = {
+        "format": FORMAT, "work": chunks.work, "settings": settings, "made_with": made_with()
+    }  # fmt: skip
+    old = read_manifest(folder, chunks.work, items) if resume else None
+    if old is None:
+        if result is not None:
+            result.unlink(missing_ok=True)
+        chunks.clear()
+        write_files({folder / MANIFEST: json_bytes(manifest)})
+        return
+    there, now = ({**one["settings"], **one["made_with"]} for one in (old, manifest))
+    held = there[items]
+    if len(held) < len(settings[items]) and held == settings[items][: len(held)]:
+        there[items] = now[items]  # more items continue the work
+    other = [name for name in now if there.get(name) != now[name]]
+    if other:
+        differ = ", ".join(
+            f"{name} {_shown(there.get(name))} and not {_shown(now[name])}" for name in other
+        )
+        raise InputError(f"{folder} holds a {chunks.work} with {differ}: {_REMEDY}")
+    if held != settings[items]:
+        if result is not None:
+            result.unlink(missing_ok=True)
+        write_files({folder / MANIFEST: json_bytes(manifest)})
+
+
+def made_with() -> dict[str, str]:
+    """What numbers depend on beside the settings, in their last places.
+
+    Returns:
+        Versions by the names of packages, and the kind of the device.
+
+    Example:
+        >>> sorted(made_with())
+        ['device', 'jax', 'jaxlib', 'numpy', 'preisach_jax']
+    """
+    versions = {name: version(name) for name in ("preisach_jax", "jax", "jaxlib", "numpy")}
+    return versions | {"device": jax.devices()[0].device_kind}
+
+
+def read_manifest(folder: Path, work: str, items: str) -> dict[str, Any] | None:
+    """Read the manifest of a folder.
+
+    Args:
+        folder: the folder.
+        work: what it should be, as `sweep`.
+        items: the setting that lists what is computed.
+
+    Returns:
+        Its content; None if there is none.
+
+    Raises:
+        InputError: it cannot be read, or is that of other work.
+    """
+    path = folder / MANIFEST
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["format"] > FORMAT:
+            raise InputError(
+                f"{path} has the format {content['format']}, and {FORMAT} is the newest that this "
+                "version reads: update preisach_jax, or choose another folder with --out"
+            )
+        if content.get("work", "sweep") != work:
+            raise InputError(f"{folder} holds a {content['work']} and no {work}: {_REMEDY}")
+        if not (content["settings"].keys() >= {items, "chunk"} and content["made_with"].keys()):
+            raise ValueError(f"it lacks the {items}, the chunk or the versions")
+        return content
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path} cannot be read as the manifest of a {work} ({error}): {_REMEDY}"
+        ) from error
+
+
+def _stored(
+    chunks: Chunks, work: Work[Part], numbers: list[int], announce: Announce | None
+) -> Part | None:
+    """A chunk that is there and whole; else None, with a note if a part of it is there."""
+    if not chunks.note(numbers).exists():
+        return None
+    try:
+        return work.read(numbers)
+    except InputError as error:
+        if announce is not None:
+            announce(f"computed again: {error}")
+        return None
+
+
+def _computed(
+    chunks: Chunks, work: Work[Part], numbers: list[int], announce: Announce | None
+) -> Part:
+    """A chunk; if memory is too small for all its items at once, by halves."""
+    try:
+        return work.compute(numbers)
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        too_large = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
+        if not too_large or len(numbers) == 1 or jax.process_count() > 1:
+            raise
+    half = (len(numbers) + 1) // 2
+    if announce is not None:
+        announce(f"too little memory for {len(numbers)} {chunks.item}s at once: {half} are taken")
+    halves = numbers[:half], numbers[half:]
+    return work.merge([_computed(chunks, work, part, announce) for part in halves])
+
+
+def _shown(value: Any) -> str:
+    """A setting in few words."""
+    if isinstance(value, list) and len(value) > 8:
+        return f"{value[0]} ... {value[-1]} ({len(value)} values)"
+    return ",".join(str(one) for one in value) if isinstance(value, list) else str(value)

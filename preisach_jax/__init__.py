@@ -20,7 +20,7 @@ from preisach_jax.effects.base import (
 from preisach_jax.errors import InputError
 from preisach_jax.filter import AdaptiveFilter, simulate
 from preisach_jax.fit import Fit, fit
-from preisach_jax.fleet import FleetResult, run_fleet
+from preisach_jax.fleet import FleetResult, fleet_to_folder, run_fleet
 from preisach_jax.model import Model, ParameterEstimate, Prediction
 from preisach_jax.online import OnlineFilter
 from preisach_jax.plane import Plane
@@ -61,6 +61,7 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "fleet_to_folder",
     "run_fleet",
     "simulate",
     "simulate_stage",

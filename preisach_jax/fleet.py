@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -11,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from preisach_jax.chunks import Chunks, Values, Work, work_in_chunks
 from preisach_jax.devices import compiled, evenly, gathered
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
@@ -19,7 +22,7 @@ from preisach_jax.events import (
     room_for_events,
     switching_events,
 )
-from preisach_jax.filter import AdaptiveFilter, input_and_output
+from preisach_jax.filter import AdaptiveFilter, input_and_output, simulate
 
 _ROOM = 64
 """Room for events comes in steps of so many, so that new inputs rarely need a compilation."""
@@ -33,11 +36,14 @@ class FleetResult(NamedTuple):
         error: (records,) rms of the differential output error e(k) over the updates of the last
             pass, in the unit of the output; NaN without any.
         updates: (records,) how many samples of a pass updated weights.
+        replay_error: (records,) rms of what the output of the final weights leaves of the whole
+            record, but for a constant, in the unit of the output.
     """
 
     weights: np.ndarray
     error: np.ndarray
     updates: np.ndarray
+    replay_error: np.ndarray
 
 
 def run_fleet(
@@ -90,12 +96,110 @@ def run_fleet(
     else:
         z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
     count = evenly(len(rows))
-    x, z = (np.concatenate([side, side[-1:].repeat(count - len(rows), axis=0)]) for side in (x, z))
+    x, z, until = (
+        np.concatenate([side, side[-1:].repeat(count - len(rows), axis=0)])
+        for side in (x, z, np.array(lengths))
+    )
     numbers, structure = jax.tree.flatten(jax.tree.map(np.asarray, adaptive))
     kinds = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in numbers)
     run = _compiled_run(structure, kinds, room, x.shape, x.dtype, passes)
-    found = gathered(run(numbers, (x, z)))
+    found = gathered(run(numbers, (x, z, until)))
     return FleetResult(*(values[: len(rows)] for values in found))
+
+
+def fleet_to_folder(
+    folder: str | Path,
+    adaptive: AdaptiveFilter,
+    records: Sequence[tuple[ArrayLike, ArrayLike]],
+    names: Sequence[str] | None = None,
+    passes: int = 1,
+    chunk: int = 16,
+    resume: bool = True,
+    progress: Callable[[str, float], None] | None = None,
+    announce: Callable[[str], object] | None = None,
+) -> FleetResult | None:
+    """Run one filter on each of many records by chunks into a folder, or go on with that.
+
+    The folder holds `manifest.json`, and `fleet.zarr` with the fields of `FleetResult`.
+
+    Args:
+        folder: the folder; it need not exist.
+        adaptive: the filter.
+        records: input and output of each, as for `run_fleet`.
+        names: a name of each; by default their numbers. With a digest of its values it tells
+            whether a folder holds the same records; more than it holds continue its fleet.
+        passes: how often each record is taken in.
+        chunk: how many records are computed at once, and written when they are done.
+        resume: keep the chunks that are there; otherwise start anew.
+        progress: called with a text and the part that is done.
+        announce: called with a note for each chunk that is there and must be computed again, and if
+            memory is too small for a whole chunk at once.
+
+    Returns:
+        The results of all records; in processes other than the first, those that it computed with
+        them, which may be none.
+
+    Raises:
+        InputError: as `run_fleet`, or the folder holds other work or cannot be written to.
+
+    Example:
+        >>> import tempfile
+        >>> from preisach_jax.plane import Plane
+        >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 500), 2.0) - 1.0)
+        >>> adaptive = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found = fleet_to_folder(folder, adaptive, [(x, 3.0 * x), (x, 2.0 * x)])
+        >>> found.weights.shape
+        (2, 10)
+    """
+    whole_number("passes is", passes, 1)
+    rows = _checked(adaptive, [x for x, _ in records], [z for _, z in records])
+    names = [str(number) for number in range(len(rows))] if names is None else names
+    plane, start = adaptive.plane, np.asarray(adaptive.initial_weight, float)
+    settings = {
+        "records": [f"{name} {_digest(*row)}" for name, row in zip(names, rows, strict=True)],
+        "chunk": whole_number("chunk is", chunk, 1),
+        "levels": plane.levels,
+        "low": plane.low,
+        "high": plane.high,
+        "hysteron": adaptive.hysteron,
+        "sampling": adaptive.sampling,
+        "passes": passes,
+        "step_size": float(np.asarray(adaptive.step_size)),
+        "initial_weight": start.item() if start.ndim == 0 else _digest(start),
+    }
+    chunks = Chunks(Path(folder), "fleet", "record", settings)
+
+    def compute(numbers: list[int]) -> FleetResult:
+        inputs, outputs = zip(*(rows[k] for k in numbers), strict=True)
+        return run_fleet(adaptive, inputs, outputs, passes)
+
+    def read(numbers: list[int]) -> FleetResult:
+        arrays, _ = chunks.read(numbers, FleetResult._fields)
+        return FleetResult(**arrays)
+
+    def write(numbers: list[int], part: FleetResult) -> None:
+        axes = {"weights": ("record", "cell")}
+        arrays = {
+            name: Values(axes.get(name, ("record",)), values)
+            for name, values in part._asdict().items()
+        }
+        chunks.write(numbers, arrays, {})
+
+    return work_in_chunks(
+        chunks, Work(compute, read, write, _joined), resume, None, progress, announce
+    )
+
+
+def _joined(parts: Sequence[FleetResult]) -> FleetResult:
+    return FleetResult(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+
+
+def _digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for values in arrays:
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()[:12]
 
 
 def _checked(
@@ -134,15 +238,24 @@ def _compiled_run(structure, kinds, room, shape, dtype, passes: int) -> Callable
     def run(numbers, rows):
         adaptive = jax.tree.unflatten(structure, numbers)
         one = _densely if room is None else functools.partial(_over_events, room=room)
-        return jax.vmap(lambda x, z: one(adaptive, x, z, passes=passes))(*rows)
+
+        def identify(x, z, until):
+            weights, errors, updated = one(adaptive, x, z, passes=passes)
+            measured = jnp.isfinite(z) & (jnp.arange(len(z)) < until)
+            left = z - simulate(adaptive.plane, weights, x, adaptive.hysteron)
+            left = left - _mean(left, measured)
+            updates = jnp.sum(updated)
+            return weights, _rms(errors, updated), updates, _rms(left, measured)
+
+        return jax.vmap(identify)(*rows)
 
     side = jax.ShapeDtypeStruct(shape, dtype)
-    return compiled(run, list(kinds), (side, side))
+    return compiled(run, list(kinds), (side, side, jax.ShapeDtypeStruct(shape[:1], int)))
 
 
 def _densely(adaptive: AdaptiveFilter, x, z, passes: int):
     found = adaptive.run(x, z, passes=passes, form="dense")
-    return (found.weights, *_of_updates(found.error, found.switched > 0))
+    return found.weights, found.error, found.switched > 0
 
 
 def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, int]):
@@ -154,11 +267,12 @@ def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, i
 
     start = adaptive.init(x[0], z[0]).weights[:, None]
     weights, errors = jax.lax.scan(one_pass, start, length=passes)
-    return (weights[:, 0], *_of_updates(errors[-1, :, 0], switching.area > 0))
+    return weights[:, 0], errors[-1, :, 0], switching.area > 0
 
 
-def _of_updates(error, updated):
-    """Rms of the errors at updates, and how many updates there are."""
-    count = jnp.sum(updated)
-    squares = jnp.sum(jnp.where(updated, error**2, 0.0))
-    return jnp.sqrt(squares / count), count
+def _mean(values, counted):
+    return jnp.sum(jnp.where(counted, values, 0.0)) / jnp.sum(counted)
+
+
+def _rms(values, counted):
+    return jnp.sqrt(_mean(values**2, counted))

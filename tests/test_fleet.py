@@ -8,7 +8,8 @@ import pytest
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.fleet import run_fleet
+from preisach_jax.fleet import fleet_to_folder, run_fleet
+from preisach_jax.hysteron import hysteron_states
 from preisach_jax.plane import Plane
 
 PLANE = Plane(levels=6, low=0.0, high=10.0)
@@ -39,6 +40,10 @@ def test_each_record_gives_what_it_gives_alone(precision, tolerance, options, pa
         assert found.updates[k] == updated.sum()
         rms = np.sqrt(np.mean(np.asarray(alone.error)[updated] ** 2))
         np.testing.assert_allclose(found.error[k], rms, rtol=50 * tolerance)
+        states = np.asarray(hysteron_states(PLANE, x, "low", adaptive.hysteron))
+        left = z - states @ np.asarray(alone.weights)
+        expected = np.std(left.astype(float))
+        np.testing.assert_allclose(found.replay_error[k], expected, rtol=2000 * tolerance)
 
 
 def test_missing_outputs_are_left_out(x64):
@@ -113,3 +118,45 @@ def test_what_is_no_filter_or_no_fleet_is_told():
         run_fleet(PLANE, [[1.0]], [[1.0]])  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="the inputs are NoneType"):
         run_fleet(adaptive, None, [[1.0]])  # pyright: ignore[reportArgumentType]
+
+
+def test_a_fleet_goes_on_in_its_folder(x64, tmp_path, monkeypatch):
+    adaptive, pairs = AdaptiveFilter(PLANE), list(zip(*records(), strict=True))
+    whole = run_fleet(adaptive, *records())
+    calls, genuine = [], run_fleet
+
+    def interrupted(adaptive, inputs, outputs, passes):
+        calls.append(len(inputs))
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return genuine(adaptive, inputs, outputs, passes)
+
+    monkeypatch.setattr("preisach_jax.fleet.run_fleet", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
+    done = [path.name for path in (tmp_path / "done").iterdir()]
+    assert done == ["records_0000-0001.json"]
+    found = fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
+    assert found is not None
+    assert calls == [2, 2, 2, 1]
+    for one, other in zip(found, whole, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
+    assert calls == [2, 2, 2, 1]
+    # More records continue it; other records, and another filter, do not.
+    fleet_to_folder(tmp_path, adaptive, [*pairs, pairs[0]], ["0", "1", "2", "3", "4", "x"], chunk=2)
+    assert calls == [2, 2, 2, 1, 2]
+    with pytest.raises(InputError, match=r"holds a fleet with .*records"):
+        fleet_to_folder(tmp_path, adaptive, pairs[::-1], chunk=2)
+    with pytest.raises(InputError, match="holds a fleet with passes 1 and not 2"):
+        fleet_to_folder(tmp_path, adaptive, [*pairs, pairs[0]], [*"01234x"], passes=2, chunk=2)
+
+
+def test_any_reader_opens_the_arrays_of_a_fleet(x64, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    found = fleet_to_folder(tmp_path, AdaptiveFilter(PLANE), list(zip(*records(), strict=True)))
+    assert found is not None
+    read = xarray.open_zarr(tmp_path / "fleet.zarr", consolidated=False)
+    assert read["weights"].dims == ("record", "cell")
+    np.testing.assert_array_equal(read["weights"], found.weights)
+    assert read.attrs["levels"] == PLANE.levels

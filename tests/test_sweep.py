@@ -476,12 +476,13 @@ def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_pat
 def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, computed):
     settings = storage.sweep_settings(key, *SETTINGS, CHUNK)
     versions = made_with()
-    whole = {"format": 2, "settings": settings, "made_with": versions}
+    whole = {"format": 2, "work": "sweep", "settings": settings, "made_with": versions}
     broken = {
         "jax 0.1 and not": whole | {"made_with": versions | {"jax": "0.1"}},
         "has the format 3, and 2 is the newest": whole | {"format": 3},
         "cannot be read as the manifest": {"format": 2, "settings": {}, "made_with": versions},
         "choose another folder": [],
+        "holds a fleet and no sweep": whole | {"work": "fleet"},
     }
     for message, content in broken.items():
         (tmp_path / "manifest.json").write_text(json.dumps(content))

@@ -17,6 +17,8 @@ from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
 from preisach_jax.cli.design import design
+from preisach_jax.cli.fleet import fleet
+from preisach_jax.cli.resumable import Interrupted
 from preisach_jax.errors import InputError
 
 __all__ = ["main"]
@@ -46,6 +48,7 @@ def build() -> typer.Typer:
     app.command()(commands.predict)
     app.command()(commands.simulate)
     app.command()(commands.effects)
+    app.command()(fleet)
     app.command()(paper.sweep)
     app.command()(paper.figures)
     app.command()(demonstration.demo)
@@ -87,7 +90,7 @@ def _run(words: list[str]) -> int:
         )
     except InputError as error:
         return _complain(str(error), USER_MISTAKE)
-    except paper.Interrupted as interruption:
+    except Interrupted as interruption:
         return _complain(str(interruption), INTERRUPTED)
     except (typer.Abort, KeyboardInterrupt):
         return _complain("interrupted", INTERRUPTED)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import numbers
+from preisach_jax.cli.resumable import (
+    Coordinator,
+    Distributed,
+    Process,
+    Processes,
+    Resume,
+    named_by_option,
+    run_in_folder,
+    start_devices,
+)
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,11 +32,7 @@ _EXPONENTS = {
 }
 
 
-_NAMES = ("levels", "noise", "seeds", "samples", "chunk", "coordinator", "process")
-
-
-class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no error
-    """The user interrupted a command that can go on later; the message says how."""
+_NAMES = ("levels", "noise", "seeds", "samples", "chunk")
 
 
 def sweep(
@@ -50,86 +55,34 @@ def sweep(
     chunk: Annotated[
         int, typer.Option(metavar="C", help="records computed at once, and then written")
     ] = 8,
-    resume: Annotated[
-        bool,
-        typer.Option(
-            "--resume/--restart",
-            help="go on with the sweep in the folder, or lose it and start anew",
-        ),
-    ] = True,
-    distributed: Annotated[
-        bool,
-        typer.Option("--distributed", help="share it with the processes of a Slurm or MPI job"),
-    ] = False,
-    coordinator: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="without Slurm or MPI: where process 0 is reached"),
-    ] = None,
-    processes: Annotated[
-        int | None, typer.Option(metavar="P", help="how many processes share the sweep")
-    ] = None,
-    process: Annotated[
-        int | None, typer.Option(metavar="I", help="which of them this is, from 0")
-    ] = None,
+    resume: Resume = True,
+    distributed: Distributed = False,
+    coordinator: Coordinator = None,
+    processes: Processes = None,
+    process: Process = None,
 ) -> None:
     """Measure how the residual error grows with noise, for several levels."""
     import jax
 
-    from preisach_jax.devices import connect, disconnect, is_first, use_all_cores
+    from preisach_jax.devices import disconnect, is_first
     from preisach_jax.files import check_folder
     from preisach_jax.sweep import LEVELS, NOISE_UM
-    from preisach_jax.sweep.storage import RESULT, sweep_settings
+    from preisach_jax.sweep.storage import RESULT, sweep_settings, sweep_to_folder
 
     check_folder(out)
-    use_all_cores()
-    by_hand = (coordinator, processes, process)
-    if distributed or any(one is not None for one in by_hand):
-        _named_by_option(connect, *by_hand)
+    start_devices(distributed, coordinator, processes, process)
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
         raise InputError(f"--seed is {seed}: give a whole number of at least 0")
     settings = (jax.random.key(seed), planes, powers, seeds, samples, chunk)
-    _named_by_option(sweep_settings, *settings)
-    found = _run_sweep(out, settings, resume, context.obj["command"])
+    named_by_option(_NAMES, sweep_settings, *settings)
+    run = partial(sweep_to_folder, out, *settings, resume=resume)
+    found = run_in_folder(out, context.obj["command"], run)
     if found is not None and is_first():
         show_sweep(found)
         screen.say(f"\nSweep: {out / RESULT}")
     disconnect()
-
-
-def _named_by_option(check: Callable, *arguments: Any) -> None:
-    """Call what checks arguments; the names that its messages begin with are those of options."""
-    try:
-        check(*arguments)
-    except InputError as error:
-        named = str(error).startswith(_NAMES)
-        raise InputError(f"--{error}" if named else str(error)) from error
-
-
-def _run_sweep(out: Path, settings: tuple, resume: bool, command: str) -> Sweep | None:
-    """Run a sweep into a folder, with progress, and tell how to go on if it is interrupted."""
-    from preisach_jax.devices import is_first, quiet_output
-    from preisach_jax.sweep.storage import sweep_to_folder
-
-    notes: list[str] = []
-    try:
-        with screen.progress() as show, quiet_output():
-            found = sweep_to_folder(
-                out,
-                *settings,
-                resume=resume,
-                progress=show if is_first() else None,
-                announce=notes.append,
-            )
-    except KeyboardInterrupt:
-        again = shlex.join(word for word in shlex.split(command) if word != "--restart")
-        raise Interrupted(
-            f"interrupted; {out} keeps the finished chunks, go on by: {again}"
-        ) from None
-    for note in notes:
-        screen.say(note)
-    return found
 
 
 def show_sweep(found: Sweep) -> None:

@@ -1,0 +1,92 @@
+"""What the commands share that work in a folder by chunks, on one process or many."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from preisach_jax.cli import screen
+from preisach_jax.errors import InputError
+
+Found = TypeVar("Found")
+
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume/--restart", help="go on with what the folder holds, or lose it and start anew"
+    ),
+]
+Distributed = Annotated[
+    bool, typer.Option("--distributed", help="share it with the processes of a Slurm or MPI job")
+]
+Coordinator = Annotated[
+    str | None,
+    typer.Option(metavar="HOST:PORT", help="without Slurm or MPI: where process 0 is reached"),
+]
+Processes = Annotated[
+    int | None, typer.Option(metavar="P", help="how many processes share the work")
+]
+Process = Annotated[int | None, typer.Option(metavar="I", help="which of them this is, from 0")]
+
+
+class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no error
+    """The user interrupted a command that can go on later; the message says how."""
+
+
+def start_devices(
+    distributed: bool, coordinator: str | None, processes: int | None, process: int | None
+) -> None:
+    """Take all cores of this process, and join the others if there are any.
+
+    Raises:
+        InputError: if they cannot be joined.
+    """
+    from preisach_jax.devices import connect, use_all_cores
+
+    use_all_cores()
+    by_hand = (coordinator, processes, process)
+    if distributed or any(one is not None for one in by_hand):
+        named_by_option(("coordinator", "process"), connect, *by_hand)
+
+
+def named_by_option(names: Sequence[str], check: Callable[..., Found], *arguments: Any) -> Found:
+    """Call what checks arguments; the names that its messages begin with are those of options."""
+    try:
+        return check(*arguments)
+    except InputError as error:
+        named = str(error).startswith(tuple(names))
+        if not named:
+            raise
+        name, rest = str(error).split(maxsplit=1)
+        raise InputError(f"--{name.replace('_', '-')} {rest}") from error
+
+
+def run_in_folder(out: Path, command: str, run: Callable[..., Found]) -> Found:
+    """Run by chunks into a folder, with progress, and tell how to go on if it is interrupted.
+
+    Arguments:
+        out: the folder.
+        command: the command line.
+        run: takes `progress` and `announce`.
+
+    Raises:
+        Interrupted: if the user interrupts.
+    """
+    from preisach_jax.devices import is_first, quiet_output
+
+    notes: list[str] = []
+    try:
+        with screen.progress() as show, quiet_output():
+            found = run(progress=show if is_first() else None, announce=notes.append)
+    except KeyboardInterrupt:
+        again = shlex.join(word for word in shlex.split(command) if word != "--restart")
+        raise Interrupted(
+            f"interrupted; {out} keeps the finished chunks, go on by: {again}"
+        ) from None
+    for note in notes:
+        screen.say(note)
+    return found

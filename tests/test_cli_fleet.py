@@ -1,0 +1,128 @@
+"""`preisach fleet`: what it writes and shows, and what it refuses."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from preisach_jax.cli import main
+from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.fleet import run_fleet
+from preisach_jax.plane import Plane
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Three stages that follow their input with different gains; the second one loses samples."""
+    folder = tmp_path_factory.mktemp("fleet")
+    rng, paths = np.random.default_rng(2), []
+    for k in range(3):
+        t = np.arange(600 + 50 * k) / 100
+        x = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
+        z = (2 + k) * x + 0.01 * rng.normal(size=len(t))
+        cells = [f"{value:.5f}" for value in z]
+        if k == 1:
+            cells[100:110] = [""] * 10
+        rows = [
+            f"{time:.2f},{value:.5f},{cell}" for time, value, cell in zip(t, x, cells, strict=True)
+        ]
+        paths.append(folder / f"stage{k}.csv")
+        paths[-1].write_text("\n".join(["t_s,u_V,z_um", *rows]) + "\n")
+    return paths
+
+
+def run(*words):
+    return main(["fleet", *map(str, words)])
+
+
+def test_it_writes_what_the_filter_finds_of_each(files, tmp_path, capsys, x64):
+    words = (*files, "--out", tmp_path, "--levels", 8, "--low", -1, "--high", 11, "--passes", 2)
+    assert run(*words, "--chunk", 2) == 0
+    shown = capsys.readouterr().out
+    table = list(csv.DictReader((tmp_path / "fleet.csv").read_text().splitlines()))
+    data = [np.genfromtxt(path, delimiter=",", skip_header=1).T for path in files]
+    adaptive = AdaptiveFilter(Plane(8, -1.0, 11.0), "ramp")
+    expected = run_fleet(adaptive, [x for _, x, _ in data], [z for _, _, z in data], 2)
+    for k, row in enumerate(table):
+        assert row["record"] == str(files[k])
+        assert int(row["samples"]) == len(data[k][0])
+        assert int(row["updates"]) == expected.updates[k]
+        assert float(row["error (um)"]) == pytest.approx(expected.error[k])
+        replay = float(row["replay_error (um)"])
+        assert replay == pytest.approx(expected.replay_error[k])
+        percent = 100 * replay / (np.nanmax(data[k][2]) - np.nanmin(data[k][2]))
+        assert float(row["replay_error (%)"]) == pytest.approx(percent)
+        assert percent < 5
+    assert "error (µm)" in shown
+    assert sorted(path.name for path in (tmp_path / "done").iterdir()) == [
+        "records_0000-0001.json", "records_0002-0002.json",
+    ]  # fmt: skip
+    # The worst one comes first.
+    worst = max(table, key=lambda row: float(row["replay_error (%)"]))["record"]
+    lines = shown.splitlines()
+    assert lines[next(k for k, line in enumerate(lines) if "───" in line) + 1].startswith(
+        Path(worst).name
+    )
+
+
+def test_it_goes_on_and_says_so_when_it_was_interrupted(files, tmp_path, capsys, monkeypatch):
+    calls, genuine = [], run_fleet
+
+    def interrupted(*arguments):
+        calls.append(len(arguments[1]))
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return genuine(*arguments)
+
+    monkeypatch.setattr("preisach_jax.fleet.run_fleet", interrupted)
+    words = (*files, "--out", tmp_path, "--levels", 5, "--chunk", 1)
+    assert run(*words) == 130
+    assert "keeps the finished chunks, go on by: preisach fleet" in capsys.readouterr().err
+    assert run(*words) == 0
+    assert calls == [1, 1, 1, 1]
+    assert run(*words, "--restart") == 0
+    assert calls == [1] * 7
+
+
+def test_many_records_are_counted_and_not_listed(files, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys.modules["preisach_jax.cli.fleet"], "SHOWN", 2)
+    assert run(*files, "--out", tmp_path, "--levels", 5) == 0
+    shown = capsys.readouterr().out
+    assert "3 records, 1,950 samples in all" in shown
+    assert "... and 1 better" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "fragments"),
+    [
+        (["--levels", 1], ["--levels is 1"]),
+        (["--high", 8], ["stage0.csv: the input reaches from", "to 8: move --low and --high"]),
+        (["--low", 4, "--high", 3], ["--low is 4.0 and high is 3.0"]),
+        (["--hysteron", "play"], ["--hysteron is 'play'"]),
+        (["--step-size", 3], ["--step-size is 3.0"]),
+        (["--passes", 0], ["--passes is 0"]),
+        (["--chunk", 0], ["--chunk is 0"]),
+        (["--input", "x"], ["stage0.csv", "x"]),
+        (["--process", 0], ["--coordinator"]),
+    ],
+)
+def test_mistakes_are_one_line_that_names_the_option(words, fragments, files, tmp_path, capsys):
+    assert run(*files, "--out", tmp_path, *words) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len([line for line in error if line.startswith("preisach:")]) == 1
+    for fragment in fragments:
+        assert fragment in error[-1]
+
+
+def test_records_that_do_not_belong_together_are_told(files, tmp_path, capsys):
+    assert run(files[0], files[0], "--out", tmp_path) == 2
+    assert "stage0.csv is given twice" in capsys.readouterr().err
+    other = tmp_path / "other.csv"
+    other.write_text(files[0].read_text().replace("z_um", "z_nm"))
+    assert run(files[1], other, "--out", tmp_path / "out") == 2
+    assert "its output has the unit 'nm', and that of" in capsys.readouterr().err
+    assert run(*files, "--out", tmp_path / "out", "--levels", 5) == 0
+    assert run(*files, "--out", tmp_path / "out", "--levels", 6) == 2
+    assert "holds a fleet with levels 5 and not 6" in capsys.readouterr().err

@@ -52,6 +52,7 @@ lint: $(STAMP)
 	$(BIN)/pyright
 
 bench: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-build-isolation --editable ".[bench]"
 	$(BIN)/python benchmarks/run.py
 
 clean:

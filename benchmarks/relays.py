@@ -3,8 +3,9 @@
     python benchmarks/run.py relays
 
 Beside the package stand, in the same run and on the same core, NumPy as one first writes it (all
-relays at every sample), NumPy as one writes it for speed (lists of the relays that switch), and C
-(`relays.c`, compiled here with -O3 -march=native).  All give the same weights, which is checked.
+relays at every sample), NumPy as one writes it for speed (lists of the relays that switch), numba
+if it is installed, and C (`relays.c`, compiled here with -O3 -march=native).  All give the same
+weights, which is checked.  Ramps, for which there is no reference, stand beside their dense form.
 One input, a Bernoulli ramp at 2 kHz; double precision; medians of repeated runs.  What finds the
 switching events counts as part of the run.
 """
@@ -15,12 +16,14 @@ import ctypes
 import os
 import subprocess
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from conditions import write_results
+from relays_numba import numba_functions
 from timing import REPEATS, measured
 
 from preisach_jax.events import adapt_over_events, events_and_states, measured_rises
@@ -57,6 +60,30 @@ class CReference:
         output = np.empty(len(x))
         size = (plane.levels, ctypes.c_long(len(x)))
         self.library.simulate(*size, *_limits(plane), *map(_pointer, (x, weights, output)))
+        return output
+
+
+class NumbaReference:
+    """The functions of `relays_numba`; False where numba is not installed."""
+
+    def __init__(self):
+        self.functions = numba_functions()
+
+    def __bool__(self) -> bool:
+        return self.functions is not None
+
+    def adapt(self, plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(cells, lanes) weights after the outputs (time, lanes) of one input."""
+        assert self.functions is not None
+        weights = np.full((plane.cells, z.shape[1]), START)
+        self.functions[0](plane.levels, plane.low, plane.delta_x, x, z, weights)
+        return weights
+
+    def simulate(self, plane: Plane, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(time,) output."""
+        assert self.functions is not None
+        output = np.empty(len(x))
+        self.functions[1](plane.levels, plane.low, plane.delta_x, x, weights, output)
         return output
 
 
@@ -130,41 +157,40 @@ def jax_adapt(plane: Plane, x: jax.Array, z: jax.Array) -> jax.Array:
     )
 
 
-def measure(levels: int, reference: CReference) -> dict:
+def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     """All variants on one plane."""
     plane = Plane(levels=levels, low=0.0, high=RANGE_V)
     x = np.asarray(bernoulli_ramp(jax.random.key(levels), SAMPLES, RATE_HZ, high=RANGE_V))
     rng = np.random.default_rng(levels)
     truth = rng.uniform(0.1, 1.0, plane.cells)
-    clean = reference.simulate(plane, x, truth)
+    clean = c.simulate(plane, x, truth)
     z = np.ascontiguousarray(clean[:, None] + 0.01 * rng.normal(size=(SAMPLES, LANES)))
     one = np.ascontiguousarray(z[:, :1])
     filt, inputs = AdaptiveFilter(plane, initial_weight=START), jnp.asarray(x)
-    lanes = jnp.asarray(z)
-    weights = jnp.asarray(truth)
+    ramps, lanes, weights = AdaptiveFilter(plane, "ramp"), jnp.asarray(z), jnp.asarray(truth)
+    wanted = c.adapt(plane, x, z)
+    check(plane, c, numba, x, z, wanted, truth)
 
-    wanted = reference.adapt(plane, x, z)
-    for got in (jax_adapt(plane, inputs, lanes), clever_adapt(plane, x, z)):
-        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(filt.run(x, z[:, 0]).weights, wanted[:, 0], rtol=0, atol=1e-11)
+    def loss(weights, x=inputs, hysteron="relay"):
+        return jnp.sum(simulate(plane, weights, x, hysteron) ** 2)
+
     few = slice(0, NAIVE_SAMPLES)
-    part = reference.adapt(plane, x[few], one[few].copy())
-    np.testing.assert_allclose(naive_adapt(plane, x[few], one[few]), part, rtol=0, atol=1e-11)
-    simulated = simulate(plane, weights, inputs, "relay")
-    np.testing.assert_allclose(simulated, clean, rtol=0, atol=1e-8)
-
-    def loss(weights):
-        return jnp.sum(simulate(plane, weights, inputs, "relay") ** 2)
-
-    naive = measured(lambda: naive_adapt(plane, x[few], one[few]), 3)
-    scale = SAMPLES / NAIVE_SAMPLES
-    return {
-        "levels": levels,
-        "events": int(np.count_nonzero(events_and_states(plane, inputs)[0].area)),
+    naive, scale = (
+        measured(lambda: naive_adapt(plane, x[few], one[few]), 3),
+        SAMPLES / NAIVE_SAMPLES,
+    )
+    with_numba = {
+        "one_lane": lambda: numba.adapt(plane, x, one),
+        "many_lanes": lambda: numba.adapt(plane, x, z),
+        "simulate": lambda: numba.simulate(plane, x, truth),
+    }
+    gradient = jax.jit(jax.value_and_grad(loss))
+    of_input = jax.jit(jax.value_and_grad(partial(loss, hysteron="ramp"), argnums=1))
+    found = {
         "one_lane": {
             "event_form": measured(lambda: filt.run(inputs, lanes[:, 0]).weights),
             "dense_form": measured(lambda: filt.run(inputs, lanes[:, 0], form="dense").weights, 3),
-            "c": measured(lambda: reference.adapt(plane, x, one)),
+            "c": measured(lambda: c.adapt(plane, x, one)),
             "clever_numpy": measured(lambda: clever_adapt(plane, x, one), 3),
             "naive_numpy_extrapolated": {
                 name: value if name == "repeats" else scale * value for name, value in naive.items()
@@ -172,7 +198,7 @@ def measure(levels: int, reference: CReference) -> dict:
         },
         "many_lanes": {
             "event_form": measured(lambda: jax_adapt(plane, inputs, lanes)),
-            "c": measured(lambda: reference.adapt(plane, x, z)),
+            "c": measured(lambda: c.adapt(plane, x, z)),
             "clever_numpy": measured(lambda: clever_adapt(plane, x, z), 3),
         },
         "simulate": {
@@ -180,10 +206,43 @@ def measure(levels: int, reference: CReference) -> dict:
             "dense_form": measured(
                 lambda: simulate(plane, weights, inputs, "relay", form="dense"), 3
             ),
-            "value_and_gradient": measured(lambda: jax.value_and_grad(loss)(weights)),
-            "c": measured(lambda: reference.simulate(plane, x, truth)),
+            "value_and_gradient": measured(lambda: gradient(weights)),
+            "c": measured(lambda: c.simulate(plane, x, truth)),
+        },
+        "ramps": {
+            "simulate": measured(lambda: simulate(plane, weights, inputs)),
+            "simulate_dense": measured(lambda: simulate(plane, weights, inputs, form="dense"), 3),
+            "value_and_gradient_in_weights_and_input": measured(lambda: of_input(weights, inputs)),
+            "one_lane": measured(lambda: ramps.run(inputs, lanes[:, 0], form="event").weights, 3),
+            "one_lane_dense": measured(
+                lambda: ramps.run(inputs, lanes[:, 0], form="dense").weights, 3
+            ),
         },
     }
+    if numba:
+        for task, call in with_numba.items():
+            found[task]["numba"] = measured(call)
+    events = int(np.count_nonzero(events_and_states(plane, inputs)[0].area))
+    return {"levels": levels, "events": events} | found
+
+
+def check(plane: Plane, c: CReference, numba: NumbaReference, x, z, wanted, truth) -> None:
+    """Make sure that all variants find the same weights and outputs."""
+    others = [jax_adapt(plane, jnp.asarray(x), jnp.asarray(z)), clever_adapt(plane, x, z)]
+    simulated = [simulate(plane, truth, x, "relay")]
+    if numba:
+        others.append(numba.adapt(plane, x, z))
+        simulated.append(numba.simulate(plane, x, truth))
+    for got in others:
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-11)
+    for got in simulated:
+        np.testing.assert_allclose(got, c.simulate(plane, x, truth), rtol=0, atol=1e-8)
+    filt = AdaptiveFilter(plane, initial_weight=START)
+    np.testing.assert_allclose(filt.run(x, z[:, 0]).weights, wanted[:, 0], rtol=0, atol=1e-11)
+    few = slice(0, NAIVE_SAMPLES)
+    one = np.ascontiguousarray(z[few, :1])
+    part = c.adapt(plane, x[few], one)
+    np.testing.assert_allclose(naive_adapt(plane, x[few], one), part, rtol=0, atol=1e-11)
 
 
 def main() -> None:
@@ -191,12 +250,15 @@ def main() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     jax.config.update("jax_enable_x64", True)
     with tempfile.TemporaryDirectory() as folder:
-        rows = [measure(levels, CReference(folder)) for levels in LEVELS]
+        numba = NumbaReference()
+        rows = [measure(levels, CReference(folder), numba) for levels in LEVELS]
     for row in rows:
         for task in ("one_lane", "many_lanes", "simulate"):
             base = row[task]["c"]["median_s"]
             ratios = {name: round(each["median_s"] / base, 1) for name, each in row[task].items()}
             print(f"N = {row['levels']}, {task}, over C ({1e3 * base:.3g} ms): {ratios}")
+        seconds = {name: f"{1e3 * each['median_s']:.3g}" for name, each in row["ramps"].items()}
+        print(f"N = {row['levels']}, ramps (ms): {seconds}")
     settings = {"samples": SAMPLES, "lanes": LANES, "repeats": REPEATS, "cores": 1}
     write_results("relays.json", settings | {"planes": rows})
 

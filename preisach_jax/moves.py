@@ -167,19 +167,6 @@ def adapt_over_moves(
     at_end = jnp.zeros(count, bool).at[moves.ends].set(True)
     own_z = z.at[jnp.searchsorted(moves.ends, index)].get(mode="clip")
 
-    def learn(carry: _Carry, rate, last):
-        def one_line(so_far):
-            values, output, number = so_far
-            cells = jax.tree.map(lambda each: each[number], lines).cells(plane)
-            weight, state, moved = values.at[cells].get(mode="fill", fill_value=0.0).T
-            share = rate * moved
-            new = jnp.stack([weight + share, state, jnp.zeros_like(moved)], axis=1)
-            values = values.at[cells].set(new, mode="drop")
-            return values, output + jnp.sum(share * state), number + 1
-
-        start = (carry.cells, carry.output, carry.oldest)
-        return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, start)
-
     def advance(carry: _Carry, move):
         number, line, z, ends = move
         cells = line.cells(plane)
@@ -196,8 +183,8 @@ def adapt_over_moves(
             jnp.stack([weight, new, moved + step], axis=1), mode="drop"
         )
         rate = step_size * error / jnp.where(event, squared, 1.0)
-        values, output, oldest = learn(
-            carry._replace(cells=values, output=output), rate, jnp.where(event, number, -1)
+        values, output, oldest = _learnt(
+            plane, lines, values, rate, output, carry.oldest, jnp.where(event, number, -1)
         )
         reference = jnp.where(event, z, carry.reference)
         squared, rise = jnp.where(event, 0.0, squared), jnp.where(event, 0.0, rise)
@@ -211,3 +198,18 @@ def adapt_over_moves(
     weight, state, moved = carry.cells.T
     output, error, squared = rows[moves.ends].T
     return RampRun(weight, state, moved, carry.reference, output, error, squared)
+
+
+def _learnt(plane: Plane, lines: RampMoves, values, rate, output, oldest, last):
+    """Cells, output and oldest move not learnt from, after the lines of some moves are updated."""
+
+    def one_line(so_far):
+        values, output, number = so_far
+        cells = jax.tree.map(lambda each: each[number], lines).cells(plane)
+        weight, state, moved = values.at[cells].get(mode="fill", fill_value=0.0).T
+        share = rate * moved
+        new = jnp.stack([weight + share, state, jnp.zeros_like(moved)], axis=1)
+        values = values.at[cells].set(new, mode="drop")
+        return values, output + jnp.sum(share * state), number + 1
+
+    return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, (values, output, oldest))

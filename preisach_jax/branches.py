@@ -9,12 +9,15 @@ is bilinear within a cell of the plane. Relays see the input as whole levels.
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.events import laid_out, relay_levels
+from preisach_jax.events import laid_out, moves_of, relay_levels
 from preisach_jax.hysteron import as_float, require_hysteron
 from preisach_jax.plane import Plane
 
@@ -128,18 +131,22 @@ def output_along_branches(
     """
     require_hysteron(hysteron)
     weights, x = as_float(weights, "weights"), as_float(x, "the input x")
-    return _output(plane, weights, x, hysteron, initial)
+    past = plane.initial_turns(initial, hysteron).astype(x.dtype)
+    if hysteron == "ramp":
+        position = (x - plane.low) / (plane.high - plane.low) * plane.levels
+        return _output(plane, weights, past, jnp.clip(position, 0.0, plane.levels))
+    levels = relay_levels(plane, x, int(past[-1]))
+    if isinstance(levels, jax.Array):
+        return _output(plane, weights, past, levels.astype(x.dtype))
+    # With a known input only the samples that move the level count.
+    until = np.cumsum(np.diff(levels, prepend=levels[0]) != 0, dtype=np.int32)
+    moves = np.append(levels[0], moves_of(levels)[1]).astype(x.dtype)
+    return _output(plane, weights, past, jnp.asarray(moves), jnp.asarray(until))
 
 
 @eqx.filter_jit
-def _output(plane: Plane, weights, x, hysteron: str, initial: str) -> jax.Array:
-    past = plane.initial_turns(initial, hysteron)
-    if hysteron == "ramp":
-        position = (x - plane.low) / (plane.high - plane.low) * plane.levels
-        position = jnp.clip(position, 0.0, plane.levels)
-    else:
-        position = relay_levels(plane, x, int(past[-1])).astype(x.dtype)
-    path = jnp.concatenate([past.astype(x.dtype), position])
+def _output(plane: Plane, weights, past, path, samples: Any = slice(None)) -> jax.Array:
+    path = jnp.concatenate([past, path])
     start = branch_starts(path)
     there = path[start]
     between = weight_between(plane, weights, jnp.maximum(path, there), jnp.minimum(path, there))
@@ -151,4 +158,4 @@ def _output(plane: Plane, weights, x, hysteron: str, initial: str) -> jax.Array:
 
     rounds = max(path.shape[0] - 1, 1).bit_length()
     output = jax.lax.scan(reach_further, (rises, start), length=rounds)[0][0]
-    return output[len(past) :]
+    return output[past.shape[0] :][samples]

@@ -155,19 +155,7 @@ def fleet_to_folder(
     whole_number("passes is", passes, 1)
     rows = _checked(adaptive, [x for x, _ in records], [z for _, z in records])
     names = [str(number) for number in range(len(rows))] if names is None else names
-    plane, start = adaptive.plane, np.asarray(adaptive.initial_weight, float)
-    settings = {
-        "records": [f"{name} {_digest(*row)}" for name, row in zip(names, rows, strict=True)],
-        "chunk": whole_number("chunk is", chunk, 1),
-        "levels": plane.levels,
-        "low": plane.low,
-        "high": plane.high,
-        "hysteron": adaptive.hysteron,
-        "sampling": adaptive.sampling,
-        "passes": passes,
-        "step_size": float(np.asarray(adaptive.step_size)),
-        "initial_weight": start.item() if start.ndim == 0 else _digest(start),
-    }
+    settings = _settings(adaptive, rows, names, passes, chunk)
     chunks = Chunks(Path(folder), "fleet", "record", settings)
 
     def compute(numbers: list[int]) -> FleetResult:
@@ -189,6 +177,29 @@ def fleet_to_folder(
     return work_in_chunks(
         chunks, Work(compute, read, write, _joined), resume, None, progress, announce
     )
+
+
+def _settings(
+    adaptive: AdaptiveFilter,
+    rows: Sequence[tuple[np.ndarray, np.ndarray]],
+    names: Sequence[str],
+    passes: int,
+    chunk: int,
+) -> dict[str, Any]:
+    """What the manifest of a fleet holds."""
+    plane, start = adaptive.plane, np.asarray(adaptive.initial_weight, float)
+    return {
+        "records": [f"{name} {_digest(*row)}" for name, row in zip(names, rows, strict=True)],
+        "chunk": whole_number("chunk is", chunk, 1),
+        "levels": plane.levels,
+        "low": plane.low,
+        "high": plane.high,
+        "hysteron": adaptive.hysteron,
+        "sampling": adaptive.sampling,
+        "passes": passes,
+        "step_size": float(np.asarray(adaptive.step_size)),
+        "initial_weight": start.item() if start.ndim == 0 else _digest(start),
+    }
 
 
 def _joined(parts: Sequence[FleetResult]) -> FleetResult:

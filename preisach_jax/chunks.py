@@ -60,6 +60,7 @@ class Chunks:
             many of them make a `chunk`.
         numbers: of the items; by default 0, 1, ...
         labels: coordinates of the axes, which are written with the arrays.
+        about: what else is written with them, ready for JSON.
     """
 
     def __init__(
@@ -70,10 +71,11 @@ class Chunks:
         settings: Mapping[str, Any],
         numbers: Sequence[int] | None = None,
         labels: Mapping[str, Values] | None = None,
+        about: Mapping[str, Any] | None = None,
     ):
         self.folder, self.work, self.item, self.settings = folder, work, item, settings
         self.numbers = list(range(len(settings[f"{item}s"])) if numbers is None else numbers)
-        self.labels = labels or {}
+        self.labels, self.about = labels or {}, about or {}
 
     def __iter__(self) -> Iterator[list[int]]:
         """Numbers of the items of each chunk."""
@@ -204,6 +206,7 @@ class Chunks:
                 )
         items = f"{self.item}s"
         group.attrs.update({name: v for name, v in self.settings.items() if name != items})
+        group.attrs.update(self.about)
         return group
 
 
@@ -294,6 +297,7 @@ def _open(chunks: Chunks, resume: bool, result: Path | None) -> None:
     if len(held) < len(settings[items]) and held == settings[items][: len(held)]:
         there[items] = now[items]  # more items continue the work
     other = [name for name in now if there.get(name) != now[name]]
+    other.sort(key=lambda name: name == items)
     if other:
         differ = ", ".join(
             f"{name} {_shown(there.get(name))} and not {_shown(now[name])}" for name in other
@@ -389,6 +393,8 @@ def _computed(
 
 def _shown(value: Any) -> str:
     """A setting in few words."""
+    if isinstance(value, list) and any(isinstance(one, str) for one in value):
+        return str(len(value))
     if isinstance(value, list) and len(value) > 8:
         return f"{value[0]} ... {value[-1]} ({len(value)} values)"
     return ",".join(str(one) for one in value) if isinstance(value, list) else str(value)

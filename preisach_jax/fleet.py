@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.chunks import Chunks, Values, Work, work_in_chunks
+from preisach_jax.chunks import Chunks, Values, Work, read_manifest, work_in_chunks
 from preisach_jax.devices import compiled, evenly, gathered
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
@@ -36,14 +36,16 @@ class FleetResult(NamedTuple):
         error: (records,) rms of the differential output error e(k) over the updates of the last
             pass, in the unit of the output; NaN without any.
         updates: (records,) how many samples of a pass updated weights.
-        replay_error: (records,) rms of what the output of the final weights leaves of the whole
-            record, but for a constant, in the unit of the output.
+        replay_error: (records,) rms of what `simulate` with the final weights leaves of the whole
+            record beside the offset, in the unit of the output.
+        offset: (records,) mean of what it leaves: the filter learns differences, and no constant.
     """
 
     weights: np.ndarray
     error: np.ndarray
     updates: np.ndarray
     replay_error: np.ndarray
+    offset: np.ndarray
 
 
 def run_fleet(
@@ -126,8 +128,9 @@ def fleet_to_folder(
         folder: the folder; it need not exist.
         adaptive: the filter.
         records: input and output of each, as for `run_fleet`.
-        names: a name of each; by default their numbers. With a digest of its values it tells
-            whether a folder holds the same records; more than it holds continue its fleet.
+        names: a name of each, which the folder keeps; by default their numbers. Records that a
+            folder holds are known again by a digest of their values, in any order, and more of them
+            continue its fleet.
         passes: how often each record is taken in.
         chunk: how many records are computed at once, and written when they are done.
         resume: keep the chunks that are there; otherwise start anew.
@@ -140,7 +143,8 @@ def fleet_to_folder(
         them, which may be none.
 
     Raises:
-        InputError: as `run_fleet`, or the folder holds other work or cannot be written to.
+        InputError: as `run_fleet`, or the folder holds other work, or records that are not given,
+            or cannot be written to.
 
     Example:
         >>> import tempfile
@@ -153,10 +157,19 @@ def fleet_to_folder(
         (2, 10)
     """
     whole_number("passes is", passes, 1)
-    rows = _checked(adaptive, [x for x, _ in records], [z for _, z in records])
-    names = [str(number) for number in range(len(rows))] if names is None else names
-    settings = _settings(adaptive, rows, names, passes, chunk)
-    chunks = Chunks(Path(folder), "fleet", "record", settings)
+    pairs = list(records)
+    if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in pairs):
+        raise InputError("records: give input and output of each, as (record.input, record.output)")
+    names = [str(number) for number in range(len(pairs))] if names is None else list(names)
+    if len(names) != len(pairs):
+        raise InputError(f"there are {len(names)} names of {len(pairs)} records: give one of each")
+    rows = _checked(adaptive, [x for x, _ in pairs], [z for _, z in pairs])
+    digests = [_digest(*row) for row in rows]
+    order = _as_held(Path(folder), digests) if resume else list(range(len(rows)))
+    rows = [rows[k] for k in order]
+    settings = _settings(adaptive, [digests[k] for k in order], passes, chunk)
+    about = {"names": [names[k] for k in order]}
+    chunks = Chunks(Path(folder), "fleet", "record", settings, about=about)
 
     def compute(numbers: list[int]) -> FleetResult:
         inputs, outputs = zip(*(rows[k] for k in numbers), strict=True)
@@ -174,22 +187,32 @@ def fleet_to_folder(
         }
         chunks.write(numbers, arrays, {})
 
-    return work_in_chunks(
-        chunks, Work(compute, read, write, _joined), resume, None, progress, announce
-    )
+    work = Work(compute, read, write, _joined)
+    found = work_in_chunks(chunks, work, resume, None, progress, announce)
+    if found is None or len(found.updates) < len(rows):
+        return found
+    given = np.argsort(order)
+    return FleetResult(*(values[given] for values in found))
+
+
+def _as_held(folder: Path, digests: Sequence[str]) -> list[int]:
+    """Positions of the records, those that a folder holds first, in its order."""
+    manifest = read_manifest(folder, "fleet", "records")
+    left, first = list(range(len(digests))), []
+    for digest in manifest["settings"]["records"] if manifest is not None else ():
+        known = [k for k in left if digests[k] == digest]
+        first += known[:1]
+        left = [k for k in left if k not in known[:1]]
+    return first + left
 
 
 def _settings(
-    adaptive: AdaptiveFilter,
-    rows: Sequence[tuple[np.ndarray, np.ndarray]],
-    names: Sequence[str],
-    passes: int,
-    chunk: int,
+    adaptive: AdaptiveFilter, digests: Sequence[str], passes: int, chunk: int
 ) -> dict[str, Any]:
     """What the manifest of a fleet holds."""
     plane, start = adaptive.plane, np.asarray(adaptive.initial_weight, float)
     return {
-        "records": [f"{name} {_digest(*row)}" for name, row in zip(names, rows, strict=True)],
+        "records": list(digests),
         "chunk": whole_number("chunk is", chunk, 1),
         "levels": plane.levels,
         "low": plane.low,
@@ -254,9 +277,9 @@ def _compiled_run(structure, kinds, room, shape, dtype, passes: int) -> Callable
             weights, errors, updated = one(adaptive, x, z, passes=passes)
             measured = jnp.isfinite(z) & (jnp.arange(len(z)) < until)
             left = z - simulate(adaptive.plane, weights, x, adaptive.hysteron)
-            left = left - _mean(left, measured)
-            updates = jnp.sum(updated)
-            return weights, _rms(errors, updated), updates, _rms(left, measured)
+            offset = _mean(left, measured)
+            replay_error = _rms(left - offset, measured)
+            return weights, _rms(errors, updated), jnp.sum(updated), replay_error, offset
 
         return jax.vmap(identify)(*rows)
 

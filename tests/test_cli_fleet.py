@@ -52,6 +52,7 @@ def test_it_writes_what_the_filter_finds_of_each(files, tmp_path, capsys, x64):
         assert float(row["error (um)"]) == pytest.approx(expected.error[k])
         replay = float(row["replay_error (um)"])
         assert replay == pytest.approx(expected.replay_error[k])
+        assert float(row["offset (um)"]) == pytest.approx(expected.offset[k])
         percent = 100 * replay / (np.nanmax(data[k][2]) - np.nanmin(data[k][2]))
         assert float(row["replay_error (%)"]) == pytest.approx(percent)
         assert percent < 5
@@ -123,6 +124,29 @@ def test_records_that_do_not_belong_together_are_told(files, tmp_path, capsys):
     other.write_text(files[0].read_text().replace("z_um", "z_nm"))
     assert run(files[1], other, "--out", tmp_path / "out") == 2
     assert "its output has the unit 'nm', and that of" in capsys.readouterr().err
-    assert run(*files, "--out", tmp_path / "out", "--levels", 5) == 0
-    assert run(*files, "--out", tmp_path / "out", "--levels", 6) == 2
+    assert run(*files[:2], "--out", tmp_path / "out", "--levels", 5, "--chunk", 1) == 0
+    assert run(*files[:2], "--out", tmp_path / "out", "--levels", 6, "--chunk", 1) == 2
     assert "holds a fleet with levels 5 and not 6" in capsys.readouterr().err
+    assert (
+        run(files[0], "--out", tmp_path / "out", "--levels", 5, "--chunk", 1, *limits(files)) == 2
+    )
+    assert "records 2 and not 1" in capsys.readouterr().err
+
+
+def limits(files):
+    """The options that keep the plane of the first two files."""
+    inputs = np.concatenate(
+        [np.genfromtxt(f, delimiter=",", skip_header=1)[:, 1] for f in files[:2]]
+    )
+    return "--low", inputs.min(), "--high", inputs.max()
+
+
+def test_micrometres_are_one_unit_however_written(files, tmp_path):
+    other = tmp_path / "other.csv"
+    other.write_text(files[1].read_text().replace("z_um", "z (µm)"), encoding="utf-8")
+    assert run(files[0], other, "--out", tmp_path / "out", "--levels", 5) == 0
+
+
+def test_the_folder_of_the_records_is_not_that_of_the_results(files, capsys):
+    assert run(*files, "--out", files[0].parent) == 2
+    assert "the folder of" in capsys.readouterr().err

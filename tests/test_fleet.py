@@ -44,6 +44,7 @@ def test_each_record_gives_what_it_gives_alone(precision, tolerance, options, pa
         left = z - states @ np.asarray(alone.weights)
         expected = np.std(left.astype(float))
         np.testing.assert_allclose(found.replay_error[k], expected, rtol=2000 * tolerance)
+        np.testing.assert_allclose(found.offset[k], left.mean(), atol=2000 * tolerance)
 
 
 def test_missing_outputs_are_left_out(x64):
@@ -143,13 +144,25 @@ def test_a_fleet_goes_on_in_its_folder(x64, tmp_path, monkeypatch):
         np.testing.assert_allclose(one, other, atol=1e-12)
     fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
     assert calls == [2, 2, 2, 1]
-    # More records continue it; other records, and another filter, do not.
-    fleet_to_folder(tmp_path, adaptive, [*pairs, pairs[0]], ["0", "1", "2", "3", "4", "x"], chunk=2)
+    # More records continue it, in any order; other records, and another filter, do not.
+    extra = (pairs[0][0], pairs[0][1] + 1.0)
+    found = fleet_to_folder(tmp_path, adaptive, [extra, *pairs[::-1]], chunk=2)
+    assert found is not None
     assert calls == [2, 2, 2, 1, 2]
-    with pytest.raises(InputError, match=r"holds a fleet with .*records"):
-        fleet_to_folder(tmp_path, adaptive, pairs[::-1], chunk=2)
+    np.testing.assert_allclose(found.weights[1:], whole.weights[::-1], atol=1e-12)
+    assert found.offset[0] == pytest.approx(whole.offset[0] + 1.0)
+    with pytest.raises(InputError, match="holds a fleet with records 6 and not 5"):
+        fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
     with pytest.raises(InputError, match="holds a fleet with passes 1 and not 2"):
-        fleet_to_folder(tmp_path, adaptive, [*pairs, pairs[0]], [*"01234x"], passes=2, chunk=2)
+        fleet_to_folder(tmp_path, adaptive, [*pairs, extra], passes=2, chunk=2)
+
+
+def test_what_is_no_list_of_pairs_or_names_is_told(tmp_path):
+    adaptive, pairs = AdaptiveFilter(PLANE), list(zip(*records(), strict=True))
+    with pytest.raises(InputError, match="give input and output of each"):
+        fleet_to_folder(tmp_path, adaptive, [pairs[0], None])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="there are 2 names of 5 records"):
+        fleet_to_folder(tmp_path, adaptive, pairs, ["a", "b"])
 
 
 def test_any_reader_opens_the_arrays_of_a_fleet(x64, tmp_path):
@@ -160,3 +173,4 @@ def test_any_reader_opens_the_arrays_of_a_fleet(x64, tmp_path):
     assert read["weights"].dims == ("record", "cell")
     np.testing.assert_array_equal(read["weights"], found.weights)
     assert read.attrs["levels"] == PLANE.levels
+    assert read.attrs["names"] == ["0", "1", "2", "3", "4"]

@@ -52,7 +52,11 @@ def fleet(
     unit: Unit = None,
     levels: Annotated[int, typer.Option(metavar="N", help="levels of the Preisach plane")] = 37,
     low: Annotated[
-        float | None, typer.Option(metavar="X", help="lower limit of the plane [of all inputs]")
+        float | None,
+        typer.Option(
+            metavar="X",
+            help="lower limit of the plane [of all inputs; give it if records may follow]",
+        ),
     ] = None,
     high: Annotated[
         float | None, typer.Option(metavar="X", help="upper limit of the plane [of all inputs]")
@@ -79,6 +83,11 @@ def fleet(
     from preisach_jax.plane import Plane
 
     check_folder(out)
+    if inside := next((path for path in data if path.resolve().parent == out.resolve()), None):
+        raise InputError(
+            f"--out is {out}, the folder of {inside}: choose another, or the table of results is "
+            "taken for a record later"
+        )
     start_devices(distributed, coordinator, processes, process)
     records = _load(data, Columns(time, input, output, (), rate, unit or (), "low"))
     low = min(record.input.min() for record in records) if low is None else low
@@ -119,10 +128,10 @@ def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
         record = columns.load(path, announce=notes.append)
         for role in ("input", "output"):
             here, first = (one.channels[role].unit for one in (record, (records or [record])[0]))
-            if here != first:
+            if pretty_unit(here) != pretty_unit(first):
                 raise InputError(
                     f"{path}: its {role} has the unit {here!r}, and that of {paths[0]} {first!r}: "
-                    f"bring them to one unit, or tell it, as in --unit {role}=V"
+                    "convert the numbers of one of them (--unit names a unit, it converts nothing)"
                 )
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)
@@ -151,6 +160,7 @@ class Row(NamedTuple):
     updates: int
     error: float
     replay_error: float
+    offset: float
     replay_error_percent: float
 
 
@@ -159,7 +169,8 @@ def _rows(names: Sequence[str], records: Sequence[Record], found: FleetResult) -
     return [
         Row(
             name, len(record.time), int(found.updates[k]), float(found.error[k]),
-            float(found.replay_error[k]), float(100 * found.replay_error[k] / ranges[k]),
+            float(found.replay_error[k]), float(found.offset[k]),
+            float(100 * found.replay_error[k] / ranges[k]),
         )
         for k, (name, record) in enumerate(zip(names, records, strict=True))
     ]  # fmt: skip
@@ -170,7 +181,15 @@ def _table(unit: str, rows: Sequence[Row]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     own = f" ({unit})" if unit else ""
     writer.writerow(
-        ["record", "samples", "updates", f"error{own}", f"replay_error{own}", "replay_error (%)"]
+        [
+            "record",
+            "samples",
+            "updates",
+            f"error{own}",
+            f"replay_error{own}",
+            f"offset{own}",
+            "replay_error (%)",
+        ]
     )
     writer.writerows(rows)
     return text.getvalue().encode()
@@ -197,7 +216,7 @@ def _show(unit: str, rows: Sequence[Row]) -> None:
         screen.say(f"... and {len(worst) - SHOWN} better")
     screen.say(
         "\nerror: of the next increment, as the filter runs; replay error: of the whole record, "
-        "simulated by the final weights"
+        "simulated by the final weights, beside a constant (the offset in the table)"
     )
     idle = [row.record for row in rows if not row.updates]
     if idle:

@@ -157,13 +157,7 @@ def fleet_to_folder(
         (2, 10)
     """
     whole_number("passes is", passes, 1)
-    pairs = list(records)
-    if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in pairs):
-        raise InputError("records: give input and output of each, as (record.input, record.output)")
-    names = [str(number) for number in range(len(pairs))] if names is None else list(names)
-    if len(names) != len(pairs):
-        raise InputError(f"there are {len(names)} names of {len(pairs)} records: give one of each")
-    rows = _checked(adaptive, [x for x, _ in pairs], [z for _, z in pairs])
+    rows, names = _named_rows(adaptive, list(records), names)
     digests = [_digest(*row) for row in rows]
     order = _as_held(Path(folder), digests) if resume else list(range(len(rows)))
     rows = [rows[k] for k in order]
@@ -193,6 +187,18 @@ def fleet_to_folder(
         return found
     given = np.argsort(order)
     return FleetResult(*(values[given] for values in found))
+
+
+def _named_rows(
+    adaptive: AdaptiveFilter, pairs: Sequence[Any], names: Sequence[str] | None
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[str]]:
+    """Input and output of each record, and its name."""
+    if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in pairs):
+        raise InputError("records: give input and output of each, as (record.input, record.output)")
+    names = [str(number) for number in range(len(pairs))] if names is None else list(names)
+    if len(names) != len(pairs):
+        raise InputError(f"there are {len(names)} names of {len(pairs)} records: give one of each")
+    return _checked(adaptive, [x for x, _ in pairs], [z for _, z in pairs]), names
 
 
 def _as_held(folder: Path, digests: Sequence[str]) -> list[int]:

@@ -18,7 +18,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.events import laid_out, moves_of, relay_levels
-from preisach_jax.hysteron import as_float, require_hysteron
+from preisach_jax.hysteron import as_float, position_on, require_hysteron
 from preisach_jax.plane import Plane
 
 
@@ -133,8 +133,8 @@ def output_along_branches(
     weights, x = as_float(weights, "weights"), as_float(x, "the input x")
     past = plane.initial_turns(initial, hysteron).astype(x.dtype)
     if hysteron == "ramp":
-        position = (x - plane.low) / (plane.high - plane.low) * plane.levels
-        return _output(plane, weights, past, jnp.clip(position, 0.0, plane.levels))
+        position = jnp.clip(position_on(plane, x), 0.0, plane.levels)
+        return _output(plane, weights, past, position)
     levels = relay_levels(plane, x, int(past[-1]))
     if isinstance(levels, jax.Array):
         return _output(plane, weights, past, levels.astype(x.dtype))

@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from preisach_jax.hysteron import path_and_start
+from preisach_jax.hysteron import path_and_start, position_on
 from preisach_jax.plane import Plane
 
 
@@ -258,8 +258,7 @@ def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | ja
     x = np.asarray(x)
     thresholds = plane.thresholds.astype(x.dtype)
     last, following = np.append(-np.inf, thresholds), np.append(thresholds, np.inf)
-    position = (x - plane.low) / (plane.high - plane.low) * plane.levels
-    count = np.clip(np.rint(position), 0, plane.levels).astype(np.int32)
+    count = np.clip(np.rint(position_on(plane, x)), 0, plane.levels).astype(np.int32)
     count += (following[count] <= x).astype(np.int32) - (last[count] > x)
     on_threshold = last[count] == x
     if on_threshold.any():  # rule (3), (4): a rising input has passed it, a falling one not yet

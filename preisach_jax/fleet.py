@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.chunks import Chunks, Values, Work, read_manifest, work_in_chunks
-from preisach_jax.devices import compiled, evenly, gathered
+from preisach_jax.devices import compiled, evenly, from_first, gathered, is_first
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.events import (
     adapt_over_events,
@@ -159,7 +159,7 @@ def fleet_to_folder(
     whole_number("passes is", passes, 1)
     rows, names = _named_rows(adaptive, list(records), names)
     digests = [_digest(*row) for row in rows]
-    order = _as_held(Path(folder), digests) if resume else list(range(len(rows)))
+    order = _as_held(Path(folder), digests) if resume else np.arange(len(rows))
     rows = [rows[k] for k in order]
     settings = _settings(adaptive, [digests[k] for k in order], passes, chunk)
     about = {"names": [names[k] for k in order]}
@@ -201,15 +201,16 @@ def _named_rows(
     return _checked(adaptive, [x for x, _ in pairs], [z for _, z in pairs]), names
 
 
-def _as_held(folder: Path, digests: Sequence[str]) -> list[int]:
+def _as_held(folder: Path, digests: Sequence[str]) -> np.ndarray:
     """Positions of the records, those that a folder holds first, in its order."""
-    manifest = read_manifest(folder, "fleet", "records")
+    # The folder may be out of sight of the other processes.
+    manifest = read_manifest(folder, "fleet", "records") if is_first() else None
     left, first = list(range(len(digests))), []
     for digest in manifest["settings"]["records"] if manifest is not None else ():
         known = [k for k in left if digests[k] == digest]
         first += known[:1]
         left = [k for k in left if k not in known[:1]]
-    return first + left
+    return from_first(np.array(first + left))
 
 
 def _settings(

@@ -116,6 +116,21 @@ def _at(sample: int, samples: int) -> str:
     return f" at sample {sample}" if samples > 1 else ""
 
 
+def position_on(plane: Plane, x: Any) -> Any:
+    """Position of an input on an axis of the plane, (x - low)/δx, 0 to levels.
+
+    Args:
+        plane: the Preisach plane.
+        x: inputs in the unit of the plane, a floating array of JAX or NumPy.
+
+    Returns:
+        Positions, of the kind, type and shape of `x`; exactly 0 at low and exactly `levels` at
+        high, and beyond the plane beyond these.
+    """
+    low, high = x.dtype.type(plane.low), x.dtype.type(plane.high)
+    return (x - low) / (high - low) * plane.levels
+
+
 def thresholds_reached(
     plane: Plane, previous: jax.Array, x: jax.Array, hysteron: str
 ) -> tuple[jax.Array, jax.Array]:
@@ -137,9 +152,7 @@ def thresholds_reached(
         `(on_alpha, on_beta)`, (cells,) each, in [0, 1], with the type of `x`.
     """
     if hysteron == "ramp":
-        low, high = jnp.asarray(plane.low, x.dtype), jnp.asarray(plane.high, x.dtype)
-        # In this order the position is exactly 0 at low and exactly `levels` at high.
-        position = (x - low) / (high - low) * plane.levels
+        position = position_on(plane, x)
         on_alpha = jnp.clip(position - jnp.asarray(plane.alpha_index, x.dtype), 0.0, 1.0)
         on_beta = jnp.clip(position - jnp.asarray(plane.beta_index, x.dtype), 0.0, 1.0)
         return on_alpha, on_beta

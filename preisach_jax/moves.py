@@ -16,6 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.events import flat_index, rounded_up
+from preisach_jax.hysteron import position_on
 from preisach_jax.plane import Plane
 
 # An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
@@ -72,9 +73,8 @@ def ramp_moves(plane: Plane, x: ArrayLike) -> RampMoves:
         >>> moves.line[:5].tolist(), moves.part[:5].tolist(), moves.ends.tolist()
         ([0, 0, 1, 1, 0], [1.0, 1.0, 0.5, 0.0, 0.5], [0, 2, 4])
     """
-    x = np.asarray(x)
-    position = (x - plane.low) / (plane.high - plane.low) * plane.levels
-    position = np.clip(position, 0.0, plane.levels).astype(x.dtype)
+    x = np.asarray(x, np.result_type(np.asarray(x), np.float32))
+    position = np.clip(position_on(plane, x), 0.0, plane.levels).astype(x.dtype)
     before = np.append(position[:1], position[:-1])
     rising = position > before
     last = plane.levels - 1

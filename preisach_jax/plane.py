@@ -11,7 +11,13 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.hysteron import as_float, hysteron_step, require_hysteron, thresholds_reached
+from preisach_jax.hysteron import (
+    as_float,
+    hysteron_step,
+    position_on,
+    require_hysteron,
+    thresholds_reached,
+)
 
 
 def _levels(value: int) -> int:
@@ -130,8 +136,7 @@ class Plane(eqx.Module):
         last = jnp.asarray(np.append(-np.inf, thresholds).astype(x.dtype))
         following = jnp.asarray(np.append(thresholds, np.inf).astype(x.dtype))
         # Ten times as quick as a search; what rounding may do to the count is then mended.
-        position = (x - self.low) / (self.high - self.low) * self.levels
-        count = jnp.clip(jnp.round(position), 0, self.levels).astype(jnp.int32)
+        count = jnp.clip(jnp.round(position_on(self, x)), 0, self.levels).astype(jnp.int32)
         above, under = following[count], last[count]
         at_or_below = count + (above <= x) - (under > x)
         below = count + (above < x) - (under >= x)

@@ -15,6 +15,7 @@ import typer
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import Columns, Input, Output, Rate, Time, Unit
 from preisach_jax.cli.resumable import (
+    Chunk,
     Coordinator,
     Distributed,
     Process,
@@ -66,9 +67,7 @@ def fleet(
     step_size: Annotated[
         float, typer.Option(metavar="MU", help="step size; below 1 for noisy records")
     ] = 1.0,
-    chunk: Annotated[
-        int, typer.Option(metavar="C", help="records computed at once, and then written")
-    ] = 16,
+    chunk: Chunk = 16,
     resume: Resume = True,
     distributed: Distributed = False,
     coordinator: Coordinator = None,

@@ -11,6 +11,7 @@ import typer
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import numbers
 from preisach_jax.cli.resumable import (
+    Chunk,
     Coordinator,
     Distributed,
     Process,
@@ -52,9 +53,7 @@ def sweep(
         int, typer.Option(metavar="K", help="time steps of a record, at 2 kHz")
     ] = 50_000,
     seed: Annotated[int, typer.Option(metavar="KEY", help="draws all records")] = 0,
-    chunk: Annotated[
-        int, typer.Option(metavar="C", help="records computed at once, and then written")
-    ] = 8,
+    chunk: Chunk = 8,
     resume: Resume = True,
     distributed: Distributed = False,
     coordinator: Coordinator = None,

@@ -14,6 +14,7 @@ from preisach_jax.errors import InputError
 
 Found = TypeVar("Found")
 
+Chunk = Annotated[int, typer.Option(metavar="C", help="records computed at once, and then written")]
 Resume = Annotated[
     bool,
     typer.Option(

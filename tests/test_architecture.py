@@ -17,6 +17,8 @@ PACKAGE = Path(preisach_jax.__file__).parent
 LAYERS = [
     "errors",
     "quantity",
+    "rows",
+    "html",
     "files",
     "cores",
     "devices",

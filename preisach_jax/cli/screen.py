@@ -118,9 +118,9 @@ def _holes(record: Record) -> list[str]:
 
 def show_diagnosis(found: Diagnosis) -> None:
     """Print verdict, ladder, budget, findings and what to record next."""
-    from preisach_jax.report.content import HEADLINES, budget_rows, finding_parameters, ladder_rows
+    from preisach_jax.rows import budget_rows, finding_parameters, headline, ladder_rows
 
-    say(f"\n{HEADLINES[found.verdict]} ({found.verdict}).\n{found.sentence}\n")
+    say(f"\n{headline(found)} ({found.verdict}).\n{found.sentence}\n")
     for note in found.notes:
         say(f"Note: {note}\n")
     rows = ladder_rows(found)

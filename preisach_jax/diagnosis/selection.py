@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from preisach_jax.confidence import differs_from_nothing, with_grid_error
 from preisach_jax.diagnosis.budget import (
-    REFINEMENT,
     discretisation_rms,
     error_budget,
     on_a_coarser_plane,
@@ -17,11 +16,10 @@ from preisach_jax.diagnosis.budget import (
 )
 from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.judgement import alike, judged
 from preisach_jax.diagnosis.limits import limits
-from preisach_jax.diagnosis.result import Budget, Diagnosis, Finding, Rung
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.trial import (
-    BY_THE_GRID,
-    BY_THE_PRIOR,
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
     WITHOUT_A_LAW,
@@ -33,7 +31,7 @@ from preisach_jax.diagnosis.trial import (
 )
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects import library, resolve
-from preisach_jax.effects.base import Effect, HysteresisEffect, SensorEffect
+from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
     SEARCH_ROWS,
@@ -50,18 +48,14 @@ from preisach_jax.fit import (
     with_effect,
     without_effect,
 )
-from preisach_jax.identify import Point, Problem, evaluate, refine
+from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
+Watch = Callable[[Fit, tuple[Candidate, ...]], object]
+"""Called with a fit on the way of a diagnosis, and with all that was tried before it."""
+
 MOST_EFFECTS = 4
-
-WEAK = 0.9
-"""Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
-"""
-
-CONFIRMATION_LEVELS = 50
-"""Finest plane on which an effect is confirmed."""
 
 MOST_MISSED = 0.3
 """RMS error of a final model, over the spread of the output, beyond which no effect is named."""
@@ -80,6 +74,7 @@ def diagnose(
     levels: int | None = None,
     *,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Diagnosis:
     """Find out which physical effects a rate-independent model of a record lacks.
 
@@ -95,6 +90,7 @@ def diagnose(
             `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
         progress: called with a text and a share done.
+        watch: called with each fit on the way, and with what was tried beside the one before.
 
     Returns:
         The diagnosis.
@@ -110,12 +106,17 @@ def diagnose(
         >>> pj.diagnose(pj.Record.from_arrays(t, u, z), ["drift"], levels=9).verdict
         'adequate'
     """
-    tried = _to_try(record, effects)
+    tried = effects_to_try(record, effects)
     with double_precision():
-        return _Search(record, tried, levels, progress or (lambda text, done: None)).run()
+        return _Search(record, tried, levels, progress or _in_silence, watch).run()
 
 
-def _to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
+def _in_silence(text: str, done: float) -> None:
+    del text, done
+
+
+def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
+    """The effects that are asked for, or the library; with one for each auxiliary column."""
     everything = [name for name, effect in library().items() if not effect.on_request]
     asked: list[str | Effect] = list(everything if effects is None else effects)
     auxiliary = [f"aux:{name}" for name in record.aux]
@@ -148,7 +149,12 @@ class _Search:
     """Forward selection with a backward check, on one record."""
 
     def __init__(
-        self, record: Record, tried: tuple[Effect, ...], levels: int | None, progress: Progress
+        self,
+        record: Record,
+        tried: tuple[Effect, ...],
+        levels: int | None,
+        progress: Progress,
+        watch: Watch | None,
     ):
         self.record = record
         self.problem = Problem.of(record, SEARCH_ROWS)
@@ -156,6 +162,7 @@ class _Search:
         self.levels_are_given = levels is not None
         self.levels = checked_levels(levels)
         self._report = progress
+        self._watch = watch
         self._reported = 0.0
         self.path: list[Point] = []
         self.finer: Point | None = None
@@ -166,9 +173,11 @@ class _Search:
         self.progress("fitting the rate-independent model", 0.0)
         self.path.append(base_point(self.problem, self.levels))
         self._refine_plane()
+        self._show()
         while len(self.accepted) < MOST_EFFECTS:
             if self._add_best():
                 self._check_backward()
+                self._show()
             # A finer plane may bring out what the coarse one has hidden.
             elif not self._refine_plane():
                 break
@@ -180,6 +189,20 @@ class _Search:
         """Tell how far the search is; it never goes back, whatever the search decides to try."""
         self._reported = max(self._reported, done)
         self._report(text, self._reported)
+
+    def _show(self) -> None:
+        """Let who watches see the present model, on all rows."""
+        if self._watch is None:
+            return
+        whole = Problem.of(self.record, FINAL_ROWS)
+        fit = finished(whole, moved_to(whole, self.now), self.record)
+        self._watch(fit, self._candidates())
+
+    def _candidates(self) -> tuple[Candidate, ...]:
+        return tuple(
+            trial.candidate(self.problem.unit, accepted, better)
+            for trial, accepted, better in self.trials
+        )
 
     @property
     def now(self) -> Point:
@@ -224,14 +247,9 @@ class _Search:
             len(self.accepted),
             lambda text, share: self.progress(text, self._done(share)),
         )
-        passing = self._ranked([t for t in trials if isinstance(t, Trial) and t.passes])
-        while passing:
-            objection = self._objection(passing[0])
-            if not objection:
-                break
-            refused = passing.pop(0)
-            trials[trials.index(refused)] = replace(refused, objection=objection)
-        best = passing[0] if passing else None
+        trials, best, self.path[-1] = judged(
+            self.problem, self.now, trials, lambda text: self.progress(text, self._done(1.0))
+        )
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
         again = {(trial.effect.name, trial.step) for trial in trials}
@@ -243,71 +261,11 @@ class _Search:
         others = [
             t for t in trials if isinstance(t, Trial) and t.opens_both_locks and t is not best
         ]
-        rivals = {o.effect.name: o.point for o in others if self._alike(best.point, o.point)}
+        like_the_best = [o for o in others if alike(self.problem, best.point, o.point)]
+        rivals = {o.effect.name: o.point for o in like_the_best}
         self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
         return True
-
-    def _ranked(self, passing: list[Trial]) -> list[Trial]:
-        """The best first; those that are sure of no single amount must beat the others clearly."""
-        by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
-        sure = [trial for trial in by_error if trial.certain.alone]
-        others = [trial for trial in by_error if not trial.certain.alone]
-        clear = [t for t in others if not (sure and self._alike(t.point, sure[0].point))]
-        return [*clear, *sure, *(t for t in others if t not in clear)]
-
-    def _objection(self, trial: Trial) -> str:
-        """What speaks against a weak effect that opens both locks.
-
-        If it is the strength of the prior alone that helps, the present model takes it over.
-        """
-        if trial.evidence.gain >= WEAK:
-            return ""
-        plain = self._with_the_prior_of(trial.point)
-        if compare(self.problem, plain, trial.point).against:
-            self.path[-1] = plain
-            return BY_THE_PRIOR
-        return "" if self._stands_on_a_finer_plane(trial) else BY_THE_GRID
-
-    def _with_the_prior_of(self, rich: Point) -> Point:
-        """The present model with the strength of the prior that was chosen for a richer one.
-
-        The strength is chosen for each model from few folds, by chance not always well; what
-        another one brings is no merit of the effect.
-        """
-        if rich.strength == self.now.strength:
-            return self.now
-        now = self.now
-        there = evaluate(self.problem, now.chain, now.values, rich.strength, now)
-        plain = refine(self.problem, there, iterations=4)
-        better = plain.validation_mean_square < now.validation_mean_square
-        return plain if better else now
-
-    def _stands_on_a_finer_plane(self, trial: Trial) -> bool:
-        """Whether a weak effect helps on a finer plane as well.
-
-        What the cells of a plane cannot represent looks like a feedback or a bent sensor, which
-        so must take more away than cells without end would.
-        """
-        levels = self.now.chain.plane.levels
-        finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
-        if finer <= levels:
-            return True
-        self.progress(f"trying {trial.effect.name} on a plane of {finer} levels", self._done(1.0))
-        plain = at_levels(self.problem, self.now, finer)
-        effect = trial.effect
-        feeds_back = isinstance(effect, HysteresisEffect) and effect.feeds_back
-        if feeds_back or isinstance(effect, SensorEffect):
-            # These bend the loop as its cells do: they must do more than all of the grid.
-            removed = self.now.validation_mean_square - trial.point.validation_mean_square
-            grid = discretisation_rms(self.problem, self.now, plain) / self.problem.unit
-            if not removed > grid**2:
-                return False
-        return not compare(self.problem, plain, at_levels(self.problem, trial.point, finer)).against
-
-    def _alike(self, best: Point, other: Point) -> bool:
-        """Whether the record cannot tell another model from the best one."""
-        return bool(compare(self.problem, other, best).against)
 
     def _check_backward(self) -> None:
         """Take out effects that those added after them have made superfluous."""
@@ -358,10 +316,7 @@ class _Search:
             findings=findings,
             ladder=tuple(Rung.of(fit) for fit in fits),
             budget=budget,
-            candidates=tuple(
-                trial.candidate(problem.unit, accepted, better)
-                for trial, accepted, better in self.trials
-            ),
+            candidates=self._candidates(),
             limits=bounds,
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
@@ -415,7 +370,7 @@ class _Search:
                 self.accepted[position] = Named(again, {})
                 names = [each.name for each in self.accepted]
                 self.path = [self.path[0], *self._ladder(names[:-1]), rivals.pop(name)]
-            kept = {name: p for name, p in rivals.items() if self._alike(self.now, p)}
+            kept = {name: p for name, p in rivals.items() if alike(self.problem, self.now, p)}
             self.accepted[position] = Named(self.accepted[position].trial, kept)
 
     def _give_up_what_explains_too_little(self) -> None:

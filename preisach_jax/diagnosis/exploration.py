@@ -1,0 +1,243 @@
+"""The diagnosis by hand: see what is left, add an effect, watch the error, or take it back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+from preisach_jax.diagnosis.budget import discretisation_rms, error_budget, on_a_coarser_plane
+from preisach_jax.diagnosis.candidates import try_beside
+from preisach_jax.diagnosis.judgement import judged
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Rung
+from preisach_jax.diagnosis.selection import effects_to_try
+from preisach_jax.diagnosis.trial import Trial
+from preisach_jax.effects import resolve
+from preisach_jax.effects.base import Effect
+from preisach_jax.errors import InputError
+from preisach_jax.fit import (
+    FINAL_ROWS,
+    SEARCH_ROWS,
+    Fit,
+    Progress,
+    aux_units,
+    base_point,
+    checked_levels,
+    double_precision,
+    finished,
+    moved_to,
+    with_effect,
+)
+from preisach_jax.identify import Point, Problem
+from preisach_jax.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """A model that grows effect by effect; each step is a value, and remembers the one before.
+
+    Attributes:
+        fit: the model of this step, fitted to all rows.
+        tried: the effects that are compared and may be added.
+        before: the step before, None for the model without effects.
+        problem: the record as it was cut for the search.
+        point: the model of this step on those rows.
+    """
+
+    fit: Fit
+    tried: tuple[Effect, ...]
+    before: Exploration | None
+    problem: Problem
+    point: Point
+    _cache: dict[str, object] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        chain = " + ".join(("Preisach model", *self.effects))
+        return f"<Exploration of {self.record.name}: {chain}, {self.fit.rms_validation:.4g} RMS>"
+
+    @staticmethod
+    def of(found: Diagnosis, effects: Iterable[str | Effect] | None = None) -> Exploration:
+        """The steps of a diagnosis, to go on from by hand.
+
+        Arguments:
+            found: the diagnosis.
+            effects: the effects to compare, as for `explore`.
+
+        Returns:
+            The last step; `before` leads back to the first.
+
+        Example:
+            >>> Exploration.of(found).add("drift")  # doctest: +SKIP
+        """
+        record = found.base.record
+        tried = effects_to_try(record, effects)
+        present = {effect.name: effect for fit in found.steps for effect in fit.model.effects}
+        others = [effect for name, effect in present.items() if name not in _names(tried)]
+        problem = Problem.of(record, SEARCH_ROWS)
+        step = None
+        for fit in found.steps:
+            with double_precision():
+                point = moved_to(problem, fit.point)
+            step = Exploration(fit, (*tried, *others), step, problem, point)
+        assert step is not None  # a diagnosis has at least the model without effects
+        return step
+
+    @property
+    def record(self) -> Record:
+        """The measurement."""
+        return self.fit.record
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the order in which they were added."""
+        return self.fit.effects
+
+    @property
+    def steps(self) -> tuple[Exploration, ...]:
+        """All steps up to this one, first the model without effects."""
+        return (*(self.before.steps if self.before else ()), self)
+
+    @property
+    def ladder(self) -> tuple[Rung, ...]:
+        """The errors of all steps."""
+        return tuple(Rung.of(step.fit) for step in self.steps)
+
+    @property
+    def left(self) -> tuple[Effect, ...]:
+        """The effects that may still be added."""
+        return tuple(effect for effect in self.tried if effect.name not in self.effects)
+
+    def candidates(self, progress: Progress | None = None) -> tuple[Candidate, ...]:
+        """Try every effect that is left beside this model, and rank them.
+
+        Those that open both locks come first (see `diagnose`), the one that does best leading;
+        then the others by what they gain.
+
+        Arguments:
+            progress: called with a text and a share done.
+
+        Returns:
+            One candidate an effect; `why_not` is empty if nothing speaks against it.
+
+        Example:
+            >>> explore(record).candidates()[0].effect  # doctest: +SKIP
+            'creep'
+        """
+        if "candidates" not in self._cache:
+            self._cache["candidates"] = self._ranked(progress or (lambda text, done: None))
+        return self._cache["candidates"]  # pyright: ignore[reportReturnType]
+
+    def _ranked(self, progress: Progress) -> tuple[Candidate, ...]:
+        with double_precision():
+            trials = try_beside(self.problem, self.point, self.left, len(self.effects), progress)
+            trials, best, _ = judged(
+                self.problem, self.point, trials, lambda text: progress(text, 1.0)
+            )
+        rows = []
+        for trial in trials:
+            passes = isinstance(trial, Trial) and trial.passes
+            candidate = trial.candidate(self.problem.unit, False, "")
+            candidate = replace(candidate, why_not="") if passes else candidate
+            rows.append((trial is not best, not passes, -candidate.gain, candidate))
+        return tuple(row[-1] for row in sorted(rows, key=lambda row: row[:-1]))
+
+    def add(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
+        """Add an effect, whatever speaks against it, and refit everything.
+
+        Arguments:
+            effect: the name of one of those in `left`, of the library, or one of one's own.
+            progress: called with a text and a share done.
+
+        Returns:
+            The next step.
+
+        Raises:
+            InputError: there is no such effect, or the model has it.
+
+        Example:
+            >>> explore(record).add("creep").fit.rms_validation  # doctest: +SKIP
+        """
+        progress = progress or (lambda text, done: None)
+        by_name = {known.name: known for known in self.tried}
+        if isinstance(effect, str) and effect in by_name:
+            effect = by_name[effect]
+        (new,) = resolve([effect], aux_units(self.record))
+        if new.name in self.effects:
+            raise InputError(f"the model has the effect {new.name!r} already; add another")
+        tried = self.tried if new.name in by_name else (*self.tried, new)
+        with double_precision():
+            progress(f"fitting {new.name}", 0.0)
+            point = with_effect(self.problem, self.point, new, always=True)
+            progress("fitting all rows", 0.6)
+            fit = _on_all_rows(self.record, point)
+        progress("done", 1.0)
+        return Exploration(fit, tried, self, self.problem, point)
+
+    def budget(self) -> Budget:
+        """What the held-out error of this step is made of: noise, grid, memory, and the rest.
+
+        Returns:
+            The budget.
+
+        Example:
+            >>> explore(record).budget().is_met  # doctest: +SKIP
+            False
+        """
+        if "budget" not in self._cache:
+            with double_precision():
+                coarse = on_a_coarser_plane(self.problem, self.point)
+                grid = discretisation_rms(self.problem, self.point, coarse)
+                whole = Problem.of(self.record, FINAL_ROWS)
+                self._cache["budget"] = error_budget(whole, self.fit, grid)
+        return self._cache["budget"]  # pyright: ignore[reportReturnType]
+
+
+def explore(
+    record: Record,
+    effects: Iterable[str | Effect] | None = None,
+    levels: int | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Exploration:
+    """Fit the rate-independent model to a record, as the first step of a diagnosis by hand.
+
+    Arguments:
+        record: the measurement.
+        effects: effects to compare, by name or as objects; by default the library, without those
+            that are tried on request, and all auxiliary columns.
+        levels: levels N of the plane; by default 25.
+        progress: called with a text and a share done.
+
+    Returns:
+        The first step.
+
+    Raises:
+        InputError: if an effect is unknown, or levels is not an integer from 2 to 200.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(3000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> z = u**1.1 + 0.02 * t + 0.01 * np.random.default_rng(0).normal(size=3000)
+        >>> plain = pj.explore(pj.Record.from_arrays(t, u, z), ["drift", "hum"], levels=9)
+        >>> [candidate.effect for candidate in plain.candidates()]
+        ['drift', 'hum']
+        >>> plain.add("drift").fit.rms_validation < plain.fit.rms_validation / 5
+        True
+    """
+    tried = effects_to_try(record, effects)
+    if progress is not None:
+        progress("fitting the rate-independent model", 0.0)
+    with double_precision():
+        problem = Problem.of(record, SEARCH_ROWS)
+        point = base_point(problem, checked_levels(levels))
+        fit = _on_all_rows(record, point)
+    return Exploration(fit, tried, None, problem, point)
+
+
+def _on_all_rows(record: Record, point: Point) -> Fit:
+    whole = Problem.of(record, FINAL_ROWS)
+    return finished(whole, moved_to(whole, point), record)
+
+
+def _names(effects: Iterable[Effect]) -> set[str]:
+    return {effect.name for effect in effects}

@@ -1,0 +1,118 @@
+"""Which of the effects that were tried is the best, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from preisach_jax.diagnosis.budget import REFINEMENT, discretisation_rms
+from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
+from preisach_jax.effects.base import HysteresisEffect, SensorEffect
+from preisach_jax.fit import at_levels
+from preisach_jax.identify import Point, Problem, evaluate, refine
+
+WEAK = 0.9
+"""Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
+"""
+
+CONFIRMATION_LEVELS = 50
+"""Finest plane on which an effect is confirmed."""
+
+
+def judged(
+    problem: Problem,
+    now: Point,
+    trials: Sequence[Trial | NotFitted],
+    announce: Callable[[str], None],
+) -> tuple[list[Trial | NotFitted], Trial | None, Point]:
+    """Find the best of the effects that were tried beside a model, asked what speaks against it.
+
+    Arguments:
+        problem: the record.
+        now: the model without them.
+        trials: what came of each.
+        announce: called with a text before what takes long.
+
+    Returns:
+        The trials with the objections that were found, the best one that passes, and the model to
+        go on from: with the prior of a trial that owed its gain to that alone.
+    """
+    trials = list(trials)
+    passing = _ranked(problem, [t for t in trials if isinstance(t, Trial) and t.passes])
+    while passing:
+        objection, now = _objection(problem, now, passing[0], announce)
+        if not objection:
+            return trials, passing[0], now
+        refused = passing.pop(0)
+        trials[trials.index(refused)] = replace(refused, objection=objection)
+    return trials, None, now
+
+
+def alike(problem: Problem, best: Point, other: Point) -> bool:
+    """Whether a record cannot tell another model from the best one."""
+    return bool(compare(problem, other, best).against)
+
+
+def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
+    """The best first; those that are sure of no single amount must beat the others clearly."""
+    by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
+    sure = [trial for trial in by_error if trial.certain.alone]
+    others = [trial for trial in by_error if not trial.certain.alone]
+    clear = [t for t in others if not (sure and alike(problem, t.point, sure[0].point))]
+    return [*clear, *sure, *(t for t in others if t not in clear)]
+
+
+def _objection(
+    problem: Problem, now: Point, trial: Trial, announce: Callable[[str], None]
+) -> tuple[str, Point]:
+    """What speaks against a weak effect that opens both locks, and the model to go on from.
+
+    If it is the strength of the prior alone that helps, the present model takes it over.
+    """
+    if trial.evidence.gain >= WEAK:
+        return "", now
+    plain = _with_the_prior_of(problem, now, trial.point)
+    if compare(problem, plain, trial.point).against:
+        return BY_THE_PRIOR, plain
+    if not _stands_on_a_finer_plane(problem, now, trial, announce):
+        return BY_THE_GRID, now
+    return "", now
+
+
+def _with_the_prior_of(problem: Problem, now: Point, rich: Point) -> Point:
+    """The present model with the strength of the prior that was chosen for a richer one.
+
+    The strength is chosen for each model from few folds, by chance not always well; what
+    another one brings is no merit of the effect.
+    """
+    if rich.strength == now.strength:
+        return now
+    there = evaluate(problem, now.chain, now.values, rich.strength, now)
+    plain = refine(problem, there, iterations=4)
+    return plain if plain.validation_mean_square < now.validation_mean_square else now
+
+
+def _stands_on_a_finer_plane(
+    problem: Problem, now: Point, trial: Trial, announce: Callable[[str], None]
+) -> bool:
+    """Whether a weak effect helps on a finer plane as well.
+
+    What the cells of a plane cannot represent looks like a feedback or a bent sensor, which
+    so must take more away than cells without end would.
+    """
+    levels = now.chain.plane.levels
+    finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
+    if finer <= levels:
+        return True
+    announce(f"trying {trial.effect.name} on a plane of {finer} levels")
+    plain = at_levels(problem, now, finer)
+    effect = trial.effect
+    feeds_back = isinstance(effect, HysteresisEffect) and effect.feeds_back
+    if feeds_back or isinstance(effect, SensorEffect):
+        # These bend the loop as its cells do: they must do more than all of the grid.
+        removed = now.validation_mean_square - trial.point.validation_mean_square
+        grid = discretisation_rms(problem, now, plain) / problem.unit
+        if not removed > grid**2:
+            return False
+    return not compare(problem, plain, at_levels(problem, trial.point, finer)).against

@@ -44,6 +44,8 @@ PLACES = (
     SensorEffect,
 )
 
+PLACE_NAMES = ("input", "hysterons", "weights", "output", "sum", "sensor")
+
 SENSOR_ROUNDS = 16
 """Steps by which a sensor's map is inverted."""
 
@@ -90,6 +92,12 @@ class Chain(eqx.Module):
     def at(self, place: type[Effect]) -> list[Any]:
         """The effects of one place, in order."""
         return [effect for effect in self.effects if isinstance(effect, place)]
+
+    @property
+    def stations(self) -> list[tuple[str, Effect]]:
+        """Place and effect of all effects, in the order in which a signal passes them."""
+        named = zip(PLACE_NAMES, PLACES, strict=True)
+        return [(name, effect) for name, place in named for effect in self.at(place)]
 
     @property
     def coefficients(self) -> list[tuple[str, Parameter]]:

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from preisach_jax import html
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates
 from preisach_jax.effects import resolve
@@ -31,6 +32,7 @@ from preisach_jax.identify import (
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.rows import chain_rows, error_table, model_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,6 +82,17 @@ class Fit:
     identification: np.ndarray
     validation: np.ndarray
     point: Point
+
+    def __repr__(self) -> str:
+        return f"<Fit of {self.record.name}: {model_line(self.model)}>"
+
+    def _repr_html_(self) -> str:
+        """Errors with units, parameters with their intervals and the plane, for notebooks."""
+        return html.block(
+            html.heading(f"{self.record.name}: {model_line(self.model)}"),
+            html.table(*error_table((self,), self.record), numbers_from=1),
+            html.table(("acts on", "part", "parameter", "value"), chain_rows(self.model)),
+        )
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from preisach_jax import html
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -31,6 +32,7 @@ from preisach_jax.hysteron import require_hysteron
 from preisach_jax.plane import Plane
 from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
+from preisach_jax.rows import chain_rows, model_line
 
 FORMAT = "preisach_jax model"
 FORMAT_VERSION = 3
@@ -140,6 +142,17 @@ class Model:
     rms_validation: float
     noise: float | None = None
     discretisation: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Model {model_line(self)}>"
+
+    def _repr_html_(self) -> str:
+        """The chain in its order, with parameters and their intervals, for notebooks."""
+        return html.block(
+            html.heading(model_line(self)),
+            html.table(("acts on", "part", "parameter", "value"), chain_rows(self)),
+            html.sentence(f"Identified on {self.origin.record}, {self.origin.rows:,} rows."),
+        )
 
     @property
     def plane(self) -> Plane:

@@ -5,13 +5,15 @@ Only the types of the results are known here, so that the results themselves can
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
 
 from preisach_jax.quantity import interval, number, pretty_unit, quantity, scaled
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis, Finding
-    from preisach_jax.model import Model
+    from preisach_jax.model import Model, ParameterEstimate
     from preisach_jax.record import Record
 
 _HEADLINES = {
@@ -28,25 +30,65 @@ def headline(found: Diagnosis) -> str:
     return "The missing effects are found" if several else _HEADLINES[found.verdict]
 
 
-def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
-    """The ladder as texts: one row a model, errors in one common unit."""
-    record = found.base.record
-    greatest = max(rung.rms_validation for rung in found.ladder)
-    factor, unit = scaled(greatest, found.budget.unit)
+class Errors(Protocol):
+    """What a model leaves of a record: a fit, or a rung of a ladder."""
+
+    @property
+    def effects(self) -> tuple[str, ...]: ...
+    @property
+    def rms_identification(self) -> float: ...
+    @property
+    def rms_validation(self) -> float: ...
+    @property
+    def max_abs_validation(self) -> float: ...
+    @property
+    def fit_percent(self) -> float: ...
+
+
+def model_name(effects: Iterable[str]) -> str:
+    """A model by its effects."""
+    return " + ".join(("Preisach model", *effects))
+
+
+def error_rows(models: Sequence[Errors], record: Record) -> list[dict[str, str]]:
+    """Errors of models of one record as texts: one row a model, in one common unit."""
+    greatest = max(model.rms_validation for model in models)
+    factor, unit = scaled(greatest, record.output_unit)
     rows = []
-    for rung in found.ladder:
+    for model in models:
         rows.append(
             {
-                "model": " + ".join(("Preisach model", *rung.effects)),
-                "rms_identification": number(factor * rung.rms_identification),
-                "rms_validation": number(factor * rung.rms_validation),
-                "max_abs_validation": number(factor * rung.max_abs_validation),
-                "percent_of_stroke": number(100 * rung.rms_validation / record.output_range, 3),
-                "fit_percent": f"{rung.fit_percent:.2f}",
+                "model": model_name(model.effects),
+                "rms_identification": number(factor * model.rms_identification),
+                "rms_validation": number(factor * model.rms_validation),
+                "max_abs_validation": number(factor * model.max_abs_validation),
+                "percent_of_stroke": number(100 * model.rms_validation / record.output_range, 3),
+                "fit_percent": f"{model.fit_percent:.2f}",
                 "unit": unit,
             }
         )
     return rows
+
+
+def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
+    """The ladder as texts: one row a model, errors in one common unit."""
+    return error_rows(found.ladder, found.base.record)
+
+
+def error_table(
+    models: Sequence[Errors], record: Record
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headers with units, and the rows of `error_rows` below them."""
+    rows = error_rows(models, record)
+    unit = f" ({rows[0]['unit']})" if rows[0]["unit"] else ""
+    columns = {
+        "model": "model",
+        "rms_validation": f"held-out RMS{unit}",
+        "percent_of_stroke": "% of stroke",
+        "max_abs_validation": f"largest{unit}",
+        "fit_percent": "fit %",
+    }
+    return tuple(columns.values()), [tuple(row[key] for key in columns) for row in rows]
 
 
 def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
@@ -92,15 +134,77 @@ MOST_SHOWN = 8
 """Parameters of one finding that are shown; the model file has all."""
 
 
-def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
-    """The parameters of a finding with their intervals, as texts."""
-    rows = [
-        (name, interval(e.value, e.low, e.high, e.unit)) for name, e in finding.parameters.items()
-    ]
+def parameter_rows(
+    parameters: Mapping[str, ParameterEstimate], all_in: str = "model.json"
+) -> list[tuple[str, str]]:
+    """Parameters with their 95 % intervals, as texts; of many the first few, and where all are."""
+    rows = [(name, interval(e.value, e.low, e.high, e.unit)) for name, e in parameters.items()]
     if len(rows) <= MOST_SHOWN:
         return rows
     few = MOST_SHOWN // 2
-    return [*rows[:few], (f"and {len(rows) - few} more", "in model.json")]
+    return [*rows[:few], (f"and {len(rows) - few} more", f"in {all_in}")]
+
+
+def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
+    """The parameters of a finding with their intervals, as texts."""
+    return parameter_rows(finding.parameters)
+
+
+def finding_rows(findings: Iterable[Finding]) -> list[tuple[str, str, str, str]]:
+    """What was found: effect, what cannot be told from it, parameter, value with interval."""
+    rows = []
+    for finding in findings:
+        names = (finding.effect, ", ".join(finding.family[1:]) or "nothing")
+        for parameter in finding_parameters(finding) or [("", "")]:
+            rows.append((*names, *parameter))
+            names = ("", "")
+    return rows
+
+
+def record_line(record: Record) -> str:
+    """A record in one line: name, rows, duration."""
+    return f"{record.name}: {len(record):,} rows, {quantity(record.duration_s, 's')}"
+
+
+def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
+    """The columns of a record: role, name in the file, unit, least and greatest value."""
+    measured = record.output[record.measured]
+    values = {"time": record.time, "input": record.input, "output": measured, **record.aux}
+    rows = []
+    for role, channel in record.channels.items():
+        there = values[role]
+        unit = channel.unit if role != "time" else "s"
+        low, high = (there.min(), there.max()) if there.size else (math.nan, math.nan)
+        factor, shown = scaled(max(abs(low), abs(high)), unit)
+        ends = [number(float(factor * end)) for end in (low, high)]
+        rows.append((role, channel.name, shown or "unknown", *ends))
+    return rows
+
+
+def holes(record: Record) -> list[str]:
+    """What is missing in a record, in words: stretches of time, and outputs."""
+    found = []
+    if record.gaps:
+        row, seconds = max(record.gaps, key=lambda gap: gap[1])
+        others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
+        found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
+    if unmeasured := int((~record.measured).sum()):
+        found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
+    return found
+
+
+def span_rows(record: Record) -> list[tuple[str, str]]:
+    """How many rows, how long, how great, and from which state."""
+    measured = int(record.measured.sum())
+    rows = f"{len(record.time):,}"
+    if measured < len(record.time):
+        rows += f", {measured:,} of them with a measured output"
+    return [
+        ("rows", rows),
+        ("duration", f"{number(record.duration_s)} s, step {quantity(record.step_s, 's')}"),
+        ("stroke", quantity(record.output_range, record.output_unit)),
+        ("state at the first sample", record.initial_memory),
+    ]
 
 
 def record_rows(record: Record) -> list[tuple[str, str]]:
@@ -110,29 +214,51 @@ def record_rows(record: Record) -> list[tuple[str, str]]:
         unit = pretty_unit(channel.unit)
         name = role if role == channel.name else f"{role} {channel.name}"
         columns.append(f"{name} in {unit}" if unit else f"{name} (unit unknown)")
-    measured = int(record.measured.sum())
-    rows = f"{len(record.time):,}"
-    if measured < len(record.time):
-        rows += f", {measured:,} of them with a measured output"
     return [
         ("data", record.name),
         ("SHA-256 of its values", record.sha256),
         ("columns", "; ".join(columns)),
-        ("rows", rows),
-        ("duration", f"{number(record.duration_s)} s, step {quantity(record.step_s, 's')}"),
-        ("stroke", quantity(record.output_range, record.output_unit)),
-        ("state at the first sample", record.initial_memory),
+        *span_rows(record),
     ]
+
+
+def plane_text(model: Model) -> str:
+    """Levels, cells and limits of a model's plane."""
+    plane, unit = model.plane, model.units.get("input", "")
+    factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
+    span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
+    return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}"
 
 
 def model_rows(model: Model) -> list[tuple[str, str]]:
     """What a model is made of: plane, cells, effects and the record that it was fitted to."""
-    plane, unit = model.plane, model.units.get("input", "")
-    factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
-    span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
     return [
-        ("plane", f"{plane.levels} levels, {plane.cells:,} cells, input from {span}"),
+        ("plane", plane_text(model)),
         ("cells visited", f"{100 * model.visited.mean():.0f} %"),
         ("effects", ", ".join(effect.name for effect in model.effects) or "none"),
         ("identified on", f"{model.origin.record}, {model.origin.rows:,} rows"),
     ]
+
+
+def model_line(model: Model) -> str:
+    """A model in one line: its effects, its levels, its error."""
+    error = quantity(model.rms_validation, model.units.get("output", ""), 3)
+    name = model_name(effect.name for effect in model.effects)
+    return f"{name}, {model.plane.levels} levels, held-out error {error} RMS"
+
+
+def chain_rows(model: Model) -> list[tuple[str, str, str, str]]:
+    """A model in the order in which a signal passes it: place, part, parameter, value."""
+    rows = []
+    operator = [("hysteresis", "Preisach operator", "plane", plane_text(model))]
+    for place, effect in model.chain.stations:
+        if place != "input":
+            rows += operator
+            operator = []
+        names = (place, effect.name)
+        for parameter in parameter_rows(model.parameters[effect.name], "Model.parameters") or [
+            ("", "")
+        ]:
+            rows.append((*names, *parameter))
+            names = ("", "")
+    return rows + operator

@@ -1,12 +1,16 @@
-"""What the command line shows: texts and tables on stdout, progress on stderr."""
+"""What the command line shows: texts, tables and JSON on stdout, progress on stderr."""
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from preisach_jax.quantity import pretty_unit, quantity
 
@@ -21,22 +25,79 @@ _WIDTH = 110  # of tables that no terminal limits
 _SPARSE_S = 2.0  # between two lines of progress that nobody may be reading
 
 
-def console() -> Console:
-    """The console of results; names from files are never taken for markup."""
+@dataclass(frozen=True)
+class _Manner:
+    """How the running command was asked to show things."""
+
+    as_json: bool = False
+    quiet: bool = False
+
+
+_manner = _Manner()
+
+
+@contextmanager
+def manner(*, as_json: bool, quiet: bool) -> Iterator[None]:
+    """Let what is shown inside follow `--json` and `--quiet`.
+
+    Arguments:
+        as_json: stdout belongs to one JSON document.
+        quiet: errors alone are shown, and what `answer` prints.
+    """
+    global _manner
+    before, _manner = _manner, _Manner(as_json, quiet)
+    try:
+        yield
+    finally:
+        _manner = before
+
+
+def _console(file: Any = None) -> Console:
+    """A console for stdout or a file; names from files are never taken for markup."""
     from rich.console import Console
 
-    terminal = sys.stdout.isatty()
-    return Console(highlight=False, markup=False, emoji=False, width=None if terminal else _WIDTH)
+    terminal = (file or sys.stdout).isatty()
+    return Console(
+        file=file, highlight=False, markup=False, emoji=False, width=None if terminal else _WIDTH
+    )
 
 
 def say(text: str = "") -> None:
-    """Print a text; lines are broken for a terminal only."""
-    screen = console()
+    """Print a text of a result; lines are broken for a terminal only."""
+    if not (_manner.as_json or _manner.quiet):
+        _print(text)
+
+
+def note(text: str) -> None:
+    """Print what is of use beside a result: to stderr where stdout belongs to JSON."""
+    if not _manner.quiet:
+        _print(text, sys.stderr if _manner.as_json else None)
+
+
+def answer(text: str) -> None:
+    """Print the one line that `--quiet` leaves of a result; else the line is not shown."""
+    if _manner.quiet and not _manner.as_json:
+        sys.stdout.write(f"{' '.join(text.split())}\n")
+
+
+def show_json(content: Any) -> None:
+    """Print the result of a command as JSON, if that was asked for."""
+    if _manner.as_json:
+        from preisach_jax.files import json_bytes
+
+        # JSON is UTF-8 whatever the terminal takes.
+        typer.echo(json_bytes(content), nl=False)
+
+
+def _print(text: str, file: Any = None) -> None:
+    screen = _console(file)
     screen.print(text, soft_wrap=not screen.is_terminal)
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = True) -> None:
     """Print a table, all but the first column to the right if they are numbers."""
+    if _manner.as_json or _manner.quiet:
+        return
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -45,13 +106,68 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool =
         drawn.add_column(header, justify="right" if numbers and position else "left")
     for row in rows:
         drawn.add_row(*row)
-    console().print(drawn)
+    _console().print(drawn)
+
+
+class TimeLeft:
+    """How long a work will take yet, from how much of it is done.
+
+    Parts of a work take longer than others, so an estimate is blended with the one before, less
+    the time that has passed; what is shown is rounded so coarsely that it does not flicker.
+
+    Example:
+        >>> left = TimeLeft()
+        >>> left(0.0, 0.0), left(0.25, 30.0), left(0.5, 60.0)
+        ('', 'about 2 min left', 'about 60 s left')
+    """
+
+    _BEGIN_S, _BEGIN_SHARE = 4.0, 0.04  # before, an estimate means nothing
+    _MEMORY = 4.0  # it follows what happens within this part of the time passed
+
+    def __init__(self):
+        self._first: tuple[float, float] | None = None  # share that was done, and when
+        self._left = self._last = math.nan
+
+    def __call__(self, done: float, now: float) -> str:
+        """What to show, `""` while nothing is known.
+
+        Arguments:
+            done: share of the work that is done, from 0 to 1.
+            now: time in s, on a clock that never goes back.
+        """
+        if self._first is None:  # work that goes on may begin with much of it done
+            self._first = (done, now)
+        share, passed = done - self._first[0], now - self._first[1]
+        if passed < self._BEGIN_S or share < self._BEGIN_SHARE:
+            return ""
+        fresh = max(1.0 - done, 0.0) * passed / share
+        if math.isnan(self._left):
+            self._left = fresh
+        else:
+            since = now - self._last
+            weight = 1.0 - math.exp(-self._MEMORY * since / passed)
+            expected = max(self._left - since, 0.0)
+            self._left = expected + weight * (fresh - expected)
+        self._last = now
+        return f"{_coarse(self._left)} left"
+
+
+def _coarse(seconds: float) -> str:
+    if seconds < 5:
+        return "a few seconds"
+    if seconds < 95:
+        return f"about {10 * math.ceil(seconds / 10)} s"
+    if seconds < 95 * 60:
+        return f"about {math.ceil(seconds / 60)} min"
+    return f"about {math.ceil(seconds / 3600)} h"
 
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A bar on stderr if that is a terminal, else a line every now and then."""
-    if sys.stderr.isatty():
+    """A bar on stderr if that is a terminal, else a line every now and then; nothing if quiet."""
+    if _manner.quiet:
+        yield lambda text, done: None
+    elif sys.stderr.isatty():
         with _bar() as show:
             yield show
     else:
@@ -61,11 +177,28 @@ def progress() -> Iterator[Progress]:
 @contextmanager
 def _bar() -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+    from rich.text import Text
+
+    class Left(ProgressColumn):
+        """The time left."""
+
+        max_refresh = 0.5  # s
+        estimate = TimeLeft()
+
+        def render(self, task):
+            return Text(self.estimate(task.completed, time.monotonic()))
 
     columns = (
         SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(),
-        TimeElapsedColumn(),
+        TimeElapsedColumn(), Left(),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task("starting", total=1.0)
@@ -81,13 +214,15 @@ class _Lines:
 
     def __init__(self):
         self.start = self.last = time.monotonic()
+        self.estimate = TimeLeft()
 
     def __call__(self, text: str, done: float) -> None:
-        del done
         now = time.monotonic()
+        left = self.estimate(done, now)
         if now - self.last >= _SPARSE_S:
             self.last = now
-            sys.stderr.write(f"[{now - self.start:4.0f} s] {text}\n")
+            more = f" ({left})" if left else ""
+            sys.stderr.write(f"[{now - self.start:4.0f} s] {text}{more}\n")
             sys.stderr.flush()
 
 
@@ -99,37 +234,17 @@ def show_record(record: Record, notes: Iterable[str]) -> None:
         name = channel.name if role == channel.name else f"{role} {channel.name}"
         parts.append(f"{name} ({unit or 'no unit'})")
     rows, span = len(record.time), quantity(record.duration_s, "s")
-    say(f"{record.name}: {rows:,} rows, {span}; {', '.join(parts)}")
-    for note in (*notes, *_holes(record)):
+    note(f"{record.name}: {rows:,} rows, {span}; {', '.join(parts)}")
+    for note in (*notes, *holes(record)):
         say(f"  {note}")
-
-
-def _holes(record: Record) -> list[str]:
-    """What is missing in a record: stretches of time, and outputs."""
-    found = []
-    if record.gaps:
-        row, seconds = max(record.gaps, key=lambda gap: gap[1])
-        others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
-        found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
-    if unmeasured := int((~record.measured).sum()):
-        found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
-    return found
 
 
 def show_diagnosis(found: Diagnosis) -> None:
     """Print verdict, ladder, budget, findings and what to record next."""
-    from preisach_jax.rows import budget_rows, finding_parameters, headline, ladder_rows
-
     say(f"\n{headline(found)} ({found.verdict}).\n{found.sentence}\n")
-    for note in found.notes:
-        say(f"Note: {note}\n")
-    rows = ladder_rows(found)
-    unit = f" ({rows[0]['unit']})" if rows[0]["unit"] else ""
-    keys = ("model", "rms_validation", "percent_of_stroke", "max_abs_validation", "fit_percent")
-    table(
-        ("model", f"held-out RMS{unit}", "% of stroke", f"largest{unit}", "fit %"),
-        [[row[key] for key in keys] for row in rows],
-    )
+    for text in found.notes:
+        say(f"Note: {text}\n")
+    table(*error_table(found.ladder, found.base.record))
     say()
     table(("error budget", "RMS", "from"), budget_rows(found), numbers=False)
     for finding in found.findings:

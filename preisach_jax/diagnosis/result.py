@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax import html
 from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
+from preisach_jax.rows import error_table, finding_rows, headline
 
 VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
 
@@ -150,6 +152,29 @@ class Diagnosis:
     located: str
     notes: tuple[str, ...]
     steps: tuple[Fit, ...]
+
+    def __repr__(self) -> str:
+        first, last = (
+            quantity(rung.rms_validation, self.budget.unit, 3)
+            for rung in (self.ladder[0], self.ladder[-1])
+        )
+        errors = f"{first} -> {last}" if len(self.ladder) > 1 else last
+        verdict = " by ".join(filter(None, (self.verdict, ", ".join(self.effects))))
+        return f"<Diagnosis of {self.base.record.name}: {verdict}; held-out error {errors} RMS>"
+
+    def _repr_html_(self) -> str:
+        """Verdict, ladder, findings with intervals and what to record next, for notebooks."""
+        found = ("found", "cannot be told from", "parameter", "value")
+        record_next = self.next_experiment.text if self.next_experiment else ""
+        said = {"What remains": self.located, "Record next": record_next}
+        return html.block(
+            html.heading(f"{headline(self)} ({self.verdict})"),
+            html.sentence(self.sentence),
+            html.table(*error_table(self.ladder, self.base.record), numbers_from=1),
+            html.table(found, finding_rows(self.findings)),
+            *(html.sentence(f"{name}: {text}") for name, text in said.items() if text),
+            *map(html.sentence, self.notes),
+        )
 
     @property
     def effects(self) -> tuple[str, ...]:

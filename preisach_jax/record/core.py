@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from preisach_jax import html
 from preisach_jax.errors import InputError
 from preisach_jax.record.channels import (
     Channel,
@@ -30,6 +31,7 @@ from preisach_jax.record.checks import (
 )
 from preisach_jax.record.columns import assign_roles
 from preisach_jax.record.reading import read_table
+from preisach_jax.rows import column_rows, holes, record_line, span_rows
 
 MIN_MEASURED = 50
 """Fewest measured samples from which a model may be identified."""
@@ -251,6 +253,18 @@ class Record:
             sha256=digest.hexdigest(),
             initial_memory=initial_memory,
             time_values=_frozen(time_values),
+        )
+
+    def __repr__(self) -> str:
+        return f"<Record {record_line(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Columns with units and ranges, duration, gaps and missing outputs, for notebooks."""
+        return html.block(
+            html.heading(record_line(self)),
+            html.table(("", "column", "unit", "from", "to"), column_rows(self), numbers_from=3),
+            html.table((), span_rows(self)),
+            *map(html.sentence, holes(self)),
         )
 
     def __len__(self) -> int:

@@ -1,0 +1,153 @@
+"""What notebooks show of results: numbers of the object, with units, and nothing that runs."""
+
+import re
+from html import unescape
+
+import numpy as np
+import pytest
+from stand_ins import make_diagnosis, make_record
+
+import preisach_jax as pj
+from preisach_jax import html
+from preisach_jax.quantity import interval, quantity
+
+EVIL = "<script>alert('µ')</script>"
+
+
+def made(effects=(), **options):
+    """A small record and its fit."""
+    rng = np.random.default_rng(0)
+    time = np.arange(1500) * 0.002
+    drive = 5 - 5 * np.cos(time * (6 + 3 * time))
+    output = drive**1.1 + 0.2 * np.tanh(drive - 5) + 1e-3 * rng.normal(size=time.size)
+    settings = {"units": {"input": "V", "output": "um"}, "name": "stage.csv"} | options
+    record = pj.Record.from_arrays(time, drive, output, **settings)
+    return record, pj.fit(record, effects, levels=5)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return made(("input_lag", "creep"))
+
+
+def words(page: str) -> str:
+    """The text of a piece of HTML, one space between cells."""
+    return " ".join(unescape(re.sub("<[^>]*>", " ", page)).split())
+
+
+def tags(page: str) -> set[str]:
+    return set(re.findall(r"</?([A-Za-z]+)", page))
+
+
+def shown(result) -> str:
+    page = result._repr_html_()
+    assert tags(page) <= {"div", "p", "table", "thead", "tbody", "tr", "th", "td"}
+    assert not re.search(r"\b(src|href|class|on\w+)=", page)  # inline styles alone, no network
+    for tag in tags(page):
+        assert len(re.findall(f"<{tag}[ >]", page)) == page.count(f"</{tag}>")
+    return words(page)
+
+
+def test_cells_and_sentences_are_escaped():
+    for page in (
+        html.heading(EVIL),
+        html.sentence(EVIL),
+        html.table((EVIL, "b"), [(EVIL, "c")], numbers_from=1),
+    ):
+        assert "<script" not in page
+        assert EVIL in unescape(page)
+
+
+def test_what_is_empty_leaves_nothing():
+    assert html.table(("a", "b"), []) == ""
+    assert html.sentence("") == ""
+
+
+def test_a_record_shows_columns_units_and_what_is_missing():
+    time = np.append(np.arange(100), np.arange(150, 250)) * 0.01
+    output = np.where(np.arange(200) < 20, np.nan, np.arange(200.0))
+    record = pj.Record.from_arrays(
+        time, np.sin(time), output, aux={"load_N": time}, units={"output": "um", "load_N": "N"}
+    )
+    text = shown(record)
+    assert repr(record) == "<Record record: 200 rows, 2.49 s>"
+    assert "output output µm 20 199" in text
+    assert "load_N load_N N 0 2.49" in text
+    assert "input input unknown" in text
+    assert "time time s 0 2.49" in text
+    assert "200, 180 of them with a measured output" in text
+    assert "step 10 ms" in text
+    assert "a gap of 510 ms before sample 101" in text
+    assert "20 samples without a measured output" in text
+
+
+def test_a_record_without_any_output_is_shown():
+    record = pj.Record.from_arrays([0.0, 1.0], [0.0, 0.0], [np.nan, np.nan])
+    assert "output output unknown unknown unknown" in shown(record)
+    assert "\n" not in repr(record)
+
+
+def test_a_fit_shows_its_own_numbers(fitted):
+    _, fit = fitted
+    text = shown(fit)
+    assert quantity(fit.rms_validation, "um", 3) in text
+    assert f"{fit.fit_percent:.2f}" in text
+    assert "5 levels, 15 cells, input from" in text
+    creep = fit.model.parameters["creep"]
+    for name in (*list(creep)[:4], "tau_s"):
+        e = creep.get(name, fit.model.parameters["input_lag"].get("tau_s"))
+        assert f"{name} {interval(e.value, e.low, e.high, e.unit)}" in text
+    assert f"and {len(creep) - 4} more in Model.parameters" in text
+    assert "held-out RMS (nm)" in text
+    assert repr(fit).startswith("<Fit of stage.csv: Preisach model + input_lag + creep, 5 levels, ")
+    assert len(repr(fit)) < 150
+
+
+def test_a_model_shows_its_chain_in_order(fitted, tmp_path):
+    _, fit = fitted
+    fit.save(tmp_path / "model.json")
+    model = pj.Model.load(tmp_path / "model.json")
+    text = shown(model)
+    places = [text.index(name) for name in ("input input_lag", "Preisach operator", "output creep")]
+    assert places == sorted(places)
+    assert quantity(model.rms_validation, "um", 3) in text
+    assert "Identified on stage.csv, 1,500 rows." in text
+    assert "\n" not in repr(model)
+    assert len(repr(model)) < 150
+
+
+def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
+    found = make_diagnosis()
+    text = shown(found)
+    assert "An effect is found, and something remains (partly_explained)" in text
+    assert found.sentence in text
+    assert "held-out RMS (nm)" in text
+    assert "Preisach model + creep + drift 31" in text
+    assert "creep drift c_1 0.0213 (95 %: 0.0201 to 0.0225)" in text
+    assert "tau_s 54.2 ms (95 %: 53.8 to ∞)" in text
+    assert "drift nothing amplitude -400 nm (95 %: -500 to -300)" in text
+    assert "Record next: hold for a minute" in text
+    assert "What remains: most of it lies at the turns" in text
+    assert repr(found) == (
+        "<Diagnosis of stage.csv: partly_explained by creep, drift; "
+        "held-out error 600 nm -> 31 nm RMS>"
+    )
+
+
+def test_a_diagnosis_that_names_nothing_is_short():
+    found = make_diagnosis("adequate", next_experiment=None, located="")
+    text = shown(found)
+    assert "Nothing is missing (adequate)" in text
+    assert "Record next" not in text
+    assert "What remains" not in text
+    assert repr(found) == "<Diagnosis of stage.csv: adequate; held-out error 600 nm RMS>"
+
+
+@pytest.mark.parametrize("unit", ["", EVIL])
+def test_names_and_units_of_a_file_are_escaped(unit):
+    units = {"input": unit, "output": unit} if unit else None
+    record, fit = made(name=EVIL, units=units)
+    found = make_diagnosis(record=make_record(name=EVIL), sentence=EVIL, notes=(EVIL,))
+    for result in (record, fit, fit.model, found):
+        assert EVIL in shown(result)
+        assert "\n" not in repr(result)

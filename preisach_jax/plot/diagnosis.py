@@ -20,9 +20,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.plot.axes import column_name, greatest, record_axes, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import number, quantity, scaled
-from preisach_jax.record.units import split_unit
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis
@@ -207,30 +207,20 @@ def residuals(traces: Traces) -> Figure:
     record = _record(traces)
     figure = Figure(figsize=(8.2, 7.6), layout="constrained")
     panels = figure.subplot_mosaic([["time", "time"], ["input", "rate"], ["output", "since"]])
-    rate = stats.input_rate(record.time, record.input)
-    since = stats.time_since_reversal(record.time, record.input)
-    against = {
-        "time": (record.time, "s", "time"),
-        "input": (record.input, record.input_unit, _name(record, "input")),
-        "rate": (rate, _per_second(record.input_unit), f"rate of {_name(record, 'input')}"),
-        "output": (record.output, record.output_unit, _name(record, "output")),
-        "since": (since, "s", "time since the input last turned"),
-    }
     factor, unit = _residual_scale(traces)
     limit = factor * max(np.nanquantile(np.abs(t.residual), 0.999) for t in traces.values())
-    for key, (position, its_unit, name) in against.items():
+    for key, axis in record_axes(record).items():
         axes = panels[key]
-        its_factor, shown = (1.0, "s") if key == "time" else scaled(_greatest(position), its_unit)
         for trace in traces.values():
-            _cloud(axes, its_factor * position, factor * trace.residual, colour(trace))
+            _cloud(axes, axis.values, factor * trace.residual, colour(trace))
         axes.axhline(0, color="0.3", lw=0.7)
         axes.set_ylim(-1.1 * limit, 1.1 * limit)
-        axes.set_xlabel(_with_unit(name, shown))
-        axes.set_ylabel(_with_unit("residual", unit))
+        axes.set_xlabel(_plain(axis.label))
+        axes.set_ylabel(with_unit("residual", unit))
         if key != "time":
             axes.locator_params(axis="x", nbins=6)
-    if since.max() > 100 * record.step_s:
-        panels["since"].set_xscale("log")
+        if axis.is_logarithmic:
+            axes.set_xscale("log")
     _shade_held_out(panels["time"], _first(traces), slice(0, len(record.time)))
     panels["time"].set_title("Residual (measured less model): points, median, 5–95 % band")
     panels["time"].margins(x=0.01)
@@ -300,48 +290,81 @@ def density(model: Model) -> Figure:
     Returns:
         The figure.
     """
-    plane = model.plane
-    input_unit, output_unit = model.units.get("input", ""), model.units.get("output", "")
-    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
-    factor, shown = scaled(float(np.abs(edges).max()), input_unit)
-    edges = factor * edges
-    area = (factor * plane.delta_x) ** 2
+    edges, shown = plane_edges(model)
+    figure = Figure(figsize=(5.6, 4.8), layout="constrained")
+    axes = figure.add_subplot()
+    area = (edges[1] - edges[0]) ** 2
+    draw_cells(axes, model, (edges, edges), np.asarray(model.weights) / area, "density")
+    axes.plot(edges[[0, -1]], edges[[0, -1]], color="0.3", lw=0.8)
+    axes.set_xlabel(with_unit("switching-off threshold β", shown))
+    axes.set_ylabel(with_unit("switching-on threshold α", shown))
+    axes.set_title("Density on the Preisach plane")
     visited = np.asarray(model.visited, dtype=bool)
-    values = np.where(visited, np.asarray(model.weights) / area, np.nan)
+    if not visited.all():
+        share = 100 * (1 - visited.mean())
+        label = f"never visited by this record ({share:.0f} % of the cells)"
+        figure.legend(handles=[unvisited_patch(label)], loc="outside lower center")
+    return figure
+
+
+def plane_edges(model: Model) -> tuple[np.ndarray, str]:
+    """(levels + 1,) borders of a model's cells on either axis, and the unit that they are in."""
+    plane = model.plane
+    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
+    factor, shown = scaled(float(np.abs(edges).max()), model.units.get("input", ""))
+    return factor * edges, shown
+
+
+def draw_cells(
+    axes: Axes,
+    model: Model,
+    borders: tuple[np.ndarray, np.ndarray],
+    values: np.ndarray,
+    name: str,
+) -> None:
+    """Draw a density a cell, hatch the cells that were never visited, and add a bar of colours.
+
+    The colours end at the greatest value off the diagonal α = β, whose reversible cells may hold
+    many times as much.
+
+    Arguments:
+        axes: where to.
+        model: the model.
+        borders: horizontal and vertical place of the borders of cells, as for `pcolormesh`.
+        values: (cells,) density in the output's unit over the square of that of `plane_edges`; NaN
+            where a cell is not to be drawn.
+        name: what the bar is called.
+    """
+    plane, shown = model.plane, plane_edges(model)[1]
+    visited = np.asarray(model.visited, dtype=bool)
+    drawn = ~np.isnan(values)
+    values = np.where(visited, values, np.nan)
     off_diagonal = values[(plane.alpha_index != plane.beta_index) & visited]
     top = float(off_diagonal.max()) if off_diagonal.size else 0.0
     if not top > 0:
         top = float(np.nanmax(values)) if visited.any() else 1.0
     top = top if top > 0 else 1.0
-    out_factor, out_shown = scaled(top, output_unit)
-    figure = Figure(figsize=(5.6, 4.8), layout="constrained")
-    axes = figure.add_subplot()
+    factor, out_shown = scaled(top, model.units.get("output", ""))
     picture = axes.pcolormesh(
-        edges, edges, np.ma.masked_invalid(out_factor * plane.matrix(values)),
-        cmap="viridis", norm=PowerNorm(0.5, 0, out_factor * top), rasterized=True,
+        *borders, np.ma.masked_invalid(factor * plane.matrix(values)),
+        cmap="viridis", norm=PowerNorm(0.5, 0, factor * top), rasterized=True,
     )  # fmt: skip
-    unvisited = plane.matrix(np.where(visited, np.nan, 1.0))
-    if not visited.all():
+    unvisited = plane.matrix(np.where(drawn & ~visited, 1.0, np.nan))
+    if not np.isnan(unvisited).all():
         axes.pcolor(
-            edges, edges, np.ma.masked_invalid(unvisited), cmap="gray", vmin=0, vmax=1.12,
+            *borders, np.ma.masked_invalid(unvisited), cmap="gray", vmin=0, vmax=1.12,
             hatch="xxxx", edgecolor="0.55", lw=0,
         )  # fmt: skip
-    axes.plot(edges[[0, -1]], edges[[0, -1]], color="0.3", lw=0.8)
     axes.set_aspect("equal")
     axes.grid(visible=False)
-    axes.set_xlabel(_with_unit("switching-off threshold β", shown))
-    axes.set_ylabel(_with_unit("switching-on threshold α", shown))
     square = f"{shown}²" if shown and not set(shown) & set("/·²") else f"({shown})²"
-    unit = f"{out_shown}/{square}" if shown else out_shown
-    bar = figure.colorbar(picture, ax=axes, extend="max", shrink=0.85)
-    bar.set_label(_with_unit("density", unit))
-    axes.set_title("Density on the Preisach plane")
-    share = 100 * visited.mean()
-    if not visited.all():
-        label = f"never visited by this record ({100 - share:.0f} % of the cells)"
-        patch = Patch(facecolor="0.9", edgecolor="0.55", hatch="xxxx", label=label)
-        figure.legend(handles=[patch], loc="outside lower center")
-    return figure
+    bar = axes.figure.colorbar(picture, ax=axes, extend="max", shrink=0.85)
+    bar.set_label(with_unit(name, f"{out_shown}/{square}" if shown else out_shown))
+
+
+def unvisited_patch(label: str) -> Patch:
+    """What a legend shows beside the words for cells that were never visited."""
+    return Patch(facecolor="0.9", edgecolor="0.55", hatch="xxxx", label=label)
 
 
 @mpl.rc_context(STYLE)
@@ -422,7 +445,7 @@ def overview(fit: Trace) -> Figure:
     rms = quantity(float(error), fit.record.output_unit, 3)
     panels["residual"].set_title(f"Residual; {rms} RMS held out")
     title = "Preisach model" + "".join(f" + {name}" for name in fit.effects)
-    panels["time"].set_title(f"{fit.record.name}: {title}".replace("$", r"\$"))
+    panels["time"].set_title(_plain(f"{fit.record.name}: {title}"))
     _legend(figure, traces, measured=True)
     return figure
 
@@ -465,28 +488,18 @@ def _record(traces: Traces) -> Record:
     return _first(traces).record
 
 
+def _plain(text: str) -> str:
+    """A text in which a dollar sign starts no formula."""
+    return text.replace("$", r"\$")
+
+
 def _name(record: Record, role: str) -> str:
-    """What a column is called on an axis: its role and its name without the unit."""
-    own = split_unit(record.channels[role].name)[0]
-    # A dollar sign would start a formula.
-    return (role if own == role else f"{role} {own}").replace("$", r"\$")
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
-
-
-def _per_second(unit: str) -> str:
-    return f"{unit}/s" if unit else "1/s"
-
-
-def _greatest(values: np.ndarray) -> float:
-    return float(np.nanmax(np.abs(values)))
+    return _plain(column_name(record, role))
 
 
 def _residual_scale(traces: Traces) -> tuple[float, str]:
-    greatest = max(_greatest(trace.residual) for trace in traces.values())
-    return scaled(greatest, _record(traces).output_unit)
+    largest = max(greatest(trace.residual) for trace in traces.values())
+    return scaled(largest, _record(traces).output_unit)
 
 
 def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -507,13 +520,13 @@ def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
     record = _record(traces)
     time = record.time[rows]
     if what == "output":
-        factor, unit = scaled(_greatest(record.output), record.output_unit)
+        factor, unit = scaled(greatest(record.output), record.output_unit)
         axes.plot(*_envelope(time, factor * record.output[rows]), color=MEASURED, lw=2.6)
-        axes.set_ylabel(_with_unit(_name(record, "output"), unit))
+        axes.set_ylabel(with_unit(_name(record, "output"), unit))
     else:
         factor, unit = _residual_scale(traces)
         axes.axhline(0, color="0.3", lw=0.7)
-        axes.set_ylabel(_with_unit("residual", unit))
+        axes.set_ylabel(with_unit("residual", unit))
     for trace in traces.values():
         values = trace.prediction if what == "output" else trace.residual
         values = np.where(record.measured, values, np.nan)[rows]
@@ -524,8 +537,8 @@ def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
 
 
 def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6) -> None:
-    in_factor, in_unit = scaled(_greatest(record.input), record.input_unit)
-    out_factor, out_unit = scaled(_greatest(record.output), record.output_unit)
+    in_factor, in_unit = scaled(greatest(record.input), record.input_unit)
+    out_factor, out_unit = scaled(greatest(record.output), record.output_unit)
     # Of a million points, every so-manyth draws the same line.
     chosen = np.arange(len(record))[rows]
     chosen = chosen[:: max(len(chosen) // 40_000, 1)]
@@ -546,8 +559,8 @@ def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float 
             marker=".", ms=line, mew=0, rasterized=True,
         )  # fmt: skip
     axes.locator_params(axis="x", nbins=6)
-    axes.set_xlabel(_with_unit(_name(record, "input"), in_unit))
-    axes.set_ylabel(_with_unit(_name(record, "output"), out_unit))
+    axes.set_xlabel(with_unit(_name(record, "input"), in_unit))
+    axes.set_ylabel(with_unit(_name(record, "output"), out_unit))
 
 
 def _cloud(axes: Axes, position: np.ndarray, values: np.ndarray, shade: str) -> None:
@@ -595,7 +608,7 @@ def _legend(
     first = _first(traces)
     handles = [Patch(color=MEASURED, label="measured")] if measured else []
     for name, trace in traces.items():
-        text = name.replace("$", r"\$") if measured is False or len(traces) > 1 else "model"
+        text = _plain(name) if measured is False or len(traces) > 1 else "model"
         handles.append(Patch(color=colour(trace), label=text))
     if held_out and not first.validation[first.record.measured].all():
         handles.append(Patch(color=HELD_OUT, alpha=0.4, label="held out from identification"))

@@ -1,0 +1,92 @@
+"""What is drawn along an axis: values in the unit that reads best, and a label that names it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.quantity import scaled
+from preisach_jax.record import Record
+from preisach_jax.record.units import split_unit
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One coordinate of every row of a record.
+
+    Attributes:
+        values: (time,) in the unit of the label.
+        label: name and unit.
+        is_logarithmic: whether a logarithmic scale shows it best.
+    """
+
+    values: np.ndarray
+    label: str
+    is_logarithmic: bool = False
+
+
+def record_axes(record: Record) -> dict[str, Axis]:
+    """What residuals are looked at against, row by row.
+
+    Arguments:
+        record: the measurement.
+
+    Returns:
+        Axes by `"time"`, `"input"`, `"output"`, `"rate"` (of the input) and `"since"` (time since
+        the input last turned).
+
+    Example:
+        >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 2, 4], [0, 1, 2],
+        ...                             units={"input": "V", "output": "um"})
+        >>> record_axes(record)["rate"].label, record_axes(record)["rate"].values
+        ('rate of input (V/s)', array([2., 2., 2.]))
+    """
+    rate = stats.input_rate(record.time, record.input)
+    since = stats.time_since_reversal(record.time, record.input)
+    per_second = f"{record.input_unit}/s" if record.input_unit else "1/s"
+    return {
+        "time": Axis(record.time, "time (s)"),
+        "input": _axis(record.input, record.input_unit, column_name(record, "input")),
+        "output": _axis(record.output, record.output_unit, column_name(record, "output")),
+        "rate": _axis(rate, per_second, f"rate of {column_name(record, 'input')}"),
+        "since": _axis(
+            since, "s", "time since the input last turned",
+            is_logarithmic=bool(since.max() > 100 * record.step_s),
+        ),
+    }  # fmt: skip
+
+
+def column_name(record: Record, role: str) -> str:
+    """What a column is called on an axis: its role and its name without the unit.
+
+    Arguments:
+        record: the measurement.
+        role: `"input"` or `"output"`.
+
+    Returns:
+        The text as it stands in the file, escaped for no kind of drawing.
+    """
+    own = split_unit(record.channels[role].name)[0]
+    return role if own == role else f"{role} {own}"
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A label of a name and its unit, if it has one.
+
+    Example:
+        >>> with_unit("residual", "nm"), with_unit("residual", "")
+        ('residual (nm)', 'residual')
+    """
+    return f"{name} ({unit})" if unit else name
+
+
+def greatest(values: np.ndarray) -> float:
+    """The greatest magnitude of values that may be missing."""
+    return float(np.nanmax(np.abs(values)))
+
+
+def _axis(values: np.ndarray, unit: str, name: str, *, is_logarithmic: bool = False) -> Axis:
+    factor, shown = scaled(greatest(values), unit)
+    return Axis(factor * values, with_unit(name, shown), is_logarithmic)

@@ -15,6 +15,7 @@ from preisach_jax.plot.diagnosis import (
     waterfall,
     worst_stretch,
 )
+from preisach_jax.plot.forc import forc_diagram
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, pdf, png, svg
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "candidates",
     "colour",
     "density",
+    "forc_diagram",
     "loop",
     "measured_and_model",
     "overview",

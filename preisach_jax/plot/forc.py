@@ -1,0 +1,69 @@
+"""The diagram of first-order reversal curves: the density against coercive and bias field."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from preisach_jax.plot.axes import with_unit
+from preisach_jax.plot.diagnosis import draw_cells, plane_edges, unvisited_patch
+from preisach_jax.plot.style import STYLE
+
+if TYPE_CHECKING:
+    from preisach_jax.model import Model
+
+
+@mpl.rc_context(STYLE)
+def forc_diagram(model: Model) -> Figure:
+    r"""The density of a model against Hc = (α - β)/2 and Hu = (α + β)/2, as FORC diagrams show it.
+
+    A curve that turns upward at Ha = β and has come to Hb = α has switched on what lies between,
+    so that
+    \[ \rho(H_a, H_b) = -\frac12 \frac{\partial^2 M}{\partial H_a\, \partial H_b}
+       = \frac{R}{2\, \delta x^2} : \]
+    half the density R/δx² of hysterons that switch between 0 and 1. The diagram is that of the
+    model's hysterons alone, without the effects around them, smooth as far as the cells and the
+    fit make it so. Reversible cells, on the diagonal α = β or Hc = 0, have no reversal curve; they
+    are left out, and the title says how much of the sum of all weights they hold. Over the plane
+    of Ha and Hb, 2ρ adds up to the rest of that sum; over that of Hc and Hu, 4ρ does.
+
+    Arguments:
+        model: a model; fields are in the unit of its input, ρ is in that of its output over the
+            square of the former.
+
+    Returns:
+        The figure; cells that the model's record never visited are hatched.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> forc_diagram(model).axes[0].get_xlabel()
+        'Hc = (α - β)/2'
+    """
+    plane = model.plane
+    edges, shown = plane_edges(model)
+    alpha, beta = np.meshgrid(edges, edges, indexing="ij")
+    turns = plane.alpha_index != plane.beta_index
+    weights = np.asarray(model.weights)
+    values = np.where(turns, weights / (2 * (edges[1] - edges[0]) ** 2), np.nan)
+    figure = Figure(figsize=(4.4, 5.6), layout="constrained")
+    axes = figure.add_subplot()
+    draw_cells(axes, model, ((alpha - beta) / 2, (alpha + beta) / 2), values, "FORC density ρ")
+    axes.axhline(0, color="0.3", lw=0.8)
+    axes.set_xlim(0, (edges[-1] - edges[0]) / 2)
+    axes.set_ylim(edges[0], edges[-1])
+    axes.set_xlabel(with_unit("Hc = (α - β)/2", shown))
+    axes.set_ylabel(with_unit("Hu = (α + β)/2", shown))
+    total = weights.sum()
+    left_out = f"{100 * weights[~turns].sum() / total:.0f} %" if total > 0 else "nothing"
+    axes.set_title(f"FORC diagram\nreversible, not shown: {left_out} of the sum")
+    visited = np.asarray(model.visited, dtype=bool)
+    if not visited[turns].all():
+        patch = unvisited_patch("never visited by this record")
+        figure.legend(handles=[patch], loc="outside lower center")
+    return figure

@@ -1,0 +1,94 @@
+"""The FORC diagram shows the mixed second derivative of simulated reversal curves, and its mass."""
+
+import jax
+import numpy as np
+import pytest
+from stand_ins import make_model
+
+import preisach_jax as pj
+from preisach_jax import plot
+
+
+def model_of(weights, plane, units=("counts", "counts"), visited=None):
+    """What the diagram reads of a model with known weights."""
+    model = make_model(levels=plane.levels, visited=visited)
+    model.plane, model.weights = plane, weights
+    model.units = dict(zip(("input", "output"), units, strict=True))
+    model.visited = np.ones(plane.cells, bool) if visited is None else visited
+    return model
+
+
+def drawn(figure):
+    """Densities of the cells that are drawn, and the middle and the area of each."""
+    mesh = figure.axes[0].collections[0]
+    values = np.ma.filled(mesh.get_array(), np.nan)
+    corners = np.asarray(mesh.get_coordinates())
+    x, y = corners[..., 0], corners[..., 1]
+    middle = [(c[:-1, :-1] + c[1:, :-1] + c[:-1, 1:] + c[1:, 1:]) / 4 for c in (x, y)]
+    along, across = corners[1:, :-1] - corners[:-1, :-1], corners[:-1, 1:] - corners[:-1, :-1]
+    area = np.abs(along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0])
+    there = ~np.isnan(values)
+    return values[there], middle[0][there], middle[1][there], area[there]
+
+
+def simulated_curves(plane, weights):
+    """Output M(Ha, Hb) of reversal curves played on relays, at the borders of cells."""
+    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
+    moments = np.full((plane.levels + 1, plane.levels + 1), np.nan)
+    for a, turn in enumerate(edges):
+        path = np.concatenate([[plane.low, plane.high, turn], edges[a + 1 :]])
+        with jax.enable_x64(True):
+            output = np.asarray(pj.simulate(plane, weights, path, hysteron="relay"))
+        moments[a, a:] = output[2:]
+    return moments
+
+
+def test_it_is_the_mixed_second_derivative_of_reversal_curves():
+    plane = pj.Plane(levels=9, low=-40.0, high=50.0)
+    weights = np.random.default_rng(1).uniform(0.1, 2.0, plane.cells)
+    moments = simulated_curves(plane, weights)
+    mixed = np.diff(np.diff(moments, axis=0), axis=1) / plane.delta_x**2  # [Ha, Hb]
+    values, coercive, bias, _ = drawn(plot.forc_diagram(model_of(weights, plane)))
+    assert values.size == plane.cells - plane.levels  # all but the diagonal
+    b, a = np.rint((np.stack([bias + coercive, bias - coercive]) - plane.low) / 10 - 0.5).astype(
+        int
+    )
+    np.testing.assert_allclose(values, -0.5 * mixed[a, b], rtol=1e-9)
+
+
+def test_its_mass_is_the_sum_of_the_weights_that_it_shows():
+    plane = pj.Plane(levels=12, low=-0.3, high=0.3)
+    weights = np.random.default_rng(2).uniform(size=plane.cells)
+    figure = plot.forc_diagram(model_of(weights, plane, units=("T", "counts")))
+    values, _, _, area = drawn(figure)
+    assert "(mT)" in figure.axes[0].get_xlabel()  # so that the area is in mT²
+    off = plane.alpha_index != plane.beta_index
+    assert (4 * values * area).sum() == pytest.approx(weights[off].sum(), rel=1e-9)
+    share = 100 * weights[~off].sum() / weights.sum()
+    assert f"{share:.0f} % of the sum" in figure.axes[0].get_title(loc="left")
+
+
+def test_the_ridge_lies_at_the_known_coercive_field():
+    plane = pj.Plane(levels=40, low=-100.0, high=100.0)
+    coercive, bias = (plane.alpha - plane.beta) / 2, (plane.alpha + plane.beta) / 2
+    weights = np.exp(-(((coercive - 30) / 6) ** 2) - (bias / 15) ** 2)
+    values, at_coercive, at_bias, _ = drawn(plot.forc_diagram(model_of(weights, plane)))
+    top = np.argmax(values)
+    assert at_coercive[top] == pytest.approx(30, abs=plane.delta_x)
+    assert at_bias[top] == pytest.approx(0, abs=plane.delta_x)
+    assert np.average(at_coercive, weights=values) == pytest.approx(30, abs=1)
+    assert np.average(at_bias, weights=values) == pytest.approx(0, abs=1e-9)
+
+
+def test_axes_and_colours_have_units_and_unvisited_cells_are_named():
+    plane = pj.Plane(levels=6, low=-60.0, high=60.0)
+    visited = np.arange(plane.cells) % 4 > 0
+    model = model_of(np.ones(plane.cells), plane, ("mT", "nA·m²"), visited)
+    figure = plot.forc_diagram(model)
+    axes, bar = figure.axes
+    assert axes.get_xlabel() == "Hc = (α - β)/2 (mT)"
+    assert axes.get_ylabel() == "Hu = (α + β)/2 (mT)"
+    assert bar.get_ylabel() == "FORC density ρ (pA·m²/mT²)"
+    assert figure.legends
+    everything = plot.forc_diagram(model_of(np.zeros(plane.cells), plane))
+    assert not everything.legends

@@ -1,35 +1,47 @@
-"""Preisach hysteresis: identify it, diagnose what a model of it lacks, and filter it online."""
+"""Preisach hysteresis: identify it, diagnose what a model of it lacks, and filter it online.
 
-from importlib.metadata import version
+Names are loaded when they are first used: the command line answers `--help` and completes words
+without the seconds that JAX takes.
+"""
 
-from preisach_jax.diagnosis import Diagnosis, diagnose
-from preisach_jax.diagnosis.design import Design, design
-from preisach_jax.effects import library as effects
-from preisach_jax.effects.base import (
-    AddedEffect,
-    Effect,
-    HysteresisEffect,
-    InputEffect,
-    OutputEffect,
-    Parameter,
-    SensorEffect,
-    Signals,
-    Survey,
-    WeightEffect,
-)
-from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.fit import Fit, fit
-from preisach_jax.fleet import FleetResult, fleet_to_folder, run_fleet
-from preisach_jax.model import Model, ParameterEstimate, Prediction
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
-from preisach_jax.plant import simulate_stage
-from preisach_jax.record import Record
-from preisach_jax.recursion import RecursiveLeastSquares, compare_recursions
-from preisach_jax.sweep import Sweep, sweep
+from __future__ import annotations
 
-__version__ = version("preisach_jax")
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from preisach_jax.diagnosis import Diagnosis, diagnose
+    from preisach_jax.diagnosis.design import Design, design
+    from preisach_jax.diagnosis.exploration import Exploration, explore
+    from preisach_jax.effects import library as effects
+    from preisach_jax.effects.base import (
+        AddedEffect,
+        Effect,
+        HysteresisEffect,
+        InputEffect,
+        OutputEffect,
+        Parameter,
+        SensorEffect,
+        Signals,
+        Survey,
+        WeightEffect,
+    )
+    from preisach_jax.errors import InputError
+    from preisach_jax.filter import AdaptiveFilter, simulate
+    from preisach_jax.fit import Fit, fit
+    from preisach_jax.fleet import FleetResult, fleet_to_folder, run_fleet
+    from preisach_jax.model import Model, ParameterEstimate, Prediction
+    from preisach_jax.online import OnlineFilter
+    from preisach_jax.plane import Plane
+    from preisach_jax.plant import simulate_stage
+    from preisach_jax.record import Record
+    from preisach_jax.recursion import RecursiveLeastSquares, compare_recursions
+    from preisach_jax.sweep import Sweep, sweep
+
+    __version__: str
 
 __all__ = [
     "AdaptiveFilter",
@@ -37,6 +49,7 @@ __all__ = [
     "Design",
     "Diagnosis",
     "Effect",
+    "Exploration",
     "Fit",
     "FleetResult",
     "HysteresisEffect",
@@ -60,6 +73,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "explore",
     "fit",
     "fleet_to_folder",
     "run_fleet",
@@ -67,3 +81,80 @@ __all__ = [
     "simulate_stage",
     "sweep",
 ]
+
+_HOMES = {
+    "AdaptiveFilter": "filter",
+    "AddedEffect": "effects.base",
+    "Design": "diagnosis.design",
+    "Diagnosis": "diagnosis",
+    "Effect": "effects.base",
+    "Exploration": "diagnosis.exploration",
+    "Fit": "fit",
+    "FleetResult": "fleet",
+    "HysteresisEffect": "effects.base",
+    "InputEffect": "effects.base",
+    "InputError": "errors",
+    "Model": "model",
+    "OnlineFilter": "online",
+    "OutputEffect": "effects.base",
+    "Parameter": "effects.base",
+    "ParameterEstimate": "model",
+    "Plane": "plane",
+    "Prediction": "model",
+    "Record": "record",
+    "RecursiveLeastSquares": "recursion",
+    "SensorEffect": "effects.base",
+    "Signals": "effects.base",
+    "Survey": "effects.base",
+    "Sweep": "sweep",
+    "WeightEffect": "effects.base",
+    "compare_recursions": "recursion",
+    "design": "diagnosis.design",
+    "diagnose": "diagnosis",
+    "effects": "effects",
+    "explore": "diagnosis.exploration",
+    "fit": "fit",
+    "fleet_to_folder": "fleet",
+    "run_fleet": "fleet",
+    "simulate": "filter",
+    "simulate_stage": "plant",
+    "sweep": "sweep",
+}
+"""The module that defines each name, within this package."""
+
+_OTHER_NAMES = {"effects": "library"}
+"""Names that are others in their module."""
+
+
+class _Package(ModuleType):
+    """A package in which `fit`, `effects` and `sweep` are the functions.
+
+    When a module of one of these names is imported, Python binds it to its package.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        home = import_module(f"{__name__}.{_HOMES[name]}")
+        value = getattr(home, _OTHER_NAMES.get(name, name))
+    elif name == "__version__":
+        from importlib.metadata import version
+
+        value = version(__name__)
+    elif not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
+        return import_module(f"{__name__}.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

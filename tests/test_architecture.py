@@ -1,6 +1,8 @@
 """The house: imports run one way, and importing the package costs and changes nothing."""
 
 import ast
+import importlib
+import importlib.metadata
 import os
 import subprocess
 import sys
@@ -50,6 +52,7 @@ LAYERS = [
     "paper",
     "plot",
     "report",
+    "app",
     "cli",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
@@ -194,8 +197,44 @@ def run_python(code, **environment):
     return done.stdout
 
 
+def test_the_public_names_are_those_that_type_checkers_see():
+    (block,) = [node for node in TREES[""].body if is_for_types(node)]
+    seen = {
+        alias.asname or alias.name: (node.module, alias.name)
+        for node in ast.walk(block)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert sorted(seen) == sorted(preisach_jax.__all__)
+    for name, (module, there) in seen.items():
+        assert getattr(preisach_jax, name) is getattr(importlib.import_module(module), there)
+        assert name in dir(preisach_jax)
+    assert preisach_jax.__version__ == importlib.metadata.version("preisach_jax")
+
+
+def test_functions_come_before_modules_of_the_same_name_and_other_modules_are_found():
+    code = (
+        "import preisach_jax.fit, preisach_jax.sweep, preisach_jax.effects.creep\n"
+        "import preisach_jax as pj\n"
+        "print(pj.fit.__name__, pj.sweep.__name__, pj.effects.__name__, pj.signals.__name__)\n"
+        "print(hasattr(pj, 'no_such'))"
+    )
+    assert run_python(code).split() == [
+        "fit", "sweep", "library", "preisach_jax.signals", "False",
+    ]  # fmt: skip
+
+
+def test_the_command_line_is_loaded_without_what_only_its_commands_need():
+    code = "import preisach_jax.cli.application as a, sys; a.build(); print(*sys.modules)"
+    assert not set(run_python(code).split()) & {"jax", "scipy", "pandas", "numpy", "rich"}
+
+
 def test_importing_loads_no_heavy_package():
-    loaded = set(run_python("import preisach_jax, sys; print(*sorted(sys.modules))").split())
+    assert not set(run_python("import preisach_jax, sys; print(*sys.modules)").split()) & {
+        "jax", "scipy", "numpy",
+    }  # fmt: skip
+    code = "from preisach_jax import *; import sys; print(*sorted(sys.modules))"
+    loaded = set(run_python(code).split())
     assert {"jax", "scipy"} <= loaded
     assert not loaded & {"matplotlib", "pandas", "pyarrow", "zarr", "typer", "rich", "jinja2"}
     # SciPy loads its parts when they are used; these take longer than all of this package.
@@ -206,7 +245,7 @@ def test_importing_leaves_the_configuration_of_jax_alone():
     code = (
         "import jax\n"
         "before = dict(jax.config.values)\n"
-        "import preisach_jax\n"
+        "from preisach_jax import *\n"
         "after = dict(jax.config.values)\n"
         "assert len(before) > 20\n"
         "print({k for k in before if before[k] != after.get(k)} or 'unchanged')"
@@ -218,7 +257,7 @@ def test_importing_starts_no_device():
     # With a platform that does not exist, the first use of a device fails.
     code = (
         "import jax\n"
-        "import preisach_jax\n"
+        "from preisach_jax import *\n"
         "try:\n"
         "    jax.devices()\n"
         "except RuntimeError:\n"

@@ -8,11 +8,12 @@ import math
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from preisach_jax.cli import screen
+from preisach_jax.cli.completion import complete_effect
 from preisach_jax.cli.options import (
     Aux,
     Columns,
@@ -29,11 +30,20 @@ from preisach_jax.cli.options import (
     check_choice,
     effect_names,
 )
+from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
     from preisach_jax.plant import StageRecord
+
+
+FIRST_STEPS = (
+    "preisach demo",
+    "preisach diagnose stage.csv",
+    "preisach predict preisach-report/model.json next.csv --out next-pred.csv",
+)
+"""Examples for whoever asks for no command."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -43,7 +53,6 @@ def _show_version(wanted: bool) -> None:
 
 
 def common(
-    context: typer.Context,
     show_version: Annotated[
         bool,
         typer.Option(
@@ -53,13 +62,14 @@ def common(
 ) -> None:
     """Fit Preisach hysteresis to a record, find the effect that is missing, predict."""
     del show_version
-    import jax
-
-    # Identification needs double precision, for the command alone: whoever calls `main` from a
-    # program of their own keeps the precision that they have.
-    context.with_resource(jax.enable_x64(True))
 
 
+@command(
+    "preisach diagnose stage.csv",
+    "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
+    "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
+    "preisach diagnose stage.csv --json > found.json",
+)
 def diagnose(
     context: typer.Context,
     data: Data,
@@ -75,7 +85,7 @@ def diagnose(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
-) -> None:
+) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
     from preisach_jax.diagnosis import diagnose as run
     from preisach_jax.files import check_folder
@@ -96,8 +106,14 @@ def diagnose(
         write_report(found, report, command=context.obj["command"])
     screen.show_diagnosis(found)
     screen.say(f"\nReport: {report / 'report.html'}")
+    return found.to_json()
 
 
+@command(
+    "preisach fit stage.csv --out model.json",
+    "preisach fit stage.csv --effects creep,delay --levels 25 --out model.json",
+    "preisach fit loop.csv --rate 2000 --input u --output z --out model.json",
+)
 def fit(
     data: Data,
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the model")],
@@ -110,7 +126,7 @@ def fit(
     rate: Rate = None,
     unit: Unit = None,
     initial_memory: InitialMemory = None,
-) -> None:
+) -> dict[str, Any]:
     """Fit a model with chosen effects, or with none."""
     from preisach_jax.files import check_file, json_bytes, write_files
     from preisach_jax.fit import fit as run
@@ -127,8 +143,14 @@ def fit(
         fitted = run(record, names, levels, progress=show)
     write_files({out: json_bytes(fitted.model.to_json())})
     screen.say(f"\n{fitted.summary()}\n\nModel: {out}")
+    return fitted.model.to_json()
 
 
+@command(
+    "preisach compare model.json other.csv",
+    "preisach compare model.json other.csv --initial-memory low --report other",
+    "preisach compare model.json other.csv --json",
+)
 def compare(
     context: typer.Context,
     model: ModelFile,
@@ -143,7 +165,7 @@ def compare(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-comparison"
     ),
-) -> None:
+) -> dict[str, Any]:
     """Test an existing model against a record."""
     from preisach_jax.diagnosis.comparison import compare as run
     from preisach_jax.files import check_folder
@@ -159,13 +181,20 @@ def compare(
     screen.show_record(record, notes)
     comparison = run(loaded, record)
     write_comparison(comparison, report, command=context.obj["command"])
-    screen.say(f"\n{comparison_sentence(comparison)}\n")
+    sentence = comparison_sentence(comparison)
+    screen.answer(sentence)
+    screen.say(f"\n{sentence}\n")
     screen.table(("", "value"), error_rows(comparison))
     screen.say()
     screen.table(("test of the residual", "found", "expected"), test_rows(comparison))
     screen.say(f"\nReport: {report / 'report.html'}")
+    return comparison.to_json()
 
 
+@command(
+    "preisach predict model.json next.csv --out prediction.csv",
+    "preisach predict model.json next.csv --input drive --out prediction.csv",
+)
 def predict(
     model: ModelFile,
     data: Data,
@@ -176,7 +205,7 @@ def predict(
     rate: Rate = None,
     unit: Unit = None,
     initial_memory: InitialMemory = None,
-) -> None:
+) -> dict[str, Any]:
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
@@ -188,19 +217,26 @@ def predict(
     prediction = loaded.predict(record)
     ratio = record.step_s / loaded.origin.step_s
     if not 0.5 <= ratio <= 2:
-        screen.say(
+        screen.note(
             f"{data}: the median time step is {ratio:.3g} times that of the record on which the "
             "model was identified; the band z_low to z_high does not allow for that"
         )
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("t", "z_pred", "z_low", "z_high"))
+    names = ("t", "z_pred", "z_low", "z_high")
+    writer.writerow(names)
     series = (record.time_values, prediction.output, prediction.low, prediction.high)
     writer.writerows(zip(*(values.tolist() for values in series), strict=True))
     write_files({out: text.getvalue().encode()})
     screen.say(f"{out}: {len(record.time):,} rows")
+    return screen.written([out], columns=names, rows=len(record.time))
 
 
+@command(
+    "preisach simulate --out stage.csv",
+    "preisach simulate --effects creep,drift --seconds 60 --out stage.csv",
+    "preisach simulate --effects delay --out stage.csv --truth truth.json",
+)
 def simulate(
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the record (CSV)")],
     effects: Effects = None,
@@ -210,7 +246,7 @@ def simulate(
     truth: Annotated[
         Path | None, typer.Option(metavar="FILE", help="where to write what is hidden (JSON)")
     ] = None,
-) -> None:
+) -> dict[str, Any]:
     """Simulate a piezo stage with chosen effects."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.plant import simulate_stage
@@ -222,10 +258,12 @@ def simulate(
             raise InputError(f"{out} is both --out and --truth; give two files")
     stage = simulate_stage(seed, seconds, effect_names(effects), rate)
     write_files(stage_files(stage, out, truth))
-    columns = ", ".join(["t_s", "u_V", "z_um", *stage.aux])
-    screen.say(f"{out}: {len(stage.time):,} rows of {columns}")
+    columns = ["t_s", "u_V", "z_um", *stage.aux]
+    screen.say(f"{out}: {len(stage.time):,} rows of {', '.join(columns)}")
     if truth is not None:
         screen.say(f"{truth}: what is hidden in it")
+    files = [out] if truth is None else [out, truth]
+    return screen.written(files, columns=columns, rows=len(stage.time))
 
 
 def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path, bytes]:
@@ -240,15 +278,25 @@ def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path,
     return contents
 
 
+@command(
+    "preisach effects",
+    "preisach effects creep",
+    "preisach effects --json",
+)
 def effects(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="show all about this one")
+        str | None,
+        typer.Argument(
+            metavar="[NAME]", help="show all about this one", autocompletion=complete_effect
+        ),
     ] = None,
-) -> None:
+) -> Any:
     """List the library of effects, or show all about one."""
     from preisach_jax.effects import library, resolve
 
+    known = library()
     if name is None:
+        screen.answer(" ".join(known))
         rows = [
             (
                 effect.name + "*" * effect.on_request,
@@ -256,15 +304,15 @@ def effects(
                 ", ".join(f"{p.name} ({_unit(p)})".replace(" ()", "") for p in _parameters(effect)),
                 ", ".join(effect.confused_with) or "none",
             )
-            for effect in library().values()
+            for effect in known.values()
         ]
         screen.table(("effect", "acts on", "parameters", "confused with"), rows, numbers=False)
         screen.say(f"\n* tried only if asked for by name (--effects)\n{_UNITS}")
         screen.say("'preisach effects NAME' shows all about one")
-        return
+        return [_about(effect) for effect in known.values()]
     if name.startswith("aux:"):
         name = "aux:COL"
-    (effect,) = [library()[name]] if name in library() else resolve([name], {})
+    (effect,) = [known[name]] if name in known else resolve([name], {})
     screen.say(f"{effect.name}: acts on the {_PLACES.get(effect.place, effect.place)}\n")
     screen.say(effect.physics)
     screen.say(f"\nParameters ({_UNITS})")
@@ -280,6 +328,31 @@ def effects(
     screen.say(f"Source: {effect.source}")
     if effect.on_request:
         screen.say(f"Tried only if asked for: --effects {effect.name},...")
+    return _about(effect)
+
+
+def _about(effect: Effect) -> dict[str, Any]:
+    """All about an effect as data; `{u}`, `{z}` and `{aux}` in units stand for a record's own."""
+    return {
+        "name": effect.name,
+        "place": effect.place,
+        "physics": effect.physics,
+        "parameters": [
+            {
+                "name": parameter.name,
+                "unit": _unit(parameter) or "1",
+                "low": parameter.low,
+                "high": parameter.high,
+                "meaning": parameter.meaning,
+            }
+            for parameter in _parameters(effect)
+        ],
+        "signature": effect.signature,
+        "confused_with": list(effect.confused_with),
+        "experiment": effect.experiment,
+        "source": effect.source,
+        "on_request": effect.on_request,
+    }
 
 
 _PLACES = {

@@ -6,13 +6,13 @@ import hashlib
 import json
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.commands import stage_files
-from preisach_jax.record import Record
+from preisach_jax.cli.shared import command
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis
@@ -23,12 +23,16 @@ HIDDEN = ("creep", "input_lag", "delay", "drift", "ageing")
 SECONDS, RATE_HZ = 12.0, 1000.0
 
 
+@command(
+    "preisach demo",
+    "preisach demo --seed 7 --out demo",
+)
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="folder of the two reports")] = Path(
         "preisach-demo"
     ),
     seed: Annotated[int, typer.Option(metavar="S", help="draws the stage and what it hides")] = 1,
-) -> None:
+) -> dict[str, Any]:
     """Diagnose a bundled measurement and a simulated stage."""
     from preisach_jax.files import check_folder
 
@@ -36,18 +40,22 @@ def demo(
     curves, stage = out / "reversal-curves", out / "simulated-stage"
     screen.say("1. Measured: first-order reversal curves of a rock sample (bundled)\n")
     with as_file(files("preisach_jax") / "bundled" / "conventional_example.forc") as path:
-        screen.say(f"\n{_at_calibration(_diagnose(path, curves))}")
+        measured = _diagnose(path, curves)
+    screen.say(f"\n{_at_calibration(measured)}")
     screen.say("\n\n2. Simulated: a piezo stage with one hidden effect\n")
     truth, seal = _seal(stage, seed)
     found = _diagnose(stage / "data.csv", stage)
     screen.say(f"\n{_judge(found, truth, seal)}")
     screen.say("\nReports:")
-    for folder in (curves, stage):
-        screen.say(f"  {folder / 'report.html'}")
+    reports = [folder / "report.html" for folder in (curves, stage)]
+    for report in reports:
+        screen.say(f"  {report}")
+    return screen.written(reports, measured=measured.to_json(), simulated=found.to_json())
 
 
 def _diagnose(path: Path, folder: Path) -> Diagnosis:
     from preisach_jax.diagnosis import diagnose
+    from preisach_jax.record import Record
     from preisach_jax.report import write_report
 
     notes: list[str] = []

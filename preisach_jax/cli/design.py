@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from preisach_jax.cli import screen
+from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError, require_positive
-from preisach_jax.files import file_name
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 _AGAIN = "write the report anew with 'preisach diagnose'"
 
 
+@command(
+    "preisach design preisach-report",
+    "preisach design report --seconds 30 --rate-limit 200 --out next.csv",
+)
 def design(
     report: Annotated[Path, typer.Argument(metavar="REPORT", help="folder of a diagnosis")],
     out: Annotated[
@@ -30,7 +34,7 @@ def design(
         float | None,
         typer.Option(metavar="V_PER_S", help="greatest rate of the input; else the record's own"),
     ] = None,
-) -> None:
+) -> dict[str, Any]:
     """Choose what to record next, so that it tells the effects of a family apart."""
     from preisach_jax.diagnosis.design import design as run
     from preisach_jax.files import check_file
@@ -59,6 +63,15 @@ def design(
         screen.say()
     screen.say(f"{plan.excitation}: {plan.text}\n\nWhy: {plan.why}.\n")
     screen.say(f"{out}: {len(plan.time):,} rows")
+    return screen.written(
+        [out],
+        rows=len(plan.time),
+        excitation=plan.excitation,
+        text=plan.text,
+        why=plan.why,
+        separations=plan.separations,
+        sufficient=plan.sufficient,
+    )
 
 
 def _read(report: Path) -> tuple[float, list[str]]:
@@ -83,6 +96,7 @@ def _read(report: Path) -> tuple[float, list[str]]:
 
 def _models(report: Path, rivals: list[str]) -> dict[Path, Model]:
     """The models of a report by their files, first the one with all findings."""
+    from preisach_jax.files import file_name
     from preisach_jax.model import Model
 
     files = {report / "alternatives" / f"{file_name(name)}.json": name for name in rivals}

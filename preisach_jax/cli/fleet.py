@@ -7,9 +7,8 @@ import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import numpy as np
 import typer
 
 from preisach_jax.cli import screen
@@ -25,6 +24,7 @@ from preisach_jax.cli.resumable import (
     run_in_folder,
     start_devices,
 )
+from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
 
@@ -40,6 +40,11 @@ SHOWN = 20
 """Records that are printed, and no more."""
 
 
+@command(
+    "preisach fleet stages/*.csv --out fleet",
+    "preisach fleet stages/*.csv --out fleet --levels 37 --low 0 --high 75",
+    "preisach fleet stages/*.csv --out fleet --json --quiet > fleet.json",
+)
 def fleet(
     context: typer.Context,
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="records of like stages")],
@@ -73,7 +78,7 @@ def fleet(
     coordinator: Coordinator = None,
     processes: Processes = None,
     process: Process = None,
-) -> None:
+) -> dict[str, Any] | None:
     """Identify many stages at once by the adaptive filter, each from saturated low."""
     from preisach_jax.devices import disconnect, is_first
     from preisach_jax.files import check_folder, write_files
@@ -104,13 +109,20 @@ def fleet(
         return named_by_option(_NAMES, partial(work, **watchers))
 
     found = run_in_folder(out, context.obj["command"], run)
+    content = None
     if found is not None and is_first():
         unit_of_output = records[0].output_unit
         rows = _rows(names, records, found)
         write_files({out / TABLE: _table(unit_of_output, rows)})
         _show(unit_of_output, rows)
         screen.say(f"\nTable: {out / TABLE}; weights: {out / 'fleet.zarr'}")
+        content = screen.written(
+            [out / TABLE, out / "fleet.zarr"],
+            unit=unit_of_output,
+            records=[row._asdict() for row in rows],
+        )
     disconnect()
+    return content
 
 
 def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
@@ -137,7 +149,7 @@ def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
         records.append(record)
     if len(paths) > SHOWN:
         samples = sum(len(record.time) for record in records)
-        screen.say(f"{len(records)} records, {samples:,} samples in all")
+        screen.note(f"{len(records)} records, {samples:,} samples in all")
     return records
 
 
@@ -164,6 +176,8 @@ class Row(NamedTuple):
 
 
 def _rows(names: Sequence[str], records: Sequence[Record], found: FleetResult) -> list[Row]:
+    import numpy as np
+
     ranges = [np.nanmax(record.output) - np.nanmin(record.output) for record in records]
     return [
         Row(

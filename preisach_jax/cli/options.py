@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from preisach_jax.cli.completion import complete_effects
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
+    from preisach_jax.record import Record
 
 _Number = TypeVar("_Number", int, float)
 
@@ -47,7 +48,13 @@ InitialMemory = Annotated[
     ),
 ]
 Effects = Annotated[
-    str | None, typer.Option("--effects", metavar="A,B", help="names of effects, by commas")
+    str | None,
+    typer.Option(
+        "--effects",
+        metavar="A,B",
+        help="names of effects, by commas",
+        autocompletion=complete_effects,
+    ),
 ]
 Levels = Annotated[
     int | None, typer.Option("--levels", metavar="N", help="levels of the Preisach plane")
@@ -84,6 +91,8 @@ class Columns:
         Raises:
             InputError: if it cannot be loaded.
         """
+        from preisach_jax.record import Record
+
         units = units_by_column(self.unit)
         told = {"time": self.time, "input": self.input, "output": self.output}
         aux = list(self.aux)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,6 +21,7 @@ from preisach_jax.cli.resumable import (
     run_in_folder,
     start_devices,
 )
+from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,6 +37,11 @@ _EXPONENTS = {
 _NAMES = ("levels", "noise", "seeds", "samples", "chunk")
 
 
+@command(
+    "preisach sweep --out sweep",
+    "preisach sweep --levels 13,9 --seeds 4 --samples 20000 --out sweep",
+    "preisach sweep --seeds 4096 --out sweep --distributed",
+)
 def sweep(
     context: typer.Context,
     out: Annotated[
@@ -59,7 +65,7 @@ def sweep(
     coordinator: Coordinator = None,
     processes: Processes = None,
     process: Process = None,
-) -> None:
+) -> dict[str, Any] | None:
     """Measure how the residual error grows with noise, for several levels."""
     import jax
 
@@ -78,10 +84,13 @@ def sweep(
     named_by_option(_NAMES, sweep_settings, *settings)
     run = partial(sweep_to_folder, out, *settings, resume=resume)
     found = run_in_folder(out, context.obj["command"], run)
+    content = None
     if found is not None and is_first():
         show_sweep(found)
         screen.say(f"\nSweep: {out / RESULT}")
+        content = found.to_json()
     disconnect()
+    return content
 
 
 def show_sweep(found: Sweep) -> None:
@@ -132,6 +141,10 @@ def show_sweep(found: Sweep) -> None:
     )
 
 
+@command(
+    "preisach figures --out figures",
+    "preisach figures --only 4,8 --quick --out figures",
+)
 def figures(
     out: Annotated[Path, typer.Option(metavar="DIR", help="folder of the figures")],
     only: Annotated[
@@ -140,7 +153,7 @@ def figures(
     quick: Annotated[
         bool, typer.Option("--quick", help="short records: a look, not the result")
     ] = False,
-) -> None:
+) -> dict[str, Any]:
     """Draw the figures of the paper, and those that go further."""
     from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
@@ -152,3 +165,4 @@ def figures(
     with screen.progress() as show:
         written = run(out, chosen, quick, show)
     screen.say(f"Figures: {out}, {len(written)} files")
+    return screen.written(written)

@@ -89,5 +89,5 @@ def run_in_folder(out: Path, command: str, run: Callable[..., Found]) -> Found:
             f"interrupted; {out} keeps the finished chunks, go on by: {again}"
         ) from None
     for note in notes:
-        screen.say(note)
+        screen.note(note)
     return found

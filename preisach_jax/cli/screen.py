@@ -7,12 +7,15 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from preisach_jax.quantity import pretty_unit, quantity
+from preisach_jax.rows import budget_rows, error_table, finding_parameters, headline, holes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,7 +36,7 @@ class _Manner:
     quiet: bool = False
 
 
-_manner = _Manner()
+_MANNER: ContextVar[_Manner] = ContextVar("manner", default=_Manner())  # noqa: B039 - it is frozen
 
 
 @contextmanager
@@ -44,12 +47,11 @@ def manner(*, as_json: bool, quiet: bool) -> Iterator[None]:
         as_json: stdout belongs to one JSON document.
         quiet: errors alone are shown, and what `answer` prints.
     """
-    global _manner
-    before, _manner = _manner, _Manner(as_json, quiet)
+    before = _MANNER.set(_Manner(as_json, quiet))
     try:
         yield
     finally:
-        _manner = before
+        _MANNER.reset(before)
 
 
 def _console(file: Any = None) -> Console:
@@ -64,29 +66,34 @@ def _console(file: Any = None) -> Console:
 
 def say(text: str = "") -> None:
     """Print a text of a result; lines are broken for a terminal only."""
-    if not (_manner.as_json or _manner.quiet):
+    if not (_MANNER.get().as_json or _MANNER.get().quiet):
         _print(text)
 
 
 def note(text: str) -> None:
     """Print what is of use beside a result: to stderr where stdout belongs to JSON."""
-    if not _manner.quiet:
-        _print(text, sys.stderr if _manner.as_json else None)
+    if not _MANNER.get().quiet:
+        _print(text, sys.stderr if _MANNER.get().as_json else None)
 
 
 def answer(text: str) -> None:
     """Print the one line that `--quiet` leaves of a result; else the line is not shown."""
-    if _manner.quiet and not _manner.as_json:
+    if _MANNER.get().quiet and not _MANNER.get().as_json:
         sys.stdout.write(f"{' '.join(text.split())}\n")
 
 
 def show_json(content: Any) -> None:
     """Print the result of a command as JSON, if that was asked for."""
-    if _manner.as_json:
+    if _MANNER.get().as_json:
         from preisach_jax.files import json_bytes
 
         # JSON is UTF-8 whatever the terminal takes.
         typer.echo(json_bytes(content), nl=False)
+
+
+def written(files: Iterable[Path], **about: Any) -> dict[str, Any]:
+    """What `--json` shows of a command that writes files: their paths, and what is in them."""
+    return {"files": [str(path) for path in files], **about}
 
 
 def _print(text: str, file: Any = None) -> None:
@@ -96,7 +103,7 @@ def _print(text: str, file: Any = None) -> None:
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = True) -> None:
     """Print a table, all but the first column to the right if they are numbers."""
-    if _manner.as_json or _manner.quiet:
+    if _MANNER.get().as_json or _MANNER.get().quiet:
         return
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -165,7 +172,7 @@ def _coarse(seconds: float) -> str:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """A bar on stderr if that is a terminal, else a line every now and then; nothing if quiet."""
-    if _manner.quiet:
+    if _MANNER.get().quiet:
         yield lambda text, done: None
     elif sys.stderr.isatty():
         with _bar() as show:
@@ -235,12 +242,13 @@ def show_record(record: Record, notes: Iterable[str]) -> None:
         parts.append(f"{name} ({unit or 'no unit'})")
     rows, span = len(record.time), quantity(record.duration_s, "s")
     note(f"{record.name}: {rows:,} rows, {span}; {', '.join(parts)}")
-    for note in (*notes, *holes(record)):
-        say(f"  {note}")
+    for text in (*notes, *holes(record)):
+        note(f"  {text}")
 
 
 def show_diagnosis(found: Diagnosis) -> None:
     """Print verdict, ladder, budget, findings and what to record next."""
+    answer(f"{found.verdict}: {', '.join(found.effects)}" if found.effects else found.verdict)
     say(f"\n{headline(found)} ({found.verdict}).\n{found.sentence}\n")
     for text in found.notes:
         say(f"Note: {text}\n")

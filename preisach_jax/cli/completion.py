@@ -1,0 +1,58 @@
+"""What the shell offers when a word is completed; files it completes by itself."""
+
+from __future__ import annotations
+
+EFFECT_NAMES = (
+    "ageing",
+    "creep",
+    "delay",
+    "drift",
+    "eddy_currents",
+    "hum",
+    "input_lag",
+    "input_quantisation",
+    "moving",
+    "operator_creep",
+    "output_lag",
+    "output_nonlinearity",
+    "output_quantisation",
+    "rate_dependence",
+    "reptation",
+    "resonance",
+    "slew_limit",
+)
+"""The built-in effects; to ask the library itself would take seconds at every press of a key."""
+
+
+def complete_effect(incomplete: str) -> list[str]:
+    """Names of effects that begin so.
+
+    Arguments:
+        incomplete: the word so far.
+
+    Returns:
+        The names.
+
+    Example:
+        >>> complete_effect("output_n")
+        ['output_nonlinearity']
+    """
+    return [name for name in EFFECT_NAMES if name.startswith(incomplete)]
+
+
+def complete_effects(incomplete: str) -> list[str]:
+    """Lists of effects that go on so; each effect stands in a list once.
+
+    Arguments:
+        incomplete: names by commas, the last of them unfinished.
+
+    Returns:
+        The lists.
+
+    Example:
+        >>> complete_effects("delay,creep,d")
+        ['delay,creep,drift']
+    """
+    before, comma, last = incomplete.rpartition(",")
+    taken = before.split(",")
+    return [before + comma + name for name in complete_effect(last) if name not in taken]

@@ -1,0 +1,57 @@
+"""Ctrl-C, so that it ends a command at any moment, by one line and without a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from types import FrameType
+
+INTERRUPTED = 130
+"""Exit code of a command that was interrupted."""
+
+MESSAGE = "preisach: interrupted\n"
+
+_IMPORT = "<frozen importlib._bootstrap>"
+
+
+def listen() -> None:
+    """Take Ctrl-C for this process, from now on until `stop_listening`.
+
+    Python's own way, an exception wherever the program is, fails at two places. Libraries that are
+    just being imported answer it by tracebacks and errors of their own; so during an import, when
+    nothing can be half written, the process ends at once. And a callback of the garbage collector
+    (JAX has one) loses it; so it is raised once more behind the callback.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, _interrupt)
+        sys.unraisablehook = _raise_again
+
+
+def stop_listening() -> None:
+    """Let a second Ctrl-C not disturb the end of the process that the first one brought."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    del number
+    while frame is not None:
+        if frame.f_code.co_filename == _IMPORT:
+            sys.stdout.flush()
+            sys.stderr.write(MESSAGE)
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
+    if unraisable.exc_type is KeyboardInterrupt:
+        # Not here: this is still inside the callback.
+        again = threading.Timer(0.01, signal.raise_signal, [signal.SIGINT])
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(unraisable)

@@ -1,0 +1,45 @@
+"""`preisach app`: the interactive page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from preisach_jax.cli import screen
+from preisach_jax.cli.shared import command
+from preisach_jax.errors import InputError
+
+
+@command(
+    "preisach app",
+    "preisach app stage.csv --port 5006",
+)
+def app(
+    data: Annotated[
+        Path | None, typer.Argument(metavar="[DATA]", help="a file to begin with")
+    ] = None,
+    port: Annotated[
+        int, typer.Option(metavar="PORT", help="where to listen; 0: any that is free")
+    ] = 0,
+    address: Annotated[
+        str, typer.Option(metavar="IP", help="interface to listen on; others can then see the page")
+    ] = "127.0.0.1",
+    browser: Annotated[bool, typer.Option(help="open a browser")] = True,
+) -> dict[str, Any]:
+    """Look at a record, add what its model lacks, in a page on this machine."""
+    if data is not None and not data.is_file():
+        raise InputError(f"{data}: there is no such file; check the path")
+    try:
+        from preisach_jax.app.server import free_port, serve
+    except ImportError as error:
+        raise InputError(
+            f"the page needs the package {error.name}; install it with "
+            "pip install 'preisach_jax[app]'"
+        ) from None
+    port = port or free_port(address)
+    where = f"http://{address}:{port}"
+    screen.say(f"{where} (Ctrl-C ends it)")
+    serve(data, port=port, address=address, show=browser)
+    return {"address": where}

@@ -1,0 +1,80 @@
+"""What every command has in common: examples in its help, `--json`, `--quiet`, double precision."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from preisach_jax.cli import screen
+
+EXAMPLES = "examples"
+"""Attribute of a command: lines for the end of its help."""
+
+_Json = Annotated[
+    bool, typer.Option("--json", help="show the result as one JSON document, and nothing else")
+]
+_Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="show no progress and no texts, errors alone")
+]
+_OPTIONS = {"as_json": _Json, "quiet": _Quiet}
+
+
+def command(*examples: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Make a function a command.
+
+    What the function returns is what `--json` shows: anything that JSON can hold once NumPy's
+    numbers are made Python's, or None for nothing. What it prints by `screen.say` and
+    `screen.table` is for people; `--json` and `--quiet` silence it.
+
+    Arguments:
+        examples: command lines for the end of its help.
+
+    Returns:
+        A decorator; the decorated function takes the shared options too.
+
+    Example:
+        >>> @command("preisach add 1 2")
+        ... def add(a: int, b: int):
+        ...     screen.say(f"{a} + {b} = {a + b}")
+        ...     return {"sum": a + b}
+        >>> add(1, 2)
+        1 + 2 = 3
+        >>> add(1, 2, as_json=True)
+        {
+         "sum": 3
+        }
+        >>> add(1, 2, quiet=True)
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*arguments: Any, as_json: bool = False, quiet: bool = False, **named: Any) -> None:
+            import jax
+
+            # Identification needs double precision, for the command alone: whoever calls `main`
+            # from a program of their own keeps the precision that they have.
+            with screen.manner(as_json=as_json, quiet=quiet), jax.enable_x64(True):
+                content = function(*arguments, **named)
+                if content is not None:
+                    screen.show_json(content)
+
+        # Typer reads the options of a command from its signature.
+        own = inspect.signature(function, eval_str=True)
+        added = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+            for name, kind in _OPTIONS.items()
+        ]
+        run.__signature__ = own.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            parameters=[*own.parameters.values(), *added], return_annotation=None
+        )
+        run.__annotations__ = {
+            each.name: each.annotation for each in (*own.parameters.values(), *added)
+        }
+        setattr(run, EXAMPLES, examples)
+        return run
+
+    return decorate

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from preisach_jax.plot.axes import with_unit
 from preisach_jax.plot.diagnosis import draw_cells, plane_edges, unvisited_patch
@@ -27,7 +28,7 @@ def forc_diagram(model: Model) -> Figure:
     half the density R/δx² of hysterons that switch between 0 and 1. The diagram is that of the
     model's hysterons alone, without the effects around them, smooth as far as the cells and the
     fit make it so. Reversible cells, on the diagonal α = β or Hc = 0, have no reversal curve; they
-    are left out, and the title says how much of the sum of all weights they hold. Over the plane
+    are left out, and the legend says how much of the sum of all weights they hold. Over the plane
     of Ha and Hb, 2ρ adds up to the rest of that sum; over that of Hc and Hu, 4ρ does.
 
     Arguments:
@@ -60,10 +61,12 @@ def forc_diagram(model: Model) -> Figure:
     axes.set_xlabel(with_unit("Hc = (α - β)/2", shown))
     axes.set_ylabel(with_unit("Hu = (α + β)/2", shown))
     total = weights.sum()
-    left_out = f"{100 * weights[~turns].sum() / total:.0f} %" if total > 0 else "nothing"
-    axes.set_title(f"FORC diagram\nreversible, not shown: {left_out} of the sum")
-    visited = np.asarray(model.visited, dtype=bool)
-    if not visited[turns].all():
-        patch = unvisited_patch("never visited by this record")
-        figure.legend(handles=[patch], loc="outside lower center")
+    share = 100 * weights[~turns].sum() / total if total > 0 else 0.0
+    axes.set_title("FORC diagram")
+    said = [
+        Patch(facecolor="none", label=f"reversible (Hc = 0), not drawn: {share:.0f} % of the sum")
+    ]
+    if not np.asarray(model.visited, dtype=bool)[turns].all():
+        said.append(unvisited_patch("never visited by this record"))
+    figure.legend(handles=said, loc="outside lower center")
     return figure

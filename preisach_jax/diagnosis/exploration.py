@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from preisach_jax.diagnosis.budget import discretisation_rms, error_budget, on_a_coarser_plane
 from preisach_jax.diagnosis.candidates import try_beside
+from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
-from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Rung
+from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.trial import Trial
+from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
@@ -39,16 +43,12 @@ class Exploration:
         fit: the model of this step, fitted to all rows.
         tried: the effects that are compared and may be added.
         before: the step before, None for the model without effects.
-        problem: the record as it was cut for the search.
-        point: the model of this step on those rows.
     """
 
     fit: Fit
     tried: tuple[Effect, ...]
     before: Exploration | None
-    problem: Problem
-    point: Point
-    _cache: dict[str, object] = field(default_factory=dict, repr=False)
+    _cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         chain = " + ".join(("Preisach model", *self.effects))
@@ -72,12 +72,9 @@ class Exploration:
         tried = effects_to_try(record, effects)
         present = {effect.name: effect for fit in found.steps for effect in fit.model.effects}
         others = [effect for name, effect in present.items() if name not in _names(tried)]
-        problem = Problem.of(record, SEARCH_ROWS)
         step = None
         for fit in found.steps:
-            with double_precision():
-                point = moved_to(problem, fit.point)
-            step = Exploration(fit, (*tried, *others), step, problem, point)
+            step = Exploration(fit, (*tried, *others), step)
         assert step is not None  # a diagnosis has at least the model without effects
         return step
 
@@ -106,6 +103,22 @@ class Exploration:
         """The effects that may still be added."""
         return tuple(effect for effect in self.tried if effect.name not in self.effects)
 
+    @property
+    def problem(self) -> Problem:
+        """The record as it is cut for the search."""
+        first = self.steps[0]
+        if "problem" not in first._cache:
+            first._cache["problem"] = Problem.of(self.record, SEARCH_ROWS)
+        return first._cache["problem"]
+
+    @property
+    def point(self) -> Point:
+        """The model of this step on the rows of the search."""
+        if "point" not in self._cache:
+            with double_precision():
+                self._cache["point"] = moved_to(self.problem, self.fit.point)
+        return self._cache["point"]
+
     def candidates(self, progress: Progress | None = None) -> tuple[Candidate, ...]:
         """Try every effect that is left beside this model, and rank them.
 
@@ -124,7 +137,7 @@ class Exploration:
         """
         if "candidates" not in self._cache:
             self._cache["candidates"] = self._ranked(progress or (lambda text, done: None))
-        return self._cache["candidates"]  # pyright: ignore[reportReturnType]
+        return self._cache["candidates"]
 
     def _ranked(self, progress: Progress) -> tuple[Candidate, ...]:
         with double_precision():
@@ -170,7 +183,7 @@ class Exploration:
             progress("fitting all rows", 0.6)
             fit = _on_all_rows(self.record, point)
         progress("done", 1.0)
-        return Exploration(fit, tried, self, self.problem, point)
+        return Exploration(fit, tried, self, {"point": point})
 
     def budget(self) -> Budget:
         """What the held-out error of this step is made of: noise, grid, memory, and the rest.
@@ -188,7 +201,86 @@ class Exploration:
                 grid = discretisation_rms(self.problem, self.point, coarse)
                 whole = Problem.of(self.record, FINAL_ROWS)
                 self._cache["budget"] = error_budget(whole, self.fit, grid)
-        return self._cache["budget"]  # pyright: ignore[reportReturnType]
+        return self._cache["budget"]
+
+    @property
+    def known_budget(self) -> Budget | None:
+        """The budget, if it has been asked for."""
+        return self._cache.get("budget")
+
+    def conclude(self, progress: Progress | None = None) -> Diagnosis:
+        """What can be said of this step, as a diagnosis whose effects were chosen by hand.
+
+        The verdict rests on the budget alone: nothing says that another choice would not do as
+        well, and a note tells so.
+
+        Arguments:
+            progress: called with a text and a share done.
+
+        Returns:
+            The diagnosis, for a report or as a file.
+
+        Example:
+            >>> explore(record).add("creep").conclude().verdict  # doctest: +SKIP
+            'explained'
+        """
+        budget = self.budget()
+        fits = tuple(step.fit for step in self.steps)
+        findings = tuple(_finding(step, fits[-1]) for step in self.steps[1:])
+        if findings:
+            verdict = "explained" if budget.is_met else "partly_explained"
+        else:
+            verdict = "adequate" if budget.is_met else "unexplained"
+        candidates = [c for step in self.steps for c in _compared(step, self.effects)]
+        if progress is not None:
+            progress("limiting what was not added", 0.5)
+        with double_precision():
+            bounds = limits(self.problem, self.point, self.left)
+        notes = [BY_HAND] if findings else []
+        return Diagnosis(
+            verdict=verdict,
+            sentence=sentence(verdict, findings, budget, fits),
+            findings=findings,
+            ladder=self.ladder,
+            budget=budget,
+            candidates=tuple(candidates),
+            limits=bounds,
+            alternatives={},
+            next_experiment=next_experiment(verdict, findings, self.tried),
+            located="" if budget.is_met else located(self.record, self.fit),
+            notes=(*notes, *notes_on(self.record, self.fit.model)),
+            steps=fits,
+        )
+
+
+BY_HAND = (
+    "The effects were chosen by hand: that the error falls with them does not say that no other "
+    "effect would do as well."
+)
+
+
+def _finding(step: Exploration, last: Fit) -> Finding:
+    assert step.before is not None  # the first step has added nothing
+    name, before = step.effects[-1], step.before
+    evidence = compare(step.problem, before.point, step.point).numbers()
+    parameters = last.model.parameters[name]
+    errors = (before.fit.rms_validation, step.fit.rms_validation)
+    return Finding(name, (name,), parameters, *errors, evidence)
+
+
+def _compared(step: Exploration, effects: tuple[str, ...]) -> list[Candidate]:
+    """What was compared at a step, as far as it was; what was added then is marked."""
+    count = len(step.effects)
+    added = effects[count] if count < len(effects) else ""
+    rows: tuple[Candidate, ...] = step._cache.get("candidates", ())
+    other = f"{added} was added" if added else "it was not added"
+    return [
+        replace(
+            row, accepted=row.effect == added,
+            why_not="" if row.effect == added else row.why_not or other,
+        )
+        for row in rows
+    ]  # fmt: skip
 
 
 def explore(
@@ -231,7 +323,7 @@ def explore(
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, checked_levels(levels))
         fit = _on_all_rows(record, point)
-    return Exploration(fit, tried, None, problem, point)
+    return Exploration(fit, tried, None, {"problem": problem, "point": point})
 
 
 def _on_all_rows(record: Record, point: Point) -> Fit:

@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.residuals import (
     longest_lag,
     reversals,
 )
-from preisach_jax.diagnosis.result import Budget, Experiment, Finding
+from preisach_jax.diagnosis.result import Budget, Candidate, Experiment, Finding
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model
@@ -90,6 +90,22 @@ def _with_family(finding: Finding) -> str:
 
 LEAST_REVERSALS = 6
 """Turns of the input below which a record shows little of what hysteresis does."""
+
+
+def evidence_in_words(candidate: Candidate) -> str:
+    """What speaks for an effect that was tried, or against it, in a sentence or two."""
+    if not np.isfinite(candidate.rms_validation):
+        return candidate.why_not[:1].upper() + candidate.why_not[1:] + "."
+    gain = 100 * candidate.gain
+    fall = f"takes {gain:.1f} % off" if gain >= 0 else f"adds {-gain:.1f} % to"
+    text = f"It {fall} the squared held-out error"
+    if candidate.why_not:
+        return f"{text}. Against it: {candidate.why_not}."
+    numbers = candidate.evidence
+    return (
+        f"{text}, alike over {numbers['blocks']:.0f} blocks (z = {numbers['z']:.1f}); the whitened "
+        f"residual shrinks (ΔBIC = {numbers['delta_bic']:,.0f})."
+    )
 
 
 def notes_on(record: Record, model: Model) -> tuple[str, ...]:

@@ -1,0 +1,1 @@
+"""The interactive page: `preisach app`. It needs the extra `app`."""

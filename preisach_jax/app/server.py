@@ -1,0 +1,62 @@
+"""Serving the page to this machine alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import Any
+
+import panel as pn
+
+from preisach_jax.app import panels
+from preisach_jax.app.page import Page
+
+TITLE = "preisach"
+
+
+def serve(
+    data: Path | None = None,
+    *,
+    port: int = 0,
+    address: str = "127.0.0.1",
+    show: bool = True,
+    threaded: bool = False,
+) -> Any:
+    """Serve the page until interrupted.
+
+    Arguments:
+        data: a file to begin with.
+        port: where to listen; 0 for any that is free.
+        address: the interface to listen on; by default this machine's loopback.
+        show: whether to open a browser.
+        threaded: whether to return at once, with a server that has `stop`.
+
+    Returns:
+        The server's thread if it is threaded, else nothing before it ends.
+
+    Example:
+        >>> serve(Path("stage.csv"))  # doctest: +SKIP
+    """
+    # Nothing is fetched from elsewhere: all scripts and styles come with the installed packages.
+    os.environ.setdefault("BOKEH_RESOURCES", "server")
+    pn.extension("filedropper", raw_css=[panels.style()], notifications=False)
+
+    def page() -> Any:
+        opened = Page(data)
+        pn.state.on_session_destroyed(lambda context: opened.close())
+        return opened.view
+
+    port = port or free_port(address)
+    # A page of another origin, open in the same browser, must not talk to this server.
+    origins = [f"{host}:{port}" for host in {address, "localhost"}]
+    return pn.serve(
+        {"/": page}, port=port, address=address, websocket_origin=origins, show=show,
+        threaded=threaded, title=TITLE, verbose=False,
+    )  # fmt: skip
+
+
+def free_port(address: str) -> int:
+    with socket.socket() as listening:
+        listening.bind((address, 0))
+        return listening.getsockname()[1]

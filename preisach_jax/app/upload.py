@@ -1,0 +1,163 @@
+"""A file that came into the page: kept in a folder of its own, previewed, never trusted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.record import Record
+from preisach_jax.record.columns import assign_roles
+from preisach_jax.record.reading import read_table
+from preisach_jax.record.table import Table
+from preisach_jax.record.units import split_unit
+
+MOST_BYTES = 200_000_000
+"""Largest file that the page takes; the command line reads larger ones."""
+
+PREVIEWED_ROWS = 8
+PREVIEWED_COLUMNS = 30
+OFFERED_COLUMNS = 500
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a person chose for the columns of a file.
+
+    Attributes:
+        time, input, output: names of columns; `time` is None where there is a rate.
+        aux: names of auxiliary columns.
+        rate: sampling rate in Hz, in place of a column of time.
+        units: units by role.
+    """
+
+    time: str | None
+    input: str
+    output: str
+    aux: tuple[str, ...] = ()
+    rate: float | None = None
+    units: Mapping[str, str] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Upload:
+    """A file that can be read as a table.
+
+    Attributes:
+        name: what the file was called, as it came.
+        path: where it lies: in the folder that was given, under a harmless name.
+        table: its columns.
+        guess: the column of each role, None where names and units do not tell.
+        question: why the guess is not whole; empty if it is.
+    """
+
+    name: str
+    path: Path
+    table: Table
+    guess: Mapping[str, str | None]
+    question: str
+
+    @staticmethod
+    def of(name: str, content: bytes, folder: Path) -> Upload:
+        """Keep and read what came.
+
+        Arguments:
+            name: the file's name, which may hold anything.
+            content: its bytes.
+            folder: where to keep it.
+
+        Raises:
+            InputError: it is too large, or no table.
+        """
+        if len(content) > MOST_BYTES:
+            raise InputError(
+                f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
+                "at most: use the command line, 'preisach diagnose FILE'"
+            )
+        path = folder / harmless_name(name)
+        path.write_bytes(content)
+        try:
+            return Upload.at(path, name)
+        except InputError as error:
+            # The message names the file as the user knows it, not where it is kept.
+            raise InputError(str(error).replace(str(path), name)) from None
+
+    @staticmethod
+    def at(path: Path, name: str | None = None) -> Upload:
+        """Read a file of this machine, as the command line is given it."""
+        table = replace(read_table(path), source=name or path.name)
+        guess, question = _guessed(table)
+        return Upload(name or path.name, path, table, guess, question)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self.table.columns)
+
+    def offered(self) -> list[str]:
+        """The columns that menus offer: of very many the first, and those that were guessed."""
+        guessed = {name for name in self.guess.values() if name}
+        first = self.columns[:OFFERED_COLUMNS]
+        return [*first, *(name for name in self.columns[len(first) :] if name in guessed)]
+
+    def unit(self, column: str) -> str:
+        """The unit that the file states for a column, empty if none."""
+        return self.table.units.get(column, split_unit(column)[1])
+
+    def first_rows(self) -> tuple[list[str], list[list[str]]]:
+        """The first columns and rows as texts, as a preview."""
+        names = list(self.columns[:PREVIEWED_COLUMNS])
+        count = min(PREVIEWED_ROWS, len(self.table.rows))
+        return names, [[_cell(self.table.columns[name][k]) for name in names] for k in range(count)]
+
+    def record(self, choice: Choice, announce=None) -> Record:
+        """The record of the chosen columns.
+
+        Raises:
+            InputError: a column cannot be used; the message says where and why.
+        """
+        try:
+            record = Record.load(
+                self.path,
+                time=choice.time, input=choice.input, output=choice.output, aux=choice.aux,
+                rate=choice.rate, units=choice.units, announce=announce,
+            )  # fmt: skip
+        except InputError as error:
+            raise InputError(str(error).replace(str(self.path), self.name)) from None
+        return replace(record, name=self.name)
+
+
+def harmless_name(name: str) -> str:
+    """A name for a file in a folder of ours, whatever the file was called.
+
+    Example:
+        >>> harmless_name("../../etc/passwd"), harmless_name("Messung 1.CSV")
+        ('passwd.csv', 'Messung_1.csv')
+    """
+    last = re.split(r"[/\\]", name)[-1]
+    stem, dot, ending = last.rpartition(".")
+    stem, ending = (stem, ending.lower()) if dot else (ending, "csv")
+    if ending not in {"csv", "txt", "dat", "tsv", "forc", "frc", "npz", "mat", "parquet", "pq"}:
+        stem, ending = last, "csv"
+    return f"{re.sub(r'[^A-Za-z0-9_-]', '_', stem)[:80] or 'record'}.{ending}"
+
+
+def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
+    try:
+        roles = assign_roles(
+            table, time=None, input=None, output=None, aux=(), has_rate=False, need_output=True
+        )
+    except InputError:
+        nothing: dict[str, str | None] = dict.fromkeys(("time", "input", "output"))
+        return nothing, "Names and units do not tell which column is which: choose them."
+    return {"time": roles.time, "input": roles.input, "output": roles.output}, ""
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return "" if np.isnan(value) else f"{value:.6g}"
+    return str(value)[:40]

@@ -1,0 +1,480 @@
+"""Four linked views of a model beside its measurement: loop, time, residual, Preisach plane."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from bokeh.events import Reset, SelectionGeometry
+from bokeh.layouts import column, row
+from bokeh.models import (
+    BoxSelectTool,
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    Div,
+    LinearColorMapper,
+    RangeSlider,
+)
+from bokeh.plotting import figure
+
+from preisach_jax.branches import branch_starts
+from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.fit import double_precision
+from preisach_jax.model import Model
+from preisach_jax.plot.axes import greatest, record_axes, with_unit
+from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
+from preisach_jax.quantity import scaled
+from preisach_jax.record import Record
+
+CHOSEN = "#CC79A7"
+"""Colour of what is brushed: one of Okabe and Ito's that no curve has."""
+
+MOST_ROWS = 100_000
+"""Rows that are drawn; of a longer record every so-manyth, the extremes of the input kept."""
+
+CLOUD = 6_000
+"""Points of the residual that are drawn; its bands are those of all rows."""
+
+AXES = {
+    "time": "time",
+    "input": "input",
+    "output": "output",
+    "rate": "rate of the input",
+    "since": "time since the input last turned",
+    "frequency": "frequency",
+}
+"""What the residual can be seen against, by key, as a person reads it."""
+
+
+class Views:
+    """The figures of one record, which go on to another step without losing what was zoomed.
+
+    Arguments:
+        step: the model to show; the first of its steps is shown beside it.
+
+    Attributes:
+        layout: the Bokeh object to show, in a page or a notebook.
+        slider: chooses a stretch of time from the keyboard.
+    """
+
+    def __init__(self, step: Exploration):
+        self._record = step.record
+        self._step = step
+        self._rows = drawn_rows(self._record)
+        self._axes = record_axes(self._record)
+        self._axis = "time"
+        self.source: Any = ColumnDataSource(self._columns(step))
+        self.highlight = ColumnDataSource({name: [] for name in self.source.data})
+        self.cloud = ColumnDataSource({"axis": [], "residual": [], "plain": []})
+        self.bins = {name: ColumnDataSource(_no_bins()) for name in ("plain", "residual")}
+        self.cells = ColumnDataSource({"x": [], "y": [], "width": []})
+        self.staircase = ColumnDataSource({"x": [], "y": []})
+        self.density = ColumnDataSource({"x": [], "y": [], "width": [], "value": [], "visited": []})
+        self.spectra = {
+            name: ColumnDataSource({"x": [], "y": []}) for name in ("plain", "residual", "chosen")
+        }
+        self._begun = 0
+        self._started = ColumnDataSource({"time": []})
+        self.stretch = ColumnDataSource({"first": [], "last": []})
+        self.stretch.on_change("data", lambda attr, old, new: self._show_spectrum_of_chosen())
+        self.told = Div(text="", sizing_mode="stretch_width", css_classes=["told"])
+        self.loop = self._loop_figure()
+        self.time = self._time_figure()
+        self.residual = self._residual_figure()
+        self.spectrum = self._spectrum_figure()
+        self.plane, self._mapper = self._plane_figure()
+        self.slider = self._time_slider()
+        self._figures = {
+            "loop": self.loop,
+            "time": self.time,
+            "residual": self.residual,
+            "plane": self.plane,
+        }
+        self.show(step)
+        self._link(step.fit.model)
+        left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
+        right = column(self.time, self.plane, sizing_mode="stretch_both")
+        self.layout = row(left, right, sizing_mode="stretch_both")
+
+    def begin(self) -> None:
+        """Let the browser draw what depends on nothing that was brushed."""
+        self._begun += 1
+        self._started.data = {"time": [self._begun]}
+
+    @property
+    def levels(self) -> int:
+        """Levels of the plane that is drawn."""
+        return self._step.steps[0].fit.model.plane.levels
+
+    def show(self, step: Exploration) -> None:
+        """Show another step of the same record."""
+        self._step = step
+        self.source.data = self._columns(step)
+        self.highlight.data = {name: [] for name in self.source.data}
+        self.cells.data = {"x": [], "y": [], "width": []}
+        self.staircase.data = {"x": [], "y": []}
+        shade = AFTER if step.effects else BEFORE
+        for renderers in (self.loop.renderers, self.time.renderers, self.residual.renderers):
+            for drawn in renderers:
+                if drawn.name == "before":
+                    drawn.visible = bool(step.effects)
+                elif drawn.name == "model":
+                    drawn.glyph.update(**{
+                        name: shade for name in ("line_color", "fill_color")
+                        if hasattr(drawn.glyph, name)
+                    })  # fmt: skip
+        self._show_density(step.fit.model)
+        self.show_axis(self._axis)
+
+    def show_axis(self, key: str) -> None:
+        """Show the residual against another axis, one of `AXES`."""
+        self._axis = key
+        self.residual.visible = key != "frequency"
+        self.spectrum.visible = key == "frequency"
+        self._show_spectra()
+        if key == "frequency":
+            return
+        axis = self._axes[key]
+        data = self.source.data
+        self.source.data = {**data, "axis": axis.values[self._rows]}
+        plain, residual = data["plain"], data["residual"]
+        there = np.flatnonzero(np.isfinite(data["residual"]))
+        few = there[:: max(len(there) // CLOUD, 1)]
+        position = self.source.data["axis"]
+        self.cloud.data = {
+            "axis": position[few], "residual": residual[few], "plain": plain[few]
+        }  # fmt: skip
+        for name, values in (("plain", plain), ("residual", residual)):
+            self.bins[name].data = _bins(np.asarray(position), np.asarray(values))
+        self.residual.xaxis.axis_label = _unformatted(axis.label)
+        self.residual.x_range.update(start=_low(position), end=_high(position))
+        limit = 1.1 * float(np.nanquantile(np.abs(plain), 0.995))
+        self.residual.y_range.update(start=-limit, end=limit)
+
+    def _columns(self, step: Exploration) -> dict[str, Any]:
+        """The columns of every view, in the units that are shown."""
+        record, rows = self._record, self._rows
+        out_factor, _ = self._output_scale
+        left_factor, _ = self._residual_scale(step)
+        plain = step.steps[0].fit
+        position, departure = plane_course(record, step.fit.model.plane.levels)
+        return {
+            **{key: axis.values[rows] for key, axis in self._axes.items()},
+            "output": (out_factor * record.output)[rows],
+            "model": (out_factor * _measured(step.fit))[rows],
+            "before": (out_factor * _measured(plain))[rows],
+            "residual": (left_factor * step.fit.residual)[rows],
+            "plain": (left_factor * plain.residual)[rows],
+            "axis": self._axes["time" if self._axis == "frequency" else self._axis].values[rows],
+            "position": position[rows],
+            "departure": departure[rows],
+        }
+
+    @property
+    def _output_scale(self) -> tuple[float, str]:
+        return scaled(greatest(self._record.output), self._record.output_unit)
+
+    def _residual_scale(self, step: Exploration) -> tuple[float, str]:
+        largest = greatest(step.steps[0].fit.residual)
+        return scaled(largest, self._record.output_unit)
+
+    def _figure(self, title: str, x: str, y: str, **options: Any) -> Any:
+        drawn: Any = figure(
+            title=title, x_axis_label=_unformatted(x), y_axis_label=_unformatted(y),
+            tools="pan,wheel_zoom,box_zoom,reset,save", sizing_mode="stretch_both",
+            min_width=280, min_height=240, **options,
+        )  # fmt: skip
+        brush = BoxSelectTool(dimensions="width" if title == "Time" else "both")
+        brush.description = "Choose rows"
+        drawn.add_tools(brush)
+        drawn.toolbar.update(active_drag=brush, logo=None, autohide=False)
+        drawn.title.text_font_size = "13px"
+        return drawn
+
+    def _legend(self, drawn: Any, place: str) -> None:
+        drawn.legend.update(
+            location=place, click_policy="hide", label_text_font_size="11px", padding=4,
+            background_fill_alpha=0.75, spacing=0, glyph_height=14,
+        )  # fmt: skip
+
+    def _loop_figure(self) -> Any:
+        inside, outside = self._axes["input"].label, self._axes["output"].label
+        drawn = self._figure("Loop", inside, outside)
+        self._curves(drawn, "input")
+        self._legend(drawn, "top_left")
+        return drawn
+
+    def _time_figure(self) -> Any:
+        drawn = self._figure("Time", self._axes["time"].label, self._axes["output"].label)
+        self._curves(drawn, "time")
+        self._legend(drawn, "top_left")
+        return drawn
+
+    def _curves(self, drawn: Any, x: str) -> None:
+        """Measured output, the model without effects and the present one, and what is chosen."""
+        source = self.source
+        drawn.line(x, "output", source=source, color=MEASURED, width=3, legend_label="measured")
+        drawn.line(x, "before", source=source, color=BEFORE, name="before", legend_label="before")
+        drawn.line(x, "model", source=source, color=AFTER, name="model", legend_label="model")
+        drawn.scatter(
+            x, "output", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen"
+        )
+
+    def _residual_figure(self) -> Any:
+        _, unit = self._residual_scale(self._step)
+        drawn = self._figure("Residual (measured less model)", "", with_unit("residual", unit))
+        for name, of, shade in (("before", "plain", BEFORE), ("model", "residual", AFTER)):
+            bins = self.bins[of]
+            drawn.scatter(
+                "axis", of, source=self.cloud, color=shade, size=2, alpha=0.35, name=name,
+                legend_label=name,
+            )  # fmt: skip
+            drawn.varea(
+                "centre", "low", "high", source=bins, fill_color=shade, alpha=0.2, name=name
+            )
+            drawn.line("centre", "median", source=bins, color=shade, width=2, name=name)
+        drawn.scatter(
+            "axis", "residual", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen"
+        )
+        self._legend(drawn, "top_left")
+        return drawn
+
+    def _spectrum_figure(self) -> Any:
+        _, unit = self._residual_scale(self._step)
+        drawn = self._figure(
+            "Spectrum of the residual", "frequency (Hz)", with_unit("amplitude", unit),
+            x_axis_type="log", y_axis_type="log", visible=False,
+        )  # fmt: skip
+        for name, shade, label in (
+            ("plain", BEFORE, "before"), ("residual", AFTER, "model"),
+            ("chosen", CHOSEN, "chosen stretch"),
+        ):  # fmt: skip
+            drawn.line("x", "y", source=self.spectra[name], color=shade, legend_label=label)
+        self._legend(drawn, "bottom_left")
+        return drawn
+
+    def _plane_figure(self) -> tuple[Any, LinearColorMapper]:
+        _, unit = scaled(greatest(self._record.input), self._record.input_unit)
+        drawn = self._figure(
+            "Preisach plane", with_unit("switching-off threshold β", unit),
+            with_unit("switching-on threshold α", unit),
+        )  # fmt: skip
+        mapper = LinearColorMapper(palette="Viridis256", low=0, high=1, nan_color="#E4E4E4")
+        drawn.rect(
+            "x", "y", "width", "width", source=self.density, line_color=None,
+            fill_color={"field": "value", "transform": mapper},
+        )  # fmt: skip
+        drawn.rect(
+            "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
+            line_color=CHOSEN, line_alpha=0.6, legend_label="switched by the chosen rows",
+        )  # fmt: skip
+        drawn.line("x", "y", source=self.staircase, color="white", width=4, legend_label="memory")
+        drawn.line("x", "y", source=self.staircase, color="black", width=2, legend_label="memory")
+        drawn.add_layout(ColorBar(color_mapper=mapper, width=10), "right")
+        self._legend(drawn, "bottom_right")
+        return drawn, mapper
+
+    def _time_slider(self) -> RangeSlider:
+        time = self._record.time
+        begin, end = float(time[0]), float(time[-1])
+        return RangeSlider(
+            title="Stretch of time (s)", start=begin, end=end, value=(begin, end),
+            step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
+        )  # fmt: skip
+
+    def _show_density(self, model: Model) -> None:
+        plane = model.plane
+        factor, unit = scaled(greatest(self._record.input), self._record.input_unit)
+        width = factor * plane.delta_x
+        density = np.asarray(model.weights) / width**2
+        visited = np.asarray(model.visited, dtype=bool)
+        off_diagonal = density[(plane.alpha_index != plane.beta_index) & visited]
+        top = float(off_diagonal.max()) if off_diagonal.size else 0.0
+        top = top if top > 0 else float(max(density.max(initial=0.0), 1e-300))
+        out_factor, out_unit = scaled(top, self._record.output_unit)
+        self.density.data = {
+            "x": factor * plane.low + width * (plane.beta_index + 0.5),
+            "y": factor * plane.low + width * (plane.alpha_index + 0.5),
+            "width": np.full(plane.cells, width),
+            "value": np.where(visited, out_factor * density, np.nan),
+            "visited": visited,
+        }
+        self._mapper.update(low=0.0, high=out_factor * top)
+        density_unit = f" ({out_unit}/{unit}²)" if unit and out_unit else ""
+        self.plane.title.text = _unformatted(f"Preisach plane: density{density_unit}")
+
+    def _show_spectra(self) -> None:
+        if not self.spectrum.visible:
+            return
+        step = self._step
+        factor, _ = self._residual_scale(step)
+        traces = {"plain": step.steps[0].fit.residual, "residual": step.fit.residual}
+        if not step.effects:
+            del traces["plain"]
+            self.spectra["plain"].data = {"x": [], "y": []}
+        for name, residual in traces.items():
+            self.spectra[name].data = amplitude_spectrum(self._record, factor * residual)
+        self._show_spectrum_of_chosen()
+
+    def _show_spectrum_of_chosen(self) -> None:
+        first, last = (list(self.stretch.data[name]) for name in ("first", "last"))
+        if not (self.spectrum.visible and first and last[0] - first[0] >= 16):
+            self.spectra["chosen"].data = {"x": [], "y": []}
+            return
+        rows = slice(int(self._rows[first[0]]), int(self._rows[last[0]]) + 1)
+        part = self._record.part(rows.start, rows.stop)
+        factor, _ = self._residual_scale(self._step)
+        residual = factor * self._step.fit.residual[rows]
+        self.spectra["chosen"].data = amplitude_spectrum(part, residual)
+
+    def _link(self, model: Model) -> None:
+        """Let a brush in one view light up all of them, in the browser."""
+        factor, _ = scaled(greatest(self._record.input), self._record.input_unit)
+        plane = {
+            "levels": model.plane.levels,
+            "low": factor * model.plane.low,
+            "high": factor * model.plane.high,
+        }
+        arguments = {
+            "source": self.source,
+            "highlight": self.highlight,
+            "cells": self.cells,
+            "staircase": self.staircase,
+            "stretch": self.stretch,
+            "told": self.told,
+            "plane": plane,
+        }
+
+        def linked(view: str) -> CustomJS:
+            return CustomJS(args={**arguments, "view": view}, code=_linking())
+
+        for view, drawn in self._figures.items():
+            drawn.js_on_event(SelectionGeometry, linked(view))
+            drawn.js_on_event(Reset, linked("nothing"))
+        self.slider.js_on_change("value", linked("slider"))
+        # A new step empties what was chosen: the staircase is then that of the last row.
+        self._started.js_on_change("data", linked("nothing"))
+
+
+def record_view(record: Record) -> Any:
+    """A record as it was measured: its loop, and its course over time.
+
+    Arguments:
+        record: the measurement.
+
+    Returns:
+        The Bokeh object to show.
+    """
+    axes, rows = record_axes(record), drawn_rows(record)
+    source = ColumnDataSource({key: axis.values[rows] for key, axis in axes.items()})
+    drawn = {}
+    for title, x, y in (
+        ("Loop", "input", "output"), ("Output", "time", "output"), ("Input", "time", "input")
+    ):  # fmt: skip
+        drawn[title] = figure(
+            title=title, x_axis_label=_unformatted(axes[x].label),
+            y_axis_label=_unformatted(axes[y].label), sizing_mode="stretch_both",
+            tools="pan,wheel_zoom,box_zoom,reset,save", min_height=200,
+        )  # fmt: skip
+        drawn[title].line(x, y, source=source, color=MEASURED, width=1.5)
+        drawn[title].toolbar.logo = None
+    drawn["Input"].x_range = drawn["Output"].x_range
+    courses = column(drawn["Output"], drawn["Input"], sizing_mode="stretch_both")
+    return row(drawn["Loop"], courses, sizing_mode="stretch_both")
+
+
+def drawn_rows(record: Record) -> np.ndarray:
+    """(row,) the rows that are drawn: all, or every so-manyth and the turning points."""
+    count = len(record)
+    if count <= MOST_ROWS:
+        return np.arange(count)
+    regular = np.arange(0, count, -(-count // MOST_ROWS))
+    return np.union1d(regular, stats.reversals(record.input))
+
+
+def plane_course(record: Record, levels: int) -> tuple[np.ndarray, np.ndarray]:
+    """(time,) position of the input on the plane, and that from which its branch departs.
+
+    Arguments:
+        record: the measurement.
+        levels: levels N of the plane that its input spans.
+
+    Returns:
+        Both from 0 (lowest) to N (highest).
+
+    Example:
+        >>> record = Record.from_arrays([0.0, 1.0, 2.0, 3.0], [0, 4, 2, 3], [0, 1, 1, 1])
+        >>> plane_course(record, 2)[1].tolist()
+        [0.0, 0.0, 2.0, 1.0]
+    """
+    low, span = record.input.min(), np.ptp(record.input)
+    position = levels * (record.input - low) / span
+    path = np.concatenate([[0.0], position])
+    with double_precision():
+        start = np.asarray(branch_starts(path))
+    return position, path[start][1:]
+
+
+def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> dict[str, Any]:
+    """Amplitude of a residual's waves over frequency; of close frequencies the greatest.
+
+    Arguments:
+        record: what the residual is of.
+        values: (time,) the residual, NaN where nothing was measured.
+        bins: most points.
+
+    Returns:
+        `x` in Hz and `y` in the unit of the residual.
+
+    Example:
+        >>> t = np.arange(1000) / 100
+        >>> record = Record.from_arrays(t, t, t)
+        >>> waves = amplitude_spectrum(record, 3 * np.sin(2 * np.pi * 5 * t))
+        >>> round(float(waves["y"].max()), 2), float(waves["x"][np.argmax(waves["y"])])
+        (3.0, 5.0)
+    """
+    filled = stats.in_sequence(record, values, stats.longest_lag(record))
+    there = np.isfinite(filled)
+    centred = np.where(there, filled - filled[there].mean(), 0.0)
+    amplitude = 2 * np.abs(np.fft.rfft(centred))[1:] / max(there.sum(), 1)
+    frequency = np.fft.rfftfreq(len(centred), record.step_s)[1:]
+    edges = np.unique(np.geomspace(1, len(frequency), bins).astype(int)) - 1
+    highest = np.maximum.reduceat(amplitude, edges)
+    stretches = zip(edges, [*edges[1:], len(amplitude)], strict=True)
+    at = [begin + int(np.argmax(amplitude[begin:end])) for begin, end in stretches]
+    return {"x": frequency[at], "y": np.maximum(highest, 1e-300)}
+
+
+@cache
+def _linking() -> str:
+    return files("preisach_jax.app").joinpath("linking.js").read_text(encoding="utf-8")
+
+
+def _measured(fit: Any) -> np.ndarray:
+    return np.where(fit.record.measured, fit.prediction, np.nan)
+
+
+def _bins(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
+    found = stats.binned(position, values)
+    return {name: getattr(found, name) for name in ("centre", "low", "median", "high")}
+
+
+def _no_bins() -> dict[str, list[float]]:
+    return {name: [] for name in ("centre", "low", "median", "high")}
+
+
+def _low(values: Any) -> float:
+    return float(np.nanmin(values) - 0.03 * np.ptp(np.asarray(values)[np.isfinite(values)]))
+
+
+def _high(values: Any) -> float:
+    return float(np.nanmax(values) + 0.03 * np.ptp(np.asarray(values)[np.isfinite(values)]))
+
+
+def _unformatted(text: str) -> str:
+    """A text of which nothing is taken for a formula: Bokeh's begin with two dollar signs."""
+    return text.replace("$$", "$ $").replace("\\(", "( ").replace("\\[", "[ ")

@@ -1,0 +1,74 @@
+"""A page of the application, served by a process of its own, in a real browser without a window."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+FLAGS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+REQUIRED = "PREISACH_BROWSER_TESTS"
+"""Environment variable; if it is `required`, a missing browser is a failure."""
+SHOTS = "PREISACH_SCREENSHOTS"
+"""Environment variable: a folder in which the pictures of the pages are kept."""
+
+
+def browser_path():
+    """Where a Chromium is installed; without one, the test is skipped, or fails if it must run."""
+    named = os.environ.get("CHROMIUM", "")
+    found = named or next(filter(None, map(shutil.which, NAMES)), None)
+    if found:
+        return found
+    reason = f"no Chromium is installed (looked for {', '.join(NAMES)}, and for $CHROMIUM)"
+    if os.environ.get(REQUIRED) == "required":
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+def free_port():
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return listening.getsockname()[1]
+
+
+@contextmanager
+def served(*arguments, folder):
+    """The address of a page that `preisach app` serves."""
+    port = free_port()
+    words = [sys.executable, "-m", "preisach_jax.cli", "app", "--no-browser", "--port", str(port)]
+    log = Path(folder) / "server.log"
+    with log.open("wb") as told:
+        process = subprocess.Popen([*words, *map(str, arguments)], stdout=told, stderr=told)
+    try:
+        wait_for(port, process, log)
+        yield f"http://127.0.0.1:{port}/"
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+def wait_for(port, process, log):
+    for _ in range(600):
+        assert process.poll() is None, log.read_text()
+        with socket.socket() as asking:
+            if asking.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise AssertionError(f"the server did not answer: {log.read_text()}")
+
+
+def keep(page, name):
+    """Keep a picture of a page, where pictures are asked for."""
+    folder = os.environ.get(SHOTS)
+    if folder:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=str(Path(folder) / f"{name}.png"))

@@ -1,0 +1,338 @@
+"""The page without a browser: what it keeps of a file, what it computes for its views, its jobs."""
+
+import ast
+import re
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+
+pytest.importorskip("panel")
+
+from preisach_jax.app.export import exports
+from preisach_jax.app.jobs import Job
+from preisach_jax.app.panels import candidates, failure, ladder, table, told
+from preisach_jax.app.script import Click, script, without_detours
+from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
+from preisach_jax.app.views import AXES, Views, amplitude_spectrum, drawn_rows, plane_course
+
+EVIL = "<img src=x onerror=alert(1)>"
+
+
+def csv(rows=200, header="t_s,u_V,z_um"):
+    t = np.arange(rows) / 50
+    u = 5 - 5 * np.cos(2 * np.pi * t / 1.3) * (1 - t / 20)
+    z = u**1.1 + 0.02 * t
+    return (
+        header.encode()
+        + b"\n"
+        + b"".join(b"%.4f,%.6f,%.6f\n" % row for row in zip(t, u, z, strict=True))
+    )
+
+
+@pytest.fixture(scope="module")
+def step():
+    t = np.arange(3000) / 100
+    u = 5 - 5 * np.cos(t * (1 + t / 40))
+    z = u**1.1 + 0.01 * t + 0.005 * np.random.default_rng(5).normal(size=t.size)
+    record = pj.Record.from_arrays(t, u, z, units={"input": "V", "output": "um"}, name=EVIL)
+    return pj.explore(record, ["drift", "hum"], levels=9).add("drift")
+
+
+class TestUpload:
+    @pytest.mark.parametrize(
+        "name",
+        ["../../etc/passwd", "..\\..\\boot.ini", "/abs/x.csv", "a\0b.csv", ".csv", "", "x" * 400,
+         "-rf.csv", "Weg über.CSV"],
+    )  # fmt: skip
+    def test_no_name_leaves_the_folder(self, name, tmp_path):
+        path = tmp_path / harmless_name(name)
+        assert path.resolve().parent == tmp_path.resolve()
+        path.write_bytes(b"x")
+        assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+    def test_a_file_is_read_and_its_columns_are_guessed(self, tmp_path):
+        upload = Upload.of("My stage.csv", csv(), tmp_path)
+        assert upload.guess == {"time": "t_s", "input": "u_V", "output": "z_um"}
+        assert not upload.question
+        assert upload.unit("z_um") == "um"
+        names, rows = upload.first_rows()
+        assert names == ["t_s", "u_V", "z_um"]
+        assert float(rows[3][0]) == pytest.approx(0.06)
+        record = upload.record(Choice("t_s", "u_V", "z_um"))
+        assert record.name == "My stage.csv"
+        assert len(record) == 200
+
+    def test_columns_that_do_not_tell_are_asked_for(self, tmp_path):
+        upload = Upload.of("x.csv", csv(header="a,b,c"), tmp_path)
+        assert upload.guess == {"time": None, "input": None, "output": None}
+        assert "choose" in upload.question
+        choice = Choice(None, "b", "c", rate=100.0, units={"input": "V", "output": "um"})
+        record = upload.record(choice)
+        assert record.step_s == pytest.approx(0.01)
+        assert record.output_unit == "um"
+
+    def test_messages_name_the_file_and_not_where_it_is_kept(self, tmp_path):
+        with pytest.raises(pj.InputError, match=r"broken one\.csv, row 3") as caught:
+            Upload.of("broken one.csv", b"t,u,z\n0,1,2\n1,2\n", tmp_path)
+        assert str(tmp_path) not in str(caught.value)
+        upload = Upload.of("text.csv", csv() + b"4.1,oops,3\n", tmp_path)
+        with pytest.raises(pj.InputError, match=r"text\.csv, column u_V, row 202") as caught:
+            upload.record(Choice("t_s", "u_V", "z_um"))
+        assert str(tmp_path) not in str(caught.value)
+
+    def test_a_file_that_is_too_large_is_sent_to_the_command_line(self, tmp_path):
+        class Long(bytes):
+            def __len__(self):
+                return MOST_BYTES + 1
+
+        with pytest.raises(pj.InputError, match="command line"):
+            Upload.of("x.csv", Long(), tmp_path)
+        assert not list(tmp_path.iterdir())
+
+    def test_of_ten_thousand_columns_menus_offer_some_and_those_guessed(self, tmp_path):
+        names = [f"c{k}" for k in range(9_997)] + ["t_s", "u_V", "z_um"]
+        line = b",".join(b"%d" % (k % 7) for k in range(9_997))
+        rows = b"".join(b"%s,%d,%d,%d\n" % (line, k, k % 5, (k % 5) ** 2) for k in range(20))
+        upload = Upload.of("wide.csv", ",".join(names).encode() + b"\n" + rows, tmp_path)
+        offered = upload.offered()
+        assert len(offered) < 600
+        assert {"t_s", "u_V", "z_um"} <= set(offered)
+
+
+class TestTexts:
+    def test_nothing_from_a_file_is_taken_for_html(self, step):
+        texts = [
+            table([EVIL], [[EVIL]]), str(failure(pj.InputError(EVIL))), str(failure(OSError(EVIL))),
+            str(told(step.record, [EVIL])), ladder(step, None),
+        ]  # fmt: skip
+        assert all("<img" not in text for text in texts)
+        assert all("&lt;img" in text for text in texts[:4])
+
+    def test_the_ladder_says_the_errors_of_the_steps(self, step):
+        text = ladder(step, None)
+        for rung in step.ladder:
+            assert f"{1e3 * rung.rms_validation:.4g} nm" in text
+        assert "+ drift" in text
+        assert "onerror" not in text
+
+    def test_every_effect_that_is_left_can_be_added(self, step):
+        asked = []
+        rows = candidates(step, (), lambda name, event: asked.append(name))
+        buttons = [row[1] for row in rows if len(getattr(row, "objects", [])) == 2]
+        for button in buttons:
+            button.clicks += 1
+        assert asked == ["hum"]
+
+
+class TestScript:
+    def test_it_repeats_the_clicks(self, step, tmp_path):
+        (tmp_path / "stage.csv").write_bytes(csv(400))
+        record = pj.Record.load(tmp_path / "stage.csv")
+        now = pj.explore(record, levels=7).add("drift")
+        clicks = [
+            Click("fit", 7), Click("add", effect="hum"), Click("undo"), Click("add", effect="drift")
+        ]  # fmt: skip
+        text = script("stage.csv", Choice("t_s", "u_V", "z_um"), clicks, now)
+        assert "hum" not in text
+        (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, tmp_path / "repeat.py"],
+            capture_output=True, text=True, cwd=tmp_path, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        errors = [float(line.split()[-2]) for line in done.stdout.splitlines()]
+        assert errors == [rung.rms_validation for rung in now.ladder]
+        model = pj.Model.load(tmp_path / "model.json")
+        assert model.rms_validation == now.fit.model.rms_validation
+
+    def test_it_refuses_another_record(self, step, tmp_path):
+        (tmp_path / "other.csv").write_bytes(csv(300))
+        text = script("stage.csv", Choice("t_s", "u_V", "z_um"), [Click("fit", 7)], step)
+        (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, tmp_path / "repeat.py", tmp_path / "other.csv"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 1
+        assert "not the record" in done.stderr
+
+    def test_names_stand_in_it_as_text_only(self, step):
+        evil = "z'''\"\n__import__('os').system('true')  #"
+        choice = Choice(evil, evil, evil, (evil,), None, {"input": evil})
+        text = script(evil, choice, [Click("fit", 9), Click("add", effect=evil)], step)
+        called = {
+            ast.unparse(node.func)
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.Call)
+        }
+        assert not called & {"__import__", "eval", "exec"}
+        assert not any("system" in name for name in called)
+
+    def test_what_was_undone_after_other_things_is_kept(self):
+        clicks = [Click("fit"), Click("undo"), Click("find", 9), Click("undo"), Click("undo")]
+        assert without_detours(clicks) == clicks[2:]
+
+
+class TestJobs:
+    def run(self, work, cancel_at=None):
+        events, done = [], threading.Event()
+
+        def finish(kind):
+            def report(result):
+                events.append((kind, result))
+                done.set()
+
+            return report
+
+        job = Job(
+            work, hand_over=lambda report: report(), on_done=finish("done"),
+            on_error=finish("error"), on_progress=lambda text, share: events.append((text, share)),
+        )  # fmt: skip
+        if cancel_at is not None:
+            cancel_at.wait(10)
+            job.cancel()
+        return job, events, done
+
+    def test_a_result_and_its_progress_arrive(self):
+        _, events, done = self.run(lambda progress: progress("half", 0.5) or 42)
+        assert done.wait(10)
+        assert events == [("half", 0.5), ("done", 42)]
+
+    def test_an_error_arrives(self):
+        _, events, done = self.run(lambda progress: 1 / 0)
+        assert done.wait(10)
+        assert events[0][0] == "error"
+        assert isinstance(events[0][1], ZeroDivisionError)
+
+    def test_a_cancelled_job_ends_at_its_next_word_and_says_nothing(self):
+        begun, ended = threading.Event(), threading.Event()
+
+        def work(progress):
+            begun.set()
+            try:
+                for _ in range(1000):
+                    time.sleep(0.01)
+                    progress("on", 0.1)
+            finally:
+                ended.set()
+
+        _, events, done = self.run(work, cancel_at=begun)
+        assert ended.wait(5)
+        time.sleep(0.05)
+        assert not done.is_set()
+        assert all(kind == "on" for kind, _ in events)
+
+
+class TestViews:
+    def test_every_view_shows_the_numbers_of_the_step(self, step):
+        views = Views(step)
+        data = views.source.data
+        record = step.record
+        np.testing.assert_allclose(data["model"], step.fit.prediction)
+        np.testing.assert_allclose(data["residual"], 1e3 * step.fit.residual, rtol=1e-12)
+        np.testing.assert_allclose(data["plain"], 1e3 * step.before.fit.residual, rtol=1e-12)
+        np.testing.assert_array_equal(data["input"], record.input)
+        model = step.fit.model
+        unit = re.search(r"density \((\S)m/V²\)", views.plane.title.text).group(1)
+        per_shown = {"p": 1e-6, "n": 1e-3, "µ": 1.0}[unit]
+        mass = per_shown * np.nansum(views.density.data["value"]) * model.plane.delta_x**2
+        visited = np.asarray(model.visited, dtype=bool)
+        assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())
+
+    def test_axes_change_and_steps_go_back(self, step):
+        views = Views(step)
+        for key in AXES:
+            views.show_axis(key)
+            assert views.residual.visible == (key != "frequency")
+            label = (views.spectrum if key == "frequency" else views.residual).xaxis.axis_label
+            assert "(" in label
+        views.show_axis("rate")
+        views.show(step.before)
+        np.testing.assert_array_equal(views.source.data["model"], views.source.data["before"])
+        assert views.residual.xaxis.axis_label == "rate of input (V/s)"
+
+    def test_a_branch_departs_from_the_turn_that_was_not_wiped_out(self):
+        rng = np.random.default_rng(3)
+        u = np.cumsum(rng.normal(size=300))
+        record = pj.Record.from_arrays(np.arange(300.0), u, u)
+        position, departure = plane_course(record, 20)
+        assert position.min() == 0
+        assert position.max() == 20
+        np.testing.assert_allclose(departure, slow_departures(position))
+
+    def test_the_spectrum_has_the_amplitude_of_a_wave(self):
+        t = np.arange(2000) / 200
+        record = pj.Record.from_arrays(t, t, t)
+        found = amplitude_spectrum(record, 0.7 * np.sin(2 * np.pi * 30 * t))
+        peak = np.argmax(found["y"])
+        assert found["y"][peak] == pytest.approx(0.7, rel=1e-6)
+        assert found["x"][peak] == pytest.approx(30)
+
+    def test_of_a_long_record_the_turns_are_drawn(self):
+        count = 250_000
+        t = np.arange(count) / 1e4
+        u = np.sin(2 * np.pi * 20 * t)
+        u[123_457] = 1.5
+        record = pj.Record.from_arrays(t, u, u)
+        rows = drawn_rows(record)
+        assert len(rows) < 110_000
+        assert 123_457 in rows
+        assert np.all(np.diff(rows) > 0)
+
+
+def slow_departures(path):
+    """For each sample the extreme from which its branch departs, by a stack of the nested ones."""
+    found = [0.0]
+    extremes = [0.0, path[0]] if path[0] > 0 else [0.0]
+    for now in path[1:]:
+        rises = now > extremes[-1]
+        if len(extremes) % 2 == (0 if rises else 1):
+            extremes[-1] = now  # the branch goes on
+        else:
+            extremes.append(now)
+        # The lowest of all is never passed: its branch departs from the highest before it.
+        while (k := len(extremes) - 1) > 2:
+            passed = now >= extremes[k - 2] if k % 2 else now <= extremes[k - 2]
+            if not passed:
+                break
+            del extremes[k - 2 : k]
+        found.append(extremes[-2] if len(extremes) > 1 else extremes[0])
+    return np.array(found)
+
+
+def test_the_export_holds_all_and_agrees(step):
+    files = exports(
+        step, None, "x.csv", Choice("t", "u", "z"), [Click("fit", 9)], lambda text, done: None
+    )
+    assert set(files) == {
+        "report.html", "model.json", "diagnosis.json", "figures.zip", "repeat.py"
+    }  # fmt: skip
+    assert EVIL.encode() not in files["report.html"]
+    with zipfile.ZipFile(BytesIO(files["figures.zip"])) as archive:
+        assert "waterfall.png" in archive.namelist()
+        assert archive.read("waterfall.png").startswith(b"\x89PNG")
+
+
+def test_a_step_by_hand_is_concluded_honestly(step):
+    found = step.conclude()
+    assert found.verdict == "explained"
+    assert found.effects == ("drift",)
+    assert any("by hand" in note for note in found.notes)
+    assert found.findings[0].rms_after == step.fit.rms_validation
+    assert step.before.conclude().verdict == "unexplained"
+
+
+def test_the_package_alone_loads_nothing_of_the_page():
+    code = "import preisach_jax as pj, sys; pj.fit; print(*sorted(sys.modules))"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()  # fmt: skip
+    assert not {"panel", "bokeh", "tornado", "mkdocs", "playwright"} & set(loaded)

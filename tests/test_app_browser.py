@@ -1,0 +1,279 @@
+"""The page in a real browser: what a person would do with eyes and a mouse."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from urllib.parse import urlparse
+
+import numpy as np
+import pytest
+from browser import FLAGS, browser_path, keep, served
+
+import preisach_jax as pj
+
+pytest.importorskip("panel")
+playwright = pytest.importorskip("playwright.sync_api")
+
+pytestmark = pytest.mark.slow
+PATIENCE_MS = 240_000
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory):
+    """A stage that hides a delay of some milliseconds, as a file; short, so that fits are quick."""
+    stage = pj.simulate_stage(seed=3, seconds=6.0, rate_hz=1000.0, effects=("delay",))
+    path = tmp_path_factory.mktemp("stage") / "stage.csv"
+    stage.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    with served(folder=tmp_path_factory.mktemp("server")) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    path = browser_path()
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def tab(chromium, address):
+    """An open page that fails the test on an error of its scripts or a request to elsewhere."""
+    page = chromium.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(PATIENCE_MS)
+    wrong = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("request", lambda request: wrong.extend(elsewhere(request.url, address)))
+    page.on("dialog", lambda dialog: wrong.append(f"a dialog: {dialog.message}"))
+    page.goto(address)
+    button(page, "Fit").wait_for()
+    yield page
+    page.close()
+    assert not wrong
+
+
+def elsewhere(url, address):
+    here = urlparse(url).netloc in {urlparse(address).netloc, ""}
+    return [] if here else [url]
+
+
+def button(page, name):
+    return page.get_by_role("button", name=name, exact=True)
+
+
+def drop(page, path):
+    page.locator("input[type=file]").set_input_files(path)
+
+
+def load(page, path):
+    drop(page, path)
+    button(page, "Use these columns").click()
+    page.get_by_text("press fit").wait_for()
+
+
+def rungs(page):
+    """Names and errors, as they stand in the ladder."""
+    names = page.locator("ol.ladder .name").all_inner_texts()
+    values = page.locator("ol.ladder .value").all_inner_texts()
+    return dict(zip(names, values, strict=True))
+
+
+def nanometres(text):
+    number, unit = re.match(r"([\d.]+) (\S+)", text).groups()
+    return float(number) * {"pm": 1e-3, "nm": 1.0, "µm": 1e3}[unit]
+
+
+def test_a_hidden_effect_is_found_added_undone_and_exported(tab, stage, tmp_path):
+    load(tab, stage)
+    keep(tab, "record")
+    button(tab, "Fit").click()
+    tab.locator("ol.ladder li").first.wait_for()
+    before = nanometres(rungs(tab)["Preisach model"])
+
+    tab.locator(".mark").first.wait_for()
+    first = tab.locator(".candidate").first
+    assert first.locator("b").inner_text() == "delay"
+    assert "off the squared held-out error" in first.inner_text()
+    keep(tab, "candidates")
+    button(tab, "Add").first.click()
+    tab.get_by_text("+ delay").wait_for()
+    after = nanometres(rungs(tab)["+ delay"])
+    assert after < before / 3
+    keep(tab, "added")
+
+    button(tab, "Undo").click()
+    playwright.expect(tab.locator("ol.ladder li")).to_have_count(1, timeout=PATIENCE_MS)
+    assert nanometres(rungs(tab)["Preisach model"]) == before
+    button(tab, "Add").first.click()
+    tab.get_by_text("+ delay").wait_for()
+    assert nanometres(rungs(tab)["+ delay"]) == after
+
+    button(tab, "Prepare export").click()
+    files = {name: download(tab, name, tmp_path) for name in ("repeat.py", "model.json")}
+    report = download(tab, "report.html", tmp_path).read_text()
+    assert "delay" in report
+    assert "http://" not in re.sub(r'xmlns[:\w]*="[^"]*"', "", report)
+    keep(tab, "exported")
+    repeated = subprocess.run(
+        [sys.executable, files["repeat.py"], stage],
+        capture_output=True, text=True, cwd=tmp_path / "..", check=False,
+    )  # fmt: skip
+    assert repeated.returncode == 0, repeated.stderr
+    assert "delay" in repeated.stdout
+    told = json.loads(files["model.json"].read_text())
+    again = json.loads((tmp_path / ".." / "model.json").read_text())
+    assert again["parameters"]["delay"] == told["parameters"]["delay"]
+    assert again["rms_validation"] == told["rms_validation"]
+    error = float(repeated.stdout.splitlines()[-1].split()[-2])
+    assert f"{1e3 * error:.4g} nm" in rungs(tab)["+ delay"]
+
+
+def download(page, name, folder):
+    with page.expect_download() as waiting:
+        page.get_by_text(f"Download {name}").click()
+    path = folder / name
+    waiting.value.save_as(path)
+    return path
+
+
+def test_the_whole_search_runs_before_the_eyes(tab, stage):
+    load(tab, stage)
+    button(tab, "Find it for me").click()
+    tab.locator("ol.ladder li").first.wait_for()
+    tab.locator(".verdict").filter(has_text="explained").wait_for()
+    assert "+ delay" in rungs(tab)
+    keep(tab, "found")
+
+
+def test_a_brush_lights_up_all_views_at_once(tab, stage):
+    load(tab, stage)
+    button(tab, "Fit").click()
+    tab.get_by_text("Drag over any view").wait_for()
+    tab.evaluate(f"window.brushed = {BRUSH}")
+    seconds, rows, cells, corners = tab.evaluate("window.brushed('Time', 1.0, 2.0)")
+    assert rows == pytest.approx(1000, abs=2)
+    assert cells > 10
+    assert corners >= 2
+    assert seconds < 0.15
+    tab.get_by_text("rows chosen, 1.0").wait_for()
+    keep(tab, "brushed")
+    # On the plane a rectangle of cells chooses the rows that switch them, and no others.
+    _, rows, _, _ = tab.evaluate("window.brushed('Preisach plane', 20, 30, 40, 50)")
+    record = pj.Record.load(stage)
+    assert rows == switching_rows(record.input, (20, 30), (40, 50))
+
+
+BRUSH = """(title, x0, x1, y0 = -1e9, y1 = 1e9) => {
+  const found = (model) => model.title && model.title.text.startsWith(title)
+  const figures = [...Bokeh.documents.flatMap((d) => [...d._all_models.values()])]
+  const figure = figures.find((m) => m.type === "Figure" && found(m))
+  const script = figure.js_event_callbacks.selectiongeometry[0]
+  const begun = performance.now()
+  script.execute({ final: true, geometry: { type: "rect", x0, x1, y0, y1 } })
+  const { highlight, cells, staircase, told } = script.args instanceof Map
+    ? Object.fromEntries(script.args) : script.args
+  const rows = Number(told.text.split(" ")[0].replaceAll(",", ""))
+  const seconds = (performance.now() - begun) / 1000
+  return [seconds, rows, cells.data.x.length, staircase.data.x.length]
+}"""
+
+
+def switching_rows(u, beta, alpha):
+    """How many samples switch a hysteron of a rectangle, from the states of a fine grid of them."""
+    betas, alphas = np.linspace(*beta, 41), np.linspace(*alpha, 41)
+    on = np.zeros((41, 41), dtype=bool) | (u[0] >= alphas[:, None])
+    count = 0
+    for value in u[1:]:
+        rising = on | (value >= alphas[:, None])
+        new = rising & ~(value <= betas[None, :])
+        count += bool((new != on).any())
+        on = new
+    return pytest.approx(count, rel=0.06)
+
+
+def test_two_tabs_do_not_disturb_each_other(tab, chromium, address, stage, tmp_path):
+    other = chromium.new_page()
+    other.set_default_timeout(PATIENCE_MS)
+    other.goto(address)
+    load(tab, stage)
+    mine = tmp_path / "broken.csv"
+    mine.write_text("t_s,u_V,z_um\n0,1\n")
+    drop(other, mine)
+    other.get_by_role("alert").wait_for()
+    button(tab, "Fit").click()
+    tab.locator("ol.ladder li").first.wait_for()
+    assert other.locator("ol.ladder li").count() == 0
+    assert tab.get_by_role("alert").count() == 0
+    other.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("empty.csv", b"", "empty"),
+        ("picture.csv", b"\x89PNG\r\n\x1a\n" + bytes(2000), "binary"),
+        ("short.csv", b"t_s,u_V,z_um\n0,1,2\n1,2\n", "row 3"),
+        ("model.pkl", b"\x80\x04cos\nsystem\n(S'touch /tmp/owned'\ntR.", ""),
+    ],
+)
+def test_a_broken_file_is_refused_with_a_remedy(tab, tmp_path, name, content, expected):
+    path = tmp_path / name
+    path.write_bytes(content)
+    drop(tab, path)
+    told = tab.get_by_role("alert")
+    told.wait_for()
+    assert name in told.inner_text()
+    assert expected in told.inner_text()
+    assert "/" not in told.inner_text().replace("CSV/", "")
+    keep(tab, f"refused_{path.stem}")
+
+
+def test_a_header_cannot_run_anything(tab, tmp_path):
+    evil = "<img src=x onerror=alert(1)>\"'$$\\int$$"
+    path = tmp_path / "evil<b>.csv"
+    rows = "".join(f"{k / 100};{k % 40};{(k % 40) ** 2 / 9:.3f}\n" for k in range(400))
+    path.write_text(f"t {evil} [s];u {evil} [V];z {evil} [um]\n{rows}", encoding="utf-8")
+    drop(tab, path)
+    tab.get_by_text("evil<b>.csv").first.wait_for()
+    for label, option in (("Time", 1), ("Input", 2), ("Output", 3)):
+        tab.get_by_label(label, exact=True).select_option(index=option)
+    button(tab, "Use these columns").click()
+    tab.get_by_text("press fit").wait_for()
+    assert tab.locator("img[src=x]").count() == 0
+    keep(tab, "evil_header")
+
+
+def test_another_origin_is_refused(address):
+    from urllib.error import HTTPError
+    from urllib.request import Request, urlopen
+
+    with urlopen(address) as answer:
+        token = re.search(r'"token":\s*"([^"]+)"', answer.read().decode()).group(1)
+    headers = {
+        "Origin": "http://evil.example", "Upgrade": "websocket", "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Protocol": f"bokeh, {token}",
+    }  # fmt: skip
+    with pytest.raises(HTTPError) as refused:
+        urlopen(Request(address + "ws", headers=headers))
+    assert refused.value.code == 403
+
+
+def test_the_script_is_python(stage):
+    from preisach_jax.app.script import Click, script
+    from preisach_jax.app.upload import Choice
+
+    step = pj.explore(pj.Record.load(stage), ["delay"], levels=5)
+    evil = "z'''\"\n__import__('os')"
+    text = script(evil, Choice("t_s", "u_V", evil), [Click("fit", 5), Click("undo")], step)
+    tree = ast.parse(text)
+    called = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    assert "__import__" not in called

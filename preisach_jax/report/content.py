@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+import jax
+
 from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
 from preisach_jax.diagnosis.wording import plain
@@ -193,7 +195,11 @@ def _meanings(effect: Effect) -> Mapping[str, str]:
 def _software_rows() -> list[tuple[str, str]]:
     packages = ("preisach_jax", "jax", "numpy", "scipy")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
-    return [("software", f"{versions}, Python {platform.python_version()}")]
+    return [
+        ("software", f"{versions}, Python {platform.python_version()}"),
+        ("machine", f"{platform.system()}, {platform.machine()}, {jax.default_backend()}"),
+        ("seeds", "all 0, set in the program: equal data and versions give equal results"),
+    ]
 
 
 def _method(found: Diagnosis) -> list[str]:

@@ -1,0 +1,48 @@
+"""Pages that are made when the site is built: effects, blind scores, command line; and formulas."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+for folder in (HERE, HERE.parent, HERE.parent / "benchmarks"):
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+
+import command_line  # noqa: E402
+import effect_pages  # noqa: E402
+import formulas  # noqa: E402
+import scores  # noqa: E402
+from mkdocs.structure.files import File, Files  # noqa: E402
+
+
+def generated() -> dict[str, str]:
+    """All generated pages in Markdown by their place in the documentation."""
+    return {
+        **effect_pages.pages(),
+        "method/scores.md": scores.page(),
+        "reference/command-line.md": command_line.page(),
+    }
+
+
+def on_config(config: Any) -> Any:
+    """Put one page an effect into the navigation."""
+    for section in config.nav:
+        if "Effects" in section:
+            section["Effects"] = list(effect_pages.pages())
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the generated pages to those that are written by hand."""
+    for place, text in generated().items():
+        files.append(File.generated(config, place, content=text))
+    return files
+
+
+def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
+    """Formulas as MathML, which needs neither scripts nor fonts."""
+    del page, config, files
+    return formulas.in_page(html)

@@ -1,6 +1,7 @@
 """Bad records: each is refused with one line that says where, what and how to mend it."""
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -114,6 +115,81 @@ def test_a_folder_an_empty_file_and_a_binary_file(tmp_path):
     assert "binary" in refusal(binary)
 
 
+RANDOM = np.random.default_rng(0).integers(1, 256, 3000, dtype=np.uint8).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (RANDOM, "binary, not text; give"),
+        (b"\x7fELF\x02\x01\x01" + bytes(9) + RANDOM, "it is a program"),
+        (b"\x89PNG\r\n\x1a\n" + RANDOM, "a PNG picture"),
+        (b"\x1f\x8b\x08" + RANDOM, "gzip: unpack it"),
+        (b"PK\x03\x04" + RANDOM, "save the sheet as CSV"),
+        (b"PAR1" + RANDOM, "end in .parquet"),
+        (bytes(5000), "binary, not text; give"),
+    ],
+)
+def test_binary_files_are_named_where_they_are_known(tmp_path, content, expected):
+    path = tmp_path / "stage.csv"
+    path.write_bytes(content)
+    message = refusal(path)
+    assert "the file is binary" in message
+    assert expected in message
+
+
+@pytest.mark.parametrize("head", [b"", b"t_s,u_V,z_um\n0,1,2\n"], ids=["zeros", "text"])
+def test_a_file_of_two_gigabytes_is_refused_without_being_read(tmp_path, head):
+    path = tmp_path / "great.csv"
+    with path.open("wb") as file:
+        file.write(head or b"\0")
+        file.truncate(2**31)  # a hole on the disk: nothing is stored
+    begin = time.perf_counter()
+    assert "binary" in refusal(path)
+    assert time.perf_counter() - begin < 2
+
+
+def test_a_text_above_the_limit_is_refused_with_its_size(tmp_path, monkeypatch):
+    monkeypatch.setattr("preisach_jax.record.reading.MAX_TEXT_BYTES", 1000)
+    path = write(tmp_path / "stage.csv", rows_of_text())
+    message = refusal(path)
+    assert f"{path.stat().st_size:,} bytes" in message
+    assert "up to 1,000 are read" in message
+
+
+WIDE = {
+    "channel_{}": ("guessed to be the time", {}),
+    "u{}_V": ("may each be the input", {"rate": 1.0}),
+}
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_ten_thousand_columns_are_refused_soon_and_not_all_listed(tmp_path, name):
+    expected, options = WIDE[name]
+    count = 10_000
+    rows = [[name.format(k) for k in range(count)]]
+    rows += [[f"{row}.5"] * count for row in range(K)]
+    path = write(tmp_path / "wide.csv", rows)
+    begin = time.perf_counter()
+    with pytest.raises(InputError) as caught:
+        Record.load(path, **options)
+    assert time.perf_counter() - begin < 5
+    message = str(caught.value)
+    assert expected in message
+    assert "(10000 in all)" in message
+    assert len(message) < 1000
+
+
+def test_a_record_among_ten_thousand_columns_is_found(tmp_path):
+    rows = [[*row, *["7.5"] * 10_000] for row in rows_of_text()]
+    rows[0][3:] = [f"channel_{k}" for k in range(10_000)]
+    path = write(tmp_path / "wide.csv", rows)
+    begin = time.perf_counter()
+    record = Record.load(path)
+    assert time.perf_counter() - begin < 5
+    np.testing.assert_array_equal(record.input, [float(row[1]) for row in rows[1:]])
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -205,10 +281,10 @@ def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
 
 def test_a_time_column_of_text_says_so(tmp_path):
     rows = rows_of_text()
-    rows = [["Zeit", *rows[0][1:]], *([f"12:00:{k:02d}", *r[1:]] for k, r in enumerate(rows[1:]))]
+    rows = [["Zeit", *rows[0][1:]], *([f"step {k}", *r[1:]] for k, r in enumerate(rows[1:]))]
     path = write(tmp_path / "stage.csv", rows)
     assert "(Zeit is text)" in refusal(path)
-    assert "column Zeit, row 2: '12:00:00' is not a number (and 59 more)" in refusal(
+    assert "column Zeit, row 2: 'step 0' is not a number (and 59 more)" in refusal(
         path, time="Zeit"
     )
     assert len(Record.load(path, rate=1.0)) == K

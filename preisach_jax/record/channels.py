@@ -13,6 +13,9 @@ from preisach_jax.record.columns import Roles
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import TIME_UNITS, seconds_per, split_unit
 
+EPOCH_S = 1e8
+"""First time, in s, from which on a clock is taken to count from 1970 or the like (three years)."""
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -50,7 +53,10 @@ def name_channels(
 def read_time(
     table: Table, column: str | None, unit: str, rate: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) time as in the file, in `unit`, and (K,) in seconds; of the rate without a column."""
+    """(K,) time as in the file, in `unit`, and (K,) in seconds; of the rate without a column.
+
+    Seconds count from the first row where the file's count from an epoch such as 1970.
+    """
     if column is None:
         if rate is None or not np.isfinite(rate) or rate <= 0:
             raise InputError(f"rate is {rate}: give the sampling rate in Hz, above 0")
@@ -68,8 +74,15 @@ def read_time(
     factors = seconds_per(unit)
     assert factors is not None  # name_channels has refused any other unit
     seconds = values * factors[0] / factors[1]
+    if _counts_from_an_epoch(seconds):
+        seconds = table.from_first(column) * factors[0] / factors[1]
     check_increasing(seconds, values, lambda k: table.place(column, k))
     return values, seconds
+
+
+def _counts_from_an_epoch(seconds: np.ndarray) -> bool:
+    """Whether times are so great that they count from 1970 or another epoch."""
+    return bool(np.isfinite(seconds).all() and abs(seconds[0]) >= EPOCH_S)
 
 
 def read_input(table: Table, column: str) -> np.ndarray:
@@ -111,7 +124,22 @@ def assumptions(
         or split_unit(roles.time)[1]
     ):
         notes.append(f"{table.source}: column {roles.time} states no unit, taken as seconds")
+    if roles.time is not None and (start := _epoch_start(table, roles.time, channels)) is not None:
+        notes.append(
+            f"{table.source}: column {roles.time} begins at {start:.12g} s, so time counts from "
+            "the first row"
+        )
     return notes
+
+
+def _epoch_start(table: Table, column: str, channels: Mapping[str, Channel]) -> float | None:
+    """The first time in s where times count from an epoch, else None."""
+    values = table.lenient_numbers(column)
+    factors = seconds_per(channels["time"].unit)
+    if values is None or factors is None:
+        return None
+    seconds = values * factors[0] / factors[1]
+    return float(seconds[0]) if _counts_from_an_epoch(seconds) else None
 
 
 def _read_complete(table: Table, column: str, remedy: str) -> np.ndarray:

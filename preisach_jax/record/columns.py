@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.table import Table
+from preisach_jax.record.table import Table, shortened
 from preisach_jax.record.units import seconds_per, split_unit
 
 # How surely a name or a unit tells a role. Names decide, units stand in where names are silent.
@@ -169,7 +169,7 @@ def _guess(
         others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
         others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
         if len(others) > 1:
-            names = ", ".join(c for c in table.columns if c in others)
+            names = shortened([c for c in table.columns if c in others])
             raise InputError(
                 f"{table.source}: {names} may each be the {role} (the columns are "
                 f"{table.listing()}); say which with {_OPTIONS[role]} COL"
@@ -222,7 +222,7 @@ def _none_found(table: Table, role: str, refused: dict[str, str]) -> str:
     named_so = [
         f"{column} {why}" for column, why in refused.items() if _sureness(role, column, table) > 0
     ]
-    but = f" ({'; '.join(named_so)})" if named_so else ""
+    but = f" ({'; '.join(named_so[:5])})" if named_so else ""
     rate = ", or give the sampling rate with --rate HZ" if role == "time" else ""
     return (
         f"{table.source}: no column can be guessed to be the {role}{but}; the columns are "

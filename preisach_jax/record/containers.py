@@ -125,13 +125,20 @@ def _table(arrays: Mapping[str, np.ndarray], source: str) -> Table:
             "give time, input and output as one-dimensional arrays of one length"
         )
     length = max(vector.size for vector in vectors.values())
-    columns = {name: _as_cells(v) for name, v in vectors.items() if v.size == length}
+    kept = {name: vector for name, vector in vectors.items() if vector.size == length}
     left_aside = {
         name: f"it has {v.size} values where others have {length}; give arrays of one length"
         for name, v in vectors.items()
         if v.size != length
     }
-    return Table(source, columns, np.arange(1, length + 1), left_aside=left_aside)
+    return Table(
+        source,
+        {name: _as_cells(vector) for name, vector in kept.items()},
+        np.arange(1, length + 1),
+        units={name: "s" for name, vector in kept.items() if vector.dtype.kind in "mM"},
+        left_aside=left_aside,
+        exact={name: vector for name, vector in kept.items() if vector.dtype.kind == "i"},
+    )
 
 
 def _as_cells(vector: np.ndarray) -> np.ndarray:

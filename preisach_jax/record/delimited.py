@@ -1,19 +1,19 @@
-"""Delimiter-separated text: any common delimiter, decimal sign, encoding and comment style."""
+"""Delimiter-separated text: any common delimiter, decimal sign and comment style."""
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.table import Table
+from preisach_jax.record.table import GREAT, Table
 from preisach_jax.record.units import is_unit
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
@@ -28,34 +28,6 @@ _WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}")
 _WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}")
 # A unit in brackets belongs to the name before it: `Weg [µm]` is one name, not two.
 _SPACES = re.compile(r"\s+(?![\[(])")
-
-
-def decode(content: bytes, source: str) -> str:
-    """The text of a file.
-
-    Arguments:
-        content: its bytes, in UTF-8 or UTF-16 (by their byte-order mark), else taken as Latin-1.
-        source: the file as the user named it.
-
-    Returns:
-        The text with `\\n` as line end and without byte-order mark.
-
-    Raises:
-        InputError: the bytes are not text.
-    """
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        text = content.decode("utf-16", errors="replace")
-    elif b"\0" in content[:65536]:
-        raise InputError(
-            f"{source}: the file is binary, not text; give a CSV, NPZ, MAT, Parquet or "
-            "MicroMag (.forc) file"
-        )
-    else:
-        try:
-            text = content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = content.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_delimited(text: str, source: str) -> Table:
@@ -100,11 +72,13 @@ def read_delimited(text: str, source: str) -> Table:
     if width > len(header):
         header = [*header, f"column {width}"]
     decimal = _decimal_sign(body, delimiter)
-    columns = _parse(body, header, delimiter, decimal, source)
+    columns, exact = _parse(body, header, delimiter, decimal, source)
     skipped = (
         (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
     )
-    return Table(source, columns, rows, named=named, decimal=decimal, units=units, notes=skipped)
+    return Table(
+        source, columns, rows, named=named, decimal=decimal, units=units, notes=skipped, exact=exact
+    )
 
 
 def _is_data(line: str) -> bool:
@@ -236,21 +210,22 @@ def _decimal_sign(body: list[str], delimiter: str) -> str:
 
 def _parse(
     body: list[str], header: list[str], delimiter: str, decimal: str, source: str
-) -> dict[str, np.ndarray]:
-    """The columns: float64 where every cell is a number or empty, else objects."""
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The columns, float64 where every cell is a number or empty, else objects; and great ones
+    once more, exactly."""
     import pandas as pd
 
+    text = "\n".join(body)
+    options: dict[str, Any] = {
+        "sep": r"\s+" if delimiter == " " else delimiter,
+        "header": None,
+        "names": range(len(header)),
+        "index_col": False,
+        "skipinitialspace": True,
+        "low_memory": False,
+    }
     try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(body)),
-            sep=r"\s+" if delimiter == " " else delimiter,
-            header=None,
-            names=range(len(header)),
-            index_col=False,
-            decimal=decimal,
-            skipinitialspace=True,
-            low_memory=False,
-        )
+        frame = pd.read_csv(io.StringIO(text), decimal=decimal, **options)
     except pd.errors.ParserError:
         frame = None
     # Every line has as many fields as there are names, so only quotation marks can join lines.
@@ -258,9 +233,13 @@ def _parse(
         raise InputError(
             f'{source}: a quotation mark (") is not closed in its row; close or remove it'
         )
-    columns = {}
+    columns, exact = {}, {}
     for i, name in enumerate(header):
         column = frame[i]
         is_numeric = column.dtype.kind in "iuf"
         columns[name] = column.to_numpy(np.float64 if is_numeric else object)
-    return columns
+        if is_numeric and len(column) and abs(columns[name][0]) >= GREAT:
+            if column.dtype.kind == "f":
+                column = pd.read_csv(io.StringIO(text), usecols=[i], dtype=str, **options)[i]
+            exact[name] = column.to_numpy(np.int64 if column.dtype.kind in "iu" else object)
+    return columns, exact

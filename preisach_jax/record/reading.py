@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import difflib
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.containers import read_mat, read_npz, read_parquet
-from preisach_jax.record.delimited import decode, read_delimited
+from preisach_jax.record.delimited import read_delimited
+from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode
 from preisach_jax.record.micromag import is_micromag, read_micromag
 from preisach_jax.record.table import Table
+
+MAX_TEXT_BYTES = 2**29
+"""Greatest text file that is read, in bytes: it takes ten times as much memory."""
 
 _CONTAINERS = {
     ".npz": read_npz,
@@ -39,6 +44,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         table = reader(path, source)
     else:
         table = _read_text(path, source)
+    table = table.with_clocks()
     if table.rows.size < 2:
         raise InputError(f"{source}, row {table.rows[0]}: one sample is no record; give at least 2")
     return table
@@ -54,14 +60,23 @@ def _check_file(path: Path, source: str) -> None:
 
 
 def _read_text(path: Path, source: str) -> Table:
+    size = path.stat().st_size
     try:
+        with path.open("rb") as file:
+            check_text(file.read(HEAD_BYTES), source)
+        if size > MAX_TEXT_BYTES:
+            raise InputError(
+                f"{source}: the file has {size:,} bytes, and texts of up to {MAX_TEXT_BYTES:,} are "
+                "read; cut or thin it, or save its columns with numpy.savez"
+            )
         content = path.read_bytes()
     except OSError as error:
         raise InputError(
             f"{source}: cannot be read ({error.strerror}); check its permissions"
         ) from None
-    text = decode(content, source)
-    return read_micromag(text, source) if is_micromag(text) else read_delimited(text, source)
+    text, assumed = decode(content)
+    table = read_micromag(text, source) if is_micromag(text) else read_delimited(text, source)
+    return replace(table, notes=(f"{source}: {assumed}", *table.notes)) if assumed else table
 
 
 def _near(path: Path) -> str:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
 
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.record.clock import clock_seconds
+
+GREAT = 1e8
+"""Numbers from which on float64 may cut the decimals of a time: columns are kept exactly too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +31,7 @@ class Table:
         roles: the column of each role, where the format fixes it.
         initial_memory: the state at the first sample, where the format knows it.
         notes: what the reader assumed, in sentences for the user.
+        exact: columns of numbers so great that float64 cuts them: (K,) int64, or the texts.
     """
 
     source: str
@@ -38,12 +44,11 @@ class Table:
     roles: Mapping[str, str] = field(default_factory=dict)
     initial_memory: str = "free"
     notes: tuple[str, ...] = ()
+    exact: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def listing(self) -> str:
         """The columns' names for a message, shortened where there are very many."""
-        names = list(self.columns)
-        more = f", ... ({len(names)} in all)" if len(names) > 20 else ""
-        return ", ".join(names[:20]) + more
+        return shortened(list(self.columns))
 
     def place(self, column: str, k: int) -> str:
         """Where entry `k` of `column` stands: file, column and row."""
@@ -71,6 +76,35 @@ class Table:
             )
         return values
 
+    def from_first(self, column: str) -> np.ndarray:
+        """What numbers are above the first one, without the rounding of great numbers.
+
+        Arguments:
+            column: its name; all its entries are numbers.
+
+        Returns:
+            (K,) float64.
+        """
+        cells = self.exact.get(column)
+        if cells is None:
+            return self.columns[column] - self.columns[column][0]
+        if cells.dtype != object:
+            return (cells - cells[0]).astype(np.float64)
+        numbers = [Decimal(text.strip().replace(self.decimal, ".")) for text in cells]
+        return np.array([float(number - numbers[0]) for number in numbers])
+
+    def with_clocks(self) -> Table:
+        """The same with dates and clock times as seconds from the first row."""
+        columns, units, notes = dict(self.columns), dict(self.units), list(self.notes)
+        for name, cells in self.columns.items():
+            found = clock_seconds(cells) if cells.dtype == object else None
+            if found is not None:
+                columns[name], assumed = found
+                units[name] = "s"
+                of = f", {assumed}" if assumed else ""
+                notes.append(f"{self.source}: column {name} read as time from its first row{of}")
+        return replace(self, columns=columns, units=units, notes=tuple(notes))
+
     def lenient_numbers(self, column: str) -> np.ndarray | None:
         """A column as numbers with NaN for stray texts, or None if most entries are text."""
         values, bad = self._parsed(column)
@@ -89,6 +123,17 @@ class Table:
             except (TypeError, ValueError):
                 bad.append(k)
         return values, np.array(bad, dtype=int)
+
+
+def shortened(names: Sequence[str]) -> str:
+    """Names for a message, the first twenty where there are more.
+
+    Example:
+        >>> shortened(["t", "u", "z"])
+        't, u, z'
+    """
+    more = f", ... ({len(names)} in all)" if len(names) > 20 else ""
+    return ", ".join(names[:20]) + more
 
 
 def _number(cell: object, decimal: str) -> float:

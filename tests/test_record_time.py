@@ -1,0 +1,193 @@
+"""Encodings of files, and times as dates, clock times and seconds since 1970."""
+
+from datetime import UTC, datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+
+from preisach_jax.errors import InputError
+from preisach_jax.record import Record
+
+K = 60
+STEP = timedelta(milliseconds=25)
+START = datetime(2024, 3, 1, 12, 0, 0, 125_000)
+MOMENTS = [START + k * STEP for k in range(K)]
+# Quotients of whole numbers, and so right to the last bit.
+SECONDS = np.arange(K) * 25 / 1000
+INPUT = [f"{(k * 7) % 13}.5" for k in range(K)]
+
+
+def load(path, times, name="time", decimal="."):
+    """The record with these times, and what is announced of it."""
+    values = [u.replace(".", decimal) for u in INPUT]
+    rows = [f"{t};{u};{u}1" for t, u in zip(times, values, strict=True)]
+    path.write_text("\n".join([f"{name};u_V;z_um", *rows]) + "\n", encoding="utf-8")
+    notes = []
+    return Record.load(path, announce=notes.append), " ".join(notes)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "stage.csv"
+
+
+# Encodings
+
+GERMAN = "Zeit (ms);Spannung [V];Weg [µm]\n" + "".join(
+    f"{25 * k};{u.replace('.', ',')};{k % 11},25\n" for k, u in enumerate(INPUT)
+)
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    ["utf-8", "utf-8-sig", "latin-1", "cp1252", "utf-16", "utf-16-le", "utf-16-be"],
+)
+def test_german_headers_and_decimal_commas_in_every_encoding(path, encoding):
+    path.write_bytes(GERMAN.encode(encoding))
+    notes = []
+    record = Record.load(path, announce=notes.append)
+    assert [(each.name, each.unit) for each in record.channels.values()] == [
+        ("Zeit (ms)", "ms"), ("Spannung [V]", "V"), ("Weg [µm]", "µm"),
+    ]  # fmt: skip
+    np.testing.assert_array_equal(record.time, SECONDS)
+    np.testing.assert_array_equal(record.input, [float(u) for u in INPUT])
+    np.testing.assert_array_equal(record.output, [k % 11 + 0.25 for k in range(K)])
+    assert ("read as Windows-1252" in " ".join(notes)) == (encoding in {"latin-1", "cp1252"})
+
+
+def test_what_latin_1_lacks_is_read_as_windows_writes_it(path):
+    path.write_bytes(GERMAN.replace("Weg [µm]", "Kosten [€]").encode("cp1252"))
+    record = Record.load(path, time="Zeit (ms)", input="Spannung [V]", output="Kosten [€]")
+    assert record.output_unit == "€"
+
+
+# Since 1970
+
+
+@pytest.mark.parametrize(
+    ("name", "digits", "factor"),
+    [("t_s", 6, 1), ("t_ms", 3, 10**3), ("t_us", 0, 10**6), ("t_ns", 0, 10**9)],
+)
+@pytest.mark.parametrize("sign", [".", ","])
+def test_seconds_since_1970_keep_their_steps(path, name, digits, factor, sign):
+    nanoseconds = [1_709_294_400_125_000_000 + 25_000_000 * k for k in range(K)]
+    cells = []
+    for value in nanoseconds:
+        whole, rest = divmod(value * factor, 10**9)
+        decimals = f"{sign}{rest:09d}"[: digits + 1] if digits else ""
+        cells.append(f"{whole}{decimals}")
+    record, notes = load(path, cells, name, sign)
+    np.testing.assert_array_equal(record.time, SECONDS)
+    assert record.time_values[0] == float(cells[0].replace(",", "."))
+    assert "so time counts from the first row" in notes
+
+
+def test_whole_nanoseconds_since_1970_keep_their_steps_in_npz(tmp_path):
+    path = tmp_path / "stage.npz"
+    u = np.array(INPUT, dtype=float)
+    np.savez(path, t_ns=1_709_294_400_125_000_007 + np.arange(K) * 10, u=u, z=2 * u)
+    record = Record.load(path)
+    np.testing.assert_array_equal(record.time, np.arange(K) * 10 / 1e9)
+
+
+def test_a_clock_that_counts_from_elsewhere_is_left_alone(path):
+    record, notes = load(path, [f"{86_400 * 365 + k}" for k in range(K)], "t_s")
+    assert record.time[0] == 86_400 * 365
+    assert "first row" not in notes
+
+
+def test_a_time_since_1970_that_repeats_is_named_with_its_row(path):
+    cells = [f"{1_709_294_400 + k}.5" for k in range(K)]
+    cells[30] = cells[29]
+    with pytest.raises(InputError, match=r"column t_s, row 32: time repeats"):
+        load(path, cells, "t_s")
+
+
+def test_an_infinite_time_is_named_with_its_row(path):
+    cells = [f"{1_709_294_400 + k}.5" for k in range(K)]
+    cells[30] = "inf"
+    with pytest.raises(InputError, match=r"t_s, row 32: the value is inf"):
+        load(path, cells, "t_s")
+
+
+# Dates and clock times
+
+FORMATS = {
+    "2024-03-01 12:00:00.125": lambda m: m.isoformat(" ", "milliseconds"),
+    "2024-03-01T12:00:00.125": lambda m: m.isoformat("T", "milliseconds"),
+    "2024-03-01T12:00:00.125000": lambda m: m.isoformat("T", "microseconds"),
+    "2024-03-01T12:00:00.125Z": lambda m: m.isoformat("T", "milliseconds") + "Z",
+    "2024-03-01 12:00:00.125+01:00": lambda m: m.isoformat(" ", "milliseconds") + "+01:00",
+    "2024-03-01 12:00:00,125": lambda m: m.isoformat(" ", "milliseconds").replace(".", ","),
+    "2024/03/01 12:00:00.125": lambda m: m.strftime("%Y/%m/%d %H:%M:%S.%f"),
+    "01.03.2024 12:00:00,125": lambda m: m.strftime("%d.%m.%Y %H:%M:%S,%f")[:-3],
+    "03/01/2024 12:00:00.125": lambda m: m.strftime("%m/%d/%Y %H:%M:%S.%f")[:-3],
+    "12:00:00.125": lambda m: m.strftime("%H:%M:%S.%f")[:-3],
+}
+
+
+@pytest.mark.parametrize("example", FORMATS)
+def test_dates_and_clock_times_become_seconds_from_the_first_row(path, example):
+    cells = [FORMATS[example](moment) for moment in MOMENTS]
+    assert cells[0].startswith(example)
+    record, notes = load(path, cells)
+    np.testing.assert_array_equal(record.time, SECONDS)
+    np.testing.assert_array_equal(record.time_values, SECONDS)
+    assert record.channels["time"].unit == "s"
+    assert "column time read as time from its first row" in notes
+
+
+def test_a_clock_goes_on_behind_midnight_and_says_so(path):
+    moments = [datetime(2024, 1, 1, 23, 59, 59) + k * STEP for k in range(K)]
+    record, notes = load(path, [m.strftime("%H:%M:%S.%f") for m in moments])
+    np.testing.assert_array_equal(record.time, SECONDS)
+    assert "clock times that go on behind midnight" in notes
+
+
+def test_offsets_from_universal_time_are_taken_off(path):
+    zones = [timezone(timedelta(hours=k % 3 - 1, minutes=30 * (k % 2))) for k in range(K)]
+    moments = [m.replace(tzinfo=UTC).astimezone(z) for m, z in zip(MOMENTS, zones, strict=True)]
+    record, _ = load(path, [m.isoformat(" ", "milliseconds") for m in moments])
+    np.testing.assert_array_equal(record.time, SECONDS)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "start", "expected"),
+    [
+        ("%d.%m.%Y", datetime(2024, 3, 11, 23, 59, 30), "day first, as is usual with points"),
+        ("%d/%m/%Y", datetime(2024, 3, 11, 23, 59, 30), "day first, by which the record is sho"),
+        ("%m/%d/%Y", datetime(2024, 3, 11, 23, 59, 30), "month first, by which the record is s"),
+        ("%d/%m/%Y", datetime(2024, 3, 12, 23, 59, 30), ""),  # the 13th is no month
+        ("%m/%d/%Y", datetime(2024, 3, 12, 23, 59, 30), ""),
+        ("%m.%d.%Y", datetime(2024, 3, 12, 23, 59, 30), ""),
+        ("%d/%m/%Y", datetime(2024, 3, 11, 12), ""),  # one day, whichever it is
+    ],
+)
+def test_whether_day_or_month_comes_first_is_told_by_evidence(path, pattern, start, expected):
+    moments = [start + timedelta(seconds=k) for k in range(K)]
+    record, notes = load(path, [m.strftime(f"{pattern} %H:%M:%S") for m in moments])
+    np.testing.assert_array_equal(record.time, np.arange(K))
+    assert expected in notes
+    assert ("first," in notes) == bool(expected)
+
+
+@pytest.mark.parametrize("bad", ["2024-02-30 12:00:00", "2024-03-01 25:00:00", "later"])
+def test_a_cell_that_is_no_time_like_the_others_is_named(path, bad):
+    cells = [m.isoformat(" ", "milliseconds") for m in MOMENTS]
+    cells[15] = bad
+    with pytest.raises(InputError, match=rf"stage.csv, column time, row 17: '{bad}' is not a num"):
+        load(path, cells)
+
+
+def test_an_empty_cell_among_clock_times_is_named(path):
+    cells = [m.strftime("%H:%M:%S.%f") for m in MOMENTS]
+    cells[15] = ""
+    with pytest.raises(InputError, match=r"column time, row 17: the cell is empty"):
+        load(path, cells)
+
+
+def test_times_that_run_backward_are_named(path):
+    cells = [m.isoformat(" ", "milliseconds") for m in MOMENTS]
+    cells[15], cells[16] = cells[16], cells[15]
+    with pytest.raises(InputError, match=r"column time, row 18: time runs backward"):
+        load(path, cells)

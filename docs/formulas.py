@@ -53,15 +53,22 @@ class _Reader:
             self._next()
         return "<mrow>" + "".join(parts) + "</mrow>"
 
+    def argument(self) -> str:
+        """A group or a single sign, as TeX takes it: of a number its first digit."""
+        token = self._peek()
+        if token.isdigit() and len(token) > 1:
+            self.tokens[self.place : self.place + 1] = list(token)
+        return self.atom()
+
     def scripted(self) -> str:
         """An atom with what stands below and above it."""
         base = self.atom()
         below = above = ""
         while self._peek() in {"_", "^"}:
             if self._next() == "_":
-                below = self.atom()
+                below = self.argument()
             else:
-                above = self.atom()
+                above = self.argument()
         kind = "sub" * bool(below) + "sup" * bool(above)
         return f"<m{kind}>{base}{below}{above}</m{kind}>" if kind else base
 
@@ -90,11 +97,11 @@ class _Reader:
             return f'<mspace width="{SPACES[name]}"/>'
         if name in ACCENTS:
             accent = f'<mo stretchy="false">{ACCENTS[name]}</mo>'
-            return f'<mover accent="true">{self.atom()}{accent}</mover>'
+            return f'<mover accent="true">{self.argument()}{accent}</mover>'
         if name in {"frac", "tfrac"}:
-            return f"<mfrac>{self.atom()}{self.atom()}</mfrac>"
+            return f"<mfrac>{self.argument()}{self.argument()}</mfrac>"
         if name == "sqrt":
-            return f"<msqrt>{self.atom()}</msqrt>"
+            return f"<msqrt>{self.argument()}</msqrt>"
         if name in {"mathrm", "text"}:
             return re.sub(r"</?mrow>|</?mi>", "", self.atom()).join(("<mi>", "</mi>"))
         if name == "sum":

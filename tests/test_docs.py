@@ -136,6 +136,7 @@ def test_commands_have_their_help(helper):
     [
         (r"\frac{a}{b_1}", "<mfrac><mrow><mi>a</mi></mrow><mrow><msub><mi>b</mi><mn>1</mn></msub>"),
         (r"x^2 < 3", "<msup><mi>x</mi><mn>2</mn></msup><mo>&lt;</mo><mn>3</mn>"),
+        (r"\frac12 x", "<mfrac><mn>1</mn><mn>2</mn></mfrac><mi>x</mi>"),
         (r"\dot y", '<mover accent="true"><mi>y</mi><mo stretchy="false">˙</mo></mover>'),
         (r"q\,\mathrm{round}(h)", "<mi>round</mi>"),
     ],

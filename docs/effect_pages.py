@@ -11,7 +11,7 @@ from telling import TELLING
 
 import preisach_jax as pj
 from preisach_jax.effects.base import Effect, Parameter, Survey
-from preisach_jax.quantity import pretty_unit
+from preisach_jax.quantity import number, pretty_unit
 from preisach_jax.signals import diagnostic_record
 
 PLACES = {
@@ -187,5 +187,5 @@ def _row(parameter: Parameter, linear: bool) -> str:
 
 
 def _span(parameter: Parameter) -> str:
-    low, high = (f"{value:.3g}" for value in (parameter.low, parameter.high))
+    low, high = (number(value, 3) for value in (parameter.low, parameter.high))
     return f"{low} to {high}{', searched by its logarithm' if parameter.log else ''}"

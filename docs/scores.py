@@ -19,8 +19,8 @@ MOST_OVER = 2.0
 SUITES = {"single": "one effect hidden", "pairs": "two hidden", "triples": "three hidden"}
 WAY_NAMES = {
     "diagnose": "the diagnosis",
-    "criterion": "whitened criterion alone (first lock without the second)",
-    "held_out": "least held-out error (second lock without its threshold)",
+    "criterion": "whitened criterion alone",
+    "held_out": "least held-out error alone",
     "correlation": "correlation of the residual with simple signatures",
 }
 
@@ -66,7 +66,8 @@ def share(hits: dict[str, float]) -> str:
     if not hits["of"]:
         return ""
     low, high = 100 * hits["low"], 100 * hits["high"]
-    return f"{hits['count']:.0f} of {hits['of']:.0f}<br>[{low:.0f}–{high:.0f}\u202f%]"
+    interval = f"<span class='nowrap'>[{low:.0f}–{high:.0f} %]</span>"
+    return f"{hits['count']:.0f} of {hits['of']:.0f}<br>{interval}"
 
 
 def overview(drawn: dict[str, list[Result]]) -> str:
@@ -280,8 +281,8 @@ What they teach:
   great they could be.
 - **Stages of some dozens of relays or of narrow ridges** are called unexplained though nothing is
   hidden, because no plane of 50 levels holds them.
-- **Rate dependence was named beside ageing** in two samples; the first lock is asked on all rows
-  since, and the strength of the prior is compared.
+- **Rate dependence was named beside ageing** in two samples (the same record); the held-out lock is
+  asked on all rows since, and the strength of the prior is compared.
 - **A hum of a frequency wrong by 0.07 Hz** passed as *explained* although its error was 32 times
   that of the true effects: the verdict does not see that, where what it leaves looks like noise.
 - **A resonance and a drift hid each other** and stayed unexplained.

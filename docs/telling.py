@@ -59,7 +59,7 @@ TELLING = {
         "loop_number",
         "One minor loop, repeated after a great move, shifts less and less from turn to turn; "
         "holds between the turns shift nothing.",
-        made="This stage is synthetic: 1,800 relays one by one, whose states fade to the middle "
+        made="This stage is synthetic: 1,152 relays one by one, whose states fade to the middle "
         "with the path of the input where the input does not hold them, beside a reversible part.",
     ),
     "input_lag": Telling(

@@ -388,26 +388,52 @@ class Model:
                 f"{path}: this is no model file (it is not valid JSON: {error}); write one with "
                 "'preisach fit ... --out model.json'"
             ) from error
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
+        try:
+            return Model.from_json(content, effects)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
+        """A model from the content of its file.
+
+        Arguments:
+            content: what `to_json` gave, or what was read from JSON of it.
+            effects: effects of one's own that the model holds.
+
+        Returns:
+            The model.
+
+        Raises:
+            InputError: if the content is that of no model, damaged, or of a newer version.
+
+        Example:
+            >>> import numpy as np, preisach_jax as pj
+            >>> t = np.arange(2000) / 100
+            >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> bool(np.all(pj.Model.from_json(model.to_json()).weights == model.weights))
+            True
+        """
+        if not isinstance(content, Mapping) or content.get("format") != FORMAT:
             raise InputError(
-                f"{path}: this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write "
-                "one with 'preisach fit ... --out model.json'"
+                f"this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write one with "
+                "'preisach fit ... --out model.json'"
             )
         found = content.get("format_version")
         if found != FORMAT_VERSION:
             raise InputError(
-                f"{path}: the model has format version {found!r} (written by preisach_jax "
+                f"the model has format version {found!r} (written by preisach_jax "
                 f"{content.get('library_version')}), and this library reads version "
                 f"{FORMAT_VERSION}; install the version that wrote it, or fit anew"
             )
         try:
             return _model_from(content, {effect.name: effect for effect in effects})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+        except InputError:
+            raise
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"{path}: the model file is damaged ({type(error).__name__}: {error}); fit the "
-                "model anew"
+                f"the model file is damaged ({type(error).__name__}: {error}); fit the model anew"
             ) from error
 
 
@@ -441,7 +467,7 @@ def _effect_from(entry: dict[str, Any], own: dict[str, Effect]) -> Effect:
     return kind(**settings)
 
 
-def _model_from(content: dict[str, Any], own: dict[str, Effect]) -> Model:
+def _model_from(content: Mapping[str, Any], own: dict[str, Effect]) -> Model:
     plane = Plane(content["levels"], content["low"], content["high"])
     effects = tuple(_effect_from(entry, own) for entry in content["effects"])
     parameters = {

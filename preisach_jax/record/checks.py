@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,6 +60,15 @@ def check_increasing(seconds: np.ndarray, shown: np.ndarray, place: Callable[[in
             f"{place(k)}: time {verb}, {shown[k]:.12g} after {shown[k - 1]:.12g}{more}; sort the "
             "rows by time and remove repeated ones, or give the sampling rate with --rate HZ"
         )
+
+
+def check_aux_names(names: Iterable[str], source: str) -> None:
+    """Refuse auxiliary columns that go by the name of a role."""
+    for name in names:
+        if name in {"time", "input", "output"}:
+            raise InputError(
+                f"{source}: an auxiliary column is called {name!r}, as a role is; rename it"
+            )
 
 
 def check_unit_keys(units: Mapping[str, str] | None, known: Collection[str], source: str) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.record.checks import check_aux_names
 from preisach_jax.record.table import Table, shortened
 from preisach_jax.record.units import seconds_per, split_unit
 
@@ -97,6 +98,7 @@ def assign_roles(
             _require(table, name, _OPTIONS[role])
     for name in aux:
         _require(table, name, "--aux")
+    check_aux_names(aux, table.source)
     used = [name for name in (*told.values(), *aux) if name is not None]
     for name in used:
         if used.count(name) > 1:

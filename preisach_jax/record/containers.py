@@ -34,7 +34,7 @@ def read_npz(path: Path, source: str) -> Table:
             f"{source}: not a readable NPZ file ({error}); write it with numpy.savez(path, t=..., "
             "u=..., z=...)"
         ) from None
-    return _table(arrays, source)
+    return table_of_arrays(arrays, source)
 
 
 def read_mat(path: Path, source: str) -> Table:
@@ -63,7 +63,7 @@ def read_mat(path: Path, source: str) -> Table:
         raise InputError(
             f"{source}: not a readable MAT file ({error}); save it in MATLAB with save(name, '-v7')"
         ) from None
-    return _table(dict(_leaves(content)), source)
+    return table_of_arrays(dict(_leaves(content)), source)
 
 
 def read_parquet(path: Path, source: str) -> Table:
@@ -101,7 +101,7 @@ def read_parquet(path: Path, source: str) -> Table:
             "every column its own name"
         )
     frame = content.to_pandas(ignore_metadata=True)
-    return _table({name: frame[name].to_numpy() for name in names}, source)
+    return table_of_arrays({name: frame[name].to_numpy() for name in names}, source)
 
 
 def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
@@ -115,8 +115,31 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield prefix + name, value
 
 
-def _table(arrays: Mapping[str, np.ndarray], source: str) -> Table:
-    """A table of those arrays that are vectors of the greatest length."""
+def table_of_arrays(
+    arrays: Mapping[str, np.ndarray],
+    source: str,
+    *,
+    units: Mapping[str, str] | None = None,
+    roles: Mapping[str, str] | None = None,
+    initial_memory: str = "free",
+) -> Table:
+    """A table of those arrays that are vectors of the greatest length.
+
+    Arguments:
+        arrays: arrays by name.
+        source: what messages call them.
+        units, roles, initial_memory: what is known of them, as in `Table`.
+
+    Returns:
+        The table; a row of it counts from 1.
+
+    Raises:
+        InputError: there are no vectors.
+
+    Example:
+        >>> table_of_arrays({"t": np.arange(3), "scale": np.eye(2)}, "arrays").columns
+        {'t': array([0., 1., 2.])}
+    """
     vectors = {name: np.squeeze(array) for name, array in arrays.items()}
     vectors = {name: vector for name, vector in vectors.items() if vector.ndim == 1}
     if not vectors:
@@ -135,17 +158,21 @@ def _table(arrays: Mapping[str, np.ndarray], source: str) -> Table:
         source,
         {name: _as_cells(vector) for name, vector in kept.items()},
         np.arange(1, length + 1),
-        units={name: "s" for name, vector in kept.items() if vector.dtype.kind in "mM"},
+        units=dict(units or {})
+        | {name: "s" for name, vector in kept.items() if vector.dtype.kind in "mM"},
         left_aside=left_aside,
+        roles=roles or {},
+        initial_memory=initial_memory,
         exact={name: vector for name, vector in kept.items() if vector.dtype.kind == "i"},
     )
 
 
 def _as_cells(vector: np.ndarray) -> np.ndarray:
-    """Numbers as float64, times of day as seconds since the first, anything else as objects."""
+    """Numbers as float64, durations as seconds, dates as seconds since the first, else objects."""
     if vector.dtype.kind in "iuf":
         return vector.astype(np.float64)
     if vector.dtype.kind in "mM":
-        steps = (vector - vector[0]) / np.timedelta64(1, "ns") / 1e9
+        steps = vector - vector[0] if vector.dtype.kind == "M" else vector
+        steps = steps / np.timedelta64(1, "ns") / 1e9
         return np.where(np.isnat(vector), np.nan, steps)
     return vector.astype(object)

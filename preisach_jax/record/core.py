@@ -7,12 +7,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from preisach_jax import html
 from preisach_jax.errors import InputError
+from preisach_jax.record import exchange
 from preisach_jax.record.channels import (
     Channel,
     assumptions,
@@ -24,6 +26,7 @@ from preisach_jax.record.channels import (
 )
 from preisach_jax.record.checks import (
     as_vector,
+    check_aux_names,
     check_finite,
     check_increasing,
     check_not_infinite,
@@ -31,7 +34,12 @@ from preisach_jax.record.checks import (
 )
 from preisach_jax.record.columns import assign_roles
 from preisach_jax.record.reading import read_table
+from preisach_jax.record.table import Table
 from preisach_jax.rows import column_rows, holes, record_line, span_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 MIN_MEASURED = 50
 """Fewest measured samples from which a model may be identified."""
@@ -46,7 +54,8 @@ _GAP = 5.0  # a step this many times the usual one is a gap
 class Record:
     """A measured record of K samples. Values are in the file's own units, time is in seconds.
 
-    Made by `Record.load` or `Record.from_arrays`, which check what is promised here.
+    Made by `Record.load`, `from_arrays`, `from_pandas`, `from_xarray` or `from_response`, which
+    check what is promised here.
 
     Arguments:
         time: (K,) float64, s, strictly increasing.
@@ -123,13 +132,197 @@ class Record:
             >>> record.duration_s, record.input_unit, record.output_unit
             (0.059, 'V', 'um')
         """
+        return cls._of_table(
+            read_table(path),
+            Path(path).name,
+            time=time,
+            input=input,
+            output=output,
+            aux=aux,
+            rate=rate,
+            units=units,
+            initial_memory=initial_memory,
+            need_output=need_output,
+            announce=announce,
+        )
+
+    @classmethod
+    def from_pandas(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        aux: Sequence[str] = (),
+        rate: float | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+        initial_memory: str | None = None,
+        need_output: bool = True,
+        announce: Callable[[str], object] | None = None,
+    ) -> Record:
+        """Make a record of a data frame, as `load` does of a file.
+
+        Arguments:
+            frame: its columns, and its index where that is named or no count of rows; dates and
+                durations become seconds, an index without name goes by `time`.
+            name: what messages and reports call the record; by default the name that `to_pandas`
+                wrote, else `frame`.
+            time, input, output, aux, rate, units, initial_memory, need_output, announce: as for
+                `load`; what is not given is as `to_pandas` wrote it.
+
+        Returns:
+            The record.
+
+        Raises:
+            InputError: the frame or a column cannot be used; the message says where and why.
+
+        Example:
+            >>> import pandas as pd
+            >>> frame = pd.DataFrame({"u_V": np.arange(60) % 9, "z_um": np.arange(60) % 8},
+            ...                      index=pd.timedelta_range("0s", freq="10ms", periods=60))
+            >>> record = Record.from_pandas(frame)
+            >>> record.duration_s, record.input_unit, record.output_unit
+            (0.59, 'V', 'um')
+        """
+        name = exchange.name_of_frame(frame) if name is None else name
+        table, known_aux = exchange.table_of_frame(frame, name)
+        return cls._of_table(
+            table,
+            name,
+            time=time,
+            input=input,
+            output=output,
+            aux=aux or known_aux,
+            rate=rate,
+            units=units,
+            initial_memory=initial_memory,
+            need_output=need_output,
+            announce=announce,
+        )
+
+    @classmethod
+    def from_xarray(
+        cls,
+        dataset: xr.Dataset,
+        *,
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        aux: Sequence[str] = (),
+        rate: float | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+        initial_memory: str | None = None,
+        need_output: bool = True,
+        announce: Callable[[str], object] | None = None,
+    ) -> Record:
+        """Make a record of a dataset, as `load` does of a file.
+
+        Arguments:
+            dataset: its variables along the longest dimension, whose coordinate is the time;
+                units from their attribute `units`.
+            name: what messages and reports call the record; by default the dataset's attribute
+                `name`, else `dataset`.
+            time, input, output, aux, rate, units, initial_memory, need_output, announce: as for
+                `load`; what is not given is as `to_xarray` wrote it.
+
+        Returns:
+            The record.
+
+        Raises:
+            InputError: the dataset or a variable cannot be used; the message says where and why.
+
+        Example:
+            >>> import xarray as xr
+            >>> dataset = xr.Dataset(
+            ...     {"u": ("time", np.arange(60.0) % 9, {"units": "V"}),
+            ...      "z": ("time", np.arange(60.0) % 8, {"units": "um"})},
+            ...     coords={"time": np.arange(60) / 100})
+            >>> Record.from_xarray(dataset).input_unit
+            'V'
+        """
+        if name is None:
+            name = str(getattr(dataset, "attrs", {}).get("name", "dataset"))
+        table, known_aux = exchange.table_of_dataset(dataset, name)
+        return cls._of_table(
+            table,
+            name,
+            time=time,
+            input=input,
+            output=output,
+            aux=aux or known_aux,
+            rate=rate,
+            units=units,
+            initial_memory=initial_memory,
+            need_output=need_output,
+            announce=announce,
+        )
+
+    @classmethod
+    def from_response(
+        cls,
+        response: Any,
+        *,
+        input: ArrayLike | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str = "response",
+        initial_memory: str = "free",
+    ) -> Record:
+        """Make a record of a simulated response, as python-control and SciPy give it.
+
+        Arguments:
+            response: an object with `time` (s), `inputs` and `outputs`, as python-control's
+                `TimeResponseData`; or (time, input, output); or, together with `input`,
+                (time, output) or (time, output, states). Signals are (K,) or (1, K).
+            input: the input where the response does not hold it.
+            units, name, initial_memory: as for `from_arrays`.
+
+        Returns:
+            The record.
+
+        Raises:
+            InputError: the response is none of these, or holds more than one signal.
+
+        Example:
+            >>> from scipy.signal import lsim
+            >>> t = np.arange(200) / 100
+            >>> u = np.sin(9 * t)
+            >>> record = Record.from_response(lsim(([1.0], [0.1, 1.0]), u, t), input=u)
+            >>> len(record)
+            200
+        """
+        time, driven, output = exchange.response_arrays(response, input, name)
+        return cls.from_arrays(
+            time, driven, output, units=units, name=name, initial_memory=initial_memory
+        )
+
+    @classmethod
+    def _of_table(
+        cls,
+        table: Table,
+        name: str,
+        *,
+        time: str | None,
+        input: str | None,
+        output: str | None,
+        aux: Sequence[str],
+        rate: float | None,
+        units: Mapping[str, str] | None,
+        initial_memory: str | None,
+        need_output: bool,
+        announce: Callable[[str], object] | None,
+    ) -> Record:
+        """The record that stands in a table, checked."""
         if time is not None and rate is not None:
             raise InputError(
                 f"time is {time!r} and rate is {rate}: give a time column or a rate, not both"
             )
         if isinstance(aux, str):
             aux = (aux,)
-        table = read_table(path)
+        table.check_rows()
+        table = table.with_clocks()
         roles = assign_roles(
             table,
             time=time,
@@ -150,7 +343,7 @@ class Record:
             output=read_output(table, roles.output),
             aux={name: read_aux(table, name) for name in roles.aux},
             channels=channels,
-            name=Path(path).name,
+            name=name,
             initial_memory=table.initial_memory if initial_memory is None else initial_memory,
             time_values=time_values,
         )
@@ -192,6 +385,7 @@ class Record:
             >>> record.measured
             array([ True, False,  True])
         """
+        check_aux_names(aux or (), name)
         arrays = {"time": time, "input": input, "output": output} | dict(aux or {})
         vectors = {key: as_vector(value, key, name) for key, value in arrays.items()}
         size = vectors["time"].size
@@ -356,6 +550,50 @@ class Record:
             initial_memory=self.initial_memory if first == 0 else "free",
             time_values=self.time_values[rows],
         )
+
+    def to_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time in s, input and output, in their units.
+
+        Returns:
+            (K,) each, read-only; the output is NaN where nothing was measured.
+
+        Example:
+            >>> time, input, output = Record.from_arrays([0, 1], [2, 3], [4, 5]).to_arrays()
+            >>> output
+            array([4., 5.])
+        """
+        return self.time, self.input, self.output
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The record as a data frame that `from_pandas` reads back to the last bit.
+
+        Returns:
+            A frame of the columns as in the file, time in the file's unit (in s where the file's
+            times count from an epoch); units and roles are in its `attrs`.
+
+        Example:
+            >>> frame = Record.from_arrays([0, 1], [2, 3], [4, 5]).to_pandas()
+            >>> list(frame.columns)
+            ['time', 'input', 'output']
+        """
+        return exchange.frame_of(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The record as a dataset that `from_xarray` reads back to the last bit.
+
+        Returns:
+            A dataset of the columns along the coordinate `time` in s, with attributes `units` and
+            `role`.
+
+        Raises:
+            InputError: xarray is not installed, or a column is called `time`.
+
+        Example:
+            >>> record = Record.from_arrays([0, 1], [2, 3], [4, 5], units={"input": "V"})
+            >>> record.to_xarray()["input"].attrs["units"]
+            'V'
+        """
+        return exchange.dataset_of(self)
 
     def inputs_digest(self, n: int) -> str:
         """Digest of the first `n` samples of time and input.

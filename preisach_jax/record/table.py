@@ -54,6 +54,19 @@ class Table:
         """Where entry `k` of `column` stands: file, column and row."""
         return f"{self.source}, column {column}, row {self.rows[k]}"
 
+    def check_rows(self) -> None:
+        """Check that there are rows enough for a record.
+
+        Raises:
+            InputError: there are fewer than two.
+        """
+        if self.rows.size == 0:
+            raise InputError(f"{self.source}: there are no rows; give at least 2")
+        if self.rows.size == 1:
+            raise InputError(
+                f"{self.source}, row {self.rows[0]}: one sample is no record; give at least 2"
+            )
+
     def numbers(self, column: str, remedy: str) -> np.ndarray:
         """A column as numbers.
 

@@ -79,7 +79,7 @@ TELLING = {
     "input_quantisation": Telling(
         "few_steps_of_input",
         "A sawtooth with the period of one step of the input on a slow ramp.",
-        made="The stage is simulated with a slow ramp in the middle of its drive: "
+        made="The stage is simulated with a slow ramp at the end of its drive: "
         "`pj.simulate_stage(seed=3, drive=..., effects=('input_quantisation',), rate_hz=1000, "
         "noise_um=0.002)`.",
     ),
@@ -150,6 +150,7 @@ TELLING = {
     ),
     "aux:COL": Telling(
         "auxiliary",
-        "A straight line against the auxiliary column, whatever the input does.",
+        "A residual that follows the auxiliary column, whatever the input does; weights have taken "
+        "up a part of it, which bends the line.",
     ),
 }

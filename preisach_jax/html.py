@@ -68,5 +68,6 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers_from: i
     ruled = f"font-weight:600;border-bottom:1px solid {_LINE}"
     head = f"<thead><tr>{line(headers, 'th', ruled)}</tr></thead>" if headers else ""
     body = "".join(f"<tr>{line(row, 'td', 'white-space:pre-wrap')}</tr>" for row in rows)
-    style = "border-collapse:collapse;margin:.4em 0;font-variant-numeric:tabular-nums"
+    # Tables do not take colour and size from the page where it states no standard.
+    style = "border-collapse:collapse;margin:.4em 0;color:inherit;font-size:inherit"
     return f'<table style="{style}">{head}<tbody>{body}</tbody></table>'

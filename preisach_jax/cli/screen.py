@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.rows import budget_rows, error_table, finding_parameters, headline, holes
 
@@ -87,8 +85,15 @@ def show_json(content: Any) -> None:
     if _MANNER.get().as_json:
         from preisach_jax.files import json_bytes
 
+        content = json_bytes(content)
+        buffer = getattr(sys.stdout, "buffer", None)
+        if buffer is None:  # a notebook's
+            sys.stdout.write(content.decode())
+            return
         # JSON is UTF-8 whatever the terminal takes.
-        typer.echo(json_bytes(content), nl=False)
+        sys.stdout.flush()
+        buffer.write(content)
+        buffer.flush()
 
 
 def written(files: Iterable[Path], **about: Any) -> dict[str, Any]:
@@ -125,7 +130,7 @@ class TimeLeft:
     Example:
         >>> left = TimeLeft()
         >>> left(0.0, 0.0), left(0.25, 30.0), left(0.5, 60.0)
-        ('', 'about 2 min left', 'about 60 s left')
+        ('', 'about 90 s left', 'about 60 s left')
     """
 
     _BEGIN_S, _BEGIN_SHARE = 4.0, 0.04  # before, an estimate means nothing

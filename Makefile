@@ -6,13 +6,15 @@ BIN   := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo app test lint docs bench clean
 
 help:
 	@echo "make setup   make .venv with the pinned dependencies and this package"
 	@echo "make demo    diagnose the bundled measurement and a simulated stage"
+	@echo "make app     open the interactive page"
 	@echo "make test    run the tests"
 	@echo "make lint    check format, lint and types"
+	@echo "make docs    build the documentation into build/site"
 	@echo "make bench   measure speed"
 	@echo "make clean   remove .venv and what the tools left behind"
 
@@ -43,6 +45,9 @@ $(STAMP): requirements.lock pyproject.toml
 demo: $(STAMP)
 	$(BIN)/preisach demo
 
+app: $(STAMP)
+	$(BIN)/preisach app
+
 test: $(STAMP)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
@@ -50,6 +55,9 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/pyright
+
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir build/site
 
 bench: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-build-isolation --editable ".[bench]"

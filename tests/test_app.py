@@ -18,7 +18,7 @@ pytest.importorskip("panel")
 
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
-from preisach_jax.app.panels import candidates, failure, ladder, table, told
+from preisach_jax.app.panels import CandidateRow, failure, ladder, order_of, table, told
 from preisach_jax.app.script import Click, script, without_detours
 from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
 from preisach_jax.app.views import AXES, Views, amplitude_spectrum, drawn_rows, plane_course
@@ -125,11 +125,22 @@ class TestTexts:
 
     def test_every_effect_that_is_left_can_be_added(self, step):
         asked = []
-        rows = candidates(step, (), lambda name, event: asked.append(name))
-        buttons = [row[1] for row in rows if len(getattr(row, "objects", [])) == 2]
-        for button in buttons:
-            button.clicks += 1
+        assert order_of(step, ()) == ["hum"]
+        assert order_of(step.before, ()) == ["drift", "hum"]
+        row = CandidateRow("hum", lambda: asked.append("hum"))
+        row.show(None)
+        row.view[1].clicks += 1
         assert asked == ["hum"]
+
+    def test_a_row_says_why_and_why_not(self, step):
+        drift, hum = step.before.candidates()
+        row = CandidateRow("drift", lambda: None)
+        row.show(drift)
+        assert "convincing" in row.view[0].object
+        assert f"takes {100 * drift.gain:.1f} % off" in row.view[0].object
+        row.show(hum)
+        assert "convincing" not in row.view[0].object
+        assert hum.why_not.split(",")[0].lower() in row.view[0].object.lower()
 
 
 class TestScript:

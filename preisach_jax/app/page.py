@@ -77,6 +77,8 @@ class Page:
         self._axis.param.watch(self._on_axis, "value")
         self._ladder = panels.pane()
         self._verdict = panels.pane()
+        self._advice = panels.pane()
+        self._rows: dict[str, panels.CandidateRow] = {}
         self._list = pn.Column(sizing_mode="stretch_width", css_classes=["candidates"])
         self._prepare = _button("Prepare export", self._on_export)
         self._downloads = pn.Column(sizing_mode="stretch_width")
@@ -88,6 +90,7 @@ class Page:
             self._levels, pn.Row(self._fit, self._find, self._undo, self._cancel),
             self._doing, self._progress, self._verdict, self._ladder,
             panels.pane(panels.heading("3", "What may be missing")),
+            self._advice,
             self._list,
             panels.pane(panels.heading("4", "Export")),
             self._prepare, self._downloads,
@@ -156,11 +159,10 @@ class Page:
             lambda step: self._go_to(step, [Click("fit", levels)]),
         )
 
-    def _on_add(self, name: str, event: Any) -> None:
-        del event
+    def _on_add(self, name: str) -> None:
         step = self._step
-        if step is None:
-            return
+        if step is None or name in step.effects:
+            return  # pressed before the page has shown that it was added
         self._start(
             f"adding {name}",
             lambda progress: step.add(name, progress),
@@ -211,9 +213,9 @@ class Page:
     ) -> None:
         self._step, self._clicks, self._found = step, clicks, found
         if found is None:
-            self._candidates = ()
+            self._candidates = step.known_candidates
         self._show_step()
-        if found is None:
+        if not self._candidates:
             self._rank(step)
 
     def _rank(self, step: Exploration) -> None:
@@ -234,15 +236,8 @@ class Page:
         assert step is not None  # called for a step only
         if self._views is None or self._views.levels != step.fit.model.plane.levels:
             self._views = Views(step)
-            controls = pn.Row(
-                self._axis, pn.pane.Bokeh(self._views.slider, sizing_mode="stretch_width"),
-                sizing_mode="stretch_width",
-            )  # fmt: skip
-            self._main.objects = [
-                controls,
-                pn.pane.Bokeh(self._views.told, sizing_mode="stretch_width"),
-                pn.pane.Bokeh(self._views.layout, sizing_mode="stretch_both"),
-            ]
+            drawn = pn.pane.Bokeh(self._views.layout, sizing_mode="stretch_both")
+            self._main.objects = [self._axis, drawn]
         else:
             self._views.show(step)
         self._views.show_axis(self._axis.value)
@@ -302,7 +297,7 @@ class Page:
         if document is None or document.session_context is None:
             function()  # without a server there is no other thread to hand it to
         else:
-            document.add_next_tick_callback(function)
+            document.add_next_tick_callback(partial(_at_once, function))
 
     def _stop_job(self) -> None:
         if self._job is not None:
@@ -326,6 +321,9 @@ class Page:
     def _refresh(self) -> None:
         """What can be pressed now, and what is said of the present step."""
         step, busy = self._step, self._job is not None
+        self._advice.object = panels.advice(
+            self._record is not None, step is not None, bool(self._candidates)
+        )
         self._fit.disabled = self._find.disabled = self._record is None
         self._other.visible = self._record is not None
         self._undo.disabled = step is None or step.before is None
@@ -333,14 +331,31 @@ class Page:
         self._prepare.disabled = step is None
         if step is None:
             self._ladder.object = self._verdict.object = ""
-            self._list.objects = [panels.pane(panels.nothing_fitted(self._record is not None))]
+            self._list.objects = []
             return
         self._ladder.object = panels.ladder(step, self._found)
         self._verdict.object = panels.verdict(step, self._found)
-        self._list.objects = panels.candidates(step, self._candidates, self._on_add)
+        self._show_candidates(step)
+
+    def _show_candidates(self, step: Exploration) -> None:
+        compared = {candidate.effect: candidate for candidate in self._candidates}
+        shown = []
+        for name in panels.order_of(step, self._candidates):
+            if name not in self._rows:
+                self._rows[name] = panels.CandidateRow(name, partial(self._on_add, name))
+            self._rows[name].show(compared.get(name))
+            shown.append(self._rows[name].view)
+        if shown != self._list.objects:
+            self._list.objects = shown
 
 
 def _button(name: str, clicked: Callable[[Any], None], kind: str = "default") -> Any:
     button = pn.widgets.Button(label=name, color=kind)
-    button.on_click(clicked)
+    button.on_click(lambda event: _at_once(partial(clicked, event)))
     return button
+
+
+def _at_once(change: Callable[[], None]) -> None:
+    """Send all that changes in one message, so that a tab never shows half of a step."""
+    with pn.io.hold():
+        change()

@@ -19,7 +19,7 @@ from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline
 
-_NOTHING = "Nothing was compared yet: any effect can be added."
+NOT_COMPARED = "Nothing was compared yet: any effect can be added."
 
 
 @cache
@@ -66,8 +66,10 @@ def told(record: Record, notes: Sequence[str]) -> Markup:
     )
 
 
-def nothing_fitted(has_record: bool) -> str:
-    """What to do next, where there is no model yet."""
+def advice(has_record: bool, has_model: bool, is_compared: bool) -> str:
+    """What to do next."""
+    if has_model:
+        return "" if is_compared else str(Markup("<p>{}</p>").format(NOT_COMPARED))
     text = (
         "Press Fit: the plain hysteresis model comes first, then what it lacks is compared."
         if has_record
@@ -145,27 +147,36 @@ def verdict(step: Exploration, found: Diagnosis | None) -> str:
     return str(Markup('<div class="verdict"><p>{}: {}.</p></div>').format(model, words))
 
 
-def candidates(
-    step: Exploration, compared: Sequence[Candidate], add: Callable[[str, Any], None]
-) -> list[Any]:
-    """One row an effect: its name, what speaks for and against it, and a button that adds it."""
-    rows: list[Any] = []
-    names = [c.effect for c in compared if c.effect not in step.effects]
-    by_name = {c.effect: c for c in compared}
-    names += [effect.name for effect in step.left if effect.name not in names]
-    if not by_name:
-        rows.append(pane(str(Markup("<p>{}</p>").format(_NOTHING))))
-    for name in names:
-        candidate = by_name.get(name)
+class CandidateRow:
+    """An effect in the list: its name, what speaks for and against it, a button that adds it.
+
+    Rows stay, and only what they say changes: to send new ones at every step would be slow.
+
+    Arguments:
+        name: the effect.
+        add: called when the button is pressed.
+    """
+
+    def __init__(self, name: str, add: Callable[[], None]):
+        self._name = name
+        self._text = pane()
+        self._button = pn.widgets.Button(
+            label="Add", width=60, description=f"Add {name} to the model and refit"
+        )
+        self._button.on_click(lambda event: add())
+        self.view = pn.Row(self._text, self._button, sizing_mode="stretch_width")
+
+    def show(self, candidate: Candidate | None) -> None:
+        """Say what came of comparing it, or nothing if it was not compared."""
         convincing = candidate is not None and not candidate.why_not
-        button = pn.widgets.Button(
-            label="Add", color="primary" if convincing else "default", width=60,
-            description=f"Add {name} to the model and refit",
-        )  # fmt: skip
-        button.on_click(_adding(add, name))
-        text = pane(str(_candidate(name, candidate, convincing)))
-        rows.append(pn.Row(text, button, sizing_mode="stretch_width"))
-    return rows
+        self._text.object = str(_candidate(self._name, candidate, convincing))
+        self._button.color = "primary" if convincing else "default"
+
+
+def order_of(step: Exploration, compared: Sequence[Candidate]) -> list[str]:
+    """Names of the effects that may be added, the most convincing first."""
+    names = [c.effect for c in compared if c.effect not in step.effects]
+    return names + [effect.name for effect in step.left if effect.name not in names]
 
 
 def _candidate(name: str, candidate: Candidate | None, convincing: bool) -> Markup:
@@ -182,10 +193,6 @@ def _candidate(name: str, candidate: Candidate | None, convincing: bool) -> Mark
         parts.append(Markup('<p class="evidence">{}</p>').format(evidence_in_words(candidate)))
     kind = "candidate convincing" if convincing else "candidate"
     return Markup('<div class="{}">{}</div>').format(kind, Markup("").join(parts))
-
-
-def _adding(add: Callable[[str, Any], None], name: str) -> Callable[[Any], None]:
-    return lambda event: add(name, event)
 
 
 def downloads(files: Mapping[str, bytes]) -> list[Any]:

@@ -98,7 +98,8 @@ class Views:
         self._link(step.fit.model)
         left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
         right = column(self.time, self.plane, sizing_mode="stretch_both")
-        self.layout = row(left, right, sizing_mode="stretch_both")
+        grid = row(left, right, sizing_mode="stretch_both")
+        self.layout = column(self.slider, self.told, grid, sizing_mode="stretch_both")
 
     def begin(self) -> None:
         """Let the browser draw what depends on nothing that was brushed."""
@@ -346,6 +347,7 @@ class Views:
             "staircase": self.staircase,
             "stretch": self.stretch,
             "told": self.told,
+            "started": self._started,  # what no view shows must be named here to be sent
             "plane": plane,
         }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,13 +32,12 @@ def app(
     """Look at a record, add what its model lacks, in a page on this machine."""
     if data is not None and not data.is_file():
         raise InputError(f"{data}: there is no such file; check the path")
-    try:
-        from preisach_jax.app.server import free_port, serve
-    except ImportError as error:
+    if missing := [name for name in ("bokeh", "panel") if find_spec(name) is None]:
         raise InputError(
-            f"the page needs the package {error.name}; install it with "
-            "pip install 'preisach_jax[app]'"
-        ) from None
+            f"the page needs {' and '.join(missing)}; install with pip install 'preisach_jax[app]'"
+        )
+    from preisach_jax.app.server import free_port, serve
+
     port = port or free_port(address)
     where = f"http://{address}:{port}"
     screen.say(f"{where} (Ctrl-C ends it)")

@@ -204,6 +204,11 @@ class Exploration:
         return self._cache["budget"]
 
     @property
+    def known_candidates(self) -> tuple[Candidate, ...]:
+        """The candidates, if they have been compared; else none."""
+        return self._cache.get("candidates", ())
+
+    @property
     def known_budget(self) -> Budget | None:
         """The budget, if it has been asked for."""
         return self._cache.get("budget")
@@ -272,14 +277,13 @@ def _compared(step: Exploration, effects: tuple[str, ...]) -> list[Candidate]:
     """What was compared at a step, as far as it was; what was added then is marked."""
     count = len(step.effects)
     added = effects[count] if count < len(effects) else ""
-    rows: tuple[Candidate, ...] = step._cache.get("candidates", ())
     other = f"{added} was added" if added else "it was not added"
     return [
         replace(
             row, accepted=row.effect == added,
             why_not="" if row.effect == added else row.why_not or other,
         )
-        for row in rows
+        for row in step.known_candidates
     ]  # fmt: skip
 
 

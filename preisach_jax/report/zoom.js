@@ -1,7 +1,7 @@
 // A figure opens over the page; the wheel or + and - zoom it, dragging moves it, Escape closes it.
 const shown = document.querySelector("dialog.zoom")
 const frame = shown.querySelector(".frame")
-const picture = shown.querySelector("img")
+const picture = frame.appendChild(document.createElement("img"))
 let scale = 1
 
 function zoom_to(wanted, x = frame.clientWidth / 2, y = frame.clientHeight / 2) {

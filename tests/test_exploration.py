@@ -87,7 +87,7 @@ def test_a_diagnosis_is_gone_on_from(record):
 
 
 def test_mistakes_are_named(plain):
-    with pytest.raises(pj.InputError, match="'crep'.*creep"):
+    with pytest.raises(pj.InputError, match=r"'crep'.*creep"):
         plain.add("crep")
     with pytest.raises(pj.InputError, match="has the effect 'drift' already"):
         plain.add("drift").add("drift")

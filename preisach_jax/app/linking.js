@@ -24,9 +24,9 @@ function rows_that_switch(box) {
   )
   const found = []
   for (let k = 1; k < count; k++) {
-    const [now, other] = [rows.position[k], rows.departure[k]]
-    const rises = now > rows.position[k - 1] && now >= alpha0 && now <= alpha1
-    const falls = now < rows.position[k - 1] && now >= beta0 && now <= beta1
+    const [now, before, other] = [rows.position[k], rows.position[k - 1], rows.departure[k]]
+    const rises = now > before && now >= alpha0 && before < alpha1
+    const falls = now < before && now <= beta1 && before > beta0
     if (rises && other <= beta1 && now >= beta0) found.push(k)
     else if (falls && other >= alpha0 && now <= alpha1) found.push(k)
   }

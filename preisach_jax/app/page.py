@@ -321,9 +321,7 @@ class Page:
     def _refresh(self) -> None:
         """What can be pressed now, and what is said of the present step."""
         step, busy = self._step, self._job is not None
-        self._advice.object = panels.advice(
-            self._record is not None, step is not None, bool(self._candidates)
-        )
+        self._advice.object = panels.paragraph(self._advise())
         self._fit.disabled = self._find.disabled = self._record is None
         self._other.visible = self._record is not None
         self._undo.disabled = step is None or step.before is None
@@ -336,6 +334,14 @@ class Page:
         self._ladder.object = panels.ladder(step, self._found)
         self._verdict.object = panels.verdict(step, self._found)
         self._show_candidates(step)
+
+    def _advise(self) -> str:
+        """What to do next."""
+        if self._step is not None:
+            return "" if self._candidates else panels.NOT_COMPARED
+        if self._record is not None:
+            return panels.FIT
+        return panels.DROP if self._upload is None else panels.CHOOSE
 
     def _show_candidates(self, step: Exploration) -> None:
         compared = {candidate.effect: candidate for candidate in self._candidates}

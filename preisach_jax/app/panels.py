@@ -19,6 +19,12 @@ from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline
 
+DROP = (
+    "Drop a file above, or click to choose one: CSV, MicroMag .forc, NPZ, MAT or Parquet. It stays "
+    "on this machine."
+)
+CHOOSE = "Look at the columns, then press Use these columns."
+FIT = "Press Fit: the plain hysteresis model comes first, then what it lacks is compared."
 NOT_COMPARED = "Nothing was compared yet: any effect can be added."
 
 
@@ -66,16 +72,8 @@ def told(record: Record, notes: Sequence[str]) -> Markup:
     )
 
 
-def advice(has_record: bool, has_model: bool, is_compared: bool) -> str:
-    """What to do next."""
-    if has_model:
-        return "" if is_compared else str(Markup("<p>{}</p>").format(NOT_COMPARED))
-    text = (
-        "Press Fit: the plain hysteresis model comes first, then what it lacks is compared."
-        if has_record
-        else "Drop a file, or click to choose one: CSV, MicroMag .forc, NPZ, MAT or Parquet. It "
-        "stays on this machine."
-    )
+def paragraph(text: str) -> str:
+    """A text as a paragraph."""
     return str(Markup("<p>{}</p>").format(text))
 
 

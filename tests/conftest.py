@@ -1,14 +1,17 @@
 """Settings and fixtures shared by all tests."""
 
 import os
+from pathlib import Path
 
 # Set before JAX or matplotlib is first imported. A run on an accelerator says so in JAX_PLATFORMS.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# What one test has compiled need not be compiled by the others, by their subprocesses, or tomorrow.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".jax_cache"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a core of its own
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-from pathlib import Path
 
 import jax
 import numpy as np

@@ -252,8 +252,8 @@ class TestViews:
         np.testing.assert_allclose(data["plain"], 1e3 * step.before.fit.residual, rtol=1e-12)
         np.testing.assert_array_equal(data["input"], record.input)
         model = step.fit.model
-        unit = re.search(r"density \((\S)m/V²\)", views.plane.title.text).group(1)
-        per_shown = {"p": 1e-6, "n": 1e-3, "µ": 1.0}[unit]
+        [prefix] = re.findall(r"density \((\S)m/V²\)", views.plane.title.text)
+        per_shown = {"p": 1e-6, "n": 1e-3, "µ": 1.0}[prefix]
         mass = per_shown * np.nansum(views.density.data["value"]) * model.plane.delta_x**2
         visited = np.asarray(model.visited, dtype=bool)
         assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())

@@ -89,7 +89,7 @@ def rungs(page):
 
 
 def nanometres(text):
-    number, unit = re.match(r"([\d.]+) (\S+)", text).groups()
+    [(number, unit)] = re.findall(r"^([\d.]+) (\S+)", text)
     return float(number) * {"pm": 1e-3, "nm": 1.0, "µm": 1e3}[unit]
 
 
@@ -193,7 +193,7 @@ BRUSH = """async (title, x0, x1, y0 = -1e9, y1 = 1e9) => {
 
 def switching_rows(u, beta, alpha):
     """How many samples switch a hysteron of a rectangle, from the states of a fine grid of them."""
-    betas, alphas = np.linspace(*beta, 201), np.linspace(*alpha, 201)
+    betas, alphas = (np.linspace(low, high, 201) for low, high in (beta, alpha))
     on = np.zeros((201, 201), dtype=bool) | (u[0] >= alphas[:, None])
     count = 0
     for value in u[1:]:
@@ -259,7 +259,7 @@ def test_a_header_cannot_run_anything(tab, tmp_path):
 
 def test_another_origin_is_refused(address):
     with urlopen(address) as answer:
-        token = re.search(r'"token":\s*"([^"]+)"', answer.read().decode()).group(1)
+        [token] = re.findall(r'"token":\s*"([^"]+)"', answer.read().decode())
     assert "101" in upgraded(address, "http://" + urlparse(address).netloc, token)
     assert "403" in upgraded(address, "http://evil.example", token)
 

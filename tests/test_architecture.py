@@ -207,7 +207,7 @@ def test_the_public_names_are_those_that_type_checkers_see():
     }
     assert sorted(seen) == sorted(preisach_jax.__all__)
     for name, (module, there) in seen.items():
-        assert getattr(preisach_jax, name) is getattr(importlib.import_module(module), there)
+        assert getattr(preisach_jax, name) is getattr(importlib.import_module(module or ""), there)
         assert name in dir(preisach_jax)
     assert preisach_jax.__version__ == importlib.metadata.version("preisach_jax")
 

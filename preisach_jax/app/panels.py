@@ -162,7 +162,7 @@ class CandidateRow:
             label="Add", width=60, description=f"Add {name} to the model and refit"
         )
         self._button.on_click(lambda event: add())
-        self.view = pn.Row(self._text, self._button, sizing_mode="stretch_width")
+        self.view: Any = pn.Row(self._text, self._button, sizing_mode="stretch_width")
 
     def show(self, candidate: Candidate | None) -> None:
         """Say what came of comparing it, or nothing if it was not compared."""

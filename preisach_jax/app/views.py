@@ -465,7 +465,7 @@ def _bins(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
     return {name: getattr(found, name) for name in ("centre", "low", "median", "high")}
 
 
-def _no_bins() -> dict[str, list[float]]:
+def _no_bins() -> dict[str, Any]:
     return {name: [] for name in ("centre", "low", "median", "high")}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import growth
+import page
 import peers
 import relays
 import streaming
@@ -16,6 +17,7 @@ BENCHMARKS = {
     "streaming": streaming.main,
     "relays": relays.main,
     "growth": growth.main,
+    "page": page.main,
     "peers": peers.main,
     "whole_process": whole_process.main,
 }

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from preisach_jax import html
 from preisach_jax.diagnosis.budget import discretisation_rms, error_budget, on_a_coarser_plane
 from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
@@ -33,6 +34,7 @@ from preisach_jax.fit import (
 )
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
+from preisach_jax.rows import chain_rows, error_table, model_line
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,14 @@ class Exploration:
     def __repr__(self) -> str:
         chain = " + ".join(("Preisach model", *self.effects))
         return f"<Exploration of {self.record.name}: {chain}, {self.fit.rms_validation:.4g} RMS>"
+
+    def _repr_html_(self) -> str:
+        """The errors of all steps and the parts of this one, for notebooks."""
+        return html.block(
+            html.heading(f"{self.record.name}: {model_line(self.fit.model)}"),
+            html.table(*error_table(self.ladder, self.record), numbers_from=1),
+            html.table(("acts on", "part", "parameter", "value"), chain_rows(self.fit.model)),
+        )
 
     @staticmethod
     def of(found: Diagnosis, effects: Iterable[str | Effect] | None = None) -> Exploration:

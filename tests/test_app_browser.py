@@ -159,6 +159,24 @@ def test_the_whole_search_runs_before_the_eyes(tab, stage):
     keep(tab, "found")
 
 
+def test_a_search_can_be_cancelled_and_leaves_what_was_there(tab, stage, tmp_path):
+    load(tab, stage)
+    button(tab, "Fit").click()
+    tab.get_by_text("Drag over any view").wait_for()
+    error = rungs(tab)["Preisach model"]
+    button(tab, "Find it for me").click()
+    playwright.expect(button(tab, "Prepare export")).to_be_disabled()
+    button(tab, "Cancel").click()
+    playwright.expect(button(tab, "Prepare export")).to_be_enabled(timeout=PATIENCE_MS)
+    assert rungs(tab) == {"Preisach model": error}
+    # A file that cannot be read takes nothing away either.
+    broken = tmp_path / "broken.csv"
+    broken.write_text("t_s,u_V,z_um\n0,1,2\n1,2\n")
+    tab.locator("input[type=file]").set_input_files(broken)
+    tab.locator(".error").wait_for()
+    assert rungs(tab) == {"Preisach model": error}
+
+
 def test_a_brush_lights_up_all_views_at_once(tab, stage):
     load(tab, stage)
     button(tab, "Fit").click()

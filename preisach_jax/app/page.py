@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import panel as pn
@@ -30,6 +30,15 @@ LEVELS = {"25 levels, finer where it pays": 0, "13 levels": 13, "38 levels": 38,
 """Levels of the plane by what the menu calls them; 0 leaves them to the fit."""
 
 
+class State(NamedTuple):
+    """Where the page is: what a search that is cancelled goes back to."""
+
+    step: Exploration | None
+    clicks: list[Click]
+    found: Diagnosis | None
+    candidates: tuple[Candidate, ...]
+
+
 class Page:
     """One tab of a browser: its file, its model, and the work that goes on for it.
 
@@ -49,6 +58,7 @@ class Page:
         self._clicks: list[Click] = []
         self._views: Views | None = None
         self._job: Job | None = None
+        self._before_search: State | None = None
         self._build()
         self._refresh()
         if first is not None:
@@ -113,13 +123,14 @@ class Page:
         self._open(lambda: Upload.of(name, content, Path(self._folder.name)))
 
     def _open(self, read: Callable[[], Upload]) -> None:
-        self._stop_job()
-        self._record = self._step = self._views = None
-        self._upload, self._clicks = None, []
+        # What was there before is let go only once the file has been read.
         self._start("reading the file", lambda progress: read(), self._show_columns)
 
     def _show_columns(self, upload: Upload) -> None:
-        self._upload = upload
+        self._stop_job()
+        self._record = self._step = self._views = self._found = None
+        self._upload, self._clicks, self._candidates = upload, [], ()
+        self._downloads.objects = []
         self._say("")
         choosing = ColumnChoice(upload, self._on_columns)
         self._main.objects = [choosing.view]
@@ -128,8 +139,6 @@ class Page:
     def _on_other_columns(self, event: Any) -> None:
         del event
         if self._upload is not None:
-            self._stop_job()
-            self._record = self._step = self._views = None
             self._show_columns(self._upload)
 
     def _on_columns(self, choice: Choice) -> None:
@@ -140,11 +149,15 @@ class Page:
         def show(record: Record) -> None:
             self._record, self._choice, self._clicks = record, choice, []
             self._say(panels.told(record, notes))
-            self._main.objects = [pn.pane.Bokeh(record_view(record), sizing_mode="stretch_both")]
+            self._show_record(record)
             self._refresh()
 
         work = partial(upload.record, choice, announce=notes.append)
         self._start("reading the columns", lambda progress: work(), show)
+
+    def _show_record(self, record: Record) -> None:
+        self._views = None
+        self._main.objects = [pn.pane.Bokeh(record_view(record), sizing_mode="stretch_both")]
 
     # Fit, add, undo, find
 
@@ -161,7 +174,7 @@ class Page:
 
     def _on_add(self, name: str) -> None:
         step = self._step
-        if step is None or name in step.effects:
+        if step is None or name in step.effects or self._before_search:
             return  # pressed before the page has shown that it was added
         self._start(
             f"adding {name}",
@@ -195,7 +208,10 @@ class Page:
             found = diagnose(record, levels=levels, progress=progress, watch=watch)
             return found, Exploration.of(found)
 
+        before = State(self._step, self._clicks, self._found, self._candidates)
         self._start("searching", find, lambda both: self._found_it(both[0], both[1], levels))
+        self._before_search = before
+        self._refresh()
 
     def _watch(self, step: Exploration, candidates: tuple[Candidate, ...]) -> None:
         """Show a step of the search while it goes on."""
@@ -205,6 +221,7 @@ class Page:
         self._show_step()
 
     def _found_it(self, found: Diagnosis, step: Exploration, levels: int | None) -> None:
+        self._before_search = None
         self._candidates = tuple(c for c in found.candidates if c.step == len(found.effects))
         self._go_to(step, [Click("find", levels)], found)
 
@@ -265,6 +282,8 @@ class Page:
 
     def _offer(self, files: dict[str, bytes]) -> None:
         self._downloads.objects = panels.downloads(files)
+        if self._step is not None and not self._candidates:
+            self._rank(self._step)  # which the export has cut short
         self._refresh()
 
     # Work and what is said
@@ -280,8 +299,7 @@ class Page:
             done(result)
 
         def failed(error: Exception) -> None:
-            self._job = None
-            self._say_progress("", 0.0)
+            self._stop_job()
             self._say(panels.failure(error))
             self._refresh()
 
@@ -304,10 +322,19 @@ class Page:
             self._job.cancel()
             self._job = None
             self._say_progress("", 0.0)
+        if self._before_search is not None:
+            # A search that is cut short leaves nothing: a half of it can not be repeated.
+            before, self._before_search = self._before_search, None
+            self._step, self._clicks, self._found, self._candidates = before
 
     def _on_cancel(self, event: Any) -> None:
         del event
+        was_searching = self._before_search is not None
         self._stop_job()
+        if was_searching and self._step is not None:
+            self._show_step()
+        elif was_searching and self._record is not None:
+            self._show_record(self._record)
         self._refresh()
 
     def _say_progress(self, text: str, done: float) -> None:
@@ -322,11 +349,12 @@ class Page:
         """What can be pressed now, and what is said of the present step."""
         step, busy = self._step, self._job is not None
         self._advice.object = panels.paragraph(self._advise())
-        self._fit.disabled = self._find.disabled = self._record is None
+        searching = self._before_search is not None
+        self._fit.disabled = self._find.disabled = self._record is None or searching
         self._other.visible = self._record is not None
-        self._undo.disabled = step is None or step.before is None
+        self._undo.disabled = step is None or step.before is None or searching
         self._cancel.disabled = not busy
-        self._prepare.disabled = step is None
+        self._prepare.disabled = step is None or searching
         if step is None:
             self._ladder.object = self._verdict.object = ""
             self._list.objects = []

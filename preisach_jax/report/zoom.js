@@ -2,14 +2,14 @@
 const shown = document.querySelector("dialog.zoom")
 const frame = shown.querySelector(".frame")
 const picture = frame.appendChild(document.createElement("img"))
-let scale = 1
+let [scale, whole] = [1, 0] // and the width at which all of the figure is seen
 
 function zoom_to(wanted, x = frame.clientWidth / 2, y = frame.clientHeight / 2) {
   const next = Math.min(Math.max(wanted, 1), 20)
   // What is under the pointer stays there.
   const [left, top] = [(frame.scrollLeft + x) * (next / scale), (frame.scrollTop + y) * (next / scale)]
   scale = next
-  picture.style.width = `${100 * scale}%`
+  picture.style.width = `${whole * scale}px`
   frame.scrollTo(left - x, top - y)
 }
 
@@ -17,6 +17,8 @@ function open(image) {
   picture.src = image.src
   picture.alt = image.alt
   shown.showModal()
+  const ratio = image.naturalWidth / image.naturalHeight
+  whole = Math.min(frame.clientWidth, frame.clientHeight * ratio)
   zoom_to(1)
 }
 

@@ -189,11 +189,30 @@ def test_a_brush_lights_up_all_views_at_once(tab, stage):
     assert seconds < 0.15
     tab.get_by_text("rows chosen, 1.0").wait_for()
     keep(tab, "brushed")
+    # The residual against another axis shows all of that axis, and forgets what was chosen.
+    tab.get_by_label("Residual against").select_option("input")
+    tab.get_by_text("Drag over any view").wait_for()
+    low, high = tab.evaluate(RESIDUAL_RANGE)
+    assert low < 0.0
+    assert 75.0 < high < 80.0
+    # A drag of the mouse over the view of time chooses rows as well.
+    tab.mouse.move(1050, 250)
+    tab.mouse.down()
+    tab.mouse.move(1110, 300, steps=4)
+    tab.mouse.up()
+    tab.get_by_text("rows chosen").wait_for()
+    keep(tab, "dragged")
     # On the plane a rectangle of cells chooses the rows that switch them, and no others.
     _, rows, _, _ = tab.evaluate("window.brushed('Preisach plane', 20, 30, 40, 50)")
     record = pj.Record.load(stage)
     assert rows == switching_rows(record.input, (20, 30), (40, 50))
 
+
+RESIDUAL_RANGE = """() => {
+  const models = [...Bokeh.documents.flatMap((d) => [...d._all_models.values()])]
+  const figure = models.find((m) => m.type === "Figure" && m.title.text.startsWith("Residual"))
+  return [figure.x_range.start, figure.x_range.end]
+}"""
 
 BRUSH = """async (title, x0, x1, y0 = -1e9, y1 = 1e9) => {
   const found = (m) => m.js_event_callbacks.selectiongeometry && m.title.text.startsWith(title)

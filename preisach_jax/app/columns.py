@@ -20,10 +20,14 @@ class ColumnChoice:
     Arguments:
         upload: the file.
         chosen: called with the choice.
+        before: what was chosen for this file before, to begin with.
     """
 
-    def __init__(self, upload: Upload, chosen: Callable[[Choice], None]):
+    def __init__(
+        self, upload: Upload, chosen: Callable[[Choice], None], before: Choice | None = None
+    ):
         self._upload = upload
+        self._before = before
         self._chosen = chosen
         names = upload.offered()
         self._roles = {
@@ -37,16 +41,22 @@ class ColumnChoice:
         }  # fmt: skip
         self._units = {
             role: pn.widgets.TextInput(
-                label="Unit", width=110, value=self._unit(role), placeholder="such as V, um, ms"
+                label="Unit",
+                width=110,
+                value=self._first_unit(role),
+                placeholder="such as V, um, ms",
             )
             for role in self._roles
         }
         self._rate = pn.widgets.FloatInput(
-            label="Sampling rate (Hz), in place of time", value=None, start=0.0, width=230
+            label="Sampling rate (Hz), in place of time",
+            value=before.rate if before else None,
+            start=0.0,
+            width=230,
         )
         self._aux = pn.widgets.MultiSelect(
             label="Auxiliary columns (tried as causes; Ctrl-click for several)", size=4,
-            options=names, value=[],
+            options=names, value=list(before.aux) if before else [],
             sizing_mode="stretch_width",
         )  # fmt: skip
         for role, menu in self._roles.items():
@@ -67,8 +77,13 @@ class ColumnChoice:
         )  # fmt: skip
 
     def _first(self, role: str, options: list[str]) -> str:
-        guess = self._upload.guess.get(role)
+        before = self._before
+        guess = self._upload.guess.get(role) if before is None else getattr(before, role)
         return guess if guess in options else options[0]
+
+    def _first_unit(self, role: str) -> str:
+        before = self._before
+        return self._unit(role) if before is None else (before.units or {}).get(role, "")
 
     def _unit(self, role: str) -> str:
         column = self._roles[role].value

@@ -51,6 +51,7 @@ class Page:
         self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
         self._upload: Upload | None = None
         self._choice: Choice | None = None
+        self._chosen_of: Upload | None = None
         self._record: Record | None = None
         self._step: Exploration | None = None
         self._candidates: tuple[Candidate, ...] = ()
@@ -132,7 +133,8 @@ class Page:
         self._upload, self._clicks, self._candidates = upload, [], ()
         self._downloads.objects = []
         self._say("")
-        choosing = ColumnChoice(upload, self._on_columns)
+        before = self._choice if upload is self._chosen_of else None
+        choosing = ColumnChoice(upload, self._on_columns, before)
         self._main.objects = [choosing.view]
         self._refresh()
 
@@ -148,6 +150,7 @@ class Page:
 
         def show(record: Record) -> None:
             self._record, self._choice, self._clicks = record, choice, []
+            self._chosen_of = upload
             self._say(panels.told(record, notes))
             self._show_record(record)
             self._refresh()
@@ -265,6 +268,7 @@ class Page:
     def _on_axis(self, event: Any) -> None:
         if self._views is not None:
             self._views.show_axis(event.new)
+            self._views.begin()
 
     # Export
 

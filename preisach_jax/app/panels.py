@@ -17,7 +17,7 @@ from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import headline
+from preisach_jax.rows import headline, parameter_rows
 
 DROP = (
     "Drop a file above, or click to choose one: CSV, MicroMag .forc, NPZ, MAT or Parquet. It stays "
@@ -100,10 +100,20 @@ def ladder(step: Exploration, found: Diagnosis | None) -> str:
         )  # fmt: skip
     budget = found.budget if found else step.known_budget
     return str(
-        Markup('<ol class="ladder" aria-label="Held-out error, RMS">{}</ol>{}').format(
-            Markup("").join(lines), _floor(budget) if budget else ""
+        Markup('<ol class="ladder" aria-label="Held-out error, RMS">{}</ol>{}{}').format(
+            Markup("").join(lines), _floor(budget) if budget else "", _amounts(step)
         )
     )
+
+
+def _amounts(step: Exploration) -> Markup:
+    """How much of each effect there is, with 95 % intervals."""
+    rows = [
+        Markup("<tr><td>{}</td><td>{}</td></tr>").format(f"{effect}.{name}", text)
+        for effect, parameters in step.fit.model.parameters.items()
+        for name, text in parameter_rows(parameters)
+    ]
+    return Markup('<table class="amounts">{}</table>').format(Markup("").join(rows))
 
 
 def _floor(budget: Budget) -> Markup:
@@ -116,9 +126,9 @@ def _floor(budget: Budget) -> Markup:
             ("unexplained", budget.unexplained),
         )
     ]
-    return Markup('<p class="budget">Held-out error (RMS). Of the last: {}.</p>').format(
-        ", ".join(shares)
-    )
+    return Markup(
+        '<p class="budget">Held-out error (RMS). Of that of the model shown: {}.</p>'
+    ).format(", ".join(shares))
 
 
 def verdict(step: Exploration, found: Diagnosis | None) -> str:
@@ -173,7 +183,8 @@ class CandidateRow:
 
 def order_of(step: Exploration, compared: Sequence[Candidate]) -> list[str]:
     """Names of the effects that may be added, the most convincing first."""
-    names = [c.effect for c in compared if c.effect not in step.effects]
+    ranked = sorted(compared, key=lambda c: (bool(c.why_not), -c.gain))
+    names = [c.effect for c in ranked if c.effect not in step.effects]
     return names + [effect.name for effect in step.left if effect.name not in names]
 
 

@@ -89,7 +89,7 @@ class Upload:
     @staticmethod
     def at(path: Path, name: str | None = None) -> Upload:
         """Read a file of this machine, as the command line is given it."""
-        table = replace(read_table(path), source=name or path.name)
+        table = replace(read_table(path), source=name or path.name).with_clocks()
         guess, question = _guessed(table)
         return Upload(name or path.name, path, table, guess, question)
 
@@ -120,11 +120,16 @@ class Upload:
         Raises:
             InputError: a column cannot be used; the message says where and why.
         """
+
+        def tell(text: str) -> None:
+            if announce is not None:
+                announce(text.replace(str(self.path), self.name))
+
         try:
             record = Record.load(
                 self.path,
                 time=choice.time, input=choice.input, output=choice.output, aux=choice.aux,
-                rate=choice.rate, units=choice.units, announce=announce,
+                rate=choice.rate, units=choice.units, announce=tell,
             )  # fmt: skip
         except InputError as error:
             raise InputError(str(error).replace(str(self.path), self.name)) from None
@@ -147,14 +152,19 @@ def harmless_name(name: str) -> str:
 
 
 def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
-    try:
-        roles = assign_roles(
-            table, time=None, input=None, output=None, aux=(), has_rate=False, need_output=True
-        )
-    except InputError:
-        nothing: dict[str, str | None] = dict.fromkeys(("time", "input", "output"))
-        return nothing, "Names and units do not tell which column is which: choose them."
-    return {"time": roles.time, "input": roles.input, "output": roles.output}, ""
+    question = ""
+    for has_rate in (False, True):  # where no column can be the time, the others may still be told
+        try:
+            roles = assign_roles(
+                table, time=None, input=None, output=None, aux=(), has_rate=has_rate,
+                need_output=True,
+            )  # fmt: skip
+        except InputError:
+            question = "Names and units do not tell which column is which: choose them."
+            continue
+        guess = {"time": roles.time, "input": roles.input, "output": roles.output}
+        return guess, "No column can be the time: give the sampling rate." if has_rate else ""
+    return dict.fromkeys(("time", "input", "output")), question
 
 
 def _cell(value: object) -> str:

@@ -16,6 +16,7 @@ from bokeh.models import (
     CustomJS,
     Div,
     LinearColorMapper,
+    Range1d,
     RangeSlider,
 )
 from bokeh.plotting import figure
@@ -152,9 +153,9 @@ class Views:
         for name, values in (("plain", plain), ("residual", residual)):
             self.bins[name].data = _bins(np.asarray(position), np.asarray(values))
         self.residual.xaxis.axis_label = _unformatted(axis.label)
-        self.residual.x_range.update(start=_low(position), end=_high(position))
         limit = 1.1 * float(np.nanquantile(np.abs(plain), 0.995))
-        self.residual.y_range.update(start=-limit, end=limit)
+        _span(self.residual.x_range, _low(position), _high(position))
+        _span(self.residual.y_range, -limit, limit)
 
     def _columns(self, step: Exploration) -> dict[str, Any]:
         """The columns of every view, in the units that are shown."""
@@ -191,6 +192,7 @@ class Views:
         )  # fmt: skip
         brush = BoxSelectTool(dimensions="width" if title == "Time" else "both")
         brush.description = "Choose rows"
+        brush.renderers = []  # what is chosen is shown by glyphs of its own, and alike in all views
         drawn.add_tools(brush)
         drawn.toolbar.update(active_drag=brush, logo=None, autohide=False)
         drawn.title.text_font_size = "13px"
@@ -227,7 +229,10 @@ class Views:
 
     def _residual_figure(self) -> Any:
         _, unit = self._residual_scale(self._step)
-        drawn = self._figure("Residual (measured less model)", "", with_unit("residual", unit))
+        # Ranges of their own: those that follow the data would keep to what was drawn first.
+        ranges = {"x_range": Range1d(start=0, end=1), "y_range": Range1d(start=-1, end=1)}
+        label = with_unit("residual", unit)
+        drawn = self._figure("Residual (measured less model)", "", label, **ranges)
         for name, of, shade in (("before", "plain", BEFORE), ("model", "residual", AFTER)):
             bins = self.bins[of]
             drawn.scatter(
@@ -467,6 +472,11 @@ def _bins(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
 
 def _no_bins() -> dict[str, Any]:
     return {name: [] for name in ("centre", "low", "median", "high")}
+
+
+def _span(shown: Any, start: float, end: float) -> None:
+    """Show a range, also when the view is reset."""
+    shown.update(start=start, end=end, reset_start=start, reset_end=end)
 
 
 def _low(values: Any) -> float:

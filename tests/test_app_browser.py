@@ -182,11 +182,10 @@ def test_a_brush_lights_up_all_views_at_once(tab, stage):
     button(tab, "Fit").click()
     tab.get_by_text("Drag over any view").wait_for()
     tab.add_script_tag(content=f"window.brushed = {BRUSH}")
-    seconds, rows, cells, corners = tab.evaluate("window.brushed('Time', 1.0, 2.0)")
+    rows, cells, corners = tab.evaluate("window.brushed('Time', 1.0, 2.0)")
     assert rows == pytest.approx(1000, abs=2)
     assert cells > 10
     assert corners >= 2
-    assert seconds < 0.15
     tab.get_by_text("rows chosen, 1.0").wait_for()
     keep(tab, "brushed")
     # The residual against another axis shows all of that axis, and forgets what was chosen.
@@ -203,7 +202,7 @@ def test_a_brush_lights_up_all_views_at_once(tab, stage):
     tab.get_by_text("rows chosen").wait_for()
     keep(tab, "dragged")
     # On the plane a rectangle of cells chooses the rows that switch them, and no others.
-    _, rows, _, _ = tab.evaluate("window.brushed('Preisach plane', 20, 30, 40, 50)")
+    rows, _, _ = tab.evaluate("window.brushed('Preisach plane', 20, 30, 40, 50)")
     record = pj.Record.load(stage)
     assert rows == switching_rows(record.input, (20, 30), (40, 50))
 
@@ -219,12 +218,10 @@ BRUSH = """async (title, x0, x1, y0 = -1e9, y1 = 1e9) => {
   const figures = [...Bokeh.documents.flatMap((d) => [...d._all_models.values()])]
   const figure = figures.find((m) => m.type === "Figure" && found(m))
   const script = figure.js_event_callbacks.selectiongeometry[0]
-  const begun = performance.now()
   await script.execute({ final: true, geometry: { type: "rect", x0, x1, y0, y1 } })
   const { cells, staircase, told } = script.args
   const rows = Number(told.text.split(" ")[0].replaceAll(",", ""))
-  const seconds = (performance.now() - begun) / 1000
-  return [seconds, rows, cells.data.x.length, staircase.data.x.length]
+  return [rows, cells.data.x.length, staircase.data.x.length]
 }"""
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +49,12 @@ class Upload:
 
     Attributes:
         name: what the file was called, as it came.
-        path: where it lies: in the folder that was given, under a harmless name.
         table: its columns.
         guess: the column of each role, None where names and units do not tell.
         question: why the guess is not whole; empty if it is.
     """
 
     name: str
-    path: Path
     table: Table
     guess: Mapping[str, str | None]
     question: str
@@ -80,18 +78,14 @@ class Upload:
             )
         path = folder / harmless_name(name)
         path.write_bytes(content)
-        try:
-            return Upload.at(path, name)
-        except InputError as error:
-            # The message names the file as the user knows it, not where it is kept.
-            raise InputError(str(error).replace(str(path), name)) from None
+        return Upload.at(path, name)
 
     @staticmethod
     def at(path: Path, name: str | None = None) -> Upload:
-        """Read a file of this machine, as the command line is given it."""
-        table = replace(read_table(path), source=name or path.name).with_clocks()
-        guess, question = _guessed(table)
-        return Upload(name or path.name, path, table, guess, question)
+        """Read a file of this machine; messages call it by its name, not by where it lies."""
+        name = name or path.name
+        table = read_table(path, name).with_clocks()
+        return Upload(name, table, *_guessed(table))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -114,26 +108,17 @@ class Upload:
         count = min(PREVIEWED_ROWS, len(self.table.rows))
         return names, [[_cell(self.table.columns[name][k]) for name in names] for k in range(count)]
 
-    def record(self, choice: Choice, announce=None) -> Record:
+    def record(self, choice: Choice, announce: Callable[[str], object] | None = None) -> Record:
         """The record of the chosen columns.
 
         Raises:
             InputError: a column cannot be used; the message says where and why.
         """
-
-        def tell(text: str) -> None:
-            if announce is not None:
-                announce(text.replace(str(self.path), self.name))
-
-        try:
-            record = Record.load(
-                self.path,
-                time=choice.time, input=choice.input, output=choice.output, aux=choice.aux,
-                rate=choice.rate, units=choice.units, announce=tell,
-            )  # fmt: skip
-        except InputError as error:
-            raise InputError(str(error).replace(str(self.path), self.name)) from None
-        return replace(record, name=self.name)
+        return Record.of_table(
+            self.table, self.name,
+            time=choice.time, input=choice.input, output=choice.output, aux=choice.aux,
+            rate=choice.rate, units=choice.units, announce=announce,
+        )  # fmt: skip
 
 
 def harmless_name(name: str) -> str:

@@ -441,7 +441,7 @@ def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> d
         >>> t = np.arange(1000) / 100
         >>> record = Record.from_arrays(t, t, t)
         >>> waves = amplitude_spectrum(record, 3 * np.sin(2 * np.pi * 5 * t))
-        >>> round(float(waves["y"].max()), 2), float(waves["x"][np.argmax(waves["y"])])
+        >>> round(float(waves["y"].max()), 2), round(float(waves["x"][waves["y"].argmax()]), 6)
         (3.0, 5.0)
     """
     filled = stats.in_sequence(record, values, stats.longest_lag(record))

@@ -132,7 +132,7 @@ class Record:
             >>> record.duration_s, record.input_unit, record.output_unit
             (0.059, 'V', 'um')
         """
-        return cls._of_table(
+        return cls.of_table(
             read_table(path),
             Path(path).name,
             time=time,
@@ -188,7 +188,7 @@ class Record:
         """
         name = exchange.name_of_frame(frame) if name is None else name
         table, known_aux = exchange.table_of_frame(frame, name)
-        return cls._of_table(
+        return cls.of_table(
             table,
             name,
             time=time,
@@ -246,7 +246,7 @@ class Record:
         if name is None:
             name = str(getattr(dataset, "attrs", {}).get("name", "dataset"))
         table, known_aux = exchange.table_of_dataset(dataset, name)
-        return cls._of_table(
+        return cls.of_table(
             table,
             name,
             time=time,
@@ -299,22 +299,35 @@ class Record:
         )
 
     @classmethod
-    def _of_table(
+    def of_table(
         cls,
         table: Table,
         name: str,
         *,
-        time: str | None,
-        input: str | None,
-        output: str | None,
-        aux: Sequence[str],
-        rate: float | None,
-        units: Mapping[str, str] | None,
-        initial_memory: str | None,
-        need_output: bool,
-        announce: Callable[[str], object] | None,
+        time: str | None = None,
+        input: str | None = None,
+        output: str | None = None,
+        aux: Sequence[str] = (),
+        rate: float | None = None,
+        units: Mapping[str, str] | None = None,
+        initial_memory: str | None = None,
+        need_output: bool = True,
+        announce: Callable[[str], object] | None = None,
     ) -> Record:
-        """The record that stands in a table, checked."""
+        """Make a record of the columns of a table; `load` and its like do so with what they read.
+
+        Arguments:
+            table: the columns.
+            name: what reports call the record.
+            time, input, output, aux, rate, units, initial_memory, need_output, announce: as for
+                `load`.
+
+        Returns:
+            The record.
+
+        Raises:
+            InputError: a column cannot be used; the message says where and why.
+        """
         if time is not None and rate is not None:
             raise InputError(
                 f"time is {time!r} and rate is {rate}: give a time column or a rate, not both"

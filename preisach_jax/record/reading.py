@@ -25,12 +25,13 @@ _CONTAINERS = {
 }
 
 
-def read_table(path: str | os.PathLike[str]) -> Table:
+def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
     """Read the columns of a file.
 
     Arguments:
         path: NPZ, MAT and Parquet files are known by their ending, MicroMag files by how they
             begin, anything else is delimiter-separated text.
+        source: the file as the user named it, where that is not its path.
 
     Returns:
         The columns with their names and places in the file.
@@ -38,7 +39,8 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     Raises:
         InputError: there is no such file, it cannot be read, or it holds no table.
     """
-    path, source = Path(path), str(path)
+    source = str(path) if source is None else source
+    path = Path(path)
     _check_file(path, source)
     if reader := _CONTAINERS.get(path.suffix.lower()):
         table = reader(path, source)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import glob
 import io
 import json
 import os
 import re
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +95,11 @@ def check_file(path: Path, *read: Path) -> None:
 
 
 def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
-    """Write files; those that are there stay whole until all new ones are.
+    """Write files; those that are there stay whole until all new ones are on the disk.
+
+    Each file is at every moment, also after a crash of the program or of the machine, the old one
+    or the new one. What such a crash leaves of unfinished files is hidden, and goes when the same
+    file is written next.
 
     Arguments:
         contents: bytes by path; folders are made.
@@ -103,28 +109,88 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
 
     Raises:
         InputError: if one cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     paths = write_files({Path(folder, "a/b.txt"): b"whole"})
+        ...     print(paths[0].read_text(), [path.name for path in Path(folder, "a").iterdir()])
+        whole ['b.txt']
     """
     for path in contents:
         if path.is_dir():
             raise InputError(f"{path}: this is a folder, and a file is to be written there")
     unfinished: dict[Path, Path] = {}
+    path = None
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            part = path.with_name(f".{path.name}.{os.getpid()}.part")
-            unfinished[path] = part
-            part.write_bytes(content)
+            _remove_abandoned(path)
+            unfinished[path] = path.with_name(f".{path.name}.{os.getpid()}{_PART}")
+            _write_durably(unfinished[path], content)
         for path, part in unfinished.items():
             os.replace(part, path)
+        for folder in {path.parent for path in contents}:
+            _make_names_durable(folder)
     except OSError as error:
-        place = error.filename or next(iter(contents))
+        remedy = _REMEDIES.get(error.errno or 0, "choose another place")
         raise InputError(
-            f"{place}: cannot be written ({error.strerror}); choose another place"
+            f"{path}: cannot be written ({error.strerror or error}); {remedy}"
         ) from error
     finally:
         for part in unfinished.values():
-            part.unlink(missing_ok=True)
+            with suppress(OSError):  # the folder itself may be gone
+                part.unlink(missing_ok=True)
     return list(contents)
+
+
+_PART = ".part"
+
+_REMEDIES = {
+    errno.ENOSPC: "make room, or choose another place",
+    errno.EDQUOT: "make room, or choose another place",
+    errno.EFBIG: "this process may not write files of this size: raise its limit (ulimit -f)",
+    errno.EIO: "the disk fails: choose another place",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+def _write_durably(path: Path, content: bytes) -> None:
+    """Write a file, and come back when the disk has it: then it may take an old one's place."""
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _make_names_durable(folder: Path) -> None:
+    """Let the disk have the names in a folder; not all systems can, and files are whole anyway."""
+    with suppress(OSError):
+        opened = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove what processes that were killed have left of a file that they were writing."""
+    if os.name == "nt":  # which has no harmless way to ask whether a process lives
+        return
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*{_PART}"):
+        number = part.name.removesuffix(_PART).rpartition(".")[2]
+        if number.isdecimal() and not _lives(int(number)):
+            part.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # it is someone else's
+    return True
 
 
 def write_arrays(path: Path, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:

@@ -164,13 +164,15 @@ def test_files_stay_whole_if_one_cannot_be_written(tmp_path, monkeypatch):
     first, second = tmp_path / "first", tmp_path / "second"
     first.write_text("old")
 
-    def full(path, content):
-        if "second" in path.name:
-            raise OSError(28, "No space left on device", str(path))
-        path.write_text(content.decode())
+    reached = []
 
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
-    with pytest.raises(InputError, match="No space left"):
+    def full(descriptor):
+        reached.append(descriptor)
+        if len(reached) == 2:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(InputError, match=r"second: .*No space left on device\); make room"):
         write_files({first: b"new", second: b"new"})
     assert first.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["first"]

@@ -116,8 +116,8 @@ class Chunks:
             InputError: it cannot be written.
         """
         note = self.note(numbers)
-        note.unlink(missing_ok=True)
         try:
+            note.unlink(missing_ok=True)
             group = self._group(arrays)
             for name, (axes, values, _) in arrays.items():
                 group[name][self._place(axes, numbers)] = values
@@ -177,14 +177,12 @@ class Chunks:
 
     def _group(self, arrays: Mapping[str, Values]) -> Any:
         """The arrays on disk, with room for all items."""
-        import zarr
-
-        group: Any = zarr.open_group(self.arrays, mode="a")
+        group = self._open_or_begin()
         for name, (axes, values, unit) in arrays.items():
             own = axes.index(self.item)
             shape, chunks = list(values.shape), list(values.shape)
             shape[own], chunks[own] = len(self.numbers), self.settings["chunk"]
-            there = group.get(name)
+            there = self._array(group, name)
             if there is not None and there.shape != tuple(shape):  # more items than before
                 there.resize(tuple(shape))
             if there is None:
@@ -198,7 +196,7 @@ class Chunks:
                     fill_value=np.nan if values.dtype.kind == "f" else -1,  # not yet computed
                 )
         for name, (axes, values, unit) in self.labels.items():
-            there = group.get(name)
+            there = self._array(group, name)
             if there is None or there.shape != values.shape:
                 attributes = {"units": unit}
                 group.create_array(
@@ -208,6 +206,31 @@ class Chunks:
         group.attrs.update({name: v for name, v in self.settings.items() if name != items})
         group.attrs.update(self.about)
         return group
+
+    # What describes the arrays may be damaged when the machine went down. The checksums of the
+    # chunks do not fit then; all are computed again, and need a sound place.
+
+    def _open_or_begin(self) -> Any:
+        """The group on disk; one that cannot be read is begun anew."""
+        import zarr
+
+        try:
+            return zarr.open_group(self.arrays, mode="a")
+        except OSError:
+            raise
+        except Exception:
+            shutil.rmtree(self.arrays)
+            return zarr.open_group(self.arrays, mode="a")
+
+    def _array(self, group: Any, name: str) -> Any:
+        """An array on disk, None if there is none; one that cannot be read is removed."""
+        try:
+            return group.get(name)
+        except OSError:
+            raise
+        except Exception:
+            shutil.rmtree(self.arrays / name)
+            return None
 
 
 def _checksum(arrays: Iterable[np.ndarray]) -> int:
@@ -273,6 +296,11 @@ def work_in_chunks(
         numbers = wanted[position]
         part = _computed(chunks, work, numbers, announce)
         if is_first():
+            if not (chunks.folder / MANIFEST).exists():
+                raise InputError(
+                    f"{chunks.folder}: it was removed or emptied while the {chunks.work} ran; give "
+                    "the same command again, which begins anew"
+                )
             work.write(numbers, part)
         parts[position] = part
     found = [part for part in parts if part is not None]

@@ -166,6 +166,15 @@ def record_line(record: Record) -> str:
     return f"{record.name}: {len(record):,} rows, {quantity(record.duration_s, 's')}"
 
 
+def record_lines(record: Record, notes: Iterable[str]) -> list[str]:
+    """What was read in a line, then what was guessed about it and what is missing."""
+    parts = []
+    for role, channel in record.channels.items():
+        name = channel.name if role == channel.name else f"{role} {channel.name}"
+        parts.append(f"{name} ({pretty_unit(channel.unit) or 'no unit'})")
+    return [f"{record_line(record)}; {', '.join(parts)}", *notes, *holes(record)]
+
+
 def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
     """The columns of a record: role, name in the file, unit, least and greatest value."""
     measured = record.output[record.measured]
@@ -223,11 +232,12 @@ def record_rows(record: Record) -> list[tuple[str, str]]:
 
 
 def plane_text(model: Model) -> str:
-    """Levels, cells and limits of a model's plane."""
+    """Levels, cells and limits of a model's plane, and its polarity where that is negative."""
     plane, unit = model.plane, model.units.get("input", "")
     factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
     span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
-    return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}"
+    falls = ", output falls as the input rises" if model.chain.polarity < 0 else ""
+    return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}{falls}"
 
 
 def model_rows(model: Model) -> list[tuple[str, str]]:

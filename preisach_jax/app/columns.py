@@ -108,9 +108,7 @@ class ColumnChoice:
             missing.insert(0, "time (or the sampling rate)")
         if missing:
             text = f"Choose the column of {' and of '.join(missing)}."
-            self._wrong.object = str(
-                Markup('<div class="error" role="alert">{}</div>').format(text)
-            )
+            self._wrong.object = str(panels.mistake(text))
             return
         self._wrong.object = ""
         units = {

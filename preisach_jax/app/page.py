@@ -247,7 +247,7 @@ class Page:
 
         def show(candidates: tuple[Candidate, ...]) -> None:
             self._candidates = candidates
-            self._show_step()
+            self._refresh()
 
         self._start("comparing what may be missing", rank, show)
 
@@ -255,12 +255,11 @@ class Page:
         step = self._step
         assert step is not None  # called for a step only
         if self._views is None or self._views.levels != step.fit.model.plane.levels:
-            self._views = Views(step)
+            self._views = Views(step, self._axis.value)
             drawn = pn.pane.Bokeh(self._views.layout, sizing_mode="stretch_both")
             self._main.objects = [self._axis, drawn]
         else:
             self._views.show(step)
-        self._views.show_axis(self._axis.value)
         self._hand_over(self._views.begin)
         self._downloads.objects = []
         self._refresh()

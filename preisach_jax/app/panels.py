@@ -15,9 +15,9 @@ from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
-from preisach_jax.quantity import pretty_unit, quantity
+from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import headline, parameter_rows
+from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
 DROP = (
     "Drop a file above, or click to choose one: CSV, MicroMag .forc, NPZ, MAT or Parquet. It stays "
@@ -54,19 +54,17 @@ def failure(error: Exception) -> Markup:
     text = str(error)
     if not isinstance(error, InputError):
         text = f"This is a failure of the program, not of yours: {type(error).__name__}: {text}"
+    return mistake(text)
+
+
+def mistake(text: str) -> Markup:
+    """What is wrong, where a screen reader says it at once."""
     return Markup('<div class="error" role="alert">{}</div>').format(text)
 
 
 def told(record: Record, notes: Sequence[str]) -> Markup:
     """What was read, and what was assumed about it."""
-    parts = ", ".join(
-        f"{role} {channel.name} ({pretty_unit(channel.unit) or 'no unit'})"
-        for role, channel in record.channels.items()
-    )
-    lines = [
-        f"{record.name}: {len(record):,} rows, {quantity(record.duration_s, 's')}; {parts}",
-        *notes,
-    ]
+    lines = record_lines(record, notes)
     return Markup('<div class="told">{}</div>').format(
         Markup("").join(Markup("<p>{}</p>").format(line) for line in lines)
     )
@@ -151,8 +149,8 @@ def verdict(step: Exploration, found: Diagnosis | None) -> str:
         else f"{quantity(budget.unexplained, budget.unit, 3)} are neither noise nor grid: "
         "something is missing"
     )
-    model = " + ".join(("Preisach model", *step.effects))
-    return str(Markup('<div class="verdict"><p>{}: {}.</p></div>').format(model, words))
+    name = model_name(step.effects)
+    return str(Markup('<div class="verdict"><p>{}: {}.</p></div>').format(name, words))
 
 
 class CandidateRow:

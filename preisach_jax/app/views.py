@@ -26,7 +26,13 @@ from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.fit import double_precision
 from preisach_jax.model import Model
-from preisach_jax.plot.axes import greatest, record_axes, with_unit
+from preisach_jax.plot.axes import (
+    density_scale,
+    greatest,
+    plane_edges,
+    record_axes,
+    with_unit,
+)
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
 from preisach_jax.quantity import scaled
 from preisach_jax.record import Record
@@ -56,25 +62,28 @@ class Views:
 
     Arguments:
         step: the model to show; the first of its steps is shown beside it.
+        key: what the residual is shown against, one of `AXES`.
 
     Attributes:
         layout: the Bokeh object to show, in a page or a notebook.
         slider: chooses a stretch of time from the keyboard.
     """
 
-    def __init__(self, step: Exploration):
+    def __init__(self, step: Exploration, key: str = "time"):
         self._record = step.record
         self._step = step
+        self._axis = key
         self._rows = drawn_rows(self._record)
         self._axes = record_axes(self._record)
-        self._axis = "time"
+        course = plane_course(self._record, step.fit.model.plane.levels)
+        self._course = [values[self._rows] for values in course]
         self.source: Any = ColumnDataSource(self._columns(step))
         self.highlight = ColumnDataSource({name: [] for name in self.source.data})
         self.cloud = ColumnDataSource({"axis": [], "residual": [], "plain": []})
         self.bins = {name: ColumnDataSource(_no_bins()) for name in ("plain", "residual")}
         self.cells = ColumnDataSource({"x": [], "y": [], "width": []})
         self.staircase = ColumnDataSource({"x": [], "y": []})
-        self.density = ColumnDataSource({"x": [], "y": [], "width": [], "value": [], "visited": []})
+        self.density = ColumnDataSource({"x": [], "y": [], "width": [], "value": []})
         self.spectra = {
             name: ColumnDataSource({"x": [], "y": []}) for name in ("plain", "residual", "chosen")
         }
@@ -95,7 +104,7 @@ class Views:
             "residual": self.residual,
             "plane": self.plane,
         }
-        self.show(step)
+        self._show(step)
         self._link(step.fit.model)
         left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
         right = column(self.time, self.plane, sizing_mode="stretch_both")
@@ -114,8 +123,11 @@ class Views:
 
     def show(self, step: Exploration) -> None:
         """Show another step of the same record."""
-        self._step = step
         self.source.data = self._columns(step)
+        self._show(step)
+
+    def _show(self, step: Exploration) -> None:
+        self._step = step
         self.highlight.data = {name: [] for name in self.source.data}
         self.cells.data = {"x": [], "y": [], "width": []}
         self.staircase.data = {"x": [], "y": []}
@@ -142,19 +154,18 @@ class Views:
             return
         axis = self._axes[key]
         data = self.source.data
-        self.source.data = {**data, "axis": axis.values[self._rows]}
+        position = data["axis"] = axis.values[self._rows]  # sends this column alone
         plain, residual = data["plain"], data["residual"]
         there = np.flatnonzero(np.isfinite(data["residual"]))
         few = there[:: max(len(there) // CLOUD, 1)]
-        position = self.source.data["axis"]
         self.cloud.data = {
             "axis": position[few], "residual": residual[few], "plain": plain[few]
         }  # fmt: skip
         for name, values in (("plain", plain), ("residual", residual)):
-            self.bins[name].data = _bins(np.asarray(position), np.asarray(values))
+            self.bins[name].data = _bins(position, np.asarray(values))
         self.residual.xaxis.axis_label = _unformatted(axis.label)
         limit = 1.1 * float(np.nanquantile(np.abs(plain), 0.995))
-        _span(self.residual.x_range, _low(position), _high(position))
+        _span(self.residual.x_range, *_limits(position))
         _span(self.residual.y_range, -limit, limit)
 
     def _columns(self, step: Exploration) -> dict[str, Any]:
@@ -163,7 +174,7 @@ class Views:
         out_factor, _ = self._output_scale
         left_factor, _ = self._residual_scale(step)
         plain = step.steps[0].fit
-        position, departure = plane_course(record, step.fit.model.plane.levels)
+        position, departure = self._course
         return {
             **{key: axis.values[rows] for key, axis in self._axes.items()},
             "output": (out_factor * record.output)[rows],
@@ -171,9 +182,9 @@ class Views:
             "before": (out_factor * _measured(plain))[rows],
             "residual": (left_factor * step.fit.residual)[rows],
             "plain": (left_factor * plain.residual)[rows],
-            "axis": self._axes["time" if self._axis == "frequency" else self._axis].values[rows],
-            "position": position[rows],
-            "departure": departure[rows],
+            "axis": self._axes["time"].values[rows],
+            "position": position,
+            "departure": departure,
         }
 
     @property
@@ -264,7 +275,7 @@ class Views:
         return drawn
 
     def _plane_figure(self) -> tuple[Any, LinearColorMapper]:
-        _, unit = scaled(greatest(self._record.input), self._record.input_unit)
+        _, unit = plane_edges(self._step.fit.model)
         drawn = self._figure(
             "Preisach plane", with_unit("switching-off threshold β", unit),
             with_unit("switching-on threshold α", unit),
@@ -294,24 +305,18 @@ class Views:
 
     def _show_density(self, model: Model) -> None:
         plane = model.plane
-        factor, unit = scaled(greatest(self._record.input), self._record.input_unit)
-        width = factor * plane.delta_x
-        density = np.asarray(model.weights) / width**2
-        visited = np.asarray(model.visited, dtype=bool)
-        off_diagonal = density[(plane.alpha_index != plane.beta_index) & visited]
-        top = float(off_diagonal.max()) if off_diagonal.size else 0.0
-        top = top if top > 0 else float(max(density.max(initial=0.0), 1e-300))
-        out_factor, out_unit = scaled(top, self._record.output_unit)
+        edges, _ = plane_edges(model)
+        width = edges[1] - edges[0]
+        density = np.where(model.visited, np.abs(model.weights) / width**2, np.nan)
+        factor, top, unit = density_scale(model, density)
         self.density.data = {
-            "x": factor * plane.low + width * (plane.beta_index + 0.5),
-            "y": factor * plane.low + width * (plane.alpha_index + 0.5),
+            "x": edges[plane.beta_index] + width / 2,
+            "y": edges[plane.alpha_index] + width / 2,
             "width": np.full(plane.cells, width),
-            "value": np.where(visited, out_factor * density, np.nan),
-            "visited": visited,
+            "value": factor * density,
         }
-        self._mapper.update(low=0.0, high=out_factor * top)
-        density_unit = f" ({out_unit}/{unit}²)" if unit and out_unit else ""
-        self.plane.title.text = _unformatted(f"Preisach plane: density{density_unit}")
+        self._mapper.update(low=0.0, high=top)
+        self.plane.title.text = _unformatted(with_unit("Preisach plane: density", unit))
 
     def _show_spectra(self) -> None:
         if not self.spectrum.visible:
@@ -339,12 +344,8 @@ class Views:
 
     def _link(self, model: Model) -> None:
         """Let a brush in one view light up all of them, in the browser."""
-        factor, _ = scaled(greatest(self._record.input), self._record.input_unit)
-        plane = {
-            "levels": model.plane.levels,
-            "low": factor * model.plane.low,
-            "high": factor * model.plane.high,
-        }
+        edges, _ = plane_edges(model)
+        plane = {"levels": model.plane.levels, "low": edges[0], "high": edges[-1]}
         arguments = {
             "source": self.source,
             "highlight": self.highlight,
@@ -479,12 +480,10 @@ def _span(shown: Any, start: float, end: float) -> None:
     shown.update(start=start, end=end, reset_start=start, reset_end=end)
 
 
-def _low(values: Any) -> float:
-    return float(np.nanmin(values) - 0.03 * np.ptp(np.asarray(values)[np.isfinite(values)]))
-
-
-def _high(values: Any) -> float:
-    return float(np.nanmax(values) + 0.03 * np.ptp(np.asarray(values)[np.isfinite(values)]))
+def _limits(values: np.ndarray) -> tuple[float, float]:
+    """Ends of an axis with a little room beside its values."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return low - 0.03 * (high - low), high + 0.03 * (high - low)
 
 
 def _unformatted(text: str) -> str:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from preisach_jax.quantity import pretty_unit, quantity
-from preisach_jax.rows import budget_rows, error_table, finding_parameters, headline, holes
+from preisach_jax.rows import budget_rows, error_table, finding_parameters, headline
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -240,14 +239,9 @@ class _Lines:
 
 def show_record(record: Record, notes: Iterable[str]) -> None:
     """Print what was read and what was guessed about it."""
-    parts = []
-    for role, channel in record.channels.items():
-        unit = pretty_unit(channel.unit)
-        name = channel.name if role == channel.name else f"{role} {channel.name}"
-        parts.append(f"{name} ({unit or 'no unit'})")
-    rows, span = len(record.time), quantity(record.duration_s, "s")
-    note(f"{record.name}: {rows:,} rows, {span}; {', '.join(parts)}")
-    for text in (*notes, *holes(record)):
+    first, *others = record_lines(record, notes)
+    note(first)
+    for text in others:
         note(f"  {text}")
 
 

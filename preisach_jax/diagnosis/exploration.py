@@ -28,13 +28,14 @@ from preisach_jax.fit import (
     base_point,
     checked_levels,
     double_precision,
-    finished,
+    in_silence,
     moved_to,
+    on_all_rows,
     with_effect,
 )
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
-from preisach_jax.rows import chain_rows, error_table, model_line
+from preisach_jax.rows import chain_rows, error_table, model_line, model_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +54,8 @@ class Exploration:
     _cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
-        chain = " + ".join(("Preisach model", *self.effects))
-        return f"<Exploration of {self.record.name}: {chain}, {self.fit.rms_validation:.4g} RMS>"
+        name = model_name(self.effects)
+        return f"<Exploration of {self.record.name}: {name}, {self.fit.rms_validation:.4g} RMS>"
 
     def _repr_html_(self) -> str:
         """The errors of all steps and the parts of this one, for notebooks."""
@@ -146,7 +147,7 @@ class Exploration:
             'creep'
         """
         if "candidates" not in self._cache:
-            self._cache["candidates"] = self._ranked(progress or (lambda text, done: None))
+            self._cache["candidates"] = self._ranked(progress or in_silence)
         return self._cache["candidates"]
 
     def _ranked(self, progress: Progress) -> tuple[Candidate, ...]:
@@ -179,7 +180,7 @@ class Exploration:
         Example:
             >>> explore(record).add("creep").fit.rms_validation  # doctest: +SKIP
         """
-        progress = progress or (lambda text, done: None)
+        progress = progress or in_silence
         by_name = {known.name: known for known in self.tried}
         if isinstance(effect, str) and effect in by_name:
             effect = by_name[effect]
@@ -191,7 +192,7 @@ class Exploration:
             progress(f"fitting {new.name}", 0.0)
             point = with_effect(self.problem, self.point, new, always=True)
             progress("fitting all rows", 0.6)
-            fit = _on_all_rows(self.record, point)
+            fit = on_all_rows(self.record, point)
         progress("done", 1.0)
         return Exploration(fit, tried, self, {"point": point})
 
@@ -336,13 +337,8 @@ def explore(
     with double_precision():
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, checked_levels(levels))
-        fit = _on_all_rows(record, point)
+        fit = on_all_rows(record, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})
-
-
-def _on_all_rows(record: Record, point: Point) -> Fit:
-    whole = Problem.of(record, FINAL_ROWS)
-    return finished(whole, moved_to(whole, point), record)
 
 
 def _names(effects: Iterable[Effect]) -> set[str]:

@@ -43,7 +43,9 @@ from preisach_jax.fit import (
     checked_levels,
     double_precision,
     finished,
+    in_silence,
     moved_to,
+    on_all_rows,
     settled,
     with_effect,
     without_effect,
@@ -108,11 +110,7 @@ def diagnose(
     """
     tried = effects_to_try(record, effects)
     with double_precision():
-        return _Search(record, tried, levels, progress or _in_silence, watch).run()
-
-
-def _in_silence(text: str, done: float) -> None:
-    del text, done
+        return _Search(record, tried, levels, progress or in_silence, watch).run()
 
 
 def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
@@ -194,9 +192,7 @@ class _Search:
         """Let who watches see the present model, on all rows."""
         if self._watch is None:
             return
-        whole = Problem.of(self.record, FINAL_ROWS)
-        fit = finished(whole, moved_to(whole, self.now), self.record)
-        self._watch(fit, self._candidates())
+        self._watch(on_all_rows(self.record, self.now), self._candidates())
 
     def _candidates(self) -> tuple[Candidate, ...]:
         return tuple(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.model import Model
 from preisach_jax.quantity import scaled
 from preisach_jax.record import Record
 from preisach_jax.record.units import split_unit
@@ -80,6 +81,37 @@ def with_unit(name: str, unit: str) -> str:
         ('residual (nm)', 'residual')
     """
     return f"{name} ({unit})" if unit else name
+
+
+def plane_edges(model: Model) -> tuple[np.ndarray, str]:
+    """(levels + 1,) borders of a model's cells on either axis, and the unit that they are in."""
+    plane = model.plane
+    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
+    factor, shown = scaled(greatest(edges), model.units.get("input", ""))
+    return factor * edges, shown
+
+
+def density_scale(model: Model, values: np.ndarray) -> tuple[float, float, str]:
+    """In what a density on the plane is shown, and where its colours end.
+
+    They end at the greatest value off the diagonal α = β, whose reversible cells may hold many
+    times as much.
+
+    Arguments:
+        model: the model.
+        values: (cells,) density in the output's unit over the square of that of `plane_edges`; NaN
+            where there is none.
+
+    Returns:
+        Factor to the unit shown, end of the colours in that unit, and the unit.
+    """
+    plane, shown = model.plane, plane_edges(model)[1]
+    there = ~np.isnan(values) & np.asarray(model.visited, dtype=bool)
+    off_diagonal = values[there & (plane.alpha_index != plane.beta_index)]
+    top = float(off_diagonal.max(initial=0.0)) or float(values[there].max(initial=0.0)) or 1.0
+    factor, out_shown = scaled(top, model.units.get("output", ""))
+    square = f"{shown}²" if shown and not set(shown) & set("/·²") else f"({shown})²"
+    return factor, factor * top, f"{out_shown}/{square}" if shown else out_shown
 
 
 def greatest(values: np.ndarray) -> float:

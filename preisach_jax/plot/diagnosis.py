@@ -20,7 +20,14 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from preisach_jax.diagnosis import residuals as stats
-from preisach_jax.plot.axes import column_name, greatest, record_axes, with_unit
+from preisach_jax.plot.axes import (
+    column_name,
+    density_scale,
+    greatest,
+    plane_edges,
+    record_axes,
+    with_unit,
+)
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import number, quantity, scaled
 
@@ -294,7 +301,7 @@ def density(model: Model) -> Figure:
     figure = Figure(figsize=(5.6, 4.8), layout="constrained")
     axes = figure.add_subplot()
     area = (edges[1] - edges[0]) ** 2
-    draw_cells(axes, model, (edges, edges), np.asarray(model.weights) / area, "density")
+    draw_cells(axes, model, (edges, edges), np.abs(model.weights) / area, "density")
     axes.plot(edges[[0, -1]], edges[[0, -1]], color="0.3", lw=0.8)
     axes.set_xlabel(with_unit("switching-off threshold β", shown))
     axes.set_ylabel(with_unit("switching-on threshold α", shown))
@@ -307,14 +314,6 @@ def density(model: Model) -> Figure:
     return figure
 
 
-def plane_edges(model: Model) -> tuple[np.ndarray, str]:
-    """(levels + 1,) borders of a model's cells on either axis, and the unit that they are in."""
-    plane = model.plane
-    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
-    factor, shown = scaled(float(np.abs(edges).max()), model.units.get("input", ""))
-    return factor * edges, shown
-
-
 def draw_cells(
     axes: Axes,
     model: Model,
@@ -324,9 +323,6 @@ def draw_cells(
 ) -> None:
     """Draw a density a cell, hatch the cells that were never visited, and add a bar of colours.
 
-    The colours end at the greatest value off the diagonal α = β, whose reversible cells may hold
-    many times as much.
-
     Arguments:
         axes: where to.
         model: the model.
@@ -335,19 +331,13 @@ def draw_cells(
             where a cell is not to be drawn.
         name: what the bar is called.
     """
-    plane, shown = model.plane, plane_edges(model)[1]
-    visited = np.asarray(model.visited, dtype=bool)
+    plane, visited = model.plane, np.asarray(model.visited, dtype=bool)
     drawn = ~np.isnan(values)
     values = np.where(visited, values, np.nan)
-    off_diagonal = values[(plane.alpha_index != plane.beta_index) & visited]
-    top = float(off_diagonal.max()) if off_diagonal.size else 0.0
-    if not top > 0:
-        top = float(np.nanmax(values)) if visited.any() else 1.0
-    top = top if top > 0 else 1.0
-    factor, out_shown = scaled(top, model.units.get("output", ""))
+    factor, top, unit = density_scale(model, values)
     picture = axes.pcolormesh(
         *borders, np.ma.masked_invalid(factor * plane.matrix(values)),
-        cmap="viridis", norm=PowerNorm(0.5, 0, factor * top), rasterized=True,
+        cmap="viridis", norm=PowerNorm(0.5, 0, top), rasterized=True,
     )  # fmt: skip
     unvisited = plane.matrix(np.where(drawn & ~visited, 1.0, np.nan))
     if not np.isnan(unvisited).all():
@@ -357,9 +347,8 @@ def draw_cells(
         )  # fmt: skip
     axes.set_aspect("equal")
     axes.grid(visible=False)
-    square = f"{shown}²" if shown and not set(shown) & set("/·²") else f"({shown})²"
     bar = axes.figure.colorbar(picture, ax=axes, extend="max", shrink=0.85)
-    bar.set_label(with_unit(name, f"{out_shown}/{square}" if shown else out_shown))
+    bar.set_label(with_unit(name, unit))
 
 
 def unvisited_patch(label: str) -> Patch:

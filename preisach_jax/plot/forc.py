@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from preisach_jax.plot.axes import with_unit
-from preisach_jax.plot.diagnosis import draw_cells, plane_edges, unvisited_patch
+from preisach_jax.plot.axes import plane_edges, with_unit
+from preisach_jax.plot.diagnosis import draw_cells, unvisited_patch
 from preisach_jax.plot.style import STYLE
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def forc_diagram(model: Model) -> Figure:
     edges, shown = plane_edges(model)
     alpha, beta = np.meshgrid(edges, edges, indexing="ij")
     turns = plane.alpha_index != plane.beta_index
-    weights = np.asarray(model.weights)
+    weights = np.abs(model.weights)
     values = np.where(turns, weights / (2 * (edges[1] - edges[0]) ** 2), np.nan)
     figure = Figure(figsize=(4.4, 5.6), layout="constrained")
     axes = figure.add_subplot()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, NamedTuple
 
@@ -63,6 +63,7 @@ class Chain(eqx.Module):
         plane: the Preisach plane.
         effects: effects; they act in the order of their places, and within a place in this order.
         hysteron: `"ramp"` or `"relay"`.
+        polarity: sign of the weights: 1 where the output rises with the input, -1 where it falls.
 
     Raises:
         ValueError: if two effects have one name, or one has a place that no chain has.
@@ -77,6 +78,7 @@ class Chain(eqx.Module):
     plane: Plane
     effects: tuple[Effect, ...] = ()
     hysteron: str = eqx.field(static=True, default="ramp")
+    polarity: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
         names = [effect.name for effect in self.effects]
@@ -117,7 +119,7 @@ class Chain(eqx.Module):
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
         """The same plane and hysterons with other effects."""
-        return Chain(self.plane, effects, self.hysteron)
+        return replace(self, effects=effects)
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,7 @@ class Columns:
         added: names of the effects of the last columns, one each: added effects, free responses of
             output effects, and effects of the sensor.
         loose: (column,) whether it is there only for a past that is not known.
+        polarity: sign of the weights, which the columns of the hysteresis carry.
     """
 
     matrix: np.ndarray
@@ -144,6 +147,7 @@ class Columns:
     first_run: np.ndarray
     added: tuple[str, ...]
     loose: np.ndarray
+    polarity: int = 1
 
     @property
     def nonnegative(self) -> np.ndarray:
@@ -163,7 +167,7 @@ class Coefficients:
     """The linear numbers of a model.
 
     Attributes:
-        weights: (cells,) weights R, in output units.
+        weights: (cells,) weights R, in output units; of one sign, that of the chain's polarity.
         memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
         offset: output with all hysterons off, but those of the first run as it leaves them.
         added: (column,) coefficients of the added effects, of free responses, and of the sensor.
@@ -180,7 +184,7 @@ class Coefficients:
     @staticmethod
     def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
         """Sort a solution vector over the columns into its parts."""
-        weights = solution[: columns.cells]
+        sign, weights = columns.polarity, solution[: columns.cells]
         memory = weights * columns.start
         for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
             # The column fixes only the sum over the group: each cell gets its share by weight.
@@ -191,7 +195,7 @@ class Coefficients:
         count = columns.first_run.sum()
         first_run[columns.first_run] = solution[columns.offset - count : columns.offset]
         offset, added = float(solution[columns.offset]), solution[columns.offset + 1 :]
-        return Coefficients(weights, memory, offset, added, first_run)
+        return Coefficients(sign * weights, sign * memory, offset, added, sign * first_run)
 
 
 def signals_of(record: Record, origin_s: float | None = None) -> Signals:
@@ -420,7 +424,8 @@ def drive(
     if output is not None:
         for effect in chain.at(HysteresisEffect):
             own = _arrays(values[effect.name])
-            path = _fed_back(effect, own, path, jnp.asarray(output), signals.time)
+            rising = chain.polarity * jnp.asarray(output)
+            path = _fed_back(effect, own, path, rising, signals.time)
     if widened is None:
         return Drive(path)
     return Drive(path - widened, path + widened, None if _all_widen(chain) else path)
@@ -603,17 +608,19 @@ def hysteresis_output(
     path, widened = _path_and_widening(chain, values, signals)
     inside = [effect for effect in chain.at(HysteresisEffect) if effect.feeds_back]
     low, width = chain.plane.low, chain.plane.high - chain.plane.low
+    sign = chain.polarity  # what is fed back rises with the input
+    shift = jnp.zeros_like(path) if widened is None else widened
     output = _fed_back_operator(
         Plane(chain.plane.levels, 0.0, 1.0),
         jax.tree.map(_as_array, inside),
         [_arrays(values[effect.name]) for effect in inside],
-        (path, signals.time, jnp.zeros_like(path) if widened is None else widened, first_run),
+        (path, signals.time, shift, sign * first_run),
         (jnp.asarray(low), jnp.asarray(width)),
-        (jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)),
+        (jnp.asarray(sign * coefficients.weights), jnp.asarray(sign * coefficients.memory)),
         _all_widen(chain),
         chain.hysteron,
     )
-    return output + first_run
+    return sign * output + first_run
 
 
 @eqx.filter_jit
@@ -789,17 +796,21 @@ def regressors(
         parts = [_apply_to_columns(effect, own, part, signals.time) for part in parts]
     parts.append(np.ones((len(signals.time), 1)))
     rows = np.arange(len(signals.time)) if rows is None else rows
+    of_hysteresis = sum(part.shape[1] for part in parts[:-1])
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])
     matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
     for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
         matrix[:, start:stop] = part[rows]
+    if chain.polarity < 0:
+        matrix[:, :of_hysteresis] *= -1
     behind = chain.coefficients
     loose = np.zeros(matrix.shape[1], dtype=bool)
     loose[len(loose) - len(behind) :] = [not each.amount for _, each in behind]
     names = tuple(effect for effect, _ in behind)
     groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
-    return Columns(matrix, chain.plane.cells, groups, start, first_run, names, loose)
+    cells, sign = chain.plane.cells, chain.polarity
+    return Columns(matrix, cells, groups, start, first_run, names, loose, sign)
 
 
 def columns_behind(

@@ -39,11 +39,21 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, float], None]
 
+
+def in_silence(text: str, done: float) -> None:
+    """Progress that nobody looks at."""
+    del text, done
+
+
 DEFAULT_LEVELS = 25
 COARSE_LEVELS = 13
 """Levels of the plane on which a new effect's starting points are compared."""
 
 FIRST_STRENGTH = 1e-4
+
+CLEAR_CORRELATION = 0.5
+"""Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
+as it is high, leaves less."""
 
 SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
@@ -208,8 +218,7 @@ def fit(
             if progress is not None:
                 progress(f"fitting {effect.name}", position / len(chosen))
             point = with_effect(problem, point, effect, always=True)
-        whole = Problem.of(record, FINAL_ROWS)
-        return finished(whole, moved_to(whole, point), record)
+        return on_all_rows(record, point)
 
 
 @contextmanager
@@ -244,9 +253,25 @@ def plane_of(problem: Problem, levels: int) -> Plane:
 
 
 def base_point(problem: Problem, levels: int) -> Point:
-    """The rate-independent model."""
-    chain = Chain(plane_of(problem, levels))
+    """The rate-independent model, of the polarity that the record shows."""
+    return _base_point(problem, levels, _polarity(problem))
+
+
+def _base_point(problem: Problem, levels: int, polarity: int) -> Point:
+    chain = Chain(plane_of(problem, levels), polarity=polarity)
     return with_strength(evaluate(problem, chain, {}, FIRST_STRENGTH))
+
+
+def _polarity(problem: Problem) -> int:
+    """Whether the output rises with the input (1) or falls (-1): weights have one sign."""
+    slot = ("polarity",)
+    if slot not in problem.cache:
+        along = float(np.corrcoef(problem.record.input[problem.rows], problem.target)[0, 1])
+        if abs(along) < CLEAR_CORRELATION:
+            both = [_base_point(problem, COARSE_LEVELS, sign) for sign in (1, -1)]
+            along = both[1].objective - both[0].objective
+        problem.cache[slot] = 1 if along >= 0 else -1
+    return problem.cache[slot]
 
 
 def with_effect(
@@ -332,6 +357,12 @@ def moved_to(problem: Problem, point: Point) -> Point:
         if again.validation_mean_square < (1 - LEAST_PROMISE) * moved.validation_mean_square:
             moved = again
     return moved
+
+
+def on_all_rows(record: Record, point: Point) -> Fit:
+    """The fit of a point that was found on a thinned record."""
+    whole = Problem.of(record, FINAL_ROWS)
+    return finished(whole, moved_to(whole, point), record)
 
 
 def settled(problem: Problem, point: Point) -> Point:

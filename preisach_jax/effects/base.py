@@ -270,7 +270,8 @@ class HysteresisEffect(Effect):
         """What the hysterons see of an input and of their own output at the same instants.
 
         It may depend on the input at the same sample, and on the output at that and the one before,
-        of which the model finds the output that agrees with itself.
+        of which the model finds the output that agrees with itself. Of an actuator whose output
+        falls as the input rises, it is the negative output.
         """
         del values, output, time
         return path

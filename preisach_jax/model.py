@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,11 +30,27 @@ from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
-from preisach_jax.hysteron import require_hysteron
+from preisach_jax.hysteron import HYSTERONS
 from preisach_jax.plane import Plane
 from preisach_jax.quantity import pretty_unit
-from preisach_jax.record import Record
+from preisach_jax.record import INITIAL_MEMORIES, Record
 from preisach_jax.rows import chain_rows, model_line
+from preisach_jax.schema import (
+    bound,
+    checked,
+    items,
+    like,
+    list_of,
+    number,
+    numbers,
+    one_of,
+    refusal,
+    share,
+    table,
+    table_of,
+    text,
+    whole,
+)
 
 FORMAT = "preisach_jax model"
 FORMAT_VERSION = 3
@@ -379,6 +397,11 @@ class Model:
         path = Path(path)
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
+        except RecursionError:
+            raise InputError(
+                f"{path}: this is no model file (its JSON is nested too deeply); write one with "
+                "'preisach fit ... --out model.json'"
+            ) from None
         except OSError as error:
             raise InputError(
                 f"{path}: the model cannot be read ({error.strerror}); check the path"
@@ -421,20 +444,29 @@ class Model:
                 "'preisach fit ... --out model.json'"
             )
         found = content.get("format_version")
-        if found != FORMAT_VERSION:
+        if found != FORMAT_VERSION or isinstance(found, bool):
+            written_by = content.get("library_version")
             raise InputError(
-                f"the model has format version {found!r} (written by preisach_jax "
-                f"{content.get('library_version')}), and this library reads version "
-                f"{FORMAT_VERSION}; install the version that wrote it, or fit anew"
+                f"the model has format version {found!r:.20} (written by preisach_jax "
+                f"{written_by if isinstance(written_by, str) else 'of no version':.20}), and this "
+                f"library reads version {FORMAT_VERSION}; install the version that wrote it, or "
+                "fit anew"
             )
-        try:
-            return _model_from(content, {effect.name: effect for effect in effects})
-        except InputError:
-            raise
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(
-                f"the model file is damaged ({type(error).__name__}: {error}); fit the model anew"
-            ) from error
+        with _told_as_damage():
+            sound = checked(content, _CONTENT)
+        kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
+        with _told_as_damage():
+            return _model_from(sound, kinds)
+
+
+@contextmanager
+def _told_as_damage() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(
+            f"the model file is damaged ({error}); mend it, or fit the model anew"
+        ) from error
 
 
 def _without_nan(value: Any) -> Any:
@@ -447,41 +479,50 @@ def _without_nan(value: Any) -> Any:
     return value
 
 
-def _effect_from(entry: dict[str, Any], own: dict[str, Effect]) -> Effect:
-    name = entry["name"]
-    settings = {
-        key: tuple(value) if isinstance(value, list) else value
-        for key, value in entry["settings"].items()
-    }
-    if name in own:
-        return type(own[name])(**settings)
-    kinds = {kind().name: kind for kind in BUILT_IN} | {
-        known: type(effect) for known, effect in library().items()
-    }
-    kind = kinds.get("aux:COL" if name.startswith("aux:") else name)
-    if kind is None:
-        raise InputError(
-            f"the model holds the effect {name!r}, which this library does not know; pass it: "
-            "Model.load(path, effects=[...])"
-        )
-    return kind(**settings)
+MOST_COLUMNS = 1000
+"""Most columns that an effect may have where a file says how many: a built-in one has some ten."""
+
+_ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
+_CONTENT = {
+    "hysteron": one_of(*HYSTERONS),
+    "levels": whole(2),
+    "low": number(),
+    "high": number(),
+    "offset": number(),
+    "weights": numbers(),
+    "memory": numbers(),
+    "first_run": numbers(),
+    "visited": items,
+    "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
+    "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
+    "units": table_of(text),
+    "sampling": {"step_s": number(0.0), "rows": whole(2)},
+    "identification": {
+        "record": text,
+        "sha256": text,
+        "rows": whole(2),
+        "inputs_sha256": text,
+        "start_s": number(),
+        "stop_s": number(),
+        "step_s": number(0.0),
+        "initial_memory": one_of(*INITIAL_MEMORIES),
+        "history": list_of(numbers(), least=2),
+    },
+    "rms_validation": number(0.0),
+    "noise": share,
+    "discretisation": share,
+}
+"""What the file of a model holds, apart from what says that it is one."""
 
 
-def _model_from(content: Mapping[str, Any], own: dict[str, Effect]) -> Model:
+def _model_from(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
+    """A model from checked content; what belongs together is checked first."""
+    _check_plane(content)
+    effects = _effects_from(content["effects"], kinds)
     plane = Plane(content["levels"], content["low"], content["high"])
-    effects = tuple(_effect_from(entry, own) for entry in content["effects"])
-    parameters = {
-        entry["name"]: {
-            name: ParameterEstimate(
-                _checked(estimate["value"], float, f"{entry['name']}.{name}"),
-                -np.inf if estimate["low"] is None else estimate["low"],
-                np.inf if estimate["high"] is None else estimate["high"],
-                _checked(estimate["unit"], str, f"the unit of {entry['name']}.{name}"),
-            )
-            for name, estimate in entry["parameters"].items()
-        }
-        for entry in content["effects"]
-    }
+    polarity = -1 if sum(content["weights"]) < 0 else 1
+    chain = Chain(plane, effects, content["hysteron"], polarity)
+    parameters = _parameters_from(content["effects"], chain)
     values = {
         effect.name: {
             parameter.name: parameters[effect.name][parameter.name].value
@@ -489,72 +530,134 @@ def _model_from(content: Mapping[str, Any], own: dict[str, Effect]) -> Model:
         }
         for effect in effects
     }
-    for effect in effects:
-        for parameter in effect.parameters():
-            value = values[effect.name][parameter.name]
-            if not parameter.low <= value <= parameter.high:
-                raise ValueError(
-                    f"{effect.name}.{parameter.name} is {value}, and must lie between "
-                    f"{parameter.low} and {parameter.high}"
-                )
-    chain = Chain(plane, effects, content["hysteron"])
     added = [parameters[effect][each.name].value for effect, each in chain.coefficients]
-    arrays = {
-        name: np.asarray(content[name], dtype=float) for name in ("weights", "memory", "visited")
-    }
-    for name, array in arrays.items():
-        if array.shape != (plane.cells,) or not np.isfinite(array).all():
-            raise ValueError(f"{name!r} must be {plane.cells} finite numbers, one a cell")
-    first_run = np.asarray(content["first_run"], dtype=float)
-    if first_run.shape != (2 * plane.levels,) or not np.isfinite(first_run).all():
-        raise ValueError(f"'first_run' must be {2 * plane.levels} finite numbers, two a level")
-    for role in ("time", "input", "output"):
-        _checked(content["columns"][role], str, f"the column of {role}")
-    _checked(content["columns"]["aux"], list, "the list of auxiliary columns")
-    require_hysteron(content["hysteron"])
-    budget = [
-        None if content[name] is None else _checked(content[name], float, name)
-        for name in ("noise", "discretisation")
-    ]
     return Model(
         chain=chain,
         values=values,
         coefficients=Coefficients(
-            arrays["weights"],
-            arrays["memory"],
-            _checked(content["offset"], float, "offset"),
+            content["weights"],
+            content["memory"],
+            content["offset"],
             np.asarray(added),
-            first_run,
+            content["first_run"],
         ),
         parameters=parameters,
-        visited=arrays["visited"].astype(bool),
+        visited=np.array(content["visited"], dtype=bool),
         columns=content["columns"],
-        units=_checked(content["units"], dict, "units"),
+        units=content["units"],
         origin=_origin_from(content["identification"]),
-        rms_validation=_checked(content["rms_validation"], float, "rms_validation"),
-        noise=budget[0],
-        discretisation=budget[1],
+        rms_validation=content["rms_validation"],
+        noise=content["noise"],
+        discretisation=content["discretisation"],
     )
 
 
-def _origin_from(content: dict[str, Any]) -> Origin:
-    kinds: dict[Any, type] = {"str": str, "int": int, "float": float}
-    history = np.asarray(content["history"], dtype=float)
-    if history.ndim != 2 or len(history) != 2 or not np.isfinite(history).all():
-        raise ValueError("'history' must be two rows of finite numbers: time and input")
-    checked = {
-        field.name: _checked(content[field.name], kinds[field.type], field.name)
-        for field in fields(Origin)
-        if field.name != "history"
+def _check_plane(content: dict[str, Any]) -> None:
+    """Refuse limits that are none, and arrays that do not fit the levels."""
+    if not content["low"] < content["high"]:
+        raise refusal(content["low"], "low", f"a number below high, which is {content['high']}")
+    levels = content["levels"]
+    cells = levels * (levels + 1) // 2
+    counts = {"weights": (cells,), "memory": (cells,), "visited": (cells,)}
+    for name, allowed in (counts | {"first_run": (0, 2 * levels)}).items():
+        if len(content[name]) not in allowed:
+            expected = f"as many numbers as {levels} levels have cells, {cells}"
+            if name == "first_run":
+                expected = f"two numbers a level, {2 * levels}, or none"
+            raise InputError(f"{name} is a list of {len(content[name])}: expected {expected}")
+    for i, visited in enumerate(content["visited"]):
+        if visited not in (0, 1):
+            raise refusal(visited, f"visited[{i}]", "0 or 1")
+
+
+def _kinds_of(entries: list[dict[str, Any]], own: Mapping[str, Effect]) -> list[Effect]:
+    """One effect of the kind of each entry, of one's own or of the library."""
+    known = library() | dict(own) if entries else {}
+    kinds = []
+    for entry in entries:
+        name = entry["name"]
+        is_column = name.startswith("aux:") and name not in own
+        kind = known.get("aux:COL" if is_column else name)
+        if kind is None:
+            raise InputError(
+                f"the model holds the effect {name!r:.60}, which this library does not know; pass "
+                "it: Model.load(path, effects=[...])"
+            )
+        kinds.append(kind)
+    return kinds
+
+
+def _effects_from(entries: list[dict[str, Any]], kinds: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects of a file, with the settings that it gives them."""
+    names = [entry["name"] for entry in entries]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise refusal(name, f"effects[{i}].name", "each effect once")
+    return tuple(
+        _set(kind, entry, f"effects[{i}]")
+        for i, (kind, entry) in enumerate(zip(kinds, entries, strict=True))
+    )
+
+
+def _set(pattern: Effect, entry: dict[str, Any], place: str) -> Effect:
+    """The effect of a pattern's kind with the settings of a file."""
+    most = MOST_COLUMNS if type(pattern) in BUILT_IN else sys.maxsize
+    fields = pattern.settings()
+    for key in entry["settings"]:
+        if key not in fields:
+            expected = f"one of {', '.join(fields)}" if fields else "none"
+            raise InputError(f"{place}.settings has {key!r:.60}: expected {expected}")
+    settings = {
+        key: checked(value, like(fields[key], most), f"{place}.settings.{key}")
+        for key, value in entry["settings"].items()
     }
-    return Origin(**checked, history=history)
+    try:
+        effect = type(pattern)(**settings)
+        declared = [*effect.parameters(), *getattr(effect, "coefficients", tuple)()]
+    except (ArithmeticError, ValueError) as error:
+        raise InputError(f"{place}.settings are of no {entry['name']}: {error}") from error
+    if effect.name != entry["name"]:
+        raise refusal(entry["name"], f"{place}.name", f"{effect.name!r:.60}, by its settings")
+    checked(
+        entry["parameters"],
+        {parameter.name: table for parameter in declared},
+        f"{place}.parameters",
+    )
+    return effect
 
 
-def _checked(value: Any, kind: type, name: str) -> Any:
-    """A value of a model file, which must be of its kind; numbers must be finite."""
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if not isinstance(value, kind) or (kind is float and not np.isfinite(value)):
-        names = {float: "a finite number", int: "an integer", str: "a text", list: "a list"}
-        raise ValueError(f"{name} is {value!r:.40}, not {names.get(kind, 'a table')}")
-    return value
+def _parameters_from(
+    entries: list[dict[str, Any]], chain: Chain
+) -> dict[str, dict[str, ParameterEstimate]]:
+    """The estimates of a file; values outside the bounds of their effects are refused."""
+    parameters = {
+        entry["name"]: {
+            name: ParameterEstimate(
+                estimate["value"],
+                -np.inf if estimate["low"] is None else estimate["low"],
+                np.inf if estimate["high"] is None else estimate["high"],
+                estimate["unit"],
+            )
+            for name, estimate in entry["parameters"].items()
+        }
+        for entry in entries
+    }
+    for i, effect in enumerate(chain.effects):
+        for parameter in effect.parameters():
+            place = f"effects[{i}].parameters.{parameter.name}.value"
+            value = parameters[effect.name][parameter.name].value
+            checked(value, number(float(parameter.low), float(parameter.high)), place)
+    return parameters
+
+
+def _origin_from(content: dict[str, Any]) -> Origin:
+    place = "identification.history"
+    if len(content["history"]) != 2 or len({len(row) for row in content["history"]}) != 1:
+        raise InputError(f"{place} must be two lists of one length: time and input")
+    history = np.stack(content["history"])
+    if history.shape[1] < 2 or not np.all(np.diff(history[0]) > 0):
+        raise InputError(f"{place}[0] must be at least two times, each above the one before")
+    if not content["start_s"] < content["stop_s"]:
+        raise refusal(content["stop_s"], "identification.stop_s", "a time above start_s")
+    remembered: dict[str, Any] = content | {"history": history}
+    return Origin(**remembered)

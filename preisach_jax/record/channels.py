@@ -73,9 +73,10 @@ def read_time(
         )
     factors = seconds_per(unit)
     assert factors is not None  # name_channels has refused any other unit
-    seconds = values * factors[0] / factors[1]
-    if _counts_from_an_epoch(seconds):
-        seconds = table.from_first(column) * factors[0] / factors[1]
+    with np.errstate(over="ignore"):  # an infinite time is refused with its row
+        seconds = values * factors[0] / factors[1]
+        if _counts_from_an_epoch(seconds):
+            seconds = table.from_first(column) * factors[0] / factors[1]
     check_increasing(seconds, values, lambda k: table.place(column, k))
     return values, seconds
 
@@ -138,7 +139,8 @@ def _epoch_start(table: Table, column: str, channels: Mapping[str, Channel]) -> 
     factors = seconds_per(channels["time"].unit)
     if values is None or factors is None:
         return None
-    seconds = values * factors[0] / factors[1]
+    with np.errstate(over="ignore"):
+        seconds = values * factors[0] / factors[1]
     return float(seconds[0]) if _counts_from_an_epoch(seconds) else None
 
 

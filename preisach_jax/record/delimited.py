@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.table import GREAT, Table
+from preisach_jax.record.table import GREAT, Table, check_names, shortened
 from preisach_jax.record.units import is_unit
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
@@ -46,7 +47,16 @@ def read_delimited(text: str, source: str) -> Table:
     Raises:
         InputError: no data, rows of unequal length, a name that stands twice.
     """
-    lines = text.split("\n")
+    try:
+        return _table(text.split("\n"), source)
+    except csv.Error:  # of a field between quotation marks
+        raise InputError(
+            f"{source}: a field between quotation marks has more than {csv.field_size_limit():,} "
+            "characters; close the quotation mark, or remove the field"
+        ) from None
+
+
+def _table(lines: list[str], source: str) -> Table:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if not kept:
         raise InputError(f"{source}: the file holds no data; give a file with a line of names")
@@ -65,7 +75,7 @@ def read_delimited(text: str, source: str) -> Table:
             }
             kept = kept[1:]
     if not kept:
-        raise InputError(f"{source}: there is no row of data below the names {', '.join(header)}")
+        raise InputError(f"{source}: there is no row of data below the names {shortened(header)}")
     rows = np.array(kept) + 1
     body = [lines[i] for i in kept]
     width = _check_widths(body, rows, header, delimiter, source)
@@ -153,12 +163,7 @@ def _header(
         named = commented is not None
         fields = commented or [str(i + 1) for i in range(len(fields))]
     names = [name or f"column {i + 1}" for i, name in enumerate(fields)]
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise InputError(
-            f"{source}, row {kept[start] + 1}: the column name {twice[0]!r} stands "
-            f"{names.count(twice[0])} times; give every column its own name"
-        )
+    check_names(names, f"{source}, row {kept[start] + 1}")
     return names, named, first
 
 
@@ -225,8 +230,11 @@ def _parse(
         "low_memory": False,
     }
     try:
-        frame = pd.read_csv(io.StringIO(text), decimal=decimal, **options)
-    except pd.errors.ParserError:
+        with warnings.catch_warnings():
+            # It means that cells are dropped.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(io.StringIO(text), decimal=decimal, **options)
+    except (pd.errors.ParserError, pd.errors.ParserWarning):
         frame = None
     # Every line has as many fields as there are names, so only quotation marks can join lines.
     if frame is None or len(frame) != len(body):

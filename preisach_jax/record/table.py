@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -13,6 +14,12 @@ from preisach_jax.record.clock import clock_seconds
 
 GREAT = 1e8
 """Numbers from which on float64 may cut the decimals of a time: columns are kept exactly too."""
+
+MOST_COLUMNS = 2**14
+"""As many as a sheet of a workbook has."""
+
+LONGEST_NAME = 300
+"""Characters of the longest name of a column: paths of channels in test stands have a hundred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +105,10 @@ class Table:
         Returns:
             (K,) float64.
         """
-        cells = self.exact.get(column)
-        if cells is None:
-            return self.columns[column] - self.columns[column][0]
+        cells = self.exact.get(column, self.columns[column])
         if cells.dtype != object:
             return (cells - cells[0]).astype(np.float64)
-        numbers = [Decimal(text.strip().replace(self.decimal, ".")) for text in cells]
+        numbers = [Decimal(str(cell).strip().replace(self.decimal, ".")) for cell in cells]
         return np.array([float(number - numbers[0]) for number in numbers])
 
     def with_clocks(self) -> Table:
@@ -133,20 +138,56 @@ class Table:
         for k, cell in enumerate(cells):
             try:
                 values[k] = _number(cell, self.decimal)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 bad.append(k)
         return values, np.array(bad, dtype=int)
 
 
+def check_names(names: Sequence[str], place: str) -> None:
+    """Refuse more columns than a record could have, names that stand twice, and endless ones.
+
+    Arguments:
+        names: the names in the file's order.
+        place: the file, and the row where they stand, for messages.
+
+    Raises:
+        InputError: the names are no names of the columns of a record.
+
+    Example:
+        >>> check_names(["t", "u", "t"], "stage.csv, row 1")
+        Traceback (most recent call last):
+        ...
+        preisach_jax.errors.InputError: stage.csv, row 1: the column name 't' stands 2 times; give
+        every column its own name
+    """
+    if len(names) > MOST_COLUMNS:
+        raise InputError(
+            f"{place}: there are {len(names):,} columns, and up to {MOST_COLUMNS:,} are read; give "
+            "each channel a column of its own, not a row"
+        )
+    for name in names:
+        if len(name) > LONGEST_NAME:
+            raise InputError(
+                f"{place}: a column's name has {len(name):,} characters ({name[:40]!r}...); give "
+                f"names of up to {LONGEST_NAME}"
+            )
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise InputError(
+            f"{place}: the column name {twice!r} stands {names.count(twice)} times; give every "
+            "column its own name"
+        )
+
+
 def shortened(names: Sequence[str]) -> str:
-    """Names for a message, the first twenty where there are more.
+    """Names for a message: the first twenty where there are more, and not all of a long one.
 
     Example:
         >>> shortened(["t", "u", "z"])
         't, u, z'
     """
     more = f", ... ({len(names)} in all)" if len(names) > 20 else ""
-    return ", ".join(names[:20]) + more
+    return ", ".join(n if len(n) <= 60 else f"{n[:60]}..." for n in names[:20]) + more
 
 
 def _number(cell: object, decimal: str) -> float:

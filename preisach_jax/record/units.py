@@ -51,6 +51,9 @@ _SPELLINGS = {
 
 TIME_UNITS = "s, ms, us, ns, min, h"
 
+_LONGEST = 200
+"""Characters of a name in which a unit is looked for: what is longer is no name of a quantity."""
+
 
 def split_unit(column: str) -> tuple[str, str]:
     """The quantity and the unit that a column's name holds.
@@ -66,6 +69,8 @@ def split_unit(column: str) -> tuple[str, str]:
         (('u', 'V'), ('Weg', 'µm'), ('curve', ''))
     """
     column = column.strip()
+    if len(column) > _LONGEST:  # the time of the patterns below grows with its square
+        return column, ""
     if match := _BRACKETED.match(column):
         return match["name"].rstrip(" /_"), match["unit"]
     if (match := _SPELLED.match(column)) and match["unit"] in _SUFFIXES:

@@ -1,0 +1,408 @@
+"""What once broke a reader, in its smallest form, and bombs: each is refused by a plain message.
+
+`benchmarks/trust/fuzz.py` looks for more.
+"""
+
+import contextlib
+import io
+import json
+import random
+import struct
+import time
+import tracemalloc
+import zipfile
+import zlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+from trust.mutations import DAMAGE
+from trust.seeds import ENDINGS, SEEDS, columns, model_content, readable_files
+
+import preisach_jax as pj
+from preisach_jax.files import plain_json
+from preisach_jax.record.reading import read_table
+from preisach_jax.record.units import split_unit
+
+pd.read_csv(io.StringIO("0\n"))  # what is imported at first use is not the time of any file
+
+ROWS = "".join(f"{k},{k % 7},{k % 5}\n" for k in range(60))
+SECONDS = 2.0
+MOST_BYTES = 100 * 2**20
+
+
+def refused(path, content=None, **options):
+    """The one-line message with which a file is refused, soon and in little memory."""
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    read = pj.Model.load if path.suffix == ".json" else pj.Record.load
+    tracemalloc.start()
+    began = time.process_time()
+    try:
+        with pytest.raises(pj.InputError) as caught:
+            read(path, **options)
+        spent, (_, most) = time.process_time() - began, tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert len(message) < 2500
+    assert spent < 5 * SECONDS  # watched by tracemalloc, which takes several times as long
+    assert most < MOST_BYTES
+    return message
+
+
+# --- text ---
+
+
+@pytest.mark.parametrize("sign", [" ", "_", "/ ", " in ", "(", "["])
+def test_looking_for_a_unit_takes_no_time_in_a_long_name(tmp_path, sign):
+    path = tmp_path / "a.csv"
+    assert "a column's name has" in refused(path, f"t,u{sign * 100_000}V,z\n{ROWS}")
+    assert split_unit(f"u{sign * 100_000}V")[1] == ""
+
+
+def test_a_field_of_a_megabyte_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    assert "characters" in refused(path, f't,u,"{"z" * 1_000_000}"\n{ROWS}')
+    assert "characters" in refused(path, f"t,u,{'z' * 1_000_000}\n{ROWS}")
+    cell = f'0,1,"{"2" * 1_000_000}"\n'
+    assert "more than 131,072 characters" in refused(path, f"t,u,z\n{cell}{ROWS}")
+
+
+def test_many_columns_are_refused_soon(tmp_path):
+    wide = ",".join(f"c{k}" for k in range(100_001))
+    message = refused(tmp_path / "a.csv", f"{wide}\n{'1,' * 100_000}1\n")
+    assert "row 1: there are 100,001 columns" in message
+
+
+def test_names_in_messages_are_cut(tmp_path):
+    names = ",".join(f"{k}{'x' * 290}" for k in range(40))
+    assert "there is no row of data" in refused(tmp_path / "a.csv", f"{names}\n")
+
+
+@pytest.mark.parametrize("digits", [30, 400])
+def test_whole_numbers_beyond_all_floats_are_no_times(tmp_path, digits):
+    rows = "".join(f"{'9' * digits},{k % 7},{k % 5}\n" for k in range(60))
+    message = refused(tmp_path / "a.csv", f"t,u,z\n{rows}", time="t", input="u", output="z")
+    assert "column t, row 2" in message or "column t, row 3" in message
+
+
+def test_times_beyond_all_floats_keep_their_steps(tmp_path):
+    start = 10**22  # more than 64 bits hold
+    rows = "".join(f"{start + k},{k % 7},{k % 5}\n" for k in range(60))
+    (tmp_path / "a.csv").write_text(f"t_ns,u,z\n{rows}")
+    record = pj.Record.load(tmp_path / "a.csv", time="t_ns")
+    np.testing.assert_array_equal(record.time, np.arange(60) / 1e9)
+
+
+def test_quotation_marks_that_join_rows_lose_no_cell_unsaid(tmp_path):
+    rows = "".join(f'{k},{k % 7},"a,{k % 5}\n' for k in range(60))
+    assert "quotation mark" in refused(tmp_path / "a.csv", f"\t\n0,1,2b\n{rows}")
+
+
+def test_times_whose_seconds_are_beyond_all_floats_are_refused(tmp_path):
+    message = refused(tmp_path / "a.csv", f"t_h,u,z\n{ROWS}1e308,1,1\n")
+    assert "column t_h, row 62" in message
+
+
+# --- archives of arrays ---
+
+
+def arrays(**changed):
+    file = io.BytesIO()
+    np.savez(file, **columns() | changed)  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
+
+
+def archive(method=zipfile.ZIP_DEFLATED, **members):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method, compresslevel=1) as made:
+        for name, content in members.items():
+            made.writestr(f"{name}.npy", content)
+    return file.getvalue()
+
+
+def npy(shape, descr="<f8", values=b""):
+    header = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + values
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damaged_compression_is_refused(tmp_path, method):
+    content = bytearray(archive(method, t=npy("(60,)", values=np.arange(60.0).tobytes())))
+    content[80:160] = bytes(range(80))
+    assert "not a readable NPZ file" in refused(tmp_path / "a.npz", bytes(content))
+
+
+def test_an_archive_that_unpacks_to_a_hundred_times_its_size_is_refused(tmp_path):
+    zeros = npy("(25_000_000,)".replace("_", ""), values=bytes(200_000_000))
+    content = archive(t=zeros)
+    assert len(content) < 1_000_000
+    assert "2.5e+07 values" in refused(tmp_path / "a.npz", content)
+
+
+@pytest.mark.parametrize("claimed", [4_000_000_000, 800])
+def test_what_a_member_claims_is_not_allocated(tmp_path, claimed):
+    """Half a thousand million numbers by its header, in a member of four gigabytes or of none."""
+    content = archive(zipfile.ZIP_STORED, t=npy("(500000000,)", values=bytes(8)))
+    at = content.index(b"PK\x01\x02")
+    content = content[: at + 24] + struct.pack("<I", claimed) + content[at + 28 :]
+    assert refused(tmp_path / "a.npz", content)
+
+
+@pytest.mark.parametrize(
+    ("shape", "descr"),
+    [("(10000000000,)", "<U0"), ("(10000000000,)", "|V0"), ("(-1,)", "<f8"), ("(60,)", "|O"),
+     ("(True,)", "<f8"), ("(100000000000000000000,)", "<f8"), ("(" * 300, "<f8"),
+     (f"{'-' * 5000}1", "<f8"), ("(60,)", "x"), ("(60.0,)", "<f8")],
+)  # fmt: skip
+def test_headers_that_cannot_be_are_refused(tmp_path, shape, descr):
+    assert refused(tmp_path / "a.npz", archive(t=npy(shape, descr, bytes(480))))
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        np.arange(60).astype("M8[Y]"),
+        np.arange(60).astype("M8[M]"),
+        np.arange(60).astype("M8[10s]"),
+        np.arange(60).astype("m8[W]"),
+        np.arange(60).astype("m8[ps]"),
+        np.arange(60).astype("m8[3h]"),
+    ],
+    ids=str,
+)
+def test_times_in_any_unit_are_read(tmp_path, times):
+    (tmp_path / "a.npz").write_bytes(arrays(t_s=times))
+    record = pj.Record.load(tmp_path / "a.npz", time="t_s", input="u_V", output="z_um")
+    days = times.astype("M8[D]") if times.dtype in ("M8[Y]", "M8[M]") else times
+    elapsed = [
+        (when - days[0]).astype("m8[as]" if "ps" in str(times.dtype) else "m8[ns]") for when in days
+    ]
+    unit = np.timedelta64(1, "as" if "ps" in str(times.dtype) else "ns")
+    scale = 1e18 if "ps" in str(times.dtype) else 1e9
+    expected = [float(step / unit) / scale for step in elapsed]
+    np.testing.assert_allclose(record.time - record.time[0], expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("unit", ["m8[Y]", "m8[M]", "m8", "M8", "NaT"])
+def test_durations_without_a_length_are_refused(tmp_path, unit):
+    times = np.full(60, "NaT", "M8") if unit == "NaT" else np.arange(60).astype("i8").view(unit)
+    options = {"time": "t_s", "input": "u_V", "output": "z_um"}
+    assert "column t_s, row 1" in refused(tmp_path / "a.npz", arrays(t_s=times), **options)
+
+
+def test_a_nan_that_signals_is_an_empty_cell(tmp_path):
+    z = columns()["z_um"].copy()
+    z.view(np.uint64)[5] = 0x7FF0000000000001
+    (tmp_path / "a.npz").write_bytes(arrays(z_um=z))
+    record = pj.Record.load(tmp_path / "a.npz")
+    assert np.flatnonzero(~record.measured).tolist() == [5]
+
+
+# --- MATLAB ---
+
+
+def matlab(compress=False, **arrays):
+    file = io.BytesIO()
+    savemat(file, arrays, do_compression=compress)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("word", [0, 8, 10, 14, 15, 17, 19, 255, 2**31 - 1, 2**32 - 1])
+def test_no_word_of_a_variable_ends_the_process(tmp_path, word):
+    """In SciPy, a kind of numbers that there is not reads memory that there is not."""
+    content = matlab(t=np.arange(6.0), u={"a": np.arange(3.0)})
+    for at in range(128, len(content) - 4, 4):
+        path = tmp_path / "a.mat"
+        path.write_bytes(content[:at] + struct.pack("<I", word) + content[at + 4 :])
+        with contextlib.suppress(pj.InputError):
+            read_table(path)
+
+
+def test_a_matlab_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path):
+    content = matlab(compress=True, t=np.zeros(8_000_000))
+    assert len(content) < 100_000
+    assert "values or more" in refused(tmp_path / "a.mat", content)
+
+
+def test_a_matlab_file_of_bombs_in_cells_is_refused(tmp_path):
+    """A cell costs 8 bytes in the file, and one byte of it more where it is compressed."""
+    inside = struct.pack("<IIII", 6, 8, 1, 0) + struct.pack("<IIII", 5, 8, 2**31 - 1, 2**31 - 1)
+    inside += struct.pack("<II", 1, 0) + struct.pack("<II", 14, 0) * 1_000_000
+    packed = zlib.compress(struct.pack("<II", 14, len(inside)) + inside)
+    content = matlab(t=np.arange(60.0)) + struct.pack("<II", 15, len(packed)) + packed
+    assert "values or more" in refused(tmp_path / "a.mat", content)
+
+
+def test_structures_in_structures_without_end_are_refused(tmp_path):
+    inside = b""
+    for _ in range(3000):
+        fields = struct.pack("<IIII", 6, 8, 2, 0) + struct.pack("<IIII", 5, 8, 1, 1)
+        fields += struct.pack("<II", 1, 0) + struct.pack("<HHI", 5, 4, 2)
+        fields += struct.pack("<II", 1, 2) + b"a\0" + bytes(6)
+        inside = fields + struct.pack("<II", 14, len(inside)) + inside
+    content = matlab(t=np.arange(60.0)) + struct.pack("<II", 14, len(inside)) + inside
+    assert "not a readable MAT file" in refused(tmp_path / "a.mat", content)
+
+
+# --- Parquet ---
+
+
+def test_a_parquet_file_that_repeats_a_number_without_end_is_refused(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    constant = pa.DictionaryArray.from_arrays(np.zeros(5_000_000, np.int8), pa.array([1.5]))
+    parquet.write_table(pa.table({"t": constant}), path)
+    assert path.stat().st_size < 100_000
+    assert "5e+06 values" in refused(path)
+
+
+def test_a_text_that_a_parquet_file_repeats_is_kept_once(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path, count = tmp_path / "a.parquet", 50_000
+    texts = pa.DictionaryArray.from_arrays(np.zeros(count, np.int8), pa.array(["x" * 100_000]))
+    numbers = pa.DictionaryArray.from_arrays(
+        np.arange(count, dtype=np.int32) % 7, pa.array(np.arange(7.0))
+    )
+    parquet.write_table(pa.table({"note": texts, "u_V": numbers, "z_um": numbers}), path)
+    before = pa.default_memory_pool().max_memory()
+    tracemalloc.start()
+    try:
+        record = pj.Record.load(path, rate=1000.0, input="u_V", output="z_um")
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(record) == count
+    # Five gigabytes, were each text one of its own.
+    assert most < MOST_BYTES
+    assert pa.default_memory_pool().max_memory() - before < MOST_BYTES
+
+
+def test_lists_in_a_parquet_file_are_left_aside(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pa.table(columns() | {"more": [[1.0]] * 60}), path)
+    assert len(pj.Record.load(path)) == 60
+    assert "it holds lists or structures" in refused(path, aux=("more",))
+
+
+# --- models ---
+
+
+@pytest.fixture(scope="module")
+def content():
+    return plain_json(model_content())
+
+
+@pytest.mark.parametrize("opening", ["[", '{"a":'])
+@pytest.mark.parametrize("depth", [900, 100_000])
+def test_json_that_is_nested_without_end_is_refused(tmp_path, content, opening, depth):
+    text = json.dumps(content).replace('"offset": 0.25', f'"offset": {opening * depth}')
+    closing = {"[": "]", '{"a":': "1}"}[opening]
+    assert refused(tmp_path / "a.json", text)
+    whole = text.replace(opening * depth, opening * depth + closing[:-1] + closing[-1] * depth)
+    assert refused(tmp_path / "a.json", whole)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "says"),
+    [
+        (("levels",), 10**9, "expected as many numbers as 1000000000 levels have cells"),
+        (("levels",), 3.0, "levels is 3.0: expected a whole number"),
+        (("levels",), True, "levels is true"),
+        (("levels",), -3, "levels is -3"),
+        (("format_version",), True, "format version True"),
+        (("low",), 10**400, "low is a number of more than 30 digits"),
+        (("low",), 10.0, "expected a number below high"),
+        (("weights", 2), 10**400, "weights[2] is a number of more than 30 digits"),
+        (("weights", 2), True, "weights[2] is true: expected a finite number"),
+        (("weights", 2), "1", "weights[2] is '1': expected a finite number"),
+        (("visited", 0), 2, "visited[0] is 2: expected 0 or 1"),
+        (("visited", 0), [], "visited[0] is a list of 0: expected 0 or 1"),
+        (("first_run",), [0.0], "first_run is a list of 1: expected two numbers a level, 6"),
+        (("effects", 0, "name"), 3, "effects[0].name is 3: expected a text"),
+        (("effects", 0, "name"), "\ud800", "effects[0].name is '\\ud800': expected a text"),
+        (("effects", 1, "name"), "input_lag", "effects[1].name is 'input_lag': expected each"),
+        (("effects", 0, "settings"), [], "effects[0].settings is a list of 0: expected a table"),
+        (("effects", 0, "settings", "x"), 1, "effects[0].settings has 'x': expected one of"),
+        (("effects", 0, "settings", "tau_low_s"), "1", "settings.tau_low_s is '1'"),
+        (("effects", 0, "settings", "tau_low_s"), 99.0, "settings are of no input_lag"),
+        (("effects", 0, "settings", "tau_low_s"), -1.0, "settings are of no input_lag"),
+        (("effects", 1, "settings", "with_corners"), 1, "with_corners is 1: expected true or"),
+        (("effects", 3, "settings", "tau_s"), [], "tau_s is a list of 0: expected a list of"),
+        (("effects", 3, "settings", "tau_s"), 1.0, "tau_s is 1.0: expected a list"),
+        (("effects", 3, "settings", "tau_s", 1), None, "tau_s[1] is null"),
+        (("effects", 4, "settings", "waves"), 10**9, "waves is 1000000000: expected a whole"),
+        (("effects", 4, "settings", "waves"), -1, "waves is -1"),
+        (("effects", 4, "settings", "waves"), 9, "parameters.wave_1 is missing"),
+        (("effects", 4, "settings", "horizon_s"), 0.0, "settings are of no drift"),
+        (("effects", 4, "settings", "horizon_s"), 1e308, "effects[4]"),
+        (("effects", 5, "settings", "column"), "x", "effects[5].name is 'aux:load_N'"),
+        (("effects", 6, "settings", "half_waves"), 10**9, "half_waves is 1000000000"),
+        (("effects", 0, "parameters"), [], "effects[0].parameters is a list of 0"),
+        (("effects", 0, "parameters"), {}, "effects[0].parameters.tau_s is missing"),
+        (("effects", 0, "parameters", "tau_s"), 1.0, "parameters.tau_s is 1.0: expected a table"),
+        (("effects", 0, "parameters", "tau_s", "value"), 1e9, "tau_s.value is 1000000000.0"),
+        (("effects", 0, "parameters", "tau_s", "low"), "0", "tau_s.low is '0'"),
+        (("effects", 0, "parameters", "tau_s", "high"), [], "tau_s.high is a list of 0"),
+        (("columns", "aux"), ["load_N", None], "columns.aux[1] is null: expected a text"),
+        (("columns", "time"), None, "columns.time is null: expected a text"),
+        (("units", "input"), 3, "units.input is 3: expected a text"),
+        (("sampling",), None, "sampling is null: expected a table"),
+        (("identification", "rows"), -3, "identification.rows is -3"),
+        (("identification", "initial_memory"), "warm", "initial_memory is 'warm': expected one"),
+        (("identification", "stop_s"), 0.0, "identification.stop_s is 0.0: expected a time above"),
+        (("identification", "history"), [[0.0], [1.0]], "history[0] must be at least two times"),
+        (("identification", "history"), [[0, 1], [0]], "history must be two lists of one length"),
+        (("identification", "history", 0, 1), -1.0, "each above the one before"),
+        (("rms_validation",), -1.0, "rms_validation is -1.0: expected a finite number of at least"),
+        (("noise",), -1.0, "noise is -1.0"),
+        (("noise",), {}, "noise is a table of 0"),
+    ],
+    ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else None,
+)  # fmt: skip
+def test_each_key_of_a_model_is_checked(tmp_path, content, path, value, says):
+    damaged = json.loads(json.dumps(content))
+    inside = damaged
+    for key in path[:-1]:
+        inside = inside[key]
+    inside[path[-1]] = value
+    assert says in refused(tmp_path / "a.json", json.dumps(damaged))
+
+
+def test_what_was_saved_is_saved_again_as_the_same_bytes(tmp_path, content):
+    first, again = tmp_path / "a.json", tmp_path / "b.json"
+    pj.Model.from_json(content).save(first)
+    pj.Model.load(first).save(again)
+    assert first.read_bytes() == again.read_bytes()
+    assert json.loads(first.read_text()) == content
+
+
+# --- a little of the campaign itself ---
+
+
+@pytest.mark.parametrize("reader", SEEDS)
+def test_damaged_files_are_read_or_refused(tmp_path, reader):
+    path = tmp_path / f"file{ENDINGS[reader]}"
+    read = pj.Model.load if reader == "model" else read_table
+    counts = {"read": 0, "refused": 0}
+    for i, content in enumerate(readable_files(reader)):
+        path.write_bytes(content)
+        read(path)
+        for seed in range(15):
+            path.write_bytes(DAMAGE[reader](content, random.Random(100 * i + seed)))
+            try:
+                read(path)
+                counts["read"] += 1
+            except pj.InputError:
+                counts["refused"] += 1
+    assert min(counts.values()) > 0, counts

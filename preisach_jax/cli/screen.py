@@ -12,7 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from preisach_jax.rows import budget_rows, error_table, finding_parameters, headline
+from preisach_jax.rows import (
+    budget_rows,
+    error_table,
+    finding_parameters,
+    headline,
+    record_lines,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console

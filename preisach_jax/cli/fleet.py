@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -102,7 +103,7 @@ def fleet(
         _NAMES, partial(AdaptiveFilter, plane, hysteron, step_size=step_size)
     )
     pairs = [(record.input, record.output) for record in records]
-    names = [str(path) for path in data]
+    names = _names(data)
 
     def run(**watchers):
         work = partial(fleet_to_folder, out, adaptive, pairs, names, passes, chunk, resume)
@@ -151,6 +152,23 @@ def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
         samples = sum(len(record.time) for record in records)
         screen.note(f"{len(records)} records, {samples:,} samples in all")
     return records
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """What the results call the records: their files, from the folder that holds them all.
+
+    Folders above it tell who works where, which is nobody's business who reads the results.
+
+    Example:
+        >>> _names([Path("/home/ada/a/x.csv"), Path("/home/ada/b/x.csv")])
+        ['a/x.csv', 'b/x.csv']
+    """
+    whole = [path.resolve().parent / path.name for path in paths]
+    try:
+        common = os.path.commonpath([path.parent for path in whole])
+    except ValueError:  # on several drives
+        return [str(path) for path in paths]
+    return [path.relative_to(common).as_posix() for path in whole]
 
 
 def _check_range(paths: Sequence[Path], records: Sequence[Record], plane: Plane) -> None:
@@ -204,8 +222,18 @@ def _table(unit: str, rows: Sequence[Row]) -> bytes:
             "replay_error (%)",
         ]
     )
-    writer.writerows(rows)
+    writer.writerows(row._replace(record=_no_formula(row.record)) for row in rows)
     return text.getvalue().encode()
+
+
+def _no_formula(name: str) -> str:
+    """A name that no spreadsheet takes for a formula, which might call programs or send data away.
+
+    Example:
+        >>> _no_formula("=1+1.csv"), _no_formula("stage.csv")
+        ("'=1+1.csv", 'stage.csv')
+    """
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name
 
 
 def _show(unit: str, rows: Sequence[Row]) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import platform
+import shlex
 from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -71,10 +73,43 @@ def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
         "record": record_rows(record),
         "model": model_rows(found.model),
         "software": _software_rows(),
-        "command": command,
+        "command": shareable(command),
         "method": _method(found),
         "references": REFERENCES,
     }
+
+
+def shareable(command: str | None) -> str | None:
+    """A command line for a page that is given to others: of files elsewhere the names alone.
+
+    Folders outside of the one where the command was given tell who gave it, and where; the command
+    repeats the work where the files are at hand.
+
+    Arguments:
+        command: the command line, None if there is none.
+
+    Returns:
+        It, with the last part of each absolute path, and of each that leads upward.
+
+    Example:
+        >>> shareable("preisach diagnose /home/ada/stage.csv --report=/home/ada/r --unit v=um/s")
+        'preisach diagnose stage.csv --report=r --unit v=um/s'
+    """
+    if command is None:
+        return None
+    words = []
+    for word in shlex.split(command):
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        words.append(f"{option}{equals}{_name_of_path_elsewhere(value)}")
+    return shlex.join(words)
+
+
+def _name_of_path_elsewhere(word: str) -> str:
+    for kind in (PurePosixPath, PureWindowsPath):
+        path = kind(word)
+        if path.is_absolute() or path.parts[:1] in {("..",), ("~",)} or word.startswith("~"):
+            return path.name or "."
+    return word
 
 
 def comparison_page(comparison: Comparison, command: str | None) -> dict[str, Any]:
@@ -97,7 +132,7 @@ def comparison_page(comparison: Comparison, command: str | None) -> dict[str, An
         "record": record_rows(record),
         "model": model_rows(model),
         "software": _software_rows(),
-        "command": command,
+        "command": shareable(command),
     }
 
 

@@ -1,0 +1,319 @@
+"""What comes from elsewhere is data and never program, and what goes elsewhere tells of nobody."""
+
+import ast
+import base64
+import csv
+import io
+import os
+import pickle
+import re
+import socket
+import time
+import zipfile
+from html.parser import HTMLParser
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.cli import main
+from preisach_jax.report.content import shareable
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = Path(pj.__file__).parent
+
+SECRETS = ("secret-home", "secret-user", "secret-host")
+HOSTILE_FILE = "=<img src=x onerror=alert(1)>.csv"
+HOSTILE_COLUMNS = ("t [s]", "u<script>alert(2)</script> [<b>V]", "z\"'><svg onload=alert(3)> [um]")
+
+
+def write_record(path, gain=1.0, samples=500):
+    """A record whose header holds markup."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    t = np.arange(samples) / 100
+    u = 5 - 5 * np.cos(2 * t * (1 + t / 10))
+    z = gain * u**1.1
+    rows = [f"{a:.2f};{b:.6f};{c:.6f}" for a, b, c in zip(t, u, z, strict=True)]
+    path.write_text("\n".join([";".join(HOSTILE_COLUMNS), *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory):
+    """Everything that the commands and the methods write, made by somebody with secrets."""
+    root = tmp_path_factory.mktemp("someone")
+    home, out = root / SECRETS[0] / "ada", tmp_path_factory.mktemp("given_away")
+    data = write_record(home / HOSTILE_FILE)
+    others = [write_record(home / "stages" / f"{k}.csv", gain=2.0 + k) for k in range(2)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(home))
+        patch.setenv("USER", SECRETS[1])
+        patch.setenv("LOGNAME", SECRETS[1])
+        patch.setenv("HOSTNAME", SECRETS[2])
+        patch.setattr("socket.gethostname", lambda: SECRETS[2])
+        patch.setattr("platform.node", lambda: SECRETS[2])
+        report = out / "report"
+        columns = [word for name in zip(("--time", "--input", "--output"), HOSTILE_COLUMNS,
+                                        strict=True) for word in name]  # fmt: skip
+        fixed = ["--effects", "drift", "--levels", "5"]
+        run("diagnose", data, *columns, *fixed, "--report", report)
+        run("fit", data, *columns, "--levels", "5", "--out", out / "model.json")
+        run("compare", out / "model.json", data, "--report", out / "comparison")
+        run("predict", out / "model.json", data, "--out", out / "prediction.csv")
+        fleet = ["--output", HOSTILE_COLUMNS[2], "--levels", "4", "--out", out / "fleet"]
+        run("fleet", data, *others, *columns[:4], *fleet)
+        sweep = pj.sweep(jax.random.key(0), levels=(3,), noise=(0.1,), seeds=1, samples=1000)
+        sweep.save(out / "sweep.npz")
+        online = pj.OnlineFilter(pj.AdaptiveFilter(pj.Plane(levels=3, low=0.0, high=1.0)))
+        online(0.5, 1.0)
+        online.save(out / "online.npz")
+    return out
+
+
+def run(*words):
+    assert main([str(word) for word in words]) == 0
+
+
+def texts(path):
+    """All bytes of a file, those that are packed in it too."""
+    content = path.read_bytes()
+    yield content
+    if path.suffix == ".html":
+        for packed in re.findall(rb"base64,([A-Za-z0-9+/=]+)", content):
+            yield base64.b64decode(packed)
+    if path.suffix == ".npz":
+        with zipfile.ZipFile(path) as archive:
+            for name in archive.namelist():
+                yield archive.read(name)
+
+
+def test_what_is_written_tells_nobody_who_wrote_it_and_where(outputs):
+    files = [path for path in outputs.rglob("*") if path.is_file()]
+    kinds = {path.suffix for path in files}
+    assert {".json", ".html", ".png", ".csv", ".npz"} <= kinds
+    assert (outputs / "fleet" / "fleet.zarr" / "zarr.json") in files
+    machine = [os.uname().nodename] if len(os.uname().nodename) > 4 else []
+    for path in files:
+        for content in texts(path):
+            for secret in (*SECRETS, str(outputs.parent), *machine):
+                assert secret.encode() not in content, f"{path} holds {secret}"
+
+
+def test_the_search_finds_what_is_packed(tmp_path):
+    np.savez(tmp_path / "a.npz", about=np.asarray("ada in secret-home"))
+    page = b"<img src=data:image/svg+xml;base64," + base64.b64encode(b"secret-home") + b">"
+    (tmp_path / "a.html").write_bytes(page)
+    for path in tmp_path.iterdir():
+        found = b"".join(texts(path)).replace(b"\0", b"")
+        assert b"secret-home" in found, path
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("preisach diagnose /home/ada/x.csv -q", "preisach diagnose x.csv -q"),
+        ("preisach fit ../../ada/x.csv --out=/home/ada/m", "preisach fit x.csv --out=m"),
+        (r"preisach diagnose 'C:\Users\ada\x.csv'", "preisach diagnose x.csv"),
+        ("preisach diagnose a/x.csv --unit v=um/s", "preisach diagnose a/x.csv --unit v=um/s"),
+        ("preisach diagnose 'a & b.csv'", "preisach diagnose 'a & b.csv'"),
+    ],
+)  # fmt: skip
+def test_commands_in_reports_name_files_and_not_whose_they_are(command, told):
+    assert shareable(command) == told
+
+
+class Tags(HTMLParser):
+    """The elements of a page and their attributes."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+
+@pytest.mark.parametrize("page", ["report/report.html", "comparison/report.html"])
+def test_nothing_that_a_file_says_of_itself_becomes_markup(outputs, page):
+    text = (outputs / page).read_text(encoding="utf-8")
+    assert "alert(1)" in text
+    assert "alert(2)" in text
+    tags = Tags(text).found
+    assert [tag for tag, _ in tags].count("script") == 1
+    assert not {"svg", "b"} & {tag for tag, _ in tags}
+    for tag, attributes in tags:
+        assert not [name for name in attributes if name.startswith("on")], (tag, attributes)
+        if tag == "img":
+            assert attributes["src"].startswith("data:image/svg+xml;base64,")
+    for packed in re.findall(r"base64,([A-Za-z0-9+/=]+)", text):
+        drawn = Tags(base64.b64decode(packed).decode()).found
+        assert not {"script", "img", "b", "foreignobject"} & {tag for tag, _ in drawn}
+        assert not [name for _, each in drawn for name in each if name.startswith("on")]
+
+
+def test_no_cell_from_a_name_is_a_formula_to_a_spreadsheet(outputs):
+    text = (outputs / "fleet" / "fleet.csv").read_text(encoding="utf-8")
+    table = list(csv.reader(io.StringIO(text)))
+    assert table[1][0] == f"'{HOSTILE_FILE}"
+    for row in table:
+        for cell in row:
+            is_number = re.fullmatch(r"-?[\d.]+(e[+-]\d+)?", cell)
+            assert is_number or not cell.startswith(("=", "+", "-", "@", "\t", "\r")), cell
+
+
+def calls():
+    """All calls in the package, as `(file, function, call)`."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                yield path, ast.unparse(node.func), node
+
+
+def test_no_text_is_run_as_a_program():
+    seen = 0
+    for path, function, call in calls():
+        seen += 1
+        forbidden = {"eval", "exec", "compile", "__import__", "os.system", "os.popen"}
+        assert function not in forbidden, f"{path}: {function}"
+        assert not function.startswith("subprocess."), f"{path}: {function}"
+        if function in {"np.load", "numpy.load"}:
+            options = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+            assert options.get("allow_pickle") == "False", path
+    assert seen > 1000
+
+
+def test_nothing_that_unpacks_programs_is_imported():
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            roots = {name.split(".")[0] for name in names}
+            assert not roots & {"pickle", "marshal", "shelve", "dill", "joblib", "yaml"}, path
+
+
+class Payload:
+    """What makes a folder when it is unpickled."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.folder),)
+
+
+def test_objects_packed_into_arrays_are_refused_and_not_run(tmp_path):
+    ran = tmp_path / "ran"
+    harmful = np.array([Payload(ran)] * 50, dtype=object)
+    path = tmp_path / "harmful.npz"
+    np.savez(path, t=np.arange(50.0), u=harmful, z=harmful, about=harmful)
+    with pytest.raises(pj.InputError):
+        pj.Record.load(path, time="t", input="u", output="z")
+    with pytest.raises(pj.InputError):
+        pj.OnlineFilter.load(path)
+    with pytest.raises(pj.InputError):
+        pj.Sweep.load(path)
+    bare = tmp_path / "harmful.json"
+    bare.write_bytes(pickle.dumps(Payload(ran)))
+    with pytest.raises(pj.InputError):
+        pj.Model.load(bare)
+    assert not ran.exists()
+    with np.load(path, allow_pickle=True) as archive:
+        assert len(archive["u"]) == 50
+    assert ran.exists()  # so it does run where it is let
+
+
+@pytest.fixture(scope="module")
+def server():
+    """The page, served without a browser."""
+    pytest.importorskip("panel")
+    from preisach_jax.app.server import free_port, serve
+
+    port = free_port("127.0.0.1")
+    thread = serve(port=port, show=False, threaded=True)
+    for _ in range(400):
+        with socket.socket() as trial:
+            trial.settimeout(0.1)
+            if trial.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.05)
+    else:
+        pytest.fail("the page does not answer")
+    yield port
+    thread.stop()
+
+
+def test_the_page_listens_to_this_machine_alone(server):
+    listening = [
+        line.split()[1]
+        for table in ("/proc/net/tcp", "/proc/net/tcp6")
+        if Path(table).exists()
+        for line in Path(table).read_text().splitlines()[1:]
+        if line.split()[3] == "0A"
+    ]
+    if not listening:
+        pytest.skip("this system does not tell who listens")
+    addresses = [one.split(":")[0] for one in listening if int(one.split(":")[1], 16) == server]
+    assert addresses == ["0100007F"]
+
+
+@pytest.mark.parametrize(
+    ("origin", "answer"),
+    [
+        ("http://127.0.0.1:{port}", "101"),
+        ("http://localhost:{port}", "101"),
+        ("http://evil.example", "403"),
+        ("http://evil.example:{port}", "403"),
+        ("http://127.0.0.1.evil.example:{port}", "403"),
+        ("http://127.0.0.1:1", "403"),
+        ("null", "403"),
+    ],
+)
+def test_only_the_page_itself_may_talk_to_its_server(server, origin, answer):
+    token = re.search(r'"token":\s*"([^"]+)"', fetched(server))
+    assert token is not None
+    lines = [
+        "GET /ws HTTP/1.1", f"Host: 127.0.0.1:{server}", "Upgrade: websocket",
+        "Connection: Upgrade", f"Origin: {origin.format(port=server)}",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13",
+        f"Sec-WebSocket-Protocol: bokeh, {token[1]}", "", "",
+    ]  # fmt: skip
+    with socket.create_connection(("127.0.0.1", server), timeout=60) as connection:
+        connection.sendall("\r\n".join(lines).encode())
+        assert connection.recv(200).split()[1].decode() == answer
+
+
+def fetched(port):
+    """The page as HTML."""
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
+        connection.sendall(b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n")
+        return b"".join(iter(lambda: connection.recv(65536), b"")).decode(errors="replace")
+
+
+def test_every_dependency_is_pinned_with_its_hashes():
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    logical = re.sub(r"\\\n", " ", re.sub(r"(?m)^#.*\n", "", text)).splitlines()
+    pinned = [line for line in logical if line.strip()]
+    assert len(pinned) > 50
+    for line in pinned:
+        assert re.match(r"[A-Za-z0-9._-]+(\[[a-z,]+\])?==\S+ ", line), line
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}\b", line), line
+
+
+def test_what_continuous_integration_installs_is_pinned():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    setup = re.search(r"(?ms)^\$\(STAMP\):.*?\n\n", makefile)
+    assert setup is not None
+    installs = [line for line in setup[0].splitlines() if "pip install" in line]
+    assert len(installs) == 2
+    for (
+        line
+    ) in installs:  # the lock, whose hashes pip checks as soon as it has one, or this package
+        assert "-r requirements.lock" in line or "--no-deps --no-build-isolation" in line
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "pip install" not in ci
+    assert {line for line in ci.splitlines() if line.startswith("make ")} == {
+        "make test", "make lint", "make docs",
+    }  # fmt: skip

@@ -75,15 +75,16 @@ def read_time(
     assert factors is not None  # name_channels has refused any other unit
     with np.errstate(over="ignore"):  # an infinite time is refused with its row
         seconds = values * factors[0] / factors[1]
-        if _counts_from_an_epoch(seconds):
+        if _counts_from_an_epoch(table, seconds):
             seconds = table.from_first(column) * factors[0] / factors[1]
     check_increasing(seconds, values, lambda k: table.place(column, k))
     return values, seconds
 
 
-def _counts_from_an_epoch(seconds: np.ndarray) -> bool:
-    """Whether times are so great that they count from 1970 or another epoch."""
-    return bool(np.isfinite(seconds).all() and abs(seconds[0]) >= EPOCH_S)
+def _counts_from_an_epoch(table: Table, seconds: np.ndarray) -> bool:
+    """Whether times of a file are so great that they count from 1970 or another epoch."""
+    is_great = bool(np.isfinite(seconds).all() and abs(seconds[0]) >= EPOCH_S)
+    return is_great and not table.is_record
 
 
 def read_input(table: Table, column: str) -> np.ndarray:
@@ -141,7 +142,7 @@ def _epoch_start(table: Table, column: str, channels: Mapping[str, Channel]) -> 
         return None
     with np.errstate(over="ignore"):
         seconds = values * factors[0] / factors[1]
-    return float(seconds[0]) if _counts_from_an_epoch(seconds) else None
+    return float(seconds[0]) if _counts_from_an_epoch(table, seconds) else None
 
 
 def _read_complete(table: Table, column: str, remedy: str) -> np.ndarray:

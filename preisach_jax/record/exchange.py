@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +60,9 @@ def table_of_frame(frame: pd.DataFrame, source: str) -> tuple[Table, tuple[str, 
         roles={role: c for role, c in about.get("roles", {}).items() if c in names},
         initial_memory=about.get("initial_memory", "free"),
     )
-    return table, tuple(name for name in about.get("aux", ()) if name in names)
+    is_record = "time" in table.roles
+    aux = tuple(name for name in about.get("aux", ()) if name in names)
+    return replace(table, is_record=is_record), aux
 
 
 def _plain(column: pd.Series) -> np.ndarray:
@@ -145,7 +148,9 @@ def table_of_dataset(dataset: xr.Dataset, source: str) -> tuple[Table, tuple[str
         roles=roles,
         initial_memory=str(dataset.attrs.get("initial_memory", "free")),
     )
-    return table, tuple(name for name, v in found.items() if v.attrs.get("role") == "aux")
+    is_record = "initial_memory" in dataset.attrs
+    aux = tuple(name for name, v in found.items() if v.attrs.get("role") == "aux")
+    return replace(table, is_record=is_record), aux
 
 
 def dataset_of(record: Record) -> xr.Dataset:

@@ -148,7 +148,8 @@ def _matrix(view: memoryview, order: str, budget: _Budget) -> tuple[str, Any]:
     if kind in _CLASSES:
         values = _values(parts, kind, order, count)
         if flags & _IS_COMPLEX:
-            values = values + 1j * _values(parts, kind, order, count)
+            values = values.astype(complex)
+            values.imag = _values(parts, kind, order, count)
         return name, np.squeeze(values.reshape(shape, order="F"))
     if kind == _TEXT:
         return name, _text(*next(parts), shape, order)

@@ -38,6 +38,8 @@ class Table:
         roles: the column of each role, where the format fixes it.
         initial_memory: the state at the first sample, where the format knows it.
         notes: what the reader assumed, in sentences for the user.
+        is_record: whether it was made of a record, whose times stay what they are: in a file, great
+            ones count from an epoch.
         exact: columns of numbers so great that float64 cuts them: (K,) int64, or the texts.
     """
 
@@ -51,6 +53,7 @@ class Table:
     roles: Mapping[str, str] = field(default_factory=dict)
     initial_memory: str = "free"
     notes: tuple[str, ...] = ()
+    is_record: bool = False
     exact: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def listing(self) -> str:

@@ -1,0 +1,120 @@
+"""What laws are tried on: planes, input histories, weights, records, effects and models."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import hypothesis.strategies as st
+import numpy as np
+from trust.seeds import model_content
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain
+from preisach_jax.files import plain_json
+from preisach_jax.hysteron import HYSTERONS
+
+SAMPLES = 40
+"""Samples of every history, so that what is compiled for one serves all."""
+
+hysterons = st.sampled_from(HYSTERONS)
+
+# What runs on a plane is compiled for it, so these are few. The width of a cell is a power of two:
+# thresholds are exact.
+PLANES = (pj.Plane(2, -1.0, 1.0), pj.Plane(5, 16.0, 26.0))
+planes = st.sampled_from(PLANES)
+
+
+@st.composite
+def histories(draw, plane: pj.Plane, samples: int = SAMPLES) -> np.ndarray:
+    """Inputs by eighths of a cell, which often rest, turn on thresholds and reach the limits."""
+    eighths = st.integers(0, 8 * plane.levels)
+    return plane.low + plane.delta_x / 8 * np.array(
+        draw(st.lists(eighths, min_size=samples, max_size=samples)), dtype=float
+    )
+
+
+@st.composite
+def weights(draw, plane: pj.Plane) -> np.ndarray:
+    """Weights of at least zero, some of them zero; small whole numbers, whose sums are exact."""
+    count = plane.cells
+    return np.array(draw(st.lists(st.integers(0, 1000), min_size=count, max_size=count))) / 8.0
+
+
+numbers = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
+UNITS = ("V", "mV", "um", "µm", "N", "A/m", "degC", "%")
+_NAMES = st.text("abcdefgxyzäµ0123456789 _-", min_size=1, max_size=12).map(str.strip)
+_TAKEN = {"time", "input", "output", ""}
+
+
+@st.composite
+def records(draw, great: bool = False) -> pj.Record:
+    """Records of any values and units, with holes in the output and auxiliary columns.
+
+    Where they are `great`, times may be so too, as those of a file that counts from an epoch.
+    """
+    count = draw(st.integers(60, 90))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    scale = 10.0 ** draw(st.integers(-9, 9 if great else 3))
+    steps = scale * rng.uniform(0.1, 1.0, count)
+    begin = draw(st.sampled_from([0.0, -5.0, 1e4])) * scale
+    drive, output = rng.normal(size=(2, count)) * 10.0 ** draw(st.integers(-12, 12))
+    drive[:5] = draw(st.lists(numbers, min_size=5, max_size=5))
+    output[rng.uniform(size=count) < draw(st.sampled_from([0.0, 0.1]))] = np.nan
+    names = draw(st.lists(_NAMES.filter(lambda name: name not in _TAKEN), unique=True, max_size=2))
+    aux = {name: rng.normal(size=count) for name in names}
+    keys = ["input", "output", *aux]
+    return pj.Record.from_arrays(
+        begin + np.cumsum(steps),
+        drive,
+        output,
+        aux=aux,
+        units={key: draw(st.sampled_from(UNITS)) for key in keys},
+        name=draw(_NAMES.filter(bool)),
+        initial_memory=draw(st.sampled_from(["low", "high", "demagnetised", "free"])),
+    )
+
+
+@st.composite
+def values_of(draw, parameter: pj.Parameter) -> float:
+    """A value within the bounds of a parameter, both of them included."""
+    low, high = (min(max(bound, -10.0), 10.0) for bound in (parameter.low, parameter.high))
+    if parameter.log:
+        low, high = float(parameter.low), float(parameter.high)
+        exponent = draw(st.floats(math.log(low), math.log(high)))
+        return min(max(math.exp(exponent), low), high)
+    return draw(st.floats(low, high, allow_subnormal=False))
+
+
+@st.composite
+def models(draw, effects: tuple[pj.Effect, ...], levels: int = 3) -> pj.Model:
+    """Models of some effects on the record of `trust.seeds`, made of the content of a file."""
+    content: dict[str, Any] = plain_json(model_content())
+    plane = pj.Plane(levels, content["low"], content["high"])
+    chain = Chain(plane, effects)
+    content |= {
+        "levels": levels,
+        "weights": draw(weights(plane)).tolist(),
+        "memory": [0.0] * plane.cells,
+        "visited": [1] * plane.cells,
+        "first_run": draw(st.lists(numbers, min_size=2 * levels, max_size=2 * levels)),
+        "offset": draw(numbers),
+    }
+    declared = {effect.name: list(effect.parameters()) for effect in effects}
+    for name, coefficient in chain.coefficients:
+        declared[name].append(coefficient)
+    content["effects"] = [
+        {
+            "name": effect.name,
+            "settings": effect.settings(),
+            "parameters": {
+                parameter.name: {
+                    "value": draw(values_of(parameter)), "low": None, "high": None,
+                    "unit": parameter.unit,
+                }
+                for parameter in declared[effect.name]
+            },
+        }
+        for effect in effects
+    ]  # fmt: skip
+    return pj.Model.from_json(content)

@@ -41,6 +41,7 @@ def weights(draw, plane: pj.Plane) -> np.ndarray:
     return np.array(draw(st.lists(st.integers(0, 1000), min_size=count, max_size=count))) / 8.0
 
 
+moderate = st.floats(-100.0, 100.0, allow_subnormal=False)
 numbers = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
 UNITS = ("V", "mV", "um", "µm", "N", "A/m", "degC", "%")
 _NAMES = st.text("abcdefgxyzäµ0123456789 _-", min_size=1, max_size=12).map(str.strip)
@@ -97,24 +98,30 @@ def models(draw, effects: tuple[pj.Effect, ...], levels: int = 3) -> pj.Model:
         "weights": draw(weights(plane)).tolist(),
         "memory": [0.0] * plane.cells,
         "visited": [1] * plane.cells,
-        "first_run": draw(st.lists(numbers, min_size=2 * levels, max_size=2 * levels)),
-        "offset": draw(numbers),
+        "first_run": draw(st.lists(moderate, min_size=2 * levels, max_size=2 * levels)),
+        "offset": draw(moderate),
     }
+    # A sensor whose map turns back on itself reads several values at once, and is none.
+    bent = [
+        c
+        for effect in effects
+        if isinstance(effect, pj.SensorEffect)
+        for c in effect.coefficients()
+    ]
     declared = {effect.name: list(effect.parameters()) for effect in effects}
     for name, coefficient in chain.coefficients:
         declared[name].append(coefficient)
+
+    def estimate(parameter: pj.Parameter) -> dict[str, Any]:
+        value = draw(values_of(parameter)) * (1e-6 if parameter in bent else 1.0)
+        return {"value": value, "low": None, "high": None, "unit": parameter.unit}
+
     content["effects"] = [
         {
             "name": effect.name,
             "settings": effect.settings(),
-            "parameters": {
-                parameter.name: {
-                    "value": draw(values_of(parameter)), "low": None, "high": None,
-                    "unit": parameter.unit,
-                }
-                for parameter in declared[effect.name]
-            },
+            "parameters": {p.name: estimate(p) for p in declared[effect.name]},
         }
         for effect in effects
-    ]  # fmt: skip
+    ]
     return pj.Model.from_json(content)

@@ -8,6 +8,8 @@ depend on the input alone: one list serves every noise level and every initial w
 
 from __future__ import annotations
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,6 +19,11 @@ from jax.typing import ArrayLike
 
 from preisach_jax.hysteron import path_and_start, position_on
 from preisach_jax.plane import Plane
+from preisach_jax.update import UpdateRule
+
+EVENTS_TO_REFRESH = 1024
+"""After so many events at most, an output that is summed up along them is summed afresh over the
+plane, so that rounding does not pile up in it."""
 
 
 class Switching(eqx.Module):
@@ -230,6 +237,47 @@ def _extremes(
     return found, end
 
 
+def relays_between(
+    plane: Plane, x: jax.Array, switching: Switching
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the relays that are on before some of the events, from which sums can begin afresh.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
+        switching: its events, as `events_and_states` finds them.
+
+    Returns:
+        `(first, lowest)`: (stretches,) the events at which stretches of equal length begin, of
+        `EVENTS_TO_REFRESH` events or somewhat fewer, and (stretches, levels) how many relays of
+        each row α are on before them, those of the lowest β.
+
+    Example:
+        >>> plane, x = Plane(levels=2, low=0.0, high=2.0), jnp.asarray([0.0, 2.0, 1.0])
+        >>> first, lowest = relays_between(plane, x, events_and_states(plane, x)[0])
+        >>> first.tolist(), lowest.tolist()
+        ([0], [[0, 0]])
+    """
+    levels = np.asarray(relay_levels(plane, x))
+    _, to = moves_of(levels)
+    before = np.append(levels[0], to[:-1])
+    # Of two sizes that are both rounded up, the one divides the other in few parts.
+    size = math.gcd(len(to), EVENTS_TO_REFRESH) if len(to) > EVENTS_TO_REFRESH else len(to)
+    index = np.arange(plane.levels)
+    lowest = [np.where(index < levels[0], levels[0], 0)]
+    for begin in range(size, len(to), size):
+        part, came = to[begin - size : begin], before[begin - size : begin]
+        since = np.minimum.accumulate(part[::-1])[::-1]
+        row = np.minimum(lowest[-1], since[0])
+        up = np.flatnonzero(part > came)
+        count = (part - came)[up]
+        passed = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        # Of a row that is passed upward more than once, the last time is assigned last.
+        row[np.repeat(came[up], count) + passed] = np.repeat(since[up], count)
+        lowest.append(row)
+    return np.arange(0, len(to), size), np.asarray(lowest, np.int32)
+
+
 def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | jax.Array:
     """Quantise an input to the levels that relays see, with the rest it may start with.
 
@@ -417,7 +465,7 @@ def adapt_over_events(
     switching: Switching,
     increments: ArrayLike,
     weights: ArrayLike,
-    step_size: ArrayLike = 1.0,
+    rule: UpdateRule | None = None,
 ) -> tuple[jax.Array, jax.Array]:
     """Run the paper's recursion over switching events, for many outputs of one input at once.
 
@@ -430,7 +478,7 @@ def adapt_over_events(
         increments: (events, lanes) rise of the measured output since the event before (at the first
             one, since the start), in the unit of the output.
         weights: (cells, lanes) weights to start from, same unit.
-        step_size: () or (lanes,) step size μ, by which e/A is multiplied.
+        rule: what an error does; without it, the paper's rule.
 
     Returns:
         `(weights, errors)`: (cells, lanes) weights after the last event, and (events, lanes) errors
@@ -444,6 +492,38 @@ def adapt_over_events(
         >>> weights[:, 0].tolist()
         [0.5, 0.5, 2.0, 0.0, 0.0, 0.0]
     """
+    weights, errors, _ = adapt_and_share(plane, switching, increments, weights, rule)
+    return weights, errors
+
+
+def adapt_and_share(
+    plane: Plane,
+    switching: Switching,
+    increments: ArrayLike,
+    weights: ArrayLike,
+    rule: UpdateRule | None = None,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Do what `adapt_over_events` does, and tell what the updates add to the weights in sum.
+
+    Args:
+        plane: the Preisach plane.
+        switching: the events of the input that all lanes share.
+        increments: (events, lanes) rise of the measured output since the event before.
+        weights: (cells, lanes) weights to start from, in the unit of the output.
+        rule: what an error does; without it, the paper's rule.
+
+    Returns:
+        `(weights, errors, shares)`, the last one (events, lanes): the sum of what each event adds
+        to the weights of its cells, 0 where it adds nothing.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> switching = switching_events(plane, [0.0, 2.0, 1.0])
+        >>> rises, rule = jnp.asarray([[6.0], [-2.0]]), UpdateRule(0.5)
+        >>> adapt_and_share(plane, switching, rises, jnp.zeros((3, 1)), rule)[2].tolist()
+        [[3.0], [0.5]]
+    """
+    rule = UpdateRule() if rule is None else rule
     weights = jnp.asarray(weights)
     increments = jnp.asarray(increments, weights.dtype)
     sign, area = switching.sign.astype(weights.dtype), switching.area.astype(weights.dtype)
@@ -451,11 +531,22 @@ def adapt_over_events(
     def adapt(weights, event):
         crossing, increment, sign, area = event
         cells = crossing.cells(plane)
-        estimate = jnp.sum(weights.at[cells].get(mode="fill", fill_value=0.0), axis=0)
-        error = jnp.where(area > 0, increment - sign * estimate, 0.0)
-        move = step_size * sign * error / jnp.maximum(area, 1.0)
+        there = weights.at[cells].get(mode="fill", fill_value=0.0)
+        error = jnp.where(area > 0, increment - sign * jnp.sum(there, axis=0), 0.0)
+        move = sign * rule.rate(error, jnp.maximum(area, 1.0))
+        if rule.dead_zone is not None:
+            move = jnp.where(rule.learns(error), move, 0.0)
         move = jnp.broadcast_to(move, (cells.shape[0], move.shape[0]))
         # Fillings repeat an index, so that indices are not unique; they are dropped.
-        return weights.at[cells].add(move, mode="drop"), error
+        if rule.nonnegative:
+            new = jnp.maximum(there + move, 0.0)
+            share = jnp.sum(jnp.where((cells < plane.cells)[:, None], new - there, 0.0), axis=0)
+            return weights.at[cells].set(new, mode="drop"), (error, share)
+        return weights.at[cells].add(move, mode="drop"), (error, None)
 
-    return jax.lax.scan(adapt, weights, (switching, increments, sign, area))
+    events = (switching, increments, sign, area)
+    weights, (errors, shares) = jax.lax.scan(adapt, weights, events)
+    if shares is None:
+        learns = rule.learns(errors) & (area > 0)[:, None]
+        shares = jnp.where(learns, sign[:, None] * rule.rate(errors, 1.0), 0.0)
+    return weights, errors, shares

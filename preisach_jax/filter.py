@@ -16,7 +16,13 @@ from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.branches import output_along_branches
 from preisach_jax.errors import InputError
-from preisach_jax.events import Switching, adapt_over_events, events_and_states
+from preisach_jax.events import (
+    Switching,
+    adapt_and_share,
+    adapt_over_events,
+    events_and_states,
+    relays_between,
+)
 from preisach_jax.hysteron import (
     as_float,
     as_path,
@@ -28,10 +34,14 @@ from preisach_jax.hysteron import (
 )
 from preisach_jax.moves import EVENT_SIZE, RampMoves, adapt_over_moves, ramp_moves
 from preisach_jax.plane import Plane
+from preisach_jax.update import UpdateRule
 
 SAMPLINGS = ("event", "sample")
 
 FORMS = ("auto", "dense", "event")
+
+MOST_SAMPLES = 2**31 - 1
+"""Samples of one run: they are counted in 32 bits. An `OnlineFilter` takes any number of runs."""
 
 WITHOUT_VALUES = "for numbers without values, inside a compiled or differentiated function"
 
@@ -205,16 +215,42 @@ class AdaptiveFilter(eqx.Module):
 
     Only differences of the output are used, so z and the model's output may differ by a constant.
 
+    For a filter that runs for long there are four more options, all off unless given. With all of
+    them an update is R̂ ← R₀ + (1-λ)(R̂ - R₀) + μ s·ê/(sᵀs) with the initial weights R₀ and the used
+    error ê, and then R̂ ← max(R̂, 0) where s ≠ 0. From e = ν - ΣE follows what becomes of (15):
+    ‖E(k+1)‖² = ‖F‖² + (2μ ê sᵀF + μ² ê²)/A with F = (1-λ) E + λ (R₀ - R), and no more than
+    that where a weight was set to 0.
+
+    - `dead_zone` d: where |e| ≤ d nothing is updated (ê = 0), and the next difference begins there.
+      An update takes μ e ((2-μ) e - 2ν)/A from ‖E‖², so ‖E‖ never grows if |ν| ≤ (1-μ/2) d. Noise
+      in (15), (21) is μ²⟨ν²; |ν| > d⟩/A in place of μ²⟨ν²⟩/A, and none if all |ν| ≤ d and |e| ≤ d.
+      What is left to learn stays: up to d an event.
+    - `error_limit` c: ê = e cut off at ±c, so that no update moves R̂ by more than μc/√A, whatever
+      the output does. Without noise ‖E(k+1)‖² ≤ ‖E(k)‖² - μ(2-μ) ê²/A, still never growing. A
+      spike of one sample is in two differences.
+    - `leakage` λ: each update takes so much of R̂ - R₀, of all cells. Then ‖R̂ - R₀‖ stays below
+      μ |Δz - R₀ᵀs|/(λ√A), greatest over the events, if μ ≤ 2(1-λ), and forgets noise and faults in
+      1/λ updates, also where the input never returns: (21) has 1-λ in place of the slowest
+      contraction. In exchange, of an initial ΣE that is met again and again, λ/(λ+μ) remains.
+    - `nonnegative`: a projection onto weights R̂ ≥ 0, which takes R̂ no farther from a truth R ≥ 0,
+      so that (15) bounds ‖E(k+1)‖² from above, and (21) holds as it is.
+
     Args:
         plane: the Preisach plane.
         hysteron: "relay" or "ramp".
         sampling: "event" or "sample".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
         step_size: () step size μ, 0 < μ < 2; 1 is the paper's.
+        dead_zone: () size d ≥ 0 of errors that update nothing, in the unit of the output. An error
+            holds the noise of two samples: for noise of the deviation σ, 3√2 σ leaves 0.3 % of it.
+        leakage: () share λ of the distance to the initial weights that an update takes, 0 ≤ λ < 1,
+            λ + μ < 2. It needs the dense form.
+        error_limit: () size c > 0 at which errors are cut off, in the unit of the output.
+        nonnegative: whether weights that an update brings below 0 are set to 0.
 
     Raises:
-        InputError: a name is unknown, an initial weight is not finite or has a wrong shape, or the
-            step size is out of its range.
+        InputError: a name is unknown, an initial weight is not finite or has a wrong shape, or a
+            setting is out of its range.
 
     Example:
         >>> import numpy as np
@@ -230,17 +266,71 @@ class AdaptiveFilter(eqx.Module):
     sampling: str = eqx.field(static=True, default="event")
     initial_weight: ArrayLike = 1e-9
     step_size: ArrayLike = 1.0
+    dead_zone: ArrayLike | None = None
+    leakage: ArrayLike | None = None
+    error_limit: ArrayLike | None = None
+    nonnegative: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
         check_start(self.plane, self.hysteron, self.initial_weight)
         if self.sampling not in SAMPLINGS:
             raise InputError(f"sampling is {self.sampling!r}: it must be 'event' or 'sample'")
         require_one_number("step_size", self.step_size)
-        traced = isinstance(self.step_size, Tracer)
-        if not traced and not 0.0 < np.asarray(self.step_size).item() < 2.0:
-            raise InputError(
-                f"step_size is {self.step_size}: give a number between 0 and 2, both excluded"
-            )
+        _require_between("step_size", self.step_size, "between 0 and 2, both excluded")
+        _require_between("dead_zone", self.dead_zone, "of at least 0", least=True, high=math.inf)
+        _require_between("error_limit", self.error_limit, "above 0", high=math.inf)
+        _require_between("leakage", self.leakage, "from 0 to 1, 1 excluded", least=True, high=1.0)
+        numbers = self.leakage, self.step_size
+        if self.leakage is not None and not any(isinstance(one, Tracer) for one in numbers):
+            leakage, step_size = (float(np.asarray(one)) for one in numbers)
+            if leakage + step_size >= 2.0:
+                raise InputError(
+                    f"leakage is {leakage} and step_size {step_size}: their sum must be below 2"
+                )
+        if not isinstance(self.nonnegative, bool):
+            raise InputError(f"nonnegative is {self.nonnegative!r}: give True or False")
+        if self.nonnegative and not isinstance(self.initial_weight, Tracer):
+            least = np.asarray(self.initial_weight).min()
+            if least < 0:
+                raise InputError(
+                    f"initial_weight is {least} with nonnegative=True: give weights of at least 0"
+                )
+
+    def options(self) -> dict[str, float | bool]:
+        """The options that are on, by their names; empty for the paper's filter.
+
+        Returns:
+            `dead_zone`, `leakage`, `error_limit` and `nonnegative`, as far as they were given.
+
+        Example:
+            >>> AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0), leakage=1e-4).options()
+            {'leakage': 0.0001}
+        """
+        given = {name: getattr(self, name) for name in ("dead_zone", "leakage", "error_limit")}
+        numbers = {name: float(np.asarray(n)) for name, n in given.items() if n is not None}
+        return numbers | ({"nonnegative": True} if self.nonnegative else {})
+
+    def rule(self, dtype: DTypeLike) -> UpdateRule:
+        """What an error does to the weights, leakage aside.
+
+        Args:
+            dtype: floating type to compute in.
+
+        Returns:
+            The rule, with numbers of that type.
+
+        Example:
+            >>> filt = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0), step_size=0.5)
+            >>> float(filt.rule(float).rate(jnp.asarray(3.0), 2.0))
+            0.75
+        """
+
+        def typed(number: ArrayLike | None) -> jax.Array | None:
+            return None if number is None else jnp.asarray(number, dtype)
+
+        step_size = jnp.asarray(self.step_size, dtype)
+        zone, limit = typed(self.dead_zone), typed(self.error_limit)
+        return UpdateRule(step_size, zone, limit, self.nonnegative)
 
     def init(
         self, x0: ArrayLike, z0: ArrayLike, initial_memory: ArrayLike | str = "low"
@@ -267,7 +357,7 @@ class AdaptiveFilter(eqx.Module):
         return FilterState(weights, states, x, states, z)
 
     def step(
-        self, state: FilterState, x: ArrayLike, z: ArrayLike
+        self, state: FilterState, x: ArrayLike, z: ArrayLike, adapt: ArrayLike = True
     ) -> tuple[FilterState, FilterInfo]:
         """Take in one sample and adapt the weights.
 
@@ -276,14 +366,18 @@ class AdaptiveFilter(eqx.Module):
 
         Args:
             state: the state after the sample before.
-            x: () input, in the unit of the plane; finite, and beyond the plane it saturates.
+            x: () input, in the unit of the plane; beyond the plane it saturates, and a sample
+                without it (NaN) changes nothing.
             z: () measured output, in its unit; NaN if it is missing.
+            adapt: () whether to learn; without it the weights stay, and all else goes on.
 
         Returns:
             The state after this sample, and what to record of it.
         """
         dtype = state.weights.dtype
         x, z = jnp.asarray(x, dtype), jnp.asarray(z, dtype)
+        there = ~jnp.isnan(x)
+        x, z = jnp.where(there, x, state.input), jnp.where(there, z, jnp.nan)
         states = hysteron_step(self.plane, state.states, state.input, x, self.hysteron)
         output = jnp.sum(state.weights * states)
 
@@ -293,14 +387,13 @@ class AdaptiveFilter(eqx.Module):
         # In sample form, a move of the states below √eps is not told from rounding.
         least = EVENT_SIZE if self.sampling == "event" else jnp.finfo(dtype).eps
         event = jnp.isfinite(error) & (squared >= least)
-        # The inner `where` keeps 0/0 out of the gradient, the outer one out of the update.
-        step_size = jnp.asarray(self.step_size, dtype)
-        rate = jnp.where(event, step_size * error / jnp.where(event, squared, 1.0), 0.0)
+        learns = event if adapt is True else event & adapt
+        weights, learns = self._learnt(state.weights, s, squared, error, learns)
 
         starting = jnp.isfinite(z) & ~jnp.isfinite(state.reference_output)
-        renew = (event | starting) if self.sampling == "event" else jnp.asarray(True)
+        renew = (event | starting) if self.sampling == "event" else there
         following = FilterState(
-            weights=state.weights + rate * s,
+            weights=weights,
             states=states,
             input=x,
             reference_states=jnp.where(renew, states, state.reference_states),
@@ -309,9 +402,24 @@ class AdaptiveFilter(eqx.Module):
         info = FilterInfo(
             output=output,
             error=error,
-            switched=jnp.where(event, squared, 0.0),
+            switched=jnp.where(learns, squared, 0.0),
         )
         return following, info
+
+    def _learnt(self, weights, s, squared, error, learns) -> tuple[jax.Array, jax.Array]:
+        """Weights after an update with the difference s of the states, and whether there is one."""
+        rule = self.rule(weights.dtype)
+        learns = learns if self.dead_zone is None else learns & rule.learns(error)
+        # The inner `where` keeps 0/0 out of the gradient, the outer one out of the update.
+        rate = jnp.where(learns, rule.rate(error, jnp.where(learns, squared, 1.0)), 0.0)
+        if self.leakage is not None:
+            prior = jnp.asarray(self.initial_weight, weights.dtype)
+            leakage = jnp.where(learns, jnp.asarray(self.leakage, weights.dtype), 0.0)
+            weights = weights + leakage * (jnp.broadcast_to(prior, weights.shape) - weights)
+        weights = weights + rate * s
+        if self.nonnegative:
+            weights = jnp.where(learns & (s != 0), jnp.maximum(weights, 0.0), weights)
+        return weights, learns
 
     def run(
         self,
@@ -320,6 +428,7 @@ class AdaptiveFilter(eqx.Module):
         state: FilterState | None = None,
         passes: int = 1,
         form: str = "auto",
+        adapt: bool = True,
     ) -> FilterResult:
         """Run the filter over a record, once or several times.
 
@@ -335,8 +444,10 @@ class AdaptiveFilter(eqx.Module):
             passes: how often the record is taken in, at least once.
             form: "dense", a scan of `step`; "event", the same with O(N) work a switching event of
                 relays or a sample of ramps; or "auto": the latter where it can be had, which is
-                from saturated low with `sampling="event"`, a concrete record and no output missing,
-                and where it is quicker, which ramps are from 50 levels.
+                from saturated low with `sampling="event"`, without leakage, with a concrete record
+                and no output missing, and where it is quicker, which ramps are from 50 levels.
+            adapt: whether to learn; without it the weights stay, and output and error are those of
+                them.
 
         Returns:
             The weights after the last sample, the rows of each sample and the final state, all of
@@ -344,7 +455,8 @@ class AdaptiveFilter(eqx.Module):
 
         Raises:
             InputError: lengths or types are wrong, an input leaves the plane or is not finite, an
-                output is infinite, `passes` is below 1, or there is no event form.
+                output is infinite, `passes` is below 1, `adapt` is not a truth value, or there is
+                no event form.
         """
         x, z = input_and_output(self.plane, x, z)
         if state is not None:
@@ -355,17 +467,20 @@ class AdaptiveFilter(eqx.Module):
             count = 0
         if count != passes or count < 1:
             raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
+        adapt = checked_adapt(adapt)
         if chosen_form(form, self._why_no_events(x, z, state)) == "dense":
-            return _run(self, x, z, state, count)
+            return _run(self, x, z, state, count, adapt)
         if self.hysteron == "relay":
-            return _run_over_events(self, x, z, count)
+            return _run_over_events(self, x, z, count, adapt)
         if form == "auto" and self.plane.levels < LEVELS_FOR_MOVES:
-            return _run(self, x, z, state, count)
-        return _run_over_moves(self, x, z, ramp_moves(self.plane, x), count)
+            return _run(self, x, z, state, count, adapt)
+        return _run_over_moves(self, x, z, ramp_moves(self.plane, x), count, adapt)
 
     def _why_no_events(self, x, z, state: FilterState | None) -> str:
         if self.sampling != "event":
             return "with sampling='sample'"
+        if self.leakage is not None:
+            return "with leakage"
         if state is not None:
             return "from a state"
         of_ramps = self.hysteron == "ramp" and isinstance(self.initial_weight, Tracer)
@@ -374,81 +489,133 @@ class AdaptiveFilter(eqx.Module):
         return "" if np.isfinite(z).all() else "where outputs are missing"
 
 
-@partial(jax.jit, static_argnames="passes")
-def _run(filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int) -> FilterResult:
+def checked_adapt(adapt: Any) -> bool:
+    """Refuse a switch between learning and not learning that is neither true nor false.
+
+    Args:
+        adapt: the switch.
+
+    Returns:
+        It.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(adapt, bool | np.bool_):
+        raise InputError(f"adapt is {adapt!r}: give True or False")
+    return bool(adapt)
+
+
+@partial(jax.jit, static_argnames=("passes", "adapt"))
+def _run(
+    filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int, adapt: bool
+) -> FilterResult:
     start = filt.init(x[0], z[0]) if state is None else state
 
     def one_pass(carry, _):
         before = dataclasses.replace(start, weights=carry[0].weights)
-        return jax.lax.scan(lambda state, sample: filt.step(state, *sample), before, (x, z)), None
+        return jax.lax.scan(
+            lambda state, sample: filt.step(state, *sample, adapt), before, (x, z)
+        ), None
 
     no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
     state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
     return FilterResult(state.weights, *info, state)
 
 
-def _run_over_events(filt: AdaptiveFilter, x, z, passes: int) -> FilterResult:
+def _rule(filt: AdaptiveFilter, dtype: DTypeLike, adapt: bool) -> UpdateRule:
+    rule = filt.rule(dtype)
+    return rule if adapt else dataclasses.replace(rule, step_size=jnp.zeros((), dtype))
+
+
+def _run_over_events(filt: AdaptiveFilter, x, z, passes: int, adapt: bool) -> FilterResult:
     switching, states = events_and_states(filt.plane, x)
-    rows, weights = _rows_over_events(filt, x, z, switching, passes)
+    stretches = relays_between(filt.plane, x, switching)
+    rows, weights = _rows_over_events(filt, x, z, switching, stretches, passes, adapt)
     sample = jnp.max(jnp.where(switching.area > 0, switching.sample, 0))
     state = FilterState(weights, states, x[-1], states, z[sample])
     return FilterResult(weights, rows.output, rows.error, rows.switched, state)
 
 
-@partial(jax.jit, static_argnames="passes")
+@partial(jax.jit, static_argnames=("passes", "adapt"))
 def _rows_over_events(
-    filt: AdaptiveFilter, x, z, switching: Switching, passes: int
+    filt: AdaptiveFilter, x, z, switching: Switching, stretches, passes: int, adapt: bool
 ) -> tuple[FilterInfo, jax.Array]:
     start = filt.init(x[0], z[0])
     measured = z.at[switching.sample].get(mode="clip")
     increments = jnp.diff(measured, prepend=z[:1])[:, None]
-    sign, area = switching.sign.astype(z.dtype), switching.area.astype(z.dtype)
-    rate = jnp.asarray(filt.step_size, z.dtype)
+    area = switching.area.astype(z.dtype)
+    rule = _rule(filt, z.dtype, adapt)
 
     def one_pass(weights):
-        return adapt_over_events(filt.plane, switching, increments, weights, rate)
+        return adapt_over_events(filt.plane, switching, increments, weights, rule)
 
     first = start.weights[:, None]
     before = jax.lax.fori_loop(1, passes, lambda _, weights: one_pass(weights)[0], first)
     # Outside the loop, where XLA does not copy the weights at each event.
-    weights, error = one_pass(before)
-    error = error[:, 0]
-    rise = jnp.where(area > 0, increments[:, 0] - error, 0.0)
-    # What has switched on takes its share of the error along.
-    after = rise + jnp.where(switching.rising & (area > 0), rate * error, 0.0)
-    settled = jnp.sum(before[:, 0] * start.states) + jnp.cumsum(after)
+    weights, error, settled, unsettled = _settled_over_events(
+        filt.plane, rule, switching, increments, before, stretches
+    )
+    learns = (area > 0) & rule.learns(error) & adapt
 
     def at_events(values, steady):
         return steady.at[switching.sample].set(values, mode="drop")
 
-    moved = at_events(jnp.ones_like(sign), jnp.zeros_like(z))
-    # Events so far, and before this sample.
-    until = jnp.cumsum(moved).astype(int)
-    steady = jnp.concatenate([settled[:1] - after[:1], settled])[until]
-    reference = jnp.concatenate([z[:1], measured])[until - moved.astype(int)]
+    moved = at_events(jnp.ones(area.shape, int), jnp.zeros(z.shape, int))
+    # Events so far, and before this sample. In whole numbers: floating ones end in counting.
+    until = jnp.cumsum(moved)
+    steady = jnp.concatenate([jnp.sum(before[:, 0] * start.states)[None], settled])[until]
+    reference = jnp.concatenate([z[:1], measured])[until - moved]
     info = FilterInfo(
-        output=at_events(settled - after + rise, steady),
+        output=at_events(unsettled, steady),
         error=at_events(error, z - reference),
-        switched=at_events(area, jnp.zeros_like(z)),
+        switched=at_events(jnp.where(learns, area, 0.0), jnp.zeros_like(z)),
     )
     return info, weights[:, 0]
 
 
-@partial(jax.jit, static_argnames="passes")
-def _run_over_moves(filt: AdaptiveFilter, x, z, moves: RampMoves, passes: int) -> FilterResult:
+def _settled_over_events(
+    plane: Plane, rule: UpdateRule, switching: Switching, increments, weights, stretches
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Weights after events, the error of each, and the output after and before its update."""
+    first, lowest = stretches
+
+    def one_stretch(weights, stretch):
+        switching, increments, lowest = stretch
+        on = jnp.asarray(plane.beta_index) < lowest[plane.alpha_index]
+        begin = jnp.sum(jnp.where(on, weights[:, 0], 0.0))
+        weights, error, share = adapt_and_share(plane, switching, increments, weights, rule)
+        rise = jnp.where(switching.area > 0, (increments - error)[:, 0], 0.0)
+        # What has switched on takes its share of the error along.
+        after = rise + jnp.where(switching.rising, share[:, 0], 0.0)
+        settled = begin + jnp.cumsum(after)
+        return weights, (error[:, 0], settled, settled - after + rise)
+
+    rows = jax.tree.map(
+        lambda each: each.reshape(len(first), -1, *each.shape[1:]), (switching, increments)
+    )
+    weights, found = jax.lax.scan(one_stretch, weights, (*rows, lowest))
+    error, settled, unsettled = (each.ravel() for each in found)
+    return weights, error, settled, unsettled
+
+
+@partial(jax.jit, static_argnames=("passes", "adapt"))
+def _run_over_moves(
+    filt: AdaptiveFilter, x, z, moves: RampMoves, passes: int, adapt: bool
+) -> FilterResult:
     start = filt.init(x[0], z[0])
-    rate = jnp.asarray(filt.step_size, z.dtype)
+    rule = _rule(filt, z.dtype, adapt)
 
     def one_pass(weights):
-        return adapt_over_moves(filt.plane, moves, z, weights, start.states, rate)
+        return adapt_over_moves(filt.plane, moves, z, weights, start.states, rule)
 
     before = jax.lax.fori_loop(
         1, passes, lambda _, weights: one_pass(weights).weights, start.weights
     )
     found = one_pass(before)
-    reference = found.states - found.moved
-    state = FilterState(found.weights, found.states, x[-1], reference, found.reference)
-    return FilterResult(found.weights, found.output, found.error, found.squared, state)
+    state = FilterState(found.weights, found.states, x[-1], found.reference_states, found.reference)
+    switched = found.squared if adapt else jnp.zeros_like(found.squared)
+    return FilterResult(found.weights, found.output, found.error, switched, state)
 
 
 def require_plane(plane: Plane) -> None:
@@ -479,6 +646,20 @@ def require_one_number(name: str, value: ArrayLike) -> None:
     _require_numbers(name, value, "give one number")
     if np.shape(value) != ():
         raise InputError(f"{name} has the shape {np.shape(value)}: give one number")
+
+
+def _require_between(
+    name: str, value: ArrayLike | None, words: str, *, least: bool = False, high: float = 2.0
+) -> None:
+    """Refuse a setting that does not lie between 0, excluded unless it is `least`, and `high`."""
+    if value is None:
+        return
+    require_one_number(name, value)
+    if isinstance(value, Tracer):
+        return
+    number = np.asarray(value).item()
+    if not (0.0 < number < high or (least and number == 0.0)):
+        raise InputError(f"{name} is {value}: give a number {words}")
 
 
 def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
@@ -582,6 +763,8 @@ def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Arra
             output is infinite.
     """
     require_plane(plane)
+    if np.size(x) > MOST_SAMPLES:
+        raise InputError(f"there are {np.size(x)} samples: give them in parts, each with its state")
     x, z = as_float(x, "the input x"), as_float(z, "the output z")
     if x.ndim == 1 and z.ndim == 0:
         z = z.reshape(-1)

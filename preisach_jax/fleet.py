@@ -91,7 +91,8 @@ def run_fleet(
         np.stack([_lengthened(row, max(lengths)) for row in side])
         for side in zip(*rows, strict=True)
     )
-    over_events = adaptive.sampling == "event" and adaptive.hysteron == "relay"
+    of_events = adaptive.sampling == "event" and adaptive.leakage is None
+    over_events = of_events and adaptive.hysteron == "relay"
     room = None
     if over_events and all(np.isfinite(own).all() for _, own in rows):
         room = room_for_events(adaptive.plane, x, _ROOM)
@@ -229,6 +230,7 @@ def _settings(
         "passes": passes,
         "step_size": float(np.asarray(adaptive.step_size)),
         "initial_weight": start.item() if start.ndim == 0 else _digest(start),
+        **adaptive.options(),
     }
 
 
@@ -302,13 +304,15 @@ def _densely(adaptive: AdaptiveFilter, x, z, passes: int):
 def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, int]):
     switching = switching_events(adaptive.plane, x, *room)
     increments = measured_rises(switching, z[:, jnp.newaxis])
+    rule = adaptive.rule(z.dtype)
 
     def one_pass(weights, _):
-        return adapt_over_events(adaptive.plane, switching, increments, weights, adaptive.step_size)
+        return adapt_over_events(adaptive.plane, switching, increments, weights, rule)
 
     start = adaptive.init(x[0], z[0]).weights[:, None]
     weights, errors = jax.lax.scan(one_pass, start, length=passes)
-    return weights[:, 0], errors[-1, :, 0], switching.area > 0
+    errors = errors[-1, :, 0]
+    return weights[:, 0], errors, (switching.area > 0) & rule.learns(errors)
 
 
 def _mean(values, counted):

@@ -7,6 +7,7 @@ and once more for each cell of the axis that it leaves behind.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,11 +19,16 @@ from jax.typing import ArrayLike
 from preisach_jax.events import flat_index, rounded_up
 from preisach_jax.hysteron import position_on
 from preisach_jax.plane import Plane
+from preisach_jax.update import UpdateRule
 
 # An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
 # that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
 # output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
 EVENT_SIZE = 0.5
+
+MOVES_TO_REFRESH = 1024
+"""After so many moves at most, what is summed up along them is summed afresh over the plane, so
+that rounding does not pile up in it."""
 
 
 class RampMoves(eqx.Module):
@@ -105,16 +111,16 @@ class RampRun(NamedTuple):
     Attributes:
         weights: (cells,) weights after the last sample.
         states: (cells,) states after it.
-        moved: (cells,) how far the states have moved since the last event.
+        reference_states: (cells,) states at the last event.
         reference: () measured output at the last event.
         output: (time,) the model's output before each update.
         error: (time,) error e(k), eq. (7).
-        squared: (time,) sᵀs of the events, 0 at other samples.
+        squared: (time,) sᵀs of the events that update weights, 0 at other samples.
     """
 
     weights: jax.Array
     states: jax.Array
-    moved: jax.Array
+    reference_states: jax.Array
     reference: jax.Array
     output: jax.Array
     error: jax.Array
@@ -123,7 +129,7 @@ class RampRun(NamedTuple):
 
 class _Carry(NamedTuple):
     cells: jax.Array
-    """Weight, state, and move since the last event, of each cell."""
+    """Weight, state, and state at the last event, of each cell."""
     squared: jax.Array
     rise: jax.Array
     output: jax.Array
@@ -137,12 +143,13 @@ def adapt_over_moves(
     z: jax.Array,
     weights: jax.Array,
     states: jax.Array,
-    step_size: ArrayLike = 1.0,
+    rule: UpdateRule | None = None,
 ) -> RampRun:
     """Run the recursion of ramps over their moves, as `AdaptiveFilter.step` does at every sample.
 
     At an event e = Δz - R̂ᵀs and R̂ ← R̂ + μ e s/(sᵀs), where only the lines that were moved since
-    the last one are touched. Output, R̂ᵀs and sᵀs are carried along.
+    the last one are touched. Output, R̂ᵀs and sᵀs are carried along, and are summed afresh from time
+    to time.
 
     Args:
         plane: the Preisach plane.
@@ -150,7 +157,7 @@ def adapt_over_moves(
         z: (time,) measured output; no value is missing.
         weights: (cells,) weights to start from, in the unit of `z`.
         states: (cells,) states at the first sample.
-        step_size: () step size μ.
+        rule: what an error does; without it, the paper's rule.
 
     Returns:
         Weights, states and rows.
@@ -162,54 +169,69 @@ def adapt_over_moves(
         >>> found.weights.tolist(), found.error.tolist()
         ([3.0, 1.5, 1.5], [0.0, 3.0, 3.0])
     """
+    rule = UpdateRule() if rule is None else rule
     count = moves.line.shape[0]
     index = jnp.arange(count, dtype=moves.ends.dtype)
     at_end = jnp.zeros(count, bool).at[moves.ends].set(True)
     own_z = z.at[jnp.searchsorted(moves.ends, index)].get(mode="clip")
+    lines = RampMoves(moves.line, moves.rising, moves.part.astype(weights.dtype), index)
 
     def advance(carry: _Carry, move):
         number, line, z, ends = move
         cells = line.cells(plane)
-        weight, old, moved = carry.cells.at[cells].get(mode="fill", fill_value=0.0).T
+        weight, old, reference = carry.cells.at[cells].get(mode="fill", fill_value=0.0).T
         new = jnp.where(line.rising, jnp.maximum(old, line.part), jnp.minimum(old, line.part))
         step = jnp.where(cells < plane.cells, new - old, 0.0)
         change = jnp.sum(weight * step)
-        squared = carry.squared + jnp.sum((2 * moved + step) * step)
+        squared = carry.squared + jnp.sum((2 * (old - reference) + step) * step)
         rise, output = carry.rise + change, carry.output + change
         error = z - carry.reference - rise
         event = ends & (squared >= EVENT_SIZE)
-        row = jnp.stack([output, error, jnp.where(event, squared, 0.0)])
-        values = carry.cells.at[cells].set(
-            jnp.stack([weight, new, moved + step], axis=1), mode="drop"
-        )
-        rate = step_size * error / jnp.where(event, squared, 1.0)
+        learns = event if rule.dead_zone is None else event & rule.learns(error)
+        row = jnp.stack([output, error, jnp.where(learns, squared, 0.0)])
+        values = carry.cells.at[cells].set(jnp.stack([weight, new, reference], axis=1), mode="drop")
+        rate = rule.rate(error, jnp.where(event, squared, 1.0))
+        rate = rate if rule.dead_zone is None else jnp.where(learns, rate, 0.0)
+        last = jnp.where(event, number, -1)
         values, output, oldest = _learnt(
-            plane, lines, values, rate, output, carry.oldest, jnp.where(event, number, -1)
+            plane, rule, lines, rate, (values, output, carry.oldest), last
         )
         reference = jnp.where(event, z, carry.reference)
         squared, rise = jnp.where(event, 0.0, squared), jnp.where(event, 0.0, rise)
         return _Carry(values, squared, rise, output, reference, oldest), row
 
-    lines = RampMoves(moves.line, moves.rising, moves.part, index)
+    def advance_afresh(carry: _Carry, stretch):
+        weight, state, reference = carry.cells.T
+        moved = state - reference
+        sums = {"squared": moved @ moved, "rise": weight @ moved, "output": weight @ state}
+        return jax.lax.scan(advance, carry._replace(**sums), stretch)
+
     zero = jnp.zeros((), weights.dtype)
-    values = jnp.stack([weights, states, jnp.zeros_like(states)], axis=1)
-    start = _Carry(values, zero, zero, weights @ states, z[0], index[0])
-    carry, rows = jax.lax.scan(advance, start, (index, lines, own_z, at_end))
-    weight, state, moved = carry.cells.T
-    output, error, squared = rows[moves.ends].T
-    return RampRun(weight, state, moved, carry.reference, output, error, squared)
+    values = jnp.stack([weights, states, states], axis=1)
+    start = _Carry(values, zero, zero, zero, z[0], index[0])
+    # Of two sizes that are both rounded up, the one divides the other in few parts.
+    size = math.gcd(count, MOVES_TO_REFRESH) if count > MOVES_TO_REFRESH else count
+    stretches = jax.tree.map(lambda each: each.reshape(-1, size), (index, lines, own_z, at_end))
+    carry, rows = jax.lax.scan(advance_afresh, start, stretches)
+    weight, state, reference = carry.cells.T
+    output, error, squared = rows.reshape(count, 3)[moves.ends].T
+    return RampRun(weight, state, reference, carry.reference, output, error, squared)
 
 
-def _learnt(plane: Plane, lines: RampMoves, values, rate, output, oldest, last):
+def _learnt(plane: Plane, rule: UpdateRule, lines: RampMoves, rate, so_far, last):
     """Cells, output and oldest move not learnt from, after the lines of some moves are updated."""
 
     def one_line(so_far):
         values, output, number = so_far
         cells = jax.tree.map(lambda each: each[number], lines).cells(plane)
-        weight, state, moved = values.at[cells].get(mode="fill", fill_value=0.0).T
+        weight, state, reference = values.at[cells].get(mode="fill", fill_value=0.0).T
+        moved = state - reference
         share = rate * moved
-        new = jnp.stack([weight + share, state, jnp.zeros_like(moved)], axis=1)
+        if rule.nonnegative:
+            floor = jnp.where(moved != 0, 0.0, -jnp.inf)
+            share = jnp.maximum(weight + share, floor) - weight
+        new = jnp.stack([weight + share, state, state], axis=1)
         values = values.at[cells].set(new, mode="drop")
         return values, output + jnp.sum(share * state), number + 1
 
-    return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, (values, output, oldest))
+    return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, so_far)

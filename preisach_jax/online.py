@@ -10,16 +10,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
+from preisach_jax.events import rounded_up
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.filter import (
     AdaptiveFilter,
     FilterInfo,
     FilterState,
+    checked_adapt,
     input_and_output,
     require_state,
 )
@@ -27,7 +30,12 @@ from preisach_jax.hysteron import as_float, require_on_plane
 from preisach_jax.moves import EVENT_SIZE
 from preisach_jax.plane import Plane
 
-FORMAT = 3  # 1 had no step size: it was 1.0; 2 had no count of missing samples and no last output
+# 1 had no step size: it was 1.0; 2 had no count of missing samples and no last output; 3 had no
+# options, of the filter or for inputs beyond the plane.
+FORMAT = 4
+
+FEW_SAMPLES = 16
+"""Blocks of fewer samples are not filled up: that would take longer than their lengths are many."""
 
 
 class Missing(NamedTuple):
@@ -54,12 +62,20 @@ class OnlineFilter:
     A sample whose output is missing (NaN) moves the hysterons and leaves the weights. One whose
     input is missing is skipped: the next one follows the one before it. Both are counted.
 
+    An input beyond the plane is refused, or with `saturate` taken for that at the plane's limit, at
+    which all hysterons are on, or off: none moves, and none is changed, until it comes back.
+
+    What is kept does not age: ẑ is summed afresh from weights and states whenever one of them has
+    changed, differences run from the last event alone, and counts are whole numbers of any size.
+
     Args:
         filt: the adaptive filter.
         state: the state to continue from; without it the first call starts from saturated low.
+        saturate: whether inputs beyond the plane are moved to its limits, and counted.
 
     Raises:
-        InputError: `filt` is no adaptive filter, or `state` is not one of its plane.
+        InputError: `filt` is no adaptive filter, `state` is not one of its plane, or `saturate` is
+            not a truth value.
 
     Example:
         >>> online = OnlineFilter(AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0)))
@@ -70,14 +86,18 @@ class OnlineFilter:
         (True, Missing(inputs=1, outputs=0))
     """
 
-    def __init__(self, filt: AdaptiveFilter, state: FilterState | None = None):
+    def __init__(
+        self, filt: AdaptiveFilter, state: FilterState | None = None, saturate: bool = False
+    ):
         if not isinstance(filt, AdaptiveFilter):
             raise InputError(f"the filter is {type(filt).__name__}: give an AdaptiveFilter")
-        self._filter = filt
+        if not isinstance(saturate, bool):
+            raise InputError(f"saturate is {saturate!r}: give True or False")
+        self._filter, self._saturate = filt, saturate
         # Looked up at every sample, and quicker here than in an equinox module.
         self._low, self._high = filt.plane.low, filt.plane.high
         self._rows: tuple | None = None
-        self._inputs_missing = self._outputs_missing = 0
+        self._inputs_missing = self._outputs_missing = self._saturated = 0
         self.state = state
 
     @property
@@ -111,20 +131,26 @@ class OnlineFilter:
         """How many samples came without an input, and how many without an output."""
         return Missing(self._inputs_missing, self._outputs_missing)
 
-    def __call__(self, x: float, z: float = math.nan) -> float:
+    @property
+    def saturated(self) -> int:
+        """How many samples had an input beyond the plane, and were moved to its limit."""
+        return self._saturated
+
+    def __call__(self, x: float, z: float = math.nan, adapt: bool = True) -> float:
         """Take in one sample, adapt, and return the model's output.
 
         Args:
             x: input, in the unit of the plane; NaN if it is missing (the sample is then skipped).
             z: measured output, in its unit; NaN if it is missing (the weights then stay).
+            adapt: whether to learn; without it the weights stay, and all else goes on.
 
         Returns:
             ẑ with the weights before this sample's update, in the unit of the output; of a skipped
             sample, that of the sample before (NaN if there was none).
 
         Raises:
-            InputError: `x` or `z` is no number or is infinite, or `x` leaves the plane; the state
-                is then as before.
+            InputError: `x` or `z` is no number or is infinite, `x` leaves the plane and does not
+                saturate, or `adapt` is not a truth value; the state is then as before.
         """
         try:
             x, z = float(x), float(z)
@@ -132,11 +158,17 @@ class OnlineFilter:
             raise InputError(
                 f"x is {x!r} and z is {z!r}: give two numbers, and arrays to `block`"
             ) from None
-        missing = math.isnan(x)
+        missing, beyond = math.isnan(x), False
         if not (missing or self._low <= x <= self._high):
-            require_on_plane(self._filter.plane, x)
+            beyond = self._saturate and math.isfinite(x)
+            if beyond:
+                x = min(max(x, self._low), self._high)
+            else:
+                require_on_plane(self._filter.plane, x)
         if math.isinf(z):
             raise InputError(f"the output z is {z}: give NaN where the output is missing")
+        if adapt is not True:
+            adapt = checked_adapt(adapt)
         if missing:
             self._inputs_missing += 1
             self._rows = self._output, math.nan, 0.0
@@ -148,29 +180,32 @@ class OnlineFilter:
                 if state is None
                 else _Recursion(self._filter, state)
             )
-        self._rows = recursion.step(x, z)
+        self._rows = recursion.step(x, z, adapt)
         self._recursion, self._state = recursion, None
+        self._saturated += beyond
         self._outputs_missing += math.isnan(z)
         self._output = self._rows[0]
         return self._output
 
-    def block(self, x: ArrayLike, z: ArrayLike | None = None) -> np.ndarray:
+    def block(self, x: ArrayLike, z: ArrayLike | None = None, adapt: bool = True) -> np.ndarray:
         """Take in a block of samples, adapt, and return the model's output.
 
-        The same as one call a sample. Each length of a block is compiled once.
+        The same as one call a sample. Blocks of like lengths share what is compiled: there are at
+        most eight lengths an octave.
 
         Args:
             x: (time,) input, in the unit of the plane; NaN where it is missing.
             z: (time,) measured output, in its unit; NaN where it is missing, and None if it is
                 missing throughout.
+            adapt: whether to learn; without it the weights stay, and all else goes on.
 
         Returns:
             (time,) outputs ẑ, each with the weights before that sample's update, in the unit of the
             output.
 
         Raises:
-            InputError: lengths or types are wrong, an input leaves the plane, or a value is
-                infinite; the state is then as before.
+            InputError: lengths or types are wrong, an input leaves the plane and does not saturate,
+                a value is infinite, or `adapt` is not a truth value; the state is then as before.
 
         Example:
             >>> online = OnlineFilter(AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0)))
@@ -178,24 +213,36 @@ class OnlineFilter:
             >>> round(float(online.block(x, 3.0 * x)[-1]), 3)
             2.314
         """
-        x = as_float(x, "the input x")
-        z = jnp.full_like(x, jnp.nan) if z is None else z
-        there = ~np.isnan(x)
-        x, z = input_and_output(self._filter.plane, jnp.where(there, x, self._low), z)
-        # What is there comes first; a last sample that is repeated changes nothing, and so fills
-        # the block up to a length that is compiled already.
+        x = _float_array(x, "the input x")
+        z = np.full_like(x, np.nan) if z is None else _float_array(z, "the output z")
+        samples = x.size
+        # A last sample that is repeated changes nothing, and so fills the block up to a length that
+        # is compiled already.
+        if x.ndim == 1 and x.shape == z.shape and samples >= FEW_SAMPLES:
+            x, z = (np.pad(row, (0, rounded_up(samples) - samples), mode="edge") for row in (x, z))
+        there, beyond = ~np.isnan(x), np.zeros(x.shape, bool)
+        if self._saturate:
+            beyond = np.isfinite(x) & ((x < self._low) | (x > self._high))
+            x = np.where(beyond, np.clip(x, self._low, self._high), x)
+        x, z = input_and_output(self._filter.plane, np.where(there, x, x.dtype.type(self._low)), z)
+        # What is there comes first, and then its last sample once more for each that is missing.
         nth = np.cumsum(there) - 1  # of those that are there, the last up to each sample
         if nth[-1] < 0:
             output = np.full(x.shape, self._output)
             error, switched = np.full_like(output, np.nan), np.zeros_like(output)
         else:
             order = np.flatnonzero(there)[np.minimum(np.arange(x.size), nth[-1])]
-            result = self._filter.run(np.asarray(x)[order], np.asarray(z)[order], self.state)
+            result = self._filter.run(
+                np.asarray(x)[order], np.asarray(z)[order], self.state, adapt=adapt
+            )
             output, error, switched = (np.asarray(rows)[nth] for rows in result[1:4])
             output = np.where(nth < 0, output.dtype.type(self._output), output)
             error, switched = np.where(there, error, np.nan), np.where(there, switched, 0.0)
             self.state = result.state
+        output, error, switched = (row[:samples] for row in (output, error, switched))
+        there, beyond, z = (row[:samples] for row in (there, beyond, np.asarray(z)))
         self._rows, self._output = (output, error, switched), float(output[-1])
+        self._saturated += int(np.sum(beyond))
         self._inputs_missing += int(np.sum(~there))
         self._outputs_missing += int(np.sum(there & np.isnan(z)))
         return output
@@ -217,11 +264,14 @@ class OnlineFilter:
             "high": plane.high,
             "hysteron": self.filter.hysteron,
             "sampling": self.filter.sampling,
+            "options": self.filter.options(),
+            "saturate": self._saturate,
         }
         arrays = {
             "initial_weight": np.asarray(self.filter.initial_weight),
             "step_size": np.asarray(self.filter.step_size),
             "missing": np.asarray(self.missing),
+            "saturated": np.asarray(self.saturated),
             "output": np.asarray(self._output),
         }
         if self.state is not None:
@@ -250,13 +300,17 @@ class OnlineFilter:
                 about["sampling"],
                 stored["initial_weight"],
                 1.0 if about["format"] == 1 else stored["step_size"],
+                **(about["options"] if about["format"] > 3 else {}),
             )
             names = [name for name in stored.files if name.startswith("state.")]
             arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
-            online = cls(filt, FilterState(**arrays) if arrays else None)
+            saturate = about["format"] > 3 and about["saturate"]
+            online = cls(filt, FilterState(**arrays) if arrays else None, saturate)
             if about["format"] > 2:
                 online._inputs_missing, online._outputs_missing = stored["missing"].tolist()
                 online._output = stored["output"].item()
+            if about["format"] > 3:
+                online._saturated = stored["saturated"].item()
         return online
 
 
@@ -280,6 +334,12 @@ class _Recursion:
         self._least = float(np.finfo(dtype).eps) if self._every_sample else EVENT_SIZE
         self._largest = float(np.finfo(dtype).max)
         self._step_size = float(np.asarray(filt.step_size, dtype))
+        dead_zone, limit = filt.dead_zone, filt.error_limit
+        self._dead_zone = -1.0 if dead_zone is None else float(np.asarray(dead_zone, dtype))
+        self._error_limit = math.inf if limit is None else float(np.asarray(limit, dtype))
+        self._nonnegative, self._plain = filt.nonnegative, not filt.options()
+        self._leakage = None if filt.leakage is None else np.asarray(filt.leakage, dtype)
+        self._prior = np.asarray(filt.initial_weight, dtype)
 
         self.weights, self.states = np.array(state.weights), np.array(state.states, dtype)
         self.input, self.reference_output = float(state.input), float(state.reference_output)
@@ -307,27 +367,43 @@ class _Recursion:
         arrays = {f.name: getattr(self, f.name) for f in dataclasses.fields(FilterState)}
         return FilterState(**{n: jnp.asarray(np.array(a, self._type)) for n, a in arrays.items()})
 
-    def step(self, x: float, z: float) -> tuple[float, float, float]:
+    def step(self, x: float, z: float, adapt: bool = True) -> tuple[float, float, float]:
         """Take in one sample; what `FilterInfo` records of it, eq. (6), (7), (11)."""
         z = self._rounded(z)
         self._move(self._rounded(x))
         if self._output is None:
             self._output = _dot(self.weights, self.states)
         output, error, switched = self._output, z - self.reference_output, 0.0
+        renew = self._every_sample
         if self._passed and not math.isnan(error):
             cells, _, _ = _cells_passed(self._levels, *self._passed)
             s = self.states[cells] - self.reference_states[cells]
             squared = _dot(s, s)
             error -= _dot(self.weights[cells], s)
             if squared >= self._least and abs(error) <= self._largest:
-                self.weights[cells] += self._step_size * error / squared * s
-                self._output, switched = None, squared
+                renew = True
+                if adapt and abs(error) > self._dead_zone:
+                    if self._plain:
+                        self.weights[cells] += self._step_size * error / squared * s
+                    else:
+                        self._learn(cells, s, squared, error)
+                    self._output, switched = None, squared
             elif squared == 0.0:
                 self._passed = None
         starting = math.isfinite(z) and not math.isfinite(self.reference_output)
-        if switched or starting or self._every_sample:
+        if renew or starting:
             self._refer_to(z)
         return output, error, switched
+
+    def _learn(self, cells: np.ndarray, s: np.ndarray, squared: float, error: float) -> None:
+        """Update the weights with the options of the filter."""
+        if self._leakage is not None:
+            self.weights += self._leakage * (self._prior - self.weights)
+        error = min(max(error, -self._error_limit), self._error_limit)
+        new = self.weights[cells] + self._type(self._step_size * error / squared) * s
+        if self._nonnegative:
+            new = np.where(s != 0, np.maximum(new, 0), new)
+        self.weights[cells] = new
 
     def _rounded(self, value: float) -> float:
         """A number in the precision of the filter."""
@@ -370,6 +446,13 @@ class _Recursion:
             on = on.copy()
             on[whole] = place - whole
         return on
+
+
+def _float_array(values: ArrayLike, name: str) -> np.ndarray:
+    """What `as_float` gives, in NumPy: JAX compiles for each shape that it is handed."""
+    if isinstance(values, np.ndarray) and values.dtype.kind == "f":
+        return values.astype(jax.dtypes.canonicalize_dtype(values.dtype), copy=False)
+    return np.asarray(as_float(values, name))
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> float:

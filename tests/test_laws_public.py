@@ -50,7 +50,7 @@ LAWS = {
 
 
 @cache
-def tests_of(file):
+def functions_in(file):
     tree = ast.parse((Path(__file__).parent / f"test_{file}.py").read_text(encoding="utf-8"))
     return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
@@ -59,4 +59,4 @@ def tests_of(file):
 def test_every_public_name_has_a_law(name):
     assert name in LAWS, f"say in LAWS which test holds {name} to a law, and write one if none does"
     file, test = LAWS[name].split(".")
-    assert f"test_{test}" in tests_of(file)
+    assert f"test_{test}" in functions_in(file)

@@ -38,9 +38,16 @@ def plain_json(value: Any) -> Any:
 
 
 def json_bytes(content: Any) -> bytes:
-    """A JSON file's bytes; there are no NaN in it."""
+    """A JSON file's bytes; there are no NaN in it.
+
+    A file's name may hold bytes that are no text: question marks stand for them.
+
+    Example:
+        >>> json_bytes({"record": "stage\\udcff.csv"})
+        b'{\\n "record": "stage?.csv"\\n}\\n'
+    """
     text = json.dumps(plain_json(content), indent=1, ensure_ascii=False, allow_nan=False)
-    return (text + "\n").encode()
+    return (text + "\n").encode(errors="replace")
 
 
 def file_name(thing: str) -> str:

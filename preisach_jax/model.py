@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax import html
@@ -28,8 +28,9 @@ from preisach_jax.chain import (
 )
 from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, OutputEffect
 from preisach_jax.errors import InputError
+from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hysteron import HYSTERONS
 from preisach_jax.plane import Plane
 from preisach_jax.quantity import pretty_unit
@@ -326,8 +327,13 @@ class Model:
             if stated != "free":
                 return np.asarray(output), np.zeros(len(record.time))
             lowest = replace(coefficients, memory=np.zeros_like(weights))
-            gap = middle - hysteresis_output(self.chain, self.values, signals, lowest)
-            return np.asarray(output), np.abs(np.asarray(gap))
+            gap = jnp.abs(middle - hysteresis_output(self.chain, self.values, signals, lowest))
+            # The operator lies between all hysterons off and all on.
+            most, first = float(np.abs(weights).sum()), float(jnp.abs(middle[0]))
+            for effect in self.chain.at(OutputEffect):
+                own = self.values[effect.name]
+                gap = gap + effect.past_bound(own, signals, max(first, most - first))
+            return np.asarray(output), np.asarray(gap)
 
     def to_json(self) -> dict[str, Any]:
         """The content of the model file."""
@@ -372,16 +378,11 @@ class Model:
             InputError: if the place cannot be written to.
         """
         path = Path(path)
-        text = json.dumps(_without_nan(self.to_json()), indent=1, allow_nan=False)
-        unfinished = path.with_name(path.name + ".part")
-        try:
-            unfinished.write_text(text, encoding="utf-8")
-            os.replace(unfinished, path)
-        except OSError as error:
-            unfinished.unlink(missing_ok=True)
+        if not path.parent.is_dir():
             raise InputError(
-                f"{path}: the model cannot be written ({error.strerror}); choose another place"
-            ) from error
+                f"{path}: there is no folder {path.parent}; make it, or choose another"
+            )
+        write_files({path: json_bytes(self.to_json())})
 
     @staticmethod
     def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
@@ -467,16 +468,6 @@ def _told_as_damage() -> Iterator[None]:
         raise InputError(
             f"the model file is damaged ({error}); mend it, or fit the model anew"
         ) from error
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(inner) for inner in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 MOST_COLUMNS = 1000

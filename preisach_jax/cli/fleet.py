@@ -223,7 +223,7 @@ def _table(unit: str, rows: Sequence[Row]) -> bytes:
         ]
     )
     writer.writerows(row._replace(record=_no_formula(row.record)) for row in rows)
-    return text.getvalue().encode()
+    return text.getvalue().encode(errors="replace")
 
 
 def _no_formula(name: str) -> str:

@@ -118,8 +118,10 @@ def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figu
         lstrip_blocks=True,
     )
     sources = {name: _data_uri(plot.svg(figure)) for name, figure in figures.items()}
-    return environment.get_template(template).render(page, figures=sources).encode()
+    # A file's name may hold bytes that are no text.
+    text = environment.get_template(template).render(page, figures=sources)
+    return text.encode(errors="replace")
 
 
 def _data_uri(svg: str) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode(errors="replace")).decode()

@@ -210,12 +210,12 @@ def work(reader: str, seconds: float, folder: Path, seed: int) -> None:
     atheris.Fuzz()
 
 
-def fuzz(reader: str, seconds: float, folder: Path) -> dict[str, Any]:
+def fuzz(reader: str, seconds: float, folder: Path, seed: int) -> dict[str, Any]:
     """Fuzz one reader in processes of its own, a new one where a file has ended the last."""
     stop = time.monotonic() + seconds
     parts = []
     while not parts or (parts[-1]["died"] and time.monotonic() + 5 < stop):
-        parts.append(_process(reader, stop - time.monotonic(), folder, len(parts)))
+        parts.append(_process(reader, stop - time.monotonic(), folder, seed + len(parts)))
     failures: dict[str, dict[str, Any]] = {}
     for failure in (failure for part in parts for failure in part["failures"]):
         known = failures.get(failure["where"], {"times": 0})
@@ -229,12 +229,12 @@ def fuzz(reader: str, seconds: float, folder: Path) -> dict[str, Any]:
     )
 
 
-def _process(reader: str, seconds: float, folder: Path, number: int) -> dict[str, Any]:
+def _process(reader: str, seconds: float, folder: Path, seed: int) -> dict[str, Any]:
     """Fuzz one reader in one process; what was found."""
-    inside = folder / f"{reader}-{number}"
+    inside = folder / f"{reader}-{seed}"
     inside.mkdir()
     command = [sys.executable, __file__, "--worker", "--seconds", str(seconds)]
-    command += ["--keep", str(inside), "--seed", str(number + 1), reader]
+    command += ["--keep", str(inside), "--seed", str(seed), reader]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     log = done.stdout + done.stderr
     covered = re.findall(r"cov: (\d+) ft: (\d+) corp: (\d+)", log) or [(0, 0, 0)]
@@ -274,7 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         for reader in options.readers or SEEDS:
             folder = Path(temporary)
-            found[reader] = fuzz(reader, options.seconds, folder)
+            found[reader] = fuzz(reader, options.seconds, folder, options.seed)
             print(f"{reader}: {json.dumps(found[reader])}", flush=True)
             if options.keep is not None:
                 for part in folder.glob(f"{reader}-*"):

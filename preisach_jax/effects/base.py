@@ -294,6 +294,23 @@ class OutputEffect(_Stepped):
         """What states that were not at rest at the first sample add, `(time, columns)`."""
         return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
 
+    def past_bound(
+        self, values: Values, signals: Signals, furthest: float
+    ) -> Float[Array, " time"]:
+        """How far a past that is not known can move the output from that of a machine at rest.
+
+        Arguments:
+            values: the effect's parameters.
+            signals: what drives the record.
+            furthest: greatest distance of the effect's input, at any time before the record, from
+                its first value.
+
+        Returns:
+            (time,) bound, in the output's unit; by default zero.
+        """
+        del values, furthest
+        return jnp.zeros_like(signals.time)
+
 
 class WeightEffect(Effect):
     """An effect that scales all weights as time goes by."""

@@ -75,6 +75,13 @@ class Creep(OutputEffect):
     def free_response(self, signals):
         return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s)[None, :])
 
+    def past_bound(self, values, signals, furthest):
+        gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
+        # Creep goes on beyond the elements that the record could show: by a decade, half of which
+        # an average past has used up.
+        beyond = 0.5 * self.total_amount(gains)[0] @ gains
+        return furthest * (self.free_response(signals) @ gains + beyond)
+
     def bound_to(self, survey: Survey):
         return Creep(tau_s=creep_times(survey))
 

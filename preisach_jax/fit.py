@@ -32,6 +32,7 @@ from preisach_jax.identify import (
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.record.spikes import gross_spikes, isolated_spikes
 from preisach_jax.rows import chain_rows, error_table, model_line
 
 if TYPE_CHECKING:
@@ -50,6 +51,9 @@ COARSE_LEVELS = 13
 """Levels of the plane on which a new effect's starting points are compared."""
 
 FIRST_STRENGTH = 1e-4
+
+MOST_ROUNDS = 3
+"""How often spikes are looked for: great ones hide smaller ones."""
 
 CLEAR_CORRELATION = 0.5
 """Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
@@ -212,13 +216,21 @@ def fit(
                 f"({values[0]:g}), so its effect cannot be seen; leave out aux:{name}"
             )
     with double_precision():
-        problem = Problem.of(record, SEARCH_ROWS)
-        point = base_point(problem, checked_levels(levels))
-        for position, effect in enumerate(chosen):
-            if progress is not None:
-                progress(f"fitting {effect.name}", position / len(chosen))
-            point = with_effect(problem, point, effect, always=True)
-        return on_all_rows(record, point)
+        found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
+        spikes = isolated_spikes(found.record, found.prediction)
+        if chosen and spikes.any():
+            # What the plain model misses hides those that the better one shows.
+            record = found.record.without(spikes)
+            found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
+        return found
+
+
+def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
+    record, problem, point = begun(record, levels)
+    for position, effect in enumerate(chosen):
+        progress(f"fitting {effect.name}", position / len(chosen))
+        point = with_effect(problem, point, effect, always=True)
+    return on_all_rows(record, point)
 
 
 @contextmanager
@@ -255,6 +267,30 @@ def plane_of(problem: Problem, levels: int) -> Plane:
 def base_point(problem: Problem, levels: int) -> Point:
     """The rate-independent model, of the polarity that the record shows."""
     return _base_point(problem, levels, _polarity(problem))
+
+
+def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
+    """The rate-independent model of a record, freed from the outputs that stand out alone.
+
+    Arguments:
+        record: the record.
+        levels: levels N of the plane.
+
+    Returns:
+        The record without its spikes, as it was cut for a search, and the model.
+    """
+    if (spikes := gross_spikes(record)).any():
+        record = record.without(spikes)
+    for _ in range(MOST_ROUNDS):
+        problem = Problem.of(record, SEARCH_ROWS)
+        point = base_point(problem, levels)
+        modelled = response(point.chain, {}, signals_of(record), point.coefficients())
+        spikes = isolated_spikes(record, np.asarray(modelled))
+        if not spikes.any():
+            return record, problem, point
+        record = record.without(spikes)
+    problem = Problem.of(record, SEARCH_ROWS)
+    return record, problem, base_point(problem, levels)
 
 
 def _base_point(problem: Problem, levels: int, polarity: int) -> Point:

@@ -103,6 +103,7 @@ class Problem:
                 output=record.output[kept],
                 aux={name: values[kept] for name, values in record.aux.items()},
                 time_values=record.time_values[kept],
+                spikes={},
             )
             some = signals_of(record)
             signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))

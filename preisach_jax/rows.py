@@ -197,9 +197,23 @@ def holes(record: Record) -> list[str]:
         row, seconds = max(record.gaps, key=lambda gap: gap[1])
         others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
         found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
-    if unmeasured := int((~record.measured).sum()):
+    if unmeasured := int((~record.measured).sum()) - len(record.spikes):
         found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
+    if record.spikes:
+        found.append(spikes_line(record))
     return found
+
+
+def spikes_line(record: Record) -> str:
+    """Which samples of the output were left out, in words."""
+    rows = sorted(record.spikes)
+    some = ", ".join(f"{row + 1:,}" for row in rows[:3])
+    more = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
+    share = 100 * len(rows) / len(record.time)
+    return (
+        f"{len(rows):,} outputs ({share:.2g} %) stand out from their neighbours alone and were left "
+        f"out: sample{'s' if len(rows) > 1 else ''} {some}{more}"
+    )
 
 
 def span_rows(record: Record) -> list[tuple[str, str]]:

@@ -25,7 +25,7 @@ from preisach_jax.fit import (
     Fit,
     Progress,
     aux_units,
-    base_point,
+    begun,
     checked_levels,
     double_precision,
     in_silence,
@@ -335,8 +335,7 @@ def explore(
     if progress is not None:
         progress("fitting the rate-independent model", 0.0)
     with double_precision():
-        problem = Problem.of(record, SEARCH_ROWS)
-        point = base_point(problem, checked_levels(levels))
+        record, problem, point = begun(record, checked_levels(levels))
         fit = on_all_rows(record, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})
 

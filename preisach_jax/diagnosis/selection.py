@@ -34,12 +34,11 @@ from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
-    SEARCH_ROWS,
     Fit,
     Progress,
     at_levels,
     aux_units,
-    base_point,
+    begun,
     checked_levels,
     double_precision,
     finished,
@@ -53,6 +52,7 @@ from preisach_jax.fit import (
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
+from preisach_jax.record.spikes import isolated_spikes
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
@@ -110,7 +110,14 @@ def diagnose(
     """
     tried = effects_to_try(record, effects)
     with double_precision():
-        return _Search(record, tried, levels, progress or in_silence, watch).run()
+        found = _Search(record, tried, levels, progress or in_silence, watch).run()
+        fit = found.steps[-1]
+        spikes = isolated_spikes(fit.record, fit.prediction)
+        if fit.effects and spikes.any():
+            # What the plain model misses hides those that the better one shows.
+            record = fit.record.without(spikes)
+            found = _Search(record, tried, levels, progress or in_silence, watch).run()
+        return found
 
 
 def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
@@ -154,22 +161,20 @@ class _Search:
         progress: Progress,
         watch: Watch | None,
     ):
-        self.record = record
-        self.problem = Problem.of(record, SEARCH_ROWS)
-        self.tried = tried
         self.levels_are_given = levels is not None
         self.levels = checked_levels(levels)
+        self.tried = tried
+        progress("fitting the rate-independent model", 0.0)
+        self.record, self.problem, point = begun(record, self.levels)
         self._report = progress
         self._watch = watch
         self._reported = 0.0
-        self.path: list[Point] = []
+        self.path: list[Point] = [point]
         self.finer: Point | None = None
         self.accepted: list[Named] = []
         self.trials: list[Row] = []
 
     def run(self) -> Diagnosis:
-        self.progress("fitting the rate-independent model", 0.0)
-        self.path.append(base_point(self.problem, self.levels))
         self._refine_plane()
         self._show()
         while len(self.accepted) < MOST_EFFECTS:

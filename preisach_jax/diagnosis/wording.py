@@ -20,6 +20,7 @@ from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
+from preisach_jax.rows import spikes_line
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
@@ -117,6 +118,8 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
             "can hide in it. Record more, or ask for fewer levels."
         )
+    if record.spikes:
+        notes.append(f"{spikes_line(record)}.")
     turns = len(reversals(record.input))
     if turns < LEAST_REVERSALS:
         notes.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +69,7 @@ class Record:
         initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
             `"demagnetised"`, `"free"` (unknown).
         time_values: (K,) float64, the time column as in the file, in the file's unit.
+        spikes: what was measured at the samples that `without` left out, by row.
 
     Example:
         >>> t = np.linspace(0.0, 1.0, 101)
@@ -86,6 +87,7 @@ class Record:
     sha256: str
     initial_memory: str
     time_values: np.ndarray
+    spikes: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def load(
@@ -562,6 +564,27 @@ class Record:
             name=self.name,
             initial_memory=self.initial_memory if first == 0 else "free",
             time_values=self.time_values[rows],
+        )
+
+    def without(self, spikes: np.ndarray) -> Record:
+        """The same measurement with some outputs left out, which `spikes` remembers.
+
+        Arguments:
+            spikes: (K,) bool: whose output is not to be used.
+
+        Returns:
+            The record with the same digest; its output is NaN there.
+
+        Example:
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 50, 2])
+            >>> record.without(np.array([False, True, False])).spikes
+            {1: 50.0}
+        """
+        left_out = {int(row): float(self.output[row]) for row in np.flatnonzero(spikes)}
+        return replace(
+            self,
+            output=_frozen(np.where(spikes, np.nan, self.output)),
+            spikes={**self.spikes, **left_out},
         )
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

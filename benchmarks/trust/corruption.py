@@ -1,0 +1,118 @@
+"""Spoil the records of the blind benchmark, and see whether the diagnosis still says the same.
+
+    python benchmarks/trust/corruption.py --limit 40
+
+Each case is diagnosed as it was recorded, and with one output in a hundred moved by a normal number
+times a fifth of the stroke and one in ten lost.  Development seeds; writes each finished case to
+`benchmarks/results/trust/corruption.jsonl`, goes on where it was interrupted, and sums up in
+`corruption.json` beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from blind.cases import Case, Choice, make_cases
+from blind.world import make_measurement
+
+import preisach_jax as pj
+
+FOLDER = Path(__file__).parents[1] / "results" / "trust"
+SPIKES, HEIGHT, LOST = 0.01, 0.2, 0.1
+SUITES = ("none", "single", "pairs", "outside")
+
+
+def spoiled(output: np.ndarray, stroke: float, seed: int) -> np.ndarray:
+    """An output with spikes of a fifth of the stroke, one in a hundred, and a tenth of it lost."""
+    rng = np.random.default_rng([seed, 7])
+    there = np.flatnonzero(np.isfinite(output))
+    rows = rng.choice(there, int(SPIKES * len(there)), replace=False)
+    output = output.copy()
+    output[rows] += HEIGHT * stroke * rng.normal(size=len(rows))
+    output[rng.random(len(output)) < LOST] = np.nan
+    return output
+
+
+def compared(case: Case) -> dict[str, Any]:
+    """What is said of a case as it is, and of the spoiled one."""
+    start = perf_counter()
+    made = make_measurement(
+        case.effects, case.seed, case.excitation, case.seconds, case.rate_hz, case.nothing
+    )
+    said = [
+        pj.diagnose(
+            pj.Record.from_arrays(
+                made.time, made.input, output, aux=made.aux, name=case.id,
+                units={"input": "V", "output": "um"},
+            )
+        )
+        for output in (made.output, spoiled(made.output, made.stroke_um, case.seed))
+    ]  # fmt: skip
+    clean, spoilt = (
+        {
+            "verdict": found.verdict,
+            "effects": list(found.effects),
+            "rms": found.ladder[-1].rms_validation,
+            "spikes": len(found.steps[-1].record.spikes),
+        }
+        for found in said
+    )
+    seconds = perf_counter() - start
+    return {"id": case.id, "clean": clean, "spoiled": spoilt, "seconds": seconds}
+
+
+def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """How many verdicts and names changed, and by how much the error did."""
+    pairs = [(result["clean"], result["spoiled"]) for result in results]
+    error = [bad["rms"] / clean["rms"] - 1 for clean, bad in pairs]
+    return {
+        "cases": len(pairs),
+        "spikes": f"{SPIKES:.0%} of the samples, normal, {HEIGHT:g} of the stroke",
+        "lost": f"{LOST:.0%} of the samples",
+        "verdict_changed": sum(c["verdict"] != b["verdict"] for c, b in pairs),
+        "names_changed": sum(c["effects"] != b["effects"] for c, b in pairs),
+        "error_change_median": float(np.median(error)),
+        "error_change_greatest": float(max(error, key=abs)),
+        "error_changed_by_more_than_a_tenth": sum(abs(e) > 0.1 for e in error),
+        "left_out_of_clean_records": sum(clean["spikes"] for clean, _ in pairs),
+        "seeds": "development",
+        "date": date.today().isoformat(),
+        "versions": {name: version(name) for name in ("preisach_jax", "jax", "numpy", "scipy")},
+    }
+
+
+def main() -> None:
+    """Compare the cases that have no result yet."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--limit", type=int, default=40, help="cases")
+    limit = parser.parse_args().limit
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    file = FOLDER / "corruption.jsonl"
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    results = [json.loads(line) for line in lines]
+    done = {result["id"] for result in results}
+    for case in make_cases(Choice(SUITES, sizes=(), excitations=("rich",), limit=limit)):
+        if case.id in done:
+            continue
+        result = compared(case)
+        results.append(result)
+        with file.open("a", encoding="utf-8") as out:
+            out.write(json.dumps(result) + "\n")
+        print(result["id"], result["clean"], result["spoiled"], flush=True)
+    text = json.dumps(summary(results), indent=1) + "\n"
+    (FOLDER / "corruption.json").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""Samples of the output that stand out alone, as a bad contact or a lost bit makes them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from preisach_jax.record.core import Record
+
+WINDOW = 9
+"""Samples over which a running median follows what a model leaves: it passes by spikes of up to
+four samples, and keeps the edges of steps."""
+
+LEAST_SIGMAS = 7.0
+"""Least height of a spike in standard deviations of what the running median leaves elsewhere."""
+
+LEAST_SHARE = 2e-3
+"""Least height of a spike as a share of the output's range."""
+
+SHARPEST = (0.1, 0.01, 0.003)
+"""Shares of the samples, those at the sharpest bends, by which it is judged how a model follows."""
+
+MARGIN = 5.0
+"""Times what a model usually misses of a bend that it may miss at one."""
+
+MOST = 0.05
+"""Share of the samples beyond which what stands out is no exception."""
+
+MOST_IN_COMPANY = 0.3
+"""Share of what stands out that may lie within `WINDOW` samples of more of it, beside what does by
+chance: ringing comes in trains."""
+
+LEAST_JUMP = 0.7
+"""Share of its height that a spike must rise and fall within one sample: bumps take longer."""
+
+OUT_OF_COMPANY = 2.0
+"""Times the highest of a train that a spike beside trains must be."""
+
+
+def gross_spikes(record: Record) -> np.ndarray:
+    """Where the output leaves its course by more than its range, whatever a model says.
+
+    Arguments:
+        record: the measurement.
+
+    Returns:
+        (time,) bool: the spikes.
+
+    Example:
+        >>> t = np.arange(1000) / 100
+        >>> record = Record.from_arrays(t, np.sin(t), np.where(t == 3.0, 1e6, np.sin(t)))
+        >>> np.flatnonzero(gross_spikes(record))
+        array([300])
+    """
+    rows = np.flatnonzero(record.measured)
+    output = record.output[rows]
+    return _among(record, rows, output, _middle_range(output))
+
+
+def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
+    """Where the output leaves its course for a few samples, and nothing else moves.
+
+    What a model leaves is compared with its running median.  A spike is higher than the noise, than
+    two thousandths of the range, and than what the model misses where the course bends as it does
+    there: what comes a few samples late looks like a spike.  What is frequent, or comes
+    in trains as ringing does, is no spike.
+
+    Arguments:
+        record: the measurement.
+        modelled: (time,) output of a model of it, however bad, in output units.
+
+    Returns:
+        (time,) bool: the spikes.
+
+    Example:
+        >>> t = np.arange(1000) / 100
+        >>> z = np.sin(t) + 1e-3 * np.random.default_rng(0).normal(size=1000)
+        >>> z[[200, 613]] += [1.0, -0.5]
+        >>> record = Record.from_arrays(t, np.sin(t), z)
+        >>> np.flatnonzero(isolated_spikes(record, np.sin(t)))
+        array([200, 613])
+    """
+    rows = np.flatnonzero(record.measured)
+    output = record.output[rows]
+    residual = output - modelled[rows]
+    apart = _height(residual)
+    # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
+    noise = np.quantile(apart, 0.9) / 1.645
+    least = np.maximum(LEAST_SIGMAS * noise, LEAST_SHARE * _middle_range(output))
+    bend = _bend(modelled[rows]) + _bend(_median(output))
+    return _among(record, rows, residual, least + _missed(apart, bend) * bend)
+
+
+def _height(course: np.ndarray) -> np.ndarray:
+    """By how much each sample departs from the running median."""
+    return np.abs(course - _median(course))
+
+
+def _among(
+    record: Record, rows: np.ndarray, course: np.ndarray, least: np.ndarray | float
+) -> np.ndarray:
+    """(time,) which of the measured rows stand out of a course, and neither often nor in trains."""
+    found = np.zeros(len(record), dtype=bool)
+    if len(rows) < 4 * WINDOW:
+        return found
+    height = _height(course)
+    starts, stops = _runs(height > least)
+    jump = np.abs(np.diff(course, prepend=course[:1], append=course[-1:]))
+    sudden = (jump[starts] > LEAST_JUMP * height[starts]) & (
+        jump[stops] > LEAST_JUMP * height[stops - 1]
+    )
+    starts, stops = starts[sudden], stops[sudden]
+    if not len(starts) or (stops - starts).sum() > MOST * len(rows):
+        return found
+    highest = np.array(
+        [height[start:stop].max() for start, stop in zip(starts, stops, strict=True)]
+    )
+    near = starts[1:] - stops[:-1] < WINDOW
+    in_company = np.concatenate([[False], near]) | np.concatenate([near, [False]])
+    by_chance = 1 - np.exp(-2 * WINDOW * len(starts) / len(rows))
+    kept = np.ones(len(starts), dtype=bool)
+    if in_company.mean() > MOST_IN_COMPANY + by_chance:
+        kept = ~in_company & (highest > OUT_OF_COMPANY * highest[in_company].max())
+    for start, stop in zip(starts[kept], stops[kept], strict=True):
+        found[rows[start:stop]] = True
+    return found
+
+
+def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First sample of each stretch where a mask holds, and the first one after it."""
+    edges = np.diff(mask.astype(int), prepend=0, append=0)
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def _missed(apart: np.ndarray, bend: np.ndarray) -> float:
+    """Share of the sharpest bends that a model may miss around them, with a margin; at most 1."""
+    around = ndimage.maximum_filter1d(apart, WINDOW)
+    order = np.argsort(bend)
+    missed = [0.0]
+    for share in SHARPEST:
+        rows = order[len(order) - max(int(share * len(order)), 2 * WINDOW) :]
+        rows = rows[bend[rows] > 0]
+        if len(rows):
+            missed.append(float(np.quantile(around[rows] / bend[rows], 0.75)))
+    return min(1.0, MARGIN * max(missed))
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    return ndimage.median_filter(values, WINDOW, mode="nearest")
+
+
+def _middle_range(values: np.ndarray) -> float:
+    low, high = np.quantile(values, [0.01, 0.99])
+    return float(high - low)
+
+
+def _bend(course: np.ndarray) -> np.ndarray:
+    """By how much a course leaves a straight line within half a window to either side."""
+    half = WINDOW // 2
+    ends = np.pad(course, half, mode="edge")
+    bend = np.abs(ends[2 * half :] - 2 * course + ends[: -2 * half])
+    return ndimage.maximum_filter1d(bend, WINDOW)

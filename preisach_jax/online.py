@@ -182,7 +182,8 @@ class OnlineFilter:
             )
         self._rows = recursion.step(x, z, adapt)
         self._recursion, self._state = recursion, None
-        self._saturated += beyond
+        if beyond:
+            self._saturated += 1
         self._outputs_missing += math.isnan(z)
         self._output = self._rows[0]
         return self._output

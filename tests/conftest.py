@@ -37,6 +37,8 @@ def compiled_code_is_let_go():
 @pytest.fixture
 def compilations():
     """A function that names the functions which JAX compiles while another one runs."""
+    if not hasattr(jax.monitoring, "unregister_event_duration_listener"):
+        pytest.skip("this JAX cannot be stopped from telling what it compiles")
 
     def names(run):
         seen = []

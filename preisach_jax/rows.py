@@ -211,8 +211,8 @@ def spikes_line(record: Record) -> str:
     more = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
     share = 100 * len(rows) / len(record.time)
     return (
-        f"{len(rows):,} outputs ({share:.2g} %) stand out from their neighbours alone and were left "
-        f"out: sample{'s' if len(rows) > 1 else ''} {some}{more}"
+        f"{len(rows):,} outputs ({share:.2g} %) stand out from their neighbours alone and were "
+        f"left out: sample{'s' if len(rows) > 1 else ''} {some}{more}"
     )
 
 

@@ -7,6 +7,7 @@ import world
 import preisach_jax as pj
 from preisach_jax.chain import signals_of
 from preisach_jax.effects.base import Survey
+from preisach_jax.effects.creep import Creep
 
 UNITS = {"input": "V", "output": "um"}
 
@@ -41,7 +42,7 @@ def test_without_creep_it_is_as_narrow_as_before():
 
 
 def test_the_bound_is_that_of_elements_that_stood_elsewhere():
-    effect = pj.effects()["creep"].bound_to(Survey(10.0, 0.01))
+    effect = Creep().bound_to(Survey(10.0, 0.01))
     values = {f"c_{i + 1}": 0.01 * (i + 1) for i in range(len(effect.tau_s))}
     t = np.linspace(0.0, 8.0, 400)
     signals = signals_of(pj.Record.from_arrays(t, t, t))

@@ -79,16 +79,19 @@ class Creep(OutputEffect):
         gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
         # Creep goes on beyond the elements that the record could show: by a decade, half of which
         # an average past has used up.
-        beyond = 0.5 * self.total_amount(gains)[0] @ gains
+        beyond = 0.5 * gains.sum() / self._per_decade
         return furthest * (self.free_response(signals) @ gains + beyond)
 
     def bound_to(self, survey: Survey):
         return Creep(tau_s=creep_times(survey))
 
     def total_amount(self, amounts):
-        decades = np.log10(self.tau_s[-1] / self.tau_s[0])
-        per_decade = (len(self.tau_s) - 1) / decades
-        return np.full(len(amounts), 1 / per_decade), "gain_per_decade", "1"
+        return np.full(len(amounts), 1 / self._per_decade), "gain_per_decade", "1"
+
+    @property
+    def _per_decade(self) -> float:
+        """Elements in a decade of time."""
+        return (len(self.tau_s) - 1) / float(np.log10(self.tau_s[-1] / self.tau_s[0]))
 
     def init(self, values, first):
         return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))

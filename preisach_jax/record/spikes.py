@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from preisach_jax.record.core import Record
 
@@ -134,7 +134,7 @@ def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _missed(apart: np.ndarray, bend: np.ndarray) -> float:
     """Share of the sharpest bends that a model may miss around them, with a margin; at most 1."""
-    around = ndimage.maximum_filter1d(apart, WINDOW)
+    around = scipy.ndimage.maximum_filter1d(apart, WINDOW)
     order = np.argsort(bend)
     missed = [0.0]
     for share in SHARPEST:
@@ -146,7 +146,7 @@ def _missed(apart: np.ndarray, bend: np.ndarray) -> float:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    return ndimage.median_filter(values, WINDOW, mode="nearest")
+    return scipy.ndimage.median_filter(values, WINDOW, mode="nearest")
 
 
 def _middle_range(values: np.ndarray) -> float:
@@ -159,4 +159,4 @@ def _bend(course: np.ndarray) -> np.ndarray:
     half = WINDOW // 2
     ends = np.pad(course, half, mode="edge")
     bend = np.abs(ends[2 * half :] - 2 * course + ends[: -2 * half])
-    return ndimage.maximum_filter1d(bend, WINDOW)
+    return scipy.ndimage.maximum_filter1d(bend, WINDOW)

@@ -151,6 +151,16 @@ class Problem:
         """Range of the measured output: the solver works on outputs of unit range."""
         return float(np.ptp(self.target))
 
+    @property
+    def level(self) -> float:
+        """Mean of the measured output, from which the solver counts: squares keep their digits."""
+        return float(self.target.mean())
+
+    @property
+    def goal(self) -> np.ndarray:
+        """(row,) measured output from its mean, in output ranges."""
+        return (self.target - self.level) / self.unit
+
     def shown_unit(self, unit: str) -> str:
         """A parameter's unit with those of the record in place of `{z}` and `{u}`."""
         channels = self.record.channels
@@ -239,7 +249,8 @@ class Point:
         strength: strength of the smoothness prior.
         folds: folds of rows that identify.
         unit: output range, in output units.
-        target: (row,) measured output, in output ranges.
+        level: mean output, in output units.
+        target: (row,) measured output from its mean, in output ranges.
         matrix: (row, column) scaled regressors of the measured rows.
         columns: what the columns are.
         equations: normal equations, in output ranges.
@@ -252,6 +263,7 @@ class Point:
     strength: float
     folds: np.ndarray
     unit: float
+    level: float
     target: np.ndarray
     matrix: np.ndarray
     columns: Columns
@@ -268,9 +280,9 @@ class Point:
         if not self.chain.at(SensorEffect):
             return self.target - self.matrix @ self.solution
         rest = self.matrix.shape[1] - self.chain.sensor_coefficients
-        signal = jnp.asarray(self.matrix[:, :rest] @ self.solution[:rest] * self.unit)
-        reading = sensed(self.chain, self.values, signal, self.coefficients())
-        return self.target - np.asarray(reading) / self.unit
+        signal = self.matrix[:, :rest] @ self.solution[:rest] * self.unit + self.level
+        reading = sensed(self.chain, self.values, jnp.asarray(signal), self.coefficients())
+        return self.target - (np.asarray(reading) - self.level) / self.unit
 
     @property
     def validation_mean_square(self) -> float:
@@ -294,7 +306,8 @@ class Point:
     def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
-        return Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
+        found = Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
+        return replace(found, offset=found.offset + self.level)
 
 
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
@@ -331,7 +344,7 @@ def evaluate(
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
     equations = normal_equations(
         matrix,
-        problem.target / problem.unit,
+        problem.goal,
         problem.fold,
         chain.plane.levels,
         columns.nonnegative,
@@ -341,10 +354,10 @@ def evaluate(
     )
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution
-    target = problem.target / problem.unit
     bare = Point(
-        chain, values, strength, folds, problem.unit, target, matrix, columns, equations, guess, 0.0
-    )
+        chain, values, strength, folds, problem.unit, problem.level, problem.goal, matrix, columns,
+        equations, guess, 0.0,
+    )  # fmt: skip
     return _solved(bare)
 
 
@@ -400,7 +413,7 @@ def linearise(
         raise FloatingPointError(f"the derivatives are not finite at {point.values}")
     scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-12)
     raw = raw / scale
-    target = problem.target / problem.unit
+    target = problem.goal
     other, own, moment = [], [], []
     for rows in slices_of(problem.fold):
         other.append(point.matrix[rows].T @ raw[rows])

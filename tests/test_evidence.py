@@ -108,7 +108,7 @@ def test_residuals_are_in_the_order_of_time(points):
     problem, base, _ = points
     got = residual_in_time(problem, base) * problem.unit
     model = np.empty(len(problem.record))
-    model[problem.rows] = base.matrix @ base.solution * problem.unit
+    model[problem.rows] = base.matrix @ base.solution * problem.unit + base.level
     np.testing.assert_allclose(got, problem.record.output - model, atol=1e-9)
 
 

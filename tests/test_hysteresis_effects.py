@@ -447,7 +447,7 @@ def coarse():
 def test_residual_and_held_out_error_are_those_of_the_steps(coarse):
     problem, base, stepped = coarse
     assert stepped.values["output_quantisation"]["step"] == pytest.approx(0.8, rel=1e-6)
-    smooth = stepped.matrix @ stepped.solution * problem.unit
+    smooth = stepped.matrix @ stepped.solution * problem.unit + stepped.level
     expected = problem.target - 0.8 * np.round(smooth / 0.8)
     np.testing.assert_allclose(stepped.residual * problem.unit, expected, rtol=0, atol=1e-4)
     held_out = problem.fold == 3
@@ -553,7 +553,8 @@ def test_the_fit_predicts_what_it_was_identified_on(fitted):
     assert fit.fit_percent > 97
     # What is predicted is the response, and what was minimised the regression.
     rows = Problem.of(record).rows
-    regression = (fit.point.target - fit.point.residual) * fit.point.unit
+    point = fit.point
+    regression = (point.target - point.residual) * point.unit + point.level
     apart = regression - fit.prediction[rows]
     assert np.sqrt(np.mean(apart**2)) < 0.2 * fit.rms_identification
 

@@ -95,7 +95,7 @@ def test_size_and_deviation_are_those_of_a_regression(x64, seed):
     )
     chain = Chain(Plane(3, 0.0, 10.0))
     point = with_all_rows(
-        Point(chain, {}, 1e-14, ALL, 1.0, target, matrix, columns, equations, np.empty(0), 0.0)
+        Point(chain, {}, 1e-14, ALL, 1.0, 0.0, target, matrix, columns, equations, np.empty(0), 0.0)
     )
     assert (point.solution[:cells] > 0).tolist() == [True, True, True, False, True, True]
     free = matrix[:, np.append(point.solution[:cells] > 0, True)]

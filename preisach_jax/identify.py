@@ -342,9 +342,10 @@ def evaluate(
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
+    goal = problem.goal
     equations = normal_equations(
         matrix,
-        problem.goal,
+        goal,
         problem.fold,
         chain.plane.levels,
         columns.nonnegative,
@@ -355,7 +356,7 @@ def evaluate(
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution
     bare = Point(
-        chain, values, strength, folds, problem.unit, problem.level, problem.goal, matrix, columns,
+        chain, values, strength, folds, problem.unit, problem.level, goal, matrix, columns,
         equations, guess, 0.0,
     )  # fmt: skip
     return _solved(bare)

@@ -480,9 +480,9 @@ _CONTENT = {
     "low": number(),
     "high": number(),
     "offset": number(),
-    "weights": numbers(),
-    "memory": numbers(),
-    "first_run": numbers(),
+    "weights": numbers,
+    "memory": numbers,
+    "first_run": numbers,
     "visited": items,
     "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
     "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
@@ -497,7 +497,7 @@ _CONTENT = {
         "stop_s": number(),
         "step_s": number(0.0),
         "initial_memory": one_of(*INITIAL_MEMORIES),
-        "history": list_of(numbers(), least=2),
+        "history": list_of(numbers, least=2),
     },
     "rms_validation": number(0.0),
     "noise": share,
@@ -511,7 +511,7 @@ def _model_from(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
     _check_plane(content)
     effects = _effects_from(content["effects"], kinds)
     plane = Plane(content["levels"], content["low"], content["high"])
-    polarity = -1 if sum(content["weights"]) < 0 else 1
+    polarity = -1 if content["weights"].sum() < 0 else 1
     chain = Chain(plane, effects, content["hysteron"], polarity)
     parameters = _parameters_from(content["effects"], chain)
     values = {

@@ -163,20 +163,13 @@ def list_of(check: Check, least: int = 0) -> Check:
     return all_of
 
 
-def numbers(*counts: int) -> Check:
-    """A list of finite numbers, as (count,) float64, where the count is one of some, or any."""
-    of = f" of {' or '.join(str(count) for count in counts)}" if counts else ""
-
-    def check(value: Any, place: str) -> np.ndarray:
-        if counts and len(items(value, place)) not in counts:
-            raise refusal(value, place, f"a list{of} finite numbers")
-        found = np.array([_as_float(inner) for inner in items(value, place)], dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(found))
-        if bad.size:
-            raise refusal(value[bad[0]], f"{place}[{bad[0]}]", "a finite number")
-        return found
-
-    return check
+def numbers(value: Any, place: str) -> np.ndarray:
+    """A list of finite numbers, as (count,) float64."""
+    found = np.array([_as_float(inner) for inner in items(value, place)], dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(found))
+    if bad.size:
+        raise refusal(value[bad[0]], f"{place}[{bad[0]}]", "a finite number")
+    return found
 
 
 def like(pattern: Any, most: int) -> Check:

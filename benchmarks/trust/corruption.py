@@ -1,20 +1,19 @@
 """Spoil the records of the blind benchmark, and see whether the diagnosis still says the same.
 
-    python benchmarks/trust/corruption.py --limit 40
+    python benchmarks/trust/corruption.py --limit 60 --workers 2
 
 Each case is diagnosed as it was recorded, and with one output in a hundred moved by a normal number
-times a fifth of the stroke and one in ten lost.  Development seeds; writes each finished case to
-`benchmarks/results/trust/corruption.jsonl`, goes on where it was interrupted, and sums up in
-`corruption.json` beside it.
+times a fifth of the stroke and one in ten lost.  Reporting seeds, all excitations; each finished
+case is one line of `benchmarks/results/trust/corruption/results.jsonl`, the same command goes on
+where it was interrupted, and `corruption.json` beside that folder sums up.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import sys
-from datetime import date
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -23,13 +22,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from blind.cases import Case, Choice, make_cases
+from blind.results import read_results
+from blind.run import ONE_THREAD, run_cases
 from blind.world import make_measurement
 
-import preisach_jax as pj
-
-FOLDER = Path(__file__).parents[1] / "results" / "trust"
+FOLDER = Path(__file__).parents[1] / "results" / "trust" / "corruption"
 SPIKES, HEIGHT, LOST = 0.01, 0.2, 0.1
 SUITES = ("none", "single", "pairs", "outside")
+SECONDS = 8.0
+"""Length of a record; those of the blind benchmark are longer, and take minutes to diagnose."""
 
 
 def spoiled(output: np.ndarray, stroke: float, seed: int) -> np.ndarray:
@@ -45,6 +46,8 @@ def spoiled(output: np.ndarray, stroke: float, seed: int) -> np.ndarray:
 
 def compared(case: Case) -> dict[str, Any]:
     """What is said of a case as it is, and of the spoiled one."""
+    import preisach_jax as pj  # in the worker, which has set its environment by then
+
     start = perf_counter()
     made = make_measurement(
         case.effects, case.seed, case.excitation, case.seconds, case.rate_hz, case.nothing
@@ -85,33 +88,29 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
         "error_change_greatest": float(max(error, key=abs)),
         "error_changed_by_more_than_a_tenth": sum(abs(e) > 0.1 for e in error),
         "left_out_of_clean_records": sum(clean["spikes"] for clean, _ in pairs),
-        "seeds": "development",
-        "date": date.today().isoformat(),
-        "versions": {name: version(name) for name in ("preisach_jax", "jax", "numpy", "scipy")},
+        "seconds_a_record": SECONDS,
+        "seeds": "reporting",
+        "commits": sorted({result["commit"] for result in results}),
     }
 
 
 def main() -> None:
-    """Compare the cases that have no result yet."""
+    """Compare the cases that have no result yet, and sum up all that is there."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--limit", type=int, default=40, help="cases")
-    limit = parser.parse_args().limit
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    file = FOLDER / "corruption.jsonl"
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    results = [json.loads(line) for line in lines]
-    done = {result["id"] for result in results}
-    for case in make_cases(Choice(SUITES, sizes=(), excitations=("rich",), limit=limit)):
-        if case.id in done:
-            continue
-        result = compared(case)
-        results.append(result)
-        with file.open("a", encoding="utf-8") as out:
-            out.write(json.dumps(result) + "\n")
-        print(result["id"], result["clean"], result["spoiled"], flush=True)
-    text = json.dumps(summary(results), indent=1) + "\n"
-    (FOLDER / "corruption.json").write_text(text, encoding="utf-8")
-    print(text)
+    parser.add_argument("--limit", type=int, default=60, help="cases")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    asked = parser.parse_args()
+    os.environ.update(ONE_THREAD)
+    cases = make_cases(Choice(SUITES, seeds="reporting", limit=asked.limit))
+    try:
+        run_cases(
+            [replace(case, seconds=SECONDS) for case in cases], FOLDER, asked.workers, compared
+        )
+    except KeyboardInterrupt:
+        sys.exit("stopped; what was finished is kept, and the same command goes on")
+    from conditions import write_results  # loads JAX, which must see the environment
+
+    write_results("trust/corruption.json", summary(read_results(FOLDER)))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from datetime import date
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -32,8 +31,11 @@ from pathlib import Path
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import jax
 import numpy as np
+from conditions import write_results
 from PIL import Image
 
 import preisach_jax as pj
@@ -41,8 +43,6 @@ from preisach_jax.cli import main as command_line
 from preisach_jax.files import write_files
 from preisach_jax.filter import FilterState
 from preisach_jax.sweep.storage import sweep_to_folder
-
-RESULT = Path(__file__).parents[1] / "results" / "trust" / "faults.json"
 
 PATIENCE_S = 300
 """Seconds after which a child that neither ends nor is due counts as hanging."""
@@ -418,18 +418,14 @@ def main() -> None:
             tallies.append(tally)
     failures = sum(len(tally.failures) for tally in tallies)
     if not chosen.keep:
-        names = ("preisach_jax", "jax", "numpy", "zarr")
         content = {
-            "date": date.today().isoformat(),
-            "python": sys.version.split()[0],
-            "versions": {name: version(name) for name in names},
+            "zarr": version("zarr"),
             "seed": chosen.seed,
             "kills": sum(tally.kills for tally in tallies),
             "failures": failures,
             "kinds": [asdict(tally) for tally in tallies],
         }
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
-        RESULT.write_text(json.dumps(content, indent=1) + "\n")
+        write_results("trust/faults.json", content)
     sys.exit(bool(failures))
 
 

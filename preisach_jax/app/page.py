@@ -51,7 +51,6 @@ class Page:
         self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
         self._upload: Upload | None = None
         self._choice: Choice | None = None
-        self._chosen_of: Upload | None = None
         self._record: Record | None = None
         self._step: Exploration | None = None
         self._candidates: tuple[Candidate, ...] = ()
@@ -130,11 +129,12 @@ class Page:
     def _show_columns(self, upload: Upload) -> None:
         self._stop_job()
         self._record = self._step = self._views = self._found = None
+        if upload is not self._upload:
+            self._choice = None
         self._upload, self._clicks, self._candidates = upload, [], ()
         self._downloads.objects = []
         self._say("")
-        before = self._choice if upload is self._chosen_of else None
-        choosing = ColumnChoice(upload, self._on_columns, before)
+        choosing = ColumnChoice(upload, self._on_columns, self._choice)
         self._main.objects = [choosing.view]
         self._refresh()
 
@@ -150,7 +150,6 @@ class Page:
 
         def show(record: Record) -> None:
             self._record, self._choice, self._clicks = record, choice, []
-            self._chosen_of = upload
             self._say(panels.told(record, notes))
             self._show_record(record)
             self._refresh()

@@ -47,12 +47,12 @@ from preisach_jax.fit import (
     on_all_rows,
     settled,
     with_effect,
+    with_spikes_left_out,
     without_effect,
 )
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
-from preisach_jax.record.spikes import isolated_spikes
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
@@ -112,11 +112,8 @@ def diagnose(
     with double_precision():
         found = _Search(record, tried, levels, progress or in_silence, watch).run()
         fit = found.steps[-1]
-        spikes = isolated_spikes(fit.record, fit.prediction)
-        if fit.effects and spikes.any():
-            # What the plain model misses hides those that the better one shows.
-            record = fit.record.without(spikes)
-            found = _Search(record, tried, levels, progress or in_silence, watch).run()
+        if (left := with_spikes_left_out(fit)) is not fit.record:
+            found = _Search(left, tried, levels, progress or in_silence, watch).run()
         return found
 
 
@@ -164,11 +161,11 @@ class _Search:
         self.levels_are_given = levels is not None
         self.levels = checked_levels(levels)
         self.tried = tried
-        progress("fitting the rate-independent model", 0.0)
-        self.record, self.problem, point = begun(record, self.levels)
         self._report = progress
         self._watch = watch
         self._reported = 0.0
+        self.progress("fitting the rate-independent model", 0.0)
+        self.record, self.problem, point = begun(record, self.levels)
         self.path: list[Point] = [point]
         self.finer: Point | None = None
         self.accepted: list[Named] = []

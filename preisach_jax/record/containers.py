@@ -53,9 +53,10 @@ def read_npz(path: Path, source: str) -> Table:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            values = sum(_values_in(archive, member) for member in archive.infolist())
+            members = [member for member in archive.infolist() if _is_array(archive, member)]
+            values = sum(_values_in(archive, member) for member in members)
             _check_unpacked(values, path.stat().st_size, source, "numpy.savez")
-            arrays = dict(_arrays_in(archive))
+            arrays = dict(_array_in(archive, member) for member in members)
     except InputError:
         raise
     except Exception as error:  # zipfile, its decompressors and NumPy raise many kinds
@@ -66,11 +67,14 @@ def read_npz(path: Path, source: str) -> Table:
     return table_of_arrays(arrays, source)
 
 
-def _values_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Values of a member of an NPZ file, by its header; ValueError if they cannot be in it."""
+def _is_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bool:
+    """Whether a member of an NPZ file says that it is an array; what else there is is left out."""
     with archive.open(member) as file:
-        if file.read(len(np.lib.format.MAGIC_PREFIX)) != np.lib.format.MAGIC_PREFIX:
-            return 0
+        return file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX
+
+
+def _values_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Values of an array of an NPZ file, by its header; ValueError if they cannot be in it."""
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
         read = (
@@ -89,17 +93,13 @@ def _values_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     return values
 
 
-def _arrays_in(archive: zipfile.ZipFile) -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of an NPZ file by name; what else it holds is left out."""
-    for member in archive.infolist():
-        with archive.open(member) as file:
-            if file.read(len(np.lib.format.MAGIC_PREFIX)) != np.lib.format.MAGIC_PREFIX:
-                continue
-        with archive.open(member) as file:
-            array = np.lib.format.read_array(file, allow_pickle=False)
-            if array.dtype.kind == "U":
-                array = array.astype(object)  # fails where there is no such character
-            yield member.filename.removesuffix(".npy"), array
+def _array_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[str, np.ndarray]:
+    """Name and values of an array of an NPZ file."""
+    with archive.open(member) as file:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+    if array.dtype.kind == "U":
+        array = array.astype(object)  # fails where there is no such character
+    return member.filename.removesuffix(".npy"), array
 
 
 def _most_values(size: int) -> int:

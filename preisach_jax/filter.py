@@ -275,6 +275,7 @@ class AdaptiveFilter(eqx.Module):
         check_start(self.plane, self.hysteron, self.initial_weight)
         if self.sampling not in SAMPLINGS:
             raise InputError(f"sampling is {self.sampling!r}: it must be 'event' or 'sample'")
+        require_one_number("step_size", self.step_size)
         _require_between("step_size", self.step_size, "between 0 and 2, both excluded")
         _require_between("dead_zone", self.dead_zone, "of at least 0", least=True, high=math.inf)
         _require_between("error_limit", self.error_limit, "above 0", high=math.inf)

@@ -32,8 +32,8 @@ from preisach_jax.identify import (
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.record.spikes import gross_spikes, isolated_spikes
-from preisach_jax.rows import chain_rows, error_table, model_line
+from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
+from preisach_jax.rows import chain_rows, error_table, model_line, spikes_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -158,7 +158,7 @@ class Fit:
                     f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
                     f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
                 )
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  {line}" for line in spikes_lines(self.record))])
 
     def plot(self) -> Figure:
         """Measured against model, and the residual, as a matplotlib figure."""
@@ -217,7 +217,9 @@ def fit(
             )
     with double_precision():
         found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
-        if (left := with_spikes_left_out(found)) is not found.record:
+        for _ in range(MOST_ROUNDS):
+            if (left := with_spikes_left_out(found)) is found.record:
+                break
             found = _fitted(left, chosen, checked_levels(levels), progress or in_silence)
         return found
 
@@ -267,7 +269,7 @@ def base_point(problem: Problem, levels: int) -> Point:
 
 
 def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
-    """The rate-independent model of a record, freed from the outputs that stand out alone.
+    """The rate-independent model of a record, freed from the samples that stand out alone.
 
     Arguments:
         record: the record.
@@ -276,6 +278,8 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     Returns:
         The record without its spikes, as it was cut for a search, and the model.
     """
+    if (spikes := input_spikes(record)).any():
+        record = record.bridged(spikes)
     if (spikes := gross_spikes(record)).any():
         record = record.without(spikes)
     for _ in range(MOST_ROUNDS):

@@ -84,7 +84,7 @@ class Problem:
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
-        """Cut a record into blocks of equal numbers of measured samples.
+        """Cut a record into blocks of equal numbers of samples, of measured ones if many lack.
 
         Arguments:
             record: the record.
@@ -104,13 +104,17 @@ class Problem:
                 aux={name: values[kept] for name, values in record.aux.items()},
                 time_values=record.time_values[kept],
                 spikes={},
+                input_spikes={},
             )
             some = signals_of(record)
             signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))
         rows = np.flatnonzero(record.measured)
         # A short record has fewer blocks, but all folds of them.
         blocks = min(BLOCKS, FOLDS * (len(rows) // (2 * FOLDS)))
-        block = np.arange(len(rows)) * blocks // len(rows)
+        # Lost samples must not move what is held out, nor leave a block without rows.
+        block = rows * blocks // len(record.time)
+        if blocks and np.bincount(block, minlength=blocks).min() < 0.75 * len(rows) / blocks:
+            block = np.arange(len(rows)) * blocks // len(rows)
         # The third of four is held out: the ends of the record stay with the identification.
         fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
         order = np.argsort(fold, kind="stable")

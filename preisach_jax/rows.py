@@ -199,21 +199,29 @@ def holes(record: Record) -> list[str]:
         found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
     if unmeasured := int((~record.measured).sum()) - len(record.spikes):
         found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
-    if record.spikes:
-        found.append(spikes_line(record))
+    return [*found, *spikes_lines(record)]
+
+
+def spikes_lines(record: Record) -> list[str]:
+    """Which samples were not used because they stand out alone, in words."""
+    found = []
+    for what, spikes, done in (
+        ("output", record.spikes, "left out"),
+        ("input", record.input_spikes, "bridged by lines, as the output does not answer"),
+    ):
+        if not spikes:
+            continue
+        rows = sorted(spikes)
+        many = len(rows) > 1
+        some = ", ".join(f"{row + 1:,}" for row in rows[:3])
+        others = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
+        share = 100 * len(rows) / len(record.time)
+        found.append(
+            f"{len(rows):,} {what}{'s' * many} ({share:.2g} %) "
+            f"{'stand out from their' if many else 'stands out from its'} neighbours alone and "
+            f"{'were' if many else 'was'} {done}: sample{'s' * many} {some}{others}"
+        )
     return found
-
-
-def spikes_line(record: Record) -> str:
-    """Which samples of the output were left out, in words."""
-    rows = sorted(record.spikes)
-    some = ", ".join(f"{row + 1:,}" for row in rows[:3])
-    more = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
-    share = 100 * len(rows) / len(record.time)
-    return (
-        f"{len(rows):,} outputs ({share:.2g} %) stand out from their neighbours alone and were "
-        f"left out: sample{'s' if len(rows) > 1 else ''} {some}{more}"
-    )
 
 
 def span_rows(record: Record) -> list[tuple[str, str]]:

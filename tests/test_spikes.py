@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 import world
+from scipy import signal
 
 import preisach_jax as pj
+from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.fit import begun, double_precision
-from preisach_jax.record.spikes import isolated_spikes
+from preisach_jax.record.spikes import input_spikes, isolated_spikes
 
 EFFECTS = (None, "creep", "input_lag", "delay", "ageing", "slew_limit", "rate_dependence", "hum")
 
@@ -92,3 +94,75 @@ def test_spikes_and_lost_samples_change_neither_verdict_nor_error(effect):
     assert bad.effects == ((effect,) if effect else ())
     assert bad.ladder[-1].rms_validation == pytest.approx(clean.ladder[-1].rms_validation, rel=0.1)
     assert any("stand out" in note for note in bad.notes)
+
+
+def with_input(made, read):
+    units = {"input": "V", "output": "um"}
+    return pj.Record.from_arrays(made["t"], read, made["z"], units=units, name="hidden")
+
+
+def misread(made, seed, count=25):
+    rng = np.random.default_rng(seed)
+    rows = rng.choice(np.arange(20, len(made["x"]) - 20), count, replace=False)
+    read = made["x"].copy()
+    read[rows] += np.ptp(read) * rng.choice([-0.4, 0.15, 0.3, 5.0], count)
+    return read, rows
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_inputs_that_were_misread_are_bridged_and_others_believed(effect):
+    made = world.hidden_record(effect, 309, 6.0, 1000.0)
+    assert not input_spikes(with_input(made, made["x"])).any()
+    read, rows = misread(made, 3)
+    found = np.flatnonzero(input_spikes(with_input(made, read)))
+    assert len(set(rows) & set(found)) >= 0.95 * len(rows)
+    assert len(set(found) - set(rows)) <= 2
+
+
+@pytest.mark.parametrize("effect", [None, "input_lag"])
+def test_misread_inputs_do_not_move_the_memory_of_a_fit_or_of_a_comparison(effect):
+    made = world.hidden_record(effect, 310, 6.0, 1000.0)
+    read, rows = misread(made, 4)
+    effects = [effect] if effect else []
+    clean = pj.fit(with_input(made, made["x"]), effects, levels=9)
+    bad = pj.fit(with_input(made, read), effects, levels=9)
+    assert len(set(rows) & set(bad.record.input_spikes)) >= 0.9 * len(rows)
+    assert all(bad.record.input_spikes[row] == read[row] for row in bad.record.input_spikes)
+    assert bad.rms_validation == pytest.approx(clean.rms_validation, rel=0.1)
+    assert "inputs (0.4" in bad.summary()
+    compared = compare(clean.model, with_input(made, read))
+    assert compared.rms == pytest.approx(compare(clean.model, clean.record).rms, rel=0.1)
+    assert any("bridged by lines" in note for note in compared.notes)
+
+
+@pytest.mark.parametrize("slowness", [0, 1, 20])
+def test_pulses_that_the_output_answers_are_no_spikes_of_the_input(slowness):
+    t = np.arange(4000) / 1000
+    drive = np.sin(5 * t) + 0.5 * (np.arange(4000) % 317 == 100)
+    # The exact answer of a first-order stage to a staircase.
+    share = np.exp(-1 / slowness) if slowness else 0.0
+    output = signal.lfilter([1 - share], [1, -share], drive)
+    output += 1e-3 * np.random.default_rng(6).normal(size=4000)
+    assert not input_spikes(pj.Record.from_arrays(t, drive, output)).any()
+
+
+def test_an_input_without_a_measured_output_is_believed():
+    made = world.hidden_record(None, 311, 4.0, 500.0)
+    read, output = made["x"].copy(), made["z"].copy()
+    read[[300, 900]] = 2 * read.max()
+    output[[300, 900]] = np.nan
+    record = pj.Record.from_arrays(made["t"], read, output)
+    assert not input_spikes(record).any()
+
+
+def test_a_comparison_leaves_spikes_out_and_tells_it():
+    made = world.hidden_record(None, 312, 4.0, 500.0)
+    model = pj.fit(record_of(made, made["z"]), levels=9).model
+    output = made["z"].copy()
+    output[[500, 1500]] += 5.0
+    clean, bad = (compare(model, record_of(made, z)) for z in (made["z"], output))
+    assert bad.record.spikes == {500: output[500], 1500: output[1500]}
+    assert bad.rms == pytest.approx(clean.rms, rel=0.01)
+    assert clean.notes == ()
+    assert "2 outputs" in bad.notes[0]
+    assert bad.to_json()["spikes_left_out"] == 2

@@ -11,7 +11,9 @@ where it was interrupted, and `corruption.json` beside that folder sums up.
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +31,7 @@ from blind.world import make_measurement
 FOLDER = Path(__file__).parents[1] / "results" / "trust" / "corruption"
 SPIKES, HEIGHT, LOST = 0.01, 0.2, 0.1
 SUITES = ("none", "single", "pairs", "outside")
-SECONDS = 8.0
+SECONDS = 4.0
 """Length of a record; those of the blind benchmark are longer, and take minutes to diagnose."""
 
 
@@ -88,8 +90,6 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
         "error_change_greatest": float(max(error, key=abs)),
         "error_changed_by_more_than_a_tenth": sum(abs(e) > 0.1 for e in error),
         "left_out_of_clean_records": sum(clean["spikes"] for clean, _ in pairs),
-        "seconds_a_record": SECONDS,
-        "seeds": "reporting",
         "commits": sorted({result["commit"] for result in results}),
     }
 
@@ -98,19 +98,28 @@ def main() -> None:
     """Compare the cases that have no result yet, and sum up all that is there."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--limit", type=int, default=60, help="cases")
+    parser.add_argument("--out", type=Path, help="with development seeds, into this folder")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     asked = parser.parse_args()
     os.environ.update(ONE_THREAD)
-    cases = make_cases(Choice(SUITES, seeds="reporting", limit=asked.limit))
+    seeds = "development" if asked.out else "reporting"
+    folder = asked.out or FOLDER
+    cases = make_cases(Choice(SUITES, seeds=seeds, limit=asked.limit))
+    # Else the workers would outlive this process.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         run_cases(
-            [replace(case, seconds=SECONDS) for case in cases], FOLDER, asked.workers, compared
+            [replace(case, seconds=SECONDS) for case in cases], folder, asked.workers, compared
         )
     except KeyboardInterrupt:
         sys.exit("stopped; what was finished is kept, and the same command goes on")
+    found = summary(read_results(folder))
+    if asked.out:
+        print(json.dumps(found, indent=1))
+        return
     from conditions import write_results  # loads JAX, which must see the environment
 
-    write_results("trust/corruption.json", summary(read_results(FOLDER)))
+    write_results("trust/corruption.json", found | {"seeds": seeds, "seconds_a_record": SECONDS})
 
 
 if __name__ == "__main__":

@@ -183,7 +183,7 @@ def compare(
     write_comparison(comparison, report, command=context.obj["command"])
     sentence = comparison_sentence(comparison)
     screen.answer(sentence)
-    screen.say(f"\n{sentence}\n")
+    screen.say("\n".join(["", sentence, *comparison.notes, ""]))
     screen.table(("", "value"), error_rows(comparison))
     screen.say()
     screen.table(("test of the residual", "found", "expected"), test_rows(comparison))

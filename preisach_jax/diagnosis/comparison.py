@@ -16,6 +16,8 @@ from preisach_jax.diagnosis.residuals import (
 )
 from preisach_jax.model import Model, Prediction
 from preisach_jax.record import Record
+from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
+from preisach_jax.rows import spikes_lines
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Comparison:
 
     Attributes:
         model: the model.
-        record: the measurement.
+        record: the measurement, without what stands out alone.
         simulated: the model's prediction, with its band.
         tests: tests of the residual.
     """
@@ -76,6 +78,11 @@ class Comparison:
         return tuple(effect.name for effect in self.model.effects)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader must know of the record before believing the errors."""
+        return tuple(f"{line}." for line in spikes_lines(self.record))
+
+    @property
     def rms(self) -> float:
         """RMS residual, in output units."""
         return float(np.sqrt(np.nanmean(self.residual**2)))
@@ -102,12 +109,16 @@ class Comparison:
             "max_abs": self.max_abs,
             "fit_percent": self.fit_percent,
             "percent_of_stroke": 100 * self.rms / self.record.output_range,
+            "spikes_left_out": len(self.record.spikes),
             "tests": asdict(self.tests),
         }
 
 
 def compare(model: Model, record: Record) -> Comparison:
     """Simulate a model along a record and test what it leaves.
+
+    Outputs that stand out alone are left out, and such inputs are bridged, as `fit` does;
+    `Comparison.notes` tells it.
 
     Arguments:
         model: the model.
@@ -127,7 +138,10 @@ def compare(model: Model, record: Record) -> Comparison:
         >>> compare(pj.fit(record, levels=5).model, record).fit_percent > 98
         True
     """
+    record = record.bridged(input_spikes(record))
     simulated = model.predict(record)
+    record = record.without(gross_spikes(record))
+    record = record.without(isolated_spikes(record, simulated.output))
     residual = record.output - simulated.output
     longest, step = longest_lag(record), record.step_s
     values = in_sequence(record, residual, longest)

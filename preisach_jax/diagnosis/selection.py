@@ -34,6 +34,7 @@ from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
+    MOST_ROUNDS,
     Fit,
     Progress,
     at_levels,
@@ -111,8 +112,10 @@ def diagnose(
     tried = effects_to_try(record, effects)
     with double_precision():
         found = _Search(record, tried, levels, progress or in_silence, watch).run()
-        fit = found.steps[-1]
-        if (left := with_spikes_left_out(fit)) is not fit.record:
+        for _ in range(MOST_ROUNDS):
+            fit = found.steps[-1]
+            if (left := with_spikes_left_out(fit)) is fit.record:
+                break
             found = _Search(left, tried, levels, progress or in_silence, watch).run()
         return found
 

@@ -20,7 +20,7 @@ from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import spikes_line
+from preisach_jax.rows import spikes_lines
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
@@ -118,8 +118,7 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
             "can hide in it. Record more, or ask for fewer levels."
         )
-    if record.spikes:
-        notes.append(f"{spikes_line(record)}.")
+    notes += [f"{line}." for line in spikes_lines(record)]
     turns = len(reversals(record.input))
     if turns < LEAST_REVERSALS:
         notes.append(

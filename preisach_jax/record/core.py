@@ -69,7 +69,8 @@ class Record:
         initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
             `"demagnetised"`, `"free"` (unknown).
         time_values: (K,) float64, the time column as in the file, in the file's unit.
-        spikes: what was measured at the samples that `without` left out, by row.
+        spikes: what was measured at the outputs that `without` left out, by row.
+        input_spikes: what was measured at the inputs that `bridged` replaced, by row.
 
     Example:
         >>> t = np.linspace(0.0, 1.0, 101)
@@ -88,6 +89,7 @@ class Record:
     initial_memory: str
     time_values: np.ndarray
     spikes: Mapping[int, float] = field(default_factory=dict)
+    input_spikes: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def load(
@@ -585,6 +587,29 @@ class Record:
             self,
             output=_frozen(np.where(spikes, np.nan, self.output)),
             spikes={**self.spikes, **left_out},
+        )
+
+    def bridged(self, spikes: np.ndarray) -> Record:
+        """The same measurement with some inputs replaced by straight lines between the others.
+
+        Arguments:
+            spikes: (K,) bool: whose input is not to be used.
+
+        Returns:
+            The record with the same digest; `input_spikes` remembers what was measured.
+
+        Example:
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 50, 2], [0, 1, 2])
+            >>> bridged = record.bridged(np.array([False, True, False]))
+            >>> bridged.input, bridged.input_spikes
+            (array([0., 1., 2.]), {1: 50.0})
+        """
+        replaced = {int(row): float(self.input[row]) for row in np.flatnonzero(spikes)}
+        line = np.interp(self.time, self.time[~spikes], self.input[~spikes])
+        return replace(
+            self,
+            input=_frozen(np.where(spikes, line, self.input)),
+            input_spikes={**self.input_spikes, **replaced},
         )
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Samples of the output that stand out alone, as a bad contact or a lost bit makes them."""
+"""Samples that stand out alone, as a bad contact or a lost bit makes them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ four samples, and keeps the edges of steps."""
 LEAST_SIGMAS = 7.0
 """Least height of a spike in standard deviations of what the running median leaves elsewhere."""
 
-LEAST_SHARE = 2e-3
+LEAST_SHARE = 1e-3
 """Least height of a spike as a share of the output's range."""
 
 SHARPEST = (0.1, 0.01, 0.003)
 """Shares of the samples, those at the sharpest bends, by which it is judged how a model follows."""
 
-MARGIN = 5.0
+MARGIN = 3.0
 """Times what a model usually misses of a bend that it may miss at one."""
 
 MOST = 0.05
@@ -35,6 +35,22 @@ LEAST_JUMP = 0.7
 
 OUT_OF_COMPANY = 2.0
 """Times the highest of a train that a spike beside trains must be."""
+
+LEAST_INPUT_SHARE = 0.01
+"""Least height of a spike of the input as a share of the input's range."""
+
+BESIDE = 5
+"""Samples before a spike of the input, and from it on, whose mean outputs are compared: a stage
+that is slower than its sampling has begun to answer by then."""
+
+STEEPER = 2.0
+"""Times the usual step around it that a spike of the input is high: a fast drive's peak is not."""
+
+AT_ONCE = 0.25
+"""Share of what the stage's gain lets expect, by which a fast output answers in the same sample."""
+
+ANSWERED = 3.0
+"""Standard errors of that comparison beyond which the output answers, and the input did move."""
 
 
 def gross_spikes(record: Record) -> np.ndarray:
@@ -61,7 +77,7 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     """Where the output leaves its course for a few samples, and nothing else moves.
 
     What a model leaves is compared with its running median.  A spike is higher than the noise, than
-    two thousandths of the range, and than what the model misses where the course bends as it does
+    a thousandth of the range, and than what the model misses where the course bends as it does
     there: what comes a few samples late looks like a spike.  What is frequent, or comes
     in trains as ringing does, is no spike.
 
@@ -89,6 +105,77 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     least = np.maximum(LEAST_SIGMAS * noise, LEAST_SHARE * _middle_range(output))
     bend = _bend(modelled[rows]) + _bend(_median(output))
     return _among(record, rows, residual, least + _missed(apart, bend) * bend)
+
+
+def input_spikes(record: Record) -> np.ndarray:
+    """Where the input leaves its course for a few samples, and the output does not answer.
+
+    The output's mean over a spike and just after it is compared with that just before it, beside
+    what the course without the spikes lets expect.  If it moved with the spikes, they are pulses.
+
+    Arguments:
+        record: the measurement.
+
+    Returns:
+        (time,) bool: the spikes.
+
+    Example:
+        >>> t = np.arange(1000) / 100
+        >>> drive = np.sin(t)
+        >>> read = drive + 0.3 * np.isin(t, [2.0, 5.5])
+        >>> np.flatnonzero(input_spikes(Record.from_arrays(t, read, drive)))
+        array([200, 550])
+        >>> input_spikes(Record.from_arrays(t, read, read)).any()
+        np.False_
+    """
+    course = record.input
+    apart = _height(course)
+    noise = np.quantile(apart, 0.9) / 1.645
+    least = max(LEAST_SIGMAS * noise, LEAST_INPUT_SHARE * _middle_range(course))
+    steps = np.abs(np.diff(course, prepend=course[:1]))
+    usual = scipy.ndimage.percentile_filter(steps, 75, 2 * WINDOW + 1)
+    spikes = _among(record, np.arange(len(record)), course, np.maximum(least, STEEPER * usual))
+    for start, stop in zip(*_runs(spikes), strict=True):
+        # Where nothing was measured the input is told for the sake of the memory.
+        spikes[start:stop] = record.measured[start:stop].all()
+    if spikes.any() and _answered(record, spikes):
+        return np.zeros_like(spikes)
+    return spikes
+
+
+def _answered(record: Record, spikes: np.ndarray) -> bool:
+    """Whether the output moves with spikes of the input, at once or within a few samples."""
+    mended = record.bridged(spikes).input
+    rose, expected = (_rise(course) for course in (record.output, mended))
+    known = np.isfinite(rose)
+    if not expected[known].any():
+        return False
+    gain = rose[known] @ expected[known] / (expected[known] @ expected[known])
+    jumped = gain * (record.input - mended)[spikes]
+    bridge = known & ~spikes & record.measured
+    beside = np.interp(record.time, record.time[bridge], record.output[bridge])
+    at_once = (np.sign(jumped) * (record.output - beside)[spikes])[record.measured[spikes]]
+    if len(at_once) and np.median(at_once) > AT_ONCE * np.median(np.abs(jumped)):
+        return True
+    left = rose - gain * expected
+    spread = np.quantile(np.abs(left[known]), 0.9) / 1.645
+    moved = (np.sign(jumped) * left[spikes])[known[spikes]]
+    # An output that has spikes of its own answers by no more than it usually moves.
+    score = np.clip(moved / spread, -ANSWERED, ANSWERED).sum() / np.sqrt(max(len(moved), 1))
+    return bool(score >= ANSWERED)
+
+
+def _rise(course: np.ndarray) -> np.ndarray:
+    """Mean of each sample and the next ones minus that of those before it; NaN where none is."""
+    there = np.isfinite(course)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(there, course, 0.0))])
+    counts = np.concatenate([[0], np.cumsum(there)])
+    here = np.arange(len(course))
+    before, after = np.maximum(here - BESIDE, 0), np.minimum(here + BESIDE, len(course))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (sums[after] - sums[here]) / (counts[after] - counts[here]) - (
+            sums[here] - sums[before]
+        ) / (counts[here] - counts[before])
 
 
 def _height(course: np.ndarray) -> np.ndarray:

@@ -126,6 +126,7 @@ def comparison_page(comparison: Comparison, command: str | None) -> dict[str, An
     return {
         "title": record.name,
         "sentence": comparison_sentence(comparison),
+        "notes": comparison.notes,
         "errors": error_rows(comparison),
         "tests": test_rows(comparison),
         "sampling": sampling_note(record),

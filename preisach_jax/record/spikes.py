@@ -11,6 +11,9 @@ WINDOW = 9
 """Samples over which a running median follows what a model leaves: it passes by spikes of up to
 four samples, and keeps the edges of steps."""
 
+LEAST_ROWS = 4 * WINDOW
+"""Measured samples below which there is no course to stand out of."""
+
 LEAST_SIGMAS = 7.0
 """Least height of a spike in standard deviations of what the running median leaves elsewhere."""
 
@@ -44,7 +47,11 @@ BESIDE = 5
 that is slower than its sampling has begun to answer by then."""
 
 STEEPER = 2.0
-"""Times the usual step around it that a spike of the input is high: a fast drive's peak is not."""
+"""Times the usual step around it that a spike is high: the peak of a fast course is not."""
+
+NOT_MODELLED = 0.7
+"""Share of the height of a sample that stands out of the output's course, which a model must miss:
+else it is a peak that the model follows."""
 
 AT_ONCE = 0.25
 """Share of what the stage's gain lets expect, by which a fast output answers in the same sample."""
@@ -69,6 +76,8 @@ def gross_spikes(record: Record) -> np.ndarray:
         array([300])
     """
     rows = np.flatnonzero(record.measured)
+    if len(rows) < LEAST_ROWS:
+        return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
     return _among(record, rows, output, _middle_range(output))
 
@@ -78,8 +87,9 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
 
     What a model leaves is compared with its running median.  A spike is higher than the noise, than
     a thousandth of the range, and than what the model misses where the course bends as it does
-    there: what comes a few samples late looks like a spike.  What is frequent, or comes
-    in trains as ringing does, is no spike.
+    there: what comes a few samples late looks like a spike.  Or the output itself steps there by
+    more than it does around, and the model does not.  What is frequent, or comes in trains as
+    ringing does, is no spike.
 
     Arguments:
         record: the measurement.
@@ -97,14 +107,18 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
         array([200, 613])
     """
     rows = np.flatnonzero(record.measured)
+    if len(rows) < LEAST_ROWS:
+        return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
     residual = output - modelled[rows]
-    apart = _height(residual)
-    # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
-    noise = np.quantile(apart, 0.9) / 1.645
-    least = np.maximum(LEAST_SIGMAS * noise, LEAST_SHARE * _middle_range(output))
+    least = _least(residual, LEAST_SHARE * _middle_range(output))
     bend = _bend(modelled[rows]) + _bend(_median(output))
-    return _among(record, rows, residual, least + _missed(apart, bend) * bend)
+    beside_the_model = _among(record, rows, residual, least + _missed(residual, bend) * bend)
+    # However bad the model is where it bends: what its own course does not show is not its doing.
+    own = _height(output)
+    alone = own > _least_alone(output, LEAST_SHARE)
+    beside_its_course = _among(record, rows, residual, np.where(alone, NOT_MODELLED * own, np.inf))
+    return beside_the_model | beside_its_course
 
 
 def input_spikes(record: Record) -> np.ndarray:
@@ -128,13 +142,10 @@ def input_spikes(record: Record) -> np.ndarray:
         >>> input_spikes(Record.from_arrays(t, read, read)).any()
         np.False_
     """
-    course = record.input
-    apart = _height(course)
-    noise = np.quantile(apart, 0.9) / 1.645
-    least = max(LEAST_SIGMAS * noise, LEAST_INPUT_SHARE * _middle_range(course))
-    steps = np.abs(np.diff(course, prepend=course[:1]))
-    usual = scipy.ndimage.percentile_filter(steps, 75, 2 * WINDOW + 1)
-    spikes = _among(record, np.arange(len(record)), course, np.maximum(least, STEEPER * usual))
+    rows = np.arange(len(record))
+    if record.measured.sum() < LEAST_ROWS:
+        return np.zeros(len(record), dtype=bool)
+    spikes = _among(record, rows, record.input, _least_alone(record.input, LEAST_INPUT_SHARE))
     for start, stop in zip(*_runs(spikes), strict=True):
         # Where nothing was measured the input is told for the sake of the memory.
         spikes[start:stop] = record.measured[start:stop].all()
@@ -183,13 +194,24 @@ def _height(course: np.ndarray) -> np.ndarray:
     return np.abs(course - _median(course))
 
 
+def _least(course: np.ndarray, floor: float) -> float:
+    """Height above which a sample is no noise of a course; `floor` at least."""
+    # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
+    return max(LEAST_SIGMAS * float(np.quantile(_height(course), 0.9)) / 1.645, floor)
+
+
+def _least_alone(course: np.ndarray, share: float) -> np.ndarray:
+    """Height above which a sample is neither noise nor a fast peak of a course."""
+    steps = np.abs(np.diff(course, prepend=course[:1]))
+    usual = scipy.ndimage.percentile_filter(steps, 75, 2 * WINDOW + 1)
+    return np.maximum(_least(course, share * _middle_range(course)), STEEPER * usual)
+
+
 def _among(
     record: Record, rows: np.ndarray, course: np.ndarray, least: np.ndarray | float
 ) -> np.ndarray:
     """(time,) which of the measured rows stand out of a course, and neither often nor in trains."""
     found = np.zeros(len(record), dtype=bool)
-    if len(rows) < 4 * WINDOW:
-        return found
     height = _height(course)
     starts, stops = _runs(height > least)
     jump = np.abs(np.diff(course, prepend=course[:1], append=course[-1:]))
@@ -219,9 +241,9 @@ def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
-def _missed(apart: np.ndarray, bend: np.ndarray) -> float:
+def _missed(residual: np.ndarray, bend: np.ndarray) -> float:
     """Share of the sharpest bends that a model may miss around them, with a margin; at most 1."""
-    around = scipy.ndimage.maximum_filter1d(apart, WINDOW)
+    around = scipy.ndimage.maximum_filter1d(_height(residual), WINDOW)
     order = np.argsort(bend)
     missed = [0.0]
     for share in SHARPEST:

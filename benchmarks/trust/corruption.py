@@ -31,8 +31,8 @@ from blind.world import make_measurement
 FOLDER = Path(__file__).parents[1] / "results" / "trust" / "corruption"
 SPIKES, HEIGHT, LOST = 0.01, 0.2, 0.1
 SUITES = ("none", "single", "pairs", "outside")
-SECONDS = 4.0
-"""Length of a record; those of the blind benchmark are longer, and take minutes to diagnose."""
+SECONDS, LEVELS = 4.0, 13
+"""Length of a record and levels of the plane: those of the blind benchmark take minutes a case."""
 
 SEEN = 8
 """Cases that were looked at when spikes were found less well; they are left out since."""
@@ -62,7 +62,8 @@ def compared(case: Case) -> dict[str, Any]:
             pj.Record.from_arrays(
                 made.time, made.input, output, aux=made.aux, name=case.id,
                 units={"input": "V", "output": "um"},
-            )
+            ),
+            levels=LEVELS,
         )
         for output in (made.output, spoiled(made.output, made.stroke_um, case.seed))
     ]  # fmt: skip
@@ -122,7 +123,10 @@ def main() -> None:
         return
     from conditions import write_results  # loads JAX, which must see the environment
 
-    write_results("trust/corruption.json", found | {"seeds": seeds, "seconds_a_record": SECONDS})
+    write_results(
+        "trust/corruption.json",
+        found | {"seeds": seeds, "seconds_a_record": SECONDS, "levels": LEVELS},
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,12 @@
 """Ageing: the hysteresis shrinks as time goes by."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
-from preisach_jax.effects.base import Parameter, Signals, Survey, WeightEffect, log_grid
+from jaxtyping import Array, Float
+
+from preisach_jax.effects.base import Parameter, Signals, Survey, Values, WeightEffect, log_grid
 from preisach_jax.effects.drift import settling
 
 
@@ -35,7 +39,7 @@ class Ageing(WeightEffect):
     )
     horizon_s: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         low, high = self.horizon_s / 30, self.horizon_s * 30
         return (
             Parameter("loss", "1", -0.5, 0.9, meaning="share of the stroke lost over the record"),
@@ -50,8 +54,8 @@ class Ageing(WeightEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Ageing:
         return Ageing(horizon_s=survey.duration_s)
 
-    def gain(self, values, signals: Signals):
+    def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
         return 1 - values["loss"] * settling(signals.time, values["tau_s"], self.horizon_s)

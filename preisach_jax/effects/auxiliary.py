@@ -1,12 +1,23 @@
 """An auxiliary column of the record (load, temperature) that acts on the output."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid, low_pass_step
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    log_grid,
+    low_pass_step,
+)
 
 
 class Auxiliary(AddedEffect):
@@ -44,7 +55,7 @@ class Auxiliary(AddedEffect):
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         return f"aux:{self.column}"
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return (
             Parameter(
                 "tau_s",
@@ -57,11 +68,11 @@ class Auxiliary(AddedEffect):
             ),
         )
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         unit = f"{{z}}/{self.unit or '1'}"
         return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per auxiliary unit"),)
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Auxiliary:
         return Auxiliary(
             column=self.column,
             unit=self.unit,
@@ -69,11 +80,11 @@ class Auxiliary(AddedEffect):
             tau_high_s=survey.duration_s / 5,
         )
 
-    def columns(self, values, signals):
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         signal = signals.aux[self.column]
         dt = jnp.diff(signals.time, prepend=signals.time[:1])
 
-        def advance(state, sample):
+        def advance(state: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
             value, step_s = sample
             state = low_pass_step(state, value, step_s, values["tau_s"])
             return state, state[0]

@@ -15,6 +15,7 @@ with the actual time step, and the model maps them over regressors.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any, ClassVar
@@ -25,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-Values = dict[str, Any]
+Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
 
 
@@ -63,7 +64,7 @@ class Parameter:
     meaning: str = ""
     amount: bool = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not self.low < self.high:
             raise ValueError(
                 f"parameter {self.name!r} has bounds {self.low} and {self.high}: "
@@ -229,7 +230,7 @@ class _Stepped(Effect):
         dt = jnp.diff(time, prepend=time[:1])
         state = self.init(values, signal[0])
 
-        def advance(state, sample):
+        def advance(state: Any, sample: tuple[Array, Array]) -> tuple[Any, Array]:
             return self.step(values, state, *sample)
 
         return jax.lax.scan(advance, state, (signal, dt))[1]

@@ -1,11 +1,22 @@
 """Creep: the output goes on moving after the input has stopped."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid, low_pass_step
+from preisach_jax.effects.base import (
+    OutputEffect,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    log_grid,
+    low_pass_step,
+)
 
 
 def creep_times(survey: Survey) -> tuple[float, ...]:
@@ -53,13 +64,13 @@ class Creep(OutputEffect):
     )
     tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(f"c_{i}", "1", 0.0, 0.5, meaning=f"gain of the element of {tau:.3g} s")
             for i, tau in enumerate(self.tau_s, start=1)
         )
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
                 f"start_{i}",
@@ -72,20 +83,22 @@ class Creep(OutputEffect):
             for i, tau in enumerate(self.tau_s, start=1)
         )
 
-    def free_response(self, signals):
+    def free_response(self, signals: Signals) -> Float[Array, "time column"]:
         return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s)[None, :])
 
-    def past_bound(self, values, signals, furthest):
+    def past_bound(
+        self, values: Values, signals: Signals, furthest: float
+    ) -> Float[Array, " time"]:
         gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
         # Creep goes on beyond the elements that the record could show: by a decade, half of which
         # an average past has used up.
         beyond = 0.5 * gains.sum() / self._per_decade
         return furthest * (self.free_response(signals) @ gains + beyond)
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Creep:
         return Creep(tau_s=creep_times(survey))
 
-    def total_amount(self, amounts):
+    def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
         return np.full(len(amounts), 1 / self._per_decade), "gain_per_decade", "1"
 
     @property
@@ -93,10 +106,10 @@ class Creep(OutputEffect):
         """Elements in a decade of time."""
         return (len(self.tau_s) - 1) / float(np.log10(self.tau_s[-1] / self.tau_s[0]))
 
-    def init(self, values, first):
+    def init(self, values: Values, first: Array) -> Array:
         return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))
 
-    def step(self, values, state, value, dt):
+    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         state = low_pass_step(state, value, dt, jnp.asarray(self.tau_s))
         gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
         return state, value + gains @ state[:, 0]

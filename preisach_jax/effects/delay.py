@@ -1,10 +1,13 @@
 """Pure delay between the hysteresis and the recorded output."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, Values, log_grid
 
 
 class Delay(OutputEffect):
@@ -41,7 +44,7 @@ class Delay(OutputEffect):
     delay_low_s: float = 1e-5
     delay_high_s: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return (
             Parameter(
                 "delay_s",
@@ -54,10 +57,12 @@ class Delay(OutputEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Delay:
         return Delay(delay_low_s=survey.step_s / 4, delay_high_s=survey.duration_s / 20)
 
-    def apply(self, values, signal, time):
+    def apply(
+        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
         # A delay needs the past of its signal, not a state of fixed size.  The output is shifted,
         # and not the input: a shifted input would be sampled beside its turning points, and the
         # hysteresis would remember the wrong ones.

@@ -1,15 +1,18 @@
 """Drift: a slow change of the output that does not depend on the input."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, log_grid
+from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values, log_grid
 
 
-def settling(time_s, tau_s, horizon_s: float):
+def settling(time_s: Array, tau_s: Array, horizon_s: float) -> Array:
     r"""Exponential approach that is 0 at the start and 1 at the horizon \(T\).
 
     \[ g(t) = \frac{1 - e^{-t/\tau}}{1 - e^{-T/\tau}} \]
@@ -83,8 +86,8 @@ class Drift(AddedEffect):
             ),
         )
 
-    def coefficients(self):
-        def free(name, meaning):
+    def coefficients(self) -> tuple[Parameter, ...]:
+        def free(name: str, meaning: str) -> Parameter:
             return Parameter(name, "{z}", -jnp.inf, jnp.inf, meaning=meaning)
 
         if self.waves:
@@ -95,10 +98,10 @@ class Drift(AddedEffect):
             )
         return (free("amplitude", "change over the record"),)
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Drift:
         return Drift(horizon_s=survey.duration_s)
 
-    def variants(self, survey: Survey):
+    def variants(self, survey: Survey) -> tuple[Drift, ...]:
         settled = self.bound_to(survey)
         if len(survey.residual) < 10 * WAVES[-1]:
             return (settled,)
@@ -111,14 +114,14 @@ class Drift(AddedEffect):
                 wander, least = trial, left
         return (settled,) if wander is None else (settled, wander)
 
-    def columns(self, values, signals):
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         if self.waves:
             phase = jnp.pi * jnp.clip(signals.time / self.horizon_s, 0.0, 1.0)
             return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
         return settling(signals.time, values["tau_s"], self.horizon_s)[:, None]
 
 
-def _left(residual, columns) -> float:
+def _left(residual: np.ndarray, columns: Array) -> float:
     """Sum of squares that a constant and some columns leave of a residual."""
     matrix = np.concatenate([np.ones((len(residual), 1)), np.asarray(columns)], axis=1)
     solution = np.linalg.lstsq(matrix, residual, rcond=None)[0]

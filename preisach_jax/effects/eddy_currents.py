@@ -1,11 +1,14 @@
 """Eddy currents: the field inside lags behind the applied one by the speed of the output."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
+from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
 
 
 class EddyCurrents(HysteresisEffect):
@@ -53,11 +56,11 @@ class EddyCurrents(HysteresisEffect):
     range_u: float = 1.0
     speed_z: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         most = self.range_u / self.speed_z
         return (Parameter("k", "{u} s/{z}", 0.0, most, meaning="input for unit speed of output"),)
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> EddyCurrents:
         if len(survey.time) < 2:
             return self
         speed = float(np.quantile(np.abs(np.diff(survey.input) / np.diff(survey.time)), 0.9))
@@ -65,7 +68,13 @@ class EddyCurrents(HysteresisEffect):
         ratio = float(np.ptp(survey.output)) / swing or 1.0
         return EddyCurrents(swing, ratio * (speed or swing / survey.step_s))
 
-    def fed_back(self, values, path, output, time):
+    def fed_back(
+        self,
+        values: Values,
+        path: Float[Array, " time"],
+        output: Float[Array, " time"],
+        time: Float[Array, " time"],
+    ) -> Float[Array, " time"]:
         dt = jnp.diff(time, prepend=time[:1])
         moved = jnp.diff(output, prepend=output[:1])
         # The first sample has none before it.

@@ -1,8 +1,13 @@
 """What the lags of the input and of the output share: one time constant, and its low-pass."""
 
-import jax.numpy as jnp
+from __future__ import annotations
 
-from preisach_jax.effects.base import Effect, Parameter, Survey, log_grid, low_pass_step
+from typing import Self
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from preisach_jax.effects.base import Effect, Parameter, Survey, Values, log_grid, low_pass_step
 
 
 class FirstOrderLag(Effect):
@@ -15,7 +20,7 @@ class FirstOrderLag(Effect):
     tau_low_s: float = 1e-5
     tau_high_s: float = 10.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return (
             Parameter(
                 "tau_s",
@@ -28,12 +33,12 @@ class FirstOrderLag(Effect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Self:
         return type(self)(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
 
-    def init(self, values, first):
+    def init(self, values: Values, first: Array) -> Array:
         return jnp.stack([first, first])
 
-    def step(self, values, state, value, dt):
+    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         state = low_pass_step(state, value, dt, values["tau_s"])
         return state, state[0]

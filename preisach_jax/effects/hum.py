@@ -1,13 +1,16 @@
 """Hum: a line of fixed frequency and its harmonics on the recorded output."""
 
+from __future__ import annotations
+
 import math
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey
+from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values
 from preisach_jax.effects.spectrum import strongest_lines
 
 MAINS_HZ = (50.0, 60.0)
@@ -59,18 +62,18 @@ class Hum(AddedEffect):
     starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         low, high = 0.99 * min(self.starts_hz), 1.01 * max(self.starts_hz)
         return (Parameter("f_hz", "Hz", low, high, start=self.starts_hz, meaning="frequency"),)
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(f"{part}_{k}", "{z}", -jnp.inf, jnp.inf, meaning=f"{part} of {k} f_hz")
             for k in range(1, self.harmonics + 1)
             for part in ("cosine", "sine")
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Hum:
         starts = MAINS_HZ
         if len(survey.residual) and np.ptp(survey.residual) > 0:
             # A coarser raster keeps to whole steps, so that even samples still lie on it.
@@ -85,7 +88,7 @@ class Hum(AddedEffect):
         below = int(0.5 / survey.step_s / (1.01 * max(starts)))
         return Hum(starts_hz=starts, harmonics=min(max(below, 1), 3))
 
-    def columns(self, values, signals):
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         phase = 2 * jnp.pi * values["f_hz"] * signals.time
         waves = [
             part(k * phase) for k in range(1, self.harmonics + 1) for part in (jnp.cos, jnp.sin)

@@ -1,10 +1,13 @@
 """First-order lag between the recorded input and what drives the material."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import InputEffect, curvature
+from preisach_jax.effects.base import InputEffect, Values, curvature
 from preisach_jax.effects.first_order import FirstOrderLag
 
 
@@ -43,7 +46,9 @@ class InputLag(FirstOrderLag, InputEffect):
         "attenuates fast parts, a delay only shifts them"
     )
 
-    def apply(self, values, signal, time):
+    def apply(
+        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
         # with its chord a twelfth of (curvature x step²), by which the ends are moved.
         dt = jnp.diff(time)

@@ -1,11 +1,14 @@
 """Steps of the converter that makes the drive from the recorded command."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from preisach_jax.effects.base import InputEffect, Parameter, Survey
+from preisach_jax.effects.base import InputEffect, Parameter, Survey, Values
 from preisach_jax.effects.spectrum import strongest_lines
 
 MOST_STEPS = 5000
@@ -47,13 +50,13 @@ class InputQuantisation(InputEffect):
     )
     starts: tuple[float, ...] = (1e-6,)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         low, high = 0.995 * min(self.starts), 1.005 * max(self.starts)
         return (
             Parameter("step", "{u}", low, high, start=self.starts, meaning="step of the converter"),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> InputQuantisation:
         values = survey.input
         if len(values) < 2 or not np.ptp(values) > 0:
             return self
@@ -70,10 +73,12 @@ class InputQuantisation(InputEffect):
         # Where there are none, one too fine to do anything.
         return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,))
 
-    def init(self, values, first):
+    def init(self, values: Values, first: Array) -> tuple[()]:
         return ()
 
-    def step(self, values, state, value, dt):
+    def step(
+        self, values: Values, state: tuple[()], value: Array, dt: Array
+    ) -> tuple[tuple[()], Array]:
         return state, values["step"] * jnp.round(value / values["step"])
 
 

@@ -1,10 +1,13 @@
 """Moving model: the output acts back on the input of the hysterons."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
+from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
 
 
 class Moving(HysteresisEffect):
@@ -51,18 +54,24 @@ class Moving(HysteresisEffect):
     range_u: float = 1.0
     range_z: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         ratio = self.range_u / self.range_z
         return (
             Parameter("a", "{u}/{z}", -0.4 * ratio, 1.0 * ratio, meaning="input for unit output"),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Moving:
         if len(survey.time) < 2:
             return self
         swing_u, swing_z = float(np.ptp(survey.input)), float(np.ptp(survey.output))
         return Moving(float(survey.input.min()), swing_u, swing_z)
 
-    def fed_back(self, values, path, output, time):
+    def fed_back(
+        self,
+        values: Values,
+        path: Float[Array, " time"],
+        output: Float[Array, " time"],
+        time: Float[Array, " time"],
+    ) -> Float[Array, " time"]:
         moved = path - self.low_u + values["a"] * output
         return self.low_u + moved / (1 + values["a"] * self.range_z / self.range_u)

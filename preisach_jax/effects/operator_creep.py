@@ -1,12 +1,15 @@
 """Operator creep: creep that small moves do not start."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey
+from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values
 from preisach_jax.effects.creep import creep_times
 
 SHARES = (0.05, 0.15, 0.35)
@@ -53,10 +56,10 @@ class OperatorCreep(AddedEffect):
     tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
     range_u: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return ()
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         forms = {
             "gain": "mean creep a decade of time beyond",
             "tilt": "how much more of it in long times than in short ones beyond",
@@ -74,11 +77,11 @@ class OperatorCreep(AddedEffect):
             for name, meaning in forms.items()
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> OperatorCreep:
         swing = float(np.ptp(survey.input)) if len(survey.input) else 1.0
         return OperatorCreep(creep_times(survey), swing)
 
-    def columns(self, values, signals):
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         tau_s = jnp.asarray(self.tau_s)[None, :]
         threshold = (self.range_u * jnp.asarray(SHARES))[:, None]
         decades = jnp.log10(tau_s[0, -1] / tau_s[0, 0])
@@ -86,7 +89,9 @@ class OperatorCreep(AddedEffect):
         spectrum = jnp.stack([jnp.ones_like(even), even, 1.5 * even**2 - 0.5], axis=1)
         spectrum = spectrum * decades / (len(self.tau_s) - 1)
 
-        def advance(state, sample):
+        def advance(
+            state: tuple[Array, Array], sample: tuple[Array, Array]
+        ) -> tuple[tuple[Array, Array], Array]:
             place, before = state
             now, dt = sample
             place = creep_step(place, before, now, dt, threshold, tau_s)
@@ -98,7 +103,14 @@ class OperatorCreep(AddedEffect):
         return jax.lax.scan(advance, start, (signals.input, dt))[1]
 
 
-def creep_step(place, before, now, dt, threshold, tau_s):
+def creep_step(
+    place: Array | float,
+    before: Array | float,
+    now: Array | float,
+    dt: Array,
+    threshold: Array,
+    tau_s: Array,
+) -> Array:
     """Elementary creep operators after `dt`, exact for an input that goes straight.
 
     Arguments:

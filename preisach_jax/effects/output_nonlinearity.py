@@ -1,13 +1,16 @@
 """Nonlinear output: the sensor, or what saturates, bends the whole loop alike."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, SensorEffect, Survey
+from preisach_jax.effects.base import Parameter, SensorEffect, Survey, Values
 
 HALF_WAVES = 24
 """Half waves over the range up to which ripples are tried where a cubic does not follow."""
@@ -53,10 +56,10 @@ class OutputNonlinearity(SensorEffect):
     range_z: float = 1.0
     half_waves: int = eqx.field(static=True, default=0)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return ()
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         parts = {"c_2": "the quadratic part", "c_3": "the cubic part"}
         parts |= {f"ripple_{k}": f"the ripple of {k / 2:g} waves" for k in self._ripples}
         return tuple(
@@ -68,16 +71,18 @@ class OutputNonlinearity(SensorEffect):
     def _ripples(self) -> range:
         return range(2, self.half_waves + 1)
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> OutputNonlinearity:
         if len(survey.time) < 2:
             return self
         return OutputNonlinearity(float(survey.output.min()), float(np.ptp(survey.output)))
 
-    def variants(self, survey: Survey):
+    def variants(self, survey: Survey) -> tuple[OutputNonlinearity, ...]:
         cubic = self.bound_to(survey)
         return (cubic, replace(cubic, half_waves=HALF_WAVES))
 
-    def columns(self, values, reading):
+    def columns(
+        self, values: Values, reading: Float[Array, " time"]
+    ) -> Float[Array, "time column"]:
         x = 2 * (reading - self.low_z) / self.range_z - 1
         # Beyond what was read the map goes straight on.
         end = jnp.clip(x, -1.0, 1.0)

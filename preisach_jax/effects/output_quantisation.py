@@ -1,11 +1,14 @@
 """Coarse converter of the output."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, SensorEffect, Survey
+from preisach_jax.effects.base import Parameter, SensorEffect, Survey, Values
 
 RESOLVED = 1e-3
 """Relative half width of the bounds around the step that the record shows."""
@@ -32,12 +35,13 @@ def lattice_step(values: np.ndarray) -> float:
     if len(distinct) < 2:
         return 0.0
     reach = float(distinct[-1] - distinct[0])
-    apart = np.diff(distinct)
+    apart: np.ndarray = np.diff(distinct)
     least = float(apart[apart > SAME * reach].min())
-    places = (distinct - distinct[0]) / least
-    if np.abs(places - np.round(places)).max() > OFF_THE_LATTICE:
+    places: np.ndarray = (distinct - distinct[0]) / least
+    whole = np.round(places)
+    if np.abs(places - whole).max() > OFF_THE_LATTICE:
         return 0.0
-    return reach / float(np.round(places[-1]))
+    return reach / float(whole[-1])
 
 
 class OutputQuantisation(SensorEffect):
@@ -71,7 +75,7 @@ class OutputQuantisation(SensorEffect):
     )
     step_z: float = 1e-9
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         low, high = self.step_z * (1 - RESOLVED), self.step_z * (1 + RESOLVED)
         return (
             Parameter(
@@ -79,9 +83,9 @@ class OutputQuantisation(SensorEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> OutputQuantisation:
         fine = 1e-9 * float(np.ptp(survey.output)) if len(survey.output) else self.step_z
         return OutputQuantisation(lattice_step(survey.output) or fine or 1e-9)
 
-    def converted(self, values, reading):
+    def converted(self, values: Values, reading: Float[Array, " time"]) -> Float[Array, " time"]:
         return values["step"] * jnp.round(reading / values["step"])

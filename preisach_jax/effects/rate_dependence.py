@@ -1,12 +1,15 @@
 """Rate dependence: the faster the input, the wider the hysterons."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey
+from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
 
 
 class RateDependence(HysteresisEffect):
@@ -56,7 +59,7 @@ class RateDependence(HysteresisEffect):
     with_reversible: bool = eqx.field(static=True, default=False)
     with_corners: bool = eqx.field(static=True, default=False)
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         return (
             Parameter(
                 "coefficient",
@@ -71,14 +74,14 @@ class RateDependence(HysteresisEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> RateDependence:
         if len(survey.time) < 2:
             return self
         speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
         fastest, swing = float(np.quantile(speed, 0.99)), float(np.ptp(survey.input))
         return RateDependence(reference_per_s=fastest or swing / survey.step_s, range_u=swing)
 
-    def variants(self, survey: Survey):
+    def variants(self, survey: Survey) -> tuple[RateDependence, ...]:
         bound = self.bound_to(survey)
         forms = ((False, False), (True, True), (True, False), (False, True))
         return tuple(
@@ -87,10 +90,12 @@ class RateDependence(HysteresisEffect):
         )
 
     @property
-    def widens_reversible(self):
+    def widens_reversible(self) -> bool:
         return self.with_reversible
 
-    def widening(self, values, path, time):
+    def widening(
+        self, values: Values, path: Float[Array, " time"], time: Float[Array, " time"]
+    ) -> Float[Array, " time"]:
         width = 1 if self.with_corners else 2
         dt = time[width:] - time[:-width]
         speed = jnp.abs(path[width:] - path[:-width]) / jnp.where(dt > 0, dt, 1.0)

@@ -1,12 +1,15 @@
 """Reptation, or accommodation: minor loops creep towards their equilibrium, cycle by cycle."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Survey, log_grid
+from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values, log_grid
 
 SHARES = (0.1, 0.2, 0.35)
 """Half widths of the plays, in ranges of the input."""
@@ -49,7 +52,7 @@ class Reptation(AddedEffect):
     )
     range_u: float = 1.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         low, high = 0.3 * self.range_u, 30.0 * self.range_u
         return (
             Parameter(
@@ -63,7 +66,7 @@ class Reptation(AddedEffect):
             ),
         )
 
-    def coefficients(self):
+    def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(
                 f"gain_{i}",
@@ -75,13 +78,15 @@ class Reptation(AddedEffect):
             for i, share in enumerate(SHARES, start=1)
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Reptation:
         return Reptation((float(np.ptp(survey.input)) if len(survey.input) else 0.0) or 1.0)
 
-    def columns(self, values, signals):
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
         reach = self.range_u * jnp.asarray(SHARES)
 
-        def advance(state, now):
+        def advance(
+            state: tuple[Array, Array, Array], now: Array
+        ) -> tuple[tuple[Array, Array, Array], Array]:
             tight, leaky, before = state
             tight = jnp.clip(tight, now - reach, now + reach)
             # Exact on the straight way between two samples, on which a bound is met but once.

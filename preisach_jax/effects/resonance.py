@@ -1,10 +1,13 @@
 """Resonance: a mode of the mechanics between the hysteresis and the recorded output."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, log_grid
+from preisach_jax.effects.base import OutputEffect, Parameter, Survey, Values, log_grid
 
 
 class Resonance(OutputEffect):
@@ -44,7 +47,7 @@ class Resonance(OutputEffect):
     f_low_hz: float = 1.0
     f_high_hz: float = 1000.0
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         # Lower ones are as slow as the excitation itself, and are reached by the search.
         lowest = max(self.f_high_hz / 10**2.5, self.f_low_hz)
         return (
@@ -62,13 +65,13 @@ class Resonance(OutputEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> Resonance:
         return Resonance(f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
 
-    def init(self, values, first):
+    def init(self, values: Values, first: Array) -> Array:
         return jnp.stack([jnp.zeros_like(first), jnp.zeros_like(first), first])
 
-    def step(self, values, state, value, dt):
+    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         # The state is (z - h, dz/dt / omega, h): small numbers, and zero at rest.
         away, speed, last = state
         omega, zeta = 2 * jnp.pi * values["f_hz"], values["zeta"]

@@ -1,11 +1,14 @@
 """Slew limit: what drives the material cannot change faster than a greatest rate."""
 
+from __future__ import annotations
+
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from preisach_jax.effects.base import InputEffect, Parameter, Survey
+from preisach_jax.effects.base import InputEffect, Parameter, Survey, Values
 
 
 class SlewLimit(InputEffect):
@@ -42,7 +45,7 @@ class SlewLimit(InputEffect):
     slew_low: float = 1e-3
     slew_high: float = 1e6
 
-    def parameters(self):
+    def parameters(self) -> tuple[Parameter, ...]:
         ratio = (self.slew_high / self.slew_low) ** (1 / 9)
         return (
             Parameter(
@@ -56,16 +59,16 @@ class SlewLimit(InputEffect):
             ),
         )
 
-    def bound_to(self, survey: Survey):
+    def bound_to(self, survey: Survey) -> SlewLimit:
         if len(survey.input) < 2 or not np.ptp(survey.input) > 0:
             return self
         fastest = float(np.max(np.abs(np.diff(survey.input) / np.diff(survey.time))))
         return SlewLimit(slew_low=0.02 * fastest, slew_high=fastest)
 
-    def init(self, values, first):
+    def init(self, values: Values, first: Array) -> Array:
         return jnp.stack([first, first])
 
-    def step(self, values, state, value, dt):
+    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         # The input goes straight from `last` to `value`: u' runs to meet it, then stays with it
         # as far as the limit lets it.
         driven, last = state

@@ -57,6 +57,10 @@ def strongest_lines(
     # keeps the notch out of the level around the lowest lines.
     slow = np.pi * np.outer(position / span, np.arange(1 + max(0, int(2 * (low * span - 2)))))
     rest = _without(signal, np.concatenate([np.cos(slow), np.sin(slow[:, 1:])], axis=1))
+
+    def height(f: float, values: np.ndarray) -> float:
+        return -float(np.abs(np.exp(-2j * np.pi * f * position) @ values))
+
     found: list[float] = []
     while len(found) < count and rest.any():
         frequency, prominence = _most_prominent(position, rest, low, high, pitch, white)
@@ -64,7 +68,7 @@ def strongest_lines(
             break
         reach = 1 / (FINENESS * span)
         refined: Any = scipy.optimize.minimize_scalar(
-            lambda f, values: -np.abs(np.exp(-2j * np.pi * f * position) @ values),
+            height,
             bounds=(max(frequency - reach, low), min(frequency + reach, high)),
             args=(rest,),
             method="bounded",

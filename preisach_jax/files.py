@@ -9,10 +9,10 @@ import json
 import os
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,9 +27,10 @@ def plain_json(value: Any) -> Any:
         {'a': 1.5, 'b': [None, 2]}
     """
     if isinstance(value, Mapping):
-        return {str(key): plain_json(inner) for key, inner in value.items()}
+        table = cast(Mapping[Any, Any], value)
+        return {str(key): plain_json(inner) for key, inner in table.items()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [plain_json(inner) for inner in value]
+        return [plain_json(inner) for inner in cast(Iterable[Any], value)]
     if isinstance(value, np.generic):
         return plain_json(value.item())
     if isinstance(value, float) and not np.isfinite(value):
@@ -218,7 +219,9 @@ def write_arrays(path: Path, about: Mapping[str, Any], arrays: Mapping[str, np.n
 
 
 @contextmanager
-def read_arrays(path: Path, newest: int, thing: str, remedy: str) -> Iterator[tuple[dict, Any]]:
+def read_arrays(
+    path: Path, newest: int, thing: str, remedy: str
+) -> Generator[tuple[dict[str, Any], Any]]:
     """Open a file that `write_arrays` wrote.
 
     Whatever goes wrong in the block that reads from it is taken for damage of the file.

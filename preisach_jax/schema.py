@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -45,10 +45,11 @@ def checked(value: Any, check: Check, place: str = "") -> Any:
     if not isinstance(check, Mapping):
         return check(value, place)
     table(value, place)
-    for key in check:
+    by_key = cast(Mapping[str, Any], check)
+    for key in by_key:
         if key not in value:
             raise InputError(f"{_inside(place, key)} is missing")
-    return {key: checked(value[key], inner, _inside(place, key)) for key, inner in check.items()}
+    return {key: checked(value[key], inner, _inside(place, key)) for key, inner in by_key.items()}
 
 
 def refusal(value: Any, place: str, expected: str) -> InputError:
@@ -130,9 +131,10 @@ def table(value: Any, place: str) -> Mapping[str, Any]:
     """A table, whatever it holds."""
     if not isinstance(value, Mapping):
         raise refusal(value, place or "the content", "a table")
-    for key in value:
+    found = cast(Mapping[str, Any], value)
+    for key in found:
         text(key, f"a key of {place or 'the content'}")
-    return value
+    return found
 
 
 def table_of(check: Check) -> Check:
@@ -149,7 +151,7 @@ def items(value: Any, place: str) -> Sequence[Any]:
     """A list, whatever it holds."""
     if not isinstance(value, list | tuple):
         raise refusal(value, place, "a list")
-    return value
+    return cast(Sequence[Any], value)
 
 
 def list_of(check: Check, least: int = 0) -> Check:
@@ -187,9 +189,16 @@ def like(pattern: Any, most: int) -> Check:
         return number()
     if isinstance(pattern, str):
         return text
-    if isinstance(pattern, tuple) and all(isinstance(inner, float) for inner in pattern):
+    numbers_only = isinstance(pattern, tuple) and all(
+        isinstance(inner, float) for inner in cast(tuple[Any, ...], pattern)
+    )
+    if numbers_only:
         return lambda value, place: tuple(checked(value, list_of(number(), least=1), place))
-    return lambda value, _: tuple(value) if isinstance(value, list) else value
+
+    def as_given(value: Any, _: str) -> Any:
+        return tuple(cast(list[Any], value)) if isinstance(value, list) else value
+
+    return as_given
 
 
 def _as_float(value: Any) -> float:
@@ -216,9 +225,9 @@ def _shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, Mapping):
-        return f"a table of {len(value)}"
+        return f"a table of {len(cast(Mapping[str, Any], value))}"
     if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
+        return f"a list of {len(cast(Sequence[Any], value))}"
     if isinstance(value, int) and abs(value) >= 10**30:
         return "a number of more than 30 digits"
     if isinstance(value, int | float):

@@ -32,7 +32,7 @@ def name_channels(
     check_unit_keys(units, ["time", "input", "output", *table.columns], table.source)
     units = units or {}
     chosen = {"time": roles.time, "input": roles.input, "output": roles.output}
-    channels = {}
+    channels: dict[str, Channel] = {}
     for key, column in (*chosen.items(), *((name, name) for name in roles.aux)):
         if column is None:
             channels[key] = Channel("t" if key == "time" else key, units.get(key, ""))

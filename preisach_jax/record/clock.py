@@ -141,7 +141,8 @@ def _span(ticks: Sequence[int | None]) -> int:
 
 def _unrolled(ticks: Sequence[int | None]) -> tuple[list[int | None], str]:
     """The same with a day more wherever the clock starts anew, and whether it does."""
-    days, before, unrolled = 0, None, []
+    days, before = 0, None
+    unrolled: list[int | None] = []
     for tick in ticks:
         if tick is not None:
             days += before is not None and before - tick > _DAY // 2

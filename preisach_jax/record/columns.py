@@ -108,7 +108,7 @@ def assign_roles(
             )
     # Beside a rate, a column of time is still looked for, lest it be taken for the input.
     wanted = [r for r in _ROLES if told[r] is None and (r != "output" or need_output)]
-    optional = {"time"} if has_rate else set()
+    optional: set[str] = {"time"} if has_rate else set()
     if set(wanted) - optional:
         if not table.named:
             raise InputError(
@@ -181,7 +181,8 @@ def _guess(
 
 def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
     """Columns that a role may be guessed for, and why others may not."""
-    usable, refused = [], {}
+    usable: list[str] = []
+    refused: dict[str, str] = {}
     for column in table.columns:
         if column in used:
             continue

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -138,14 +138,13 @@ def read_mat(path: Path, source: str) -> Table:
     Raises:
         InputError: the file is broken, of version 7.3, or holds no vectors of one length.
     """
-    from scipy.io import loadmat
-    from scipy.io.matlab import matfile_version
+    import scipy
 
     size = path.stat().st_size
     try:
-        version = matfile_version(path)
+        version = scipy.io.matlab.matfile_version(path)
         if version[0] == 0:  # older than level 5, and nothing in it is compressed
-            content = loadmat(path, simplify_cells=True)
+            content = cast(dict[str, Any], scipy.io.loadmat(path, simplify_cells=True))
         elif version[0] == 1:
             content = matlab_arrays(path.read_bytes(), _most_values(size))
         else:
@@ -187,7 +186,7 @@ def read_parquet(path: Path, source: str) -> Table:
             "pip install 'preisach_jax[parquet]', or give the record as CSV"
         ) from None
     try:
-        with parquet.ParquetFile(path) as file:
+        with cast(Any, parquet.ParquetFile(path)) as file:
             about, schema = file.metadata, file.schema_arrow
         values = about.num_rows * about.num_columns
         size = path.stat().st_size
@@ -206,25 +205,28 @@ def read_parquet(path: Path, source: str) -> Table:
 
 def _flat_columns(path: Path, schema: Any) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """The columns of a Parquet file that are no lists or the like, and why not the others."""
-    from pyarrow import parquet, types
+    import pyarrow
+    from pyarrow import parquet
 
+    types = cast(Any, pyarrow.types)
     kinds = dict(zip(schema.names, schema.types, strict=True))
     flat = [name for name, kind in kinds.items() if not types.is_nested(kind)]
     is_text = (types.is_string, types.is_binary, types.is_large_string, types.is_large_binary)
     # A text is kept once, however many rows repeat it.
     texts = [name for name in flat if any(check(kinds[name]) for check in is_text)]
-    content = parquet.read_table(path, columns=flat, read_dictionary=texts)
-    frame = content.to_pandas(ignore_metadata=True)
+    content = cast(Any, parquet.read_table(path, columns=flat, read_dictionary=texts))
+    frame: pd.DataFrame = content.to_pandas(ignore_metadata=True)
     nested = {name: "it holds lists or structures" for name in kinds if name not in flat}
-    return {name: _cells(frame[name]) for name in flat}, nested
+    return {name: _cells(cast("pd.Series", frame[name])) for name in flat}, nested
 
 
 def _cells(column: pd.Series) -> np.ndarray:
     """The cells of a column; equal texts of a categorical one are one object."""
     if column.dtype != "category":
         return column.to_numpy()
-    categories = np.append(column.cat.categories.to_numpy(dtype=object), np.nan)
-    return categories[column.cat.codes]  # -1, the last, where there is none
+    coded = cast(Any, column.cat)
+    categories = np.append(coded.categories.to_numpy(dtype=object), np.nan)
+    return categories[coded.codes]  # -1, the last, where there is none
 
 
 def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
@@ -233,7 +235,7 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
         if name.startswith("__"):
             continue
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
+            yield from _leaves(cast(Mapping[str, Any], value), f"{prefix}{name}.")
         elif isinstance(value, np.ndarray):
             yield prefix + name, value
 

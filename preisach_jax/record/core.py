@@ -88,8 +88,8 @@ class Record:
     sha256: str
     initial_memory: str
     time_values: np.ndarray
-    spikes: Mapping[int, float] = field(default_factory=dict)
-    input_spikes: Mapping[int, float] = field(default_factory=dict)
+    spikes: Mapping[int, float] = field(default_factory=dict[int, float])
+    input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
 
     @classmethod
     def load(

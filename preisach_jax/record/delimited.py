@@ -9,7 +9,7 @@ import warnings
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -141,7 +141,8 @@ def _sniff(sample: list[str]) -> tuple[str, int]:
         if usual == 1:
             continue
         start = widths.index(usual)
-        share = float(np.mean(np.array(widths[start:]) == usual)) * (1 - start / len(widths))
+        alike: np.ndarray = np.array(widths[start:]) == usual
+        share = float(np.mean(alike)) * (1 - start / len(widths))
         if share > best_share + 0.02:
             best, best_share, best_start = delimiter, share, start
     # Rows that break off, or end in a delimiter, do not move the names.
@@ -233,7 +234,7 @@ def _parse(
         with warnings.catch_warnings():
             # It means that cells are dropped.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame = pd.read_csv(io.StringIO(text), decimal=decimal, **options)
+            frame = cast(pd.DataFrame, pd.read_csv(io.StringIO(text), decimal=decimal, **options))
     except (pd.errors.ParserError, pd.errors.ParserWarning):
         frame = None
     # Every line has as many fields as there are names, so only quotation marks can join lines.
@@ -241,13 +242,18 @@ def _parse(
         raise InputError(
             f'{source}: a quotation mark (") is not closed in its row; close or remove it'
         )
-    columns, exact = {}, {}
+    columns: dict[str, np.ndarray] = {}
+    exact: dict[str, np.ndarray] = {}
     for i, name in enumerate(header):
-        column = frame[i]
+        column = cast(pd.Series, frame[i])
         is_numeric = column.dtype.kind in "iuf"
         columns[name] = column.to_numpy(np.float64 if is_numeric else object)
         if is_numeric and len(column) and abs(columns[name][0]) >= GREAT:
             if column.dtype.kind == "f":
-                column = pd.read_csv(io.StringIO(text), usecols=[i], dtype=str, **options)[i]
+                as_text = cast(
+                    pd.DataFrame,
+                    pd.read_csv(io.StringIO(text), usecols=[i], dtype=str, **options),
+                )
+                column = cast(pd.Series, as_text[i])
             exact[name] = column.to_numpy(np.int64 if column.dtype.kind in "iu" else object)
     return columns, exact

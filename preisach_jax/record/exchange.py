@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -42,7 +42,9 @@ def table_of_frame(frame: pd.DataFrame, source: str) -> tuple[Table, tuple[str, 
     if not isinstance(frame, pd.DataFrame):
         raise InputError(f"{source}: this is a {type(frame).__name__}; give a pandas.DataFrame")
     index = frame.index
-    series = [(str(label), frame.iloc[:, k]) for k, label in enumerate(frame.columns)]
+    series: list[tuple[str, pd.Series]] = [
+        (str(label), frame.iloc[:, k]) for k, label in enumerate(frame.columns)
+    ]
     if index.name is not None or not pd.api.types.is_integer_dtype(index.dtype):
         series.insert(0, (str(index.name or "time"), index.to_series()))
     names = [name for name, _ in series]
@@ -71,7 +73,7 @@ def _plain(column: pd.Series) -> np.ndarray:
 
     kind = column.dtype
     if isinstance(kind, pd.DatetimeTZDtype):
-        return column.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy()
+        return cast(Any, column.dt).tz_convert("UTC").dt.tz_localize(None).to_numpy()
     if pd.api.types.is_bool_dtype(kind) or not pd.api.types.is_numeric_dtype(kind):
         plain = column.to_numpy()
         return plain if plain.dtype.kind in "mM" else column.astype(object).to_numpy()
@@ -163,7 +165,7 @@ def dataset_of(record: Record) -> xr.Dataset:
             "pip install 'preisach_jax[xarray]'"
         ) from None
     arrays = {"input": record.input, "output": record.output, **record.aux}
-    variables = {}
+    variables: dict[str, Any] = {}
     for role, values in arrays.items():
         channel = record.channels[role]
         about = {"units": channel.unit, "role": role if role in _ROLES else "aux"}
@@ -185,13 +187,14 @@ def response_arrays(
     """Time, input and output of a simulated response; see `Record.from_response`."""
     own = None
     if isinstance(response, tuple | list):
-        if input is not None and len(response) in (2, 3):
-            time, output = response[:2]
-        elif input is None and len(response) == 3:
-            time, own, output = response
+        arrays = cast(Sequence[Any], response)
+        if input is not None and len(arrays) in (2, 3):
+            time, output = arrays[:2]
+        elif input is None and len(arrays) == 3:
+            time, own, output = arrays
         else:
             raise InputError(
-                f"{source}: a response of {len(response)} arrays; give (time, input, output), or "
+                f"{source}: a response of {len(arrays)} arrays; give (time, input, output), or "
                 "(time, output) as SciPy has it together with input=..."
             )
     elif all(hasattr(response, name) for name in ("time", "outputs")):

@@ -73,7 +73,8 @@ def matlab_arrays(content: bytes, most_values: float) -> dict[str, Any]:
     if content[126:128] not in (b"MI", b"IM"):
         raise ValueError("its header does not say in which order the bytes stand")
     budget = _Budget(int(8 * most_values), most_values)
-    found, at = {}, 128
+    found: dict[str, Any] = {}
+    at = 128
     while at + 8 <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, at)
         inside = memoryview(content)[at + 8 : at + 8 + size]

@@ -105,7 +105,7 @@ def read_micromag(text: str, source: str) -> Table:
 
 def _read_header(lines: list[str]) -> tuple[dict[str, str], int]:
     """Tags by name (lower case, without spaces), and the index of the first line of data."""
-    tags = {}
+    tags: dict[str, str] = {}
     for i, line in enumerate(lines):
         if _POINT.match(line) and "," in line:
             return tags, i
@@ -169,7 +169,10 @@ def _protocol(
     blocks: list[_Block], saturation: float, calibration: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rows, fields, moments and whether a point is a rest at saturation, in order of time."""
-    rows, fields, moments, rests = [], [], [], []
+    rows: list[int] = []
+    fields: list[float] = []
+    moments: list[float] = []
+    rests: list[bool] = []
     is_saturated = False
     for i, block in enumerate(blocks):
         if not is_saturated:

@@ -48,13 +48,13 @@ class Table:
     rows: np.ndarray
     named: bool = True
     decimal: str = "."
-    units: Mapping[str, str] = field(default_factory=dict)
-    left_aside: Mapping[str, str] = field(default_factory=dict)
-    roles: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    left_aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    roles: Mapping[str, str] = field(default_factory=dict[str, str])
     initial_memory: str = "free"
     notes: tuple[str, ...] = ()
     is_record: bool = False
-    exact: Mapping[str, np.ndarray] = field(default_factory=dict)
+    exact: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
 
     def listing(self) -> str:
         """The columns' names for a message, shortened where there are very many."""
@@ -137,7 +137,7 @@ class Table:
         if cells.dtype != object:
             return cells, np.empty(0, dtype=int)
         values = np.full(cells.shape, np.nan)
-        bad = []
+        bad: list[int] = []
         for k, cell in enumerate(cells):
             try:
                 values[k] = _number(cell, self.decimal)

@@ -21,6 +21,9 @@ from preisach_jax.events import laid_out, moves_of, relay_levels
 from preisach_jax.hysteron import as_float, position_on, require_hysteron
 from preisach_jax.plane import Plane
 
+_Nesting = tuple[jax.Array, jax.Array, jax.Array, jax.Array | bool, jax.Array]
+"""Turning points not wiped out yet, their values and number, the direction, and the last value."""
+
 
 def branch_starts(path: ArrayLike) -> jax.Array:
     """Find, for each sample of a path, the turning point from which its branch departs.
@@ -41,7 +44,7 @@ def branch_starts(path: ArrayLike) -> jax.Array:
     path = jax.lax.stop_gradient(as_float(path, "path"))
     index = jnp.arange(path.shape[0], dtype=jnp.int32)
 
-    def advance(carry, sample):
+    def advance(carry: _Nesting, sample: tuple[jax.Array, jax.Array]) -> tuple[_Nesting, jax.Array]:
         nested, values, depth, rose, before = carry
         k, now = sample
         rises = jnp.where(now == before, rose, now > before)
@@ -50,14 +53,23 @@ def branch_starts(path: ArrayLike) -> jax.Array:
         nested = nested.at[depth].set(jnp.where(turns, k - 1, nested[depth]))
         values = values.at[depth].set(jnp.where(turns, before, values[depth]))
 
-        def closes_a_loop(depth):
+        def closes_a_loop(depth: jax.Array) -> jax.Array:
             other = values[depth - 1]
             return (depth >= 2) & jnp.where(rises, now >= other, now <= other)
 
-        depth = jax.lax.while_loop(closes_a_loop, lambda depth: depth - 2, depth)
+        def one_loop_less(depth: jax.Array) -> jax.Array:
+            return depth - 2
+
+        depth = jax.lax.while_loop(closes_a_loop, one_loop_less, depth)
         return (nested, values, depth, rises, now), nested[depth]
 
-    start = (jnp.zeros_like(index), jnp.full_like(path, path[0]), jnp.int32(0), True, path[0])
+    start: _Nesting = (
+        jnp.zeros_like(index),
+        jnp.full_like(path, path[0]),
+        jnp.int32(0),
+        True,
+        path[0],
+    )
     return jax.lax.scan(advance, start, (index, path))[1]
 
 
@@ -145,14 +157,22 @@ def output_along_branches(
 
 
 @eqx.filter_jit
-def _output(plane: Plane, weights, past, path, samples: Any = slice(None)) -> jax.Array:
+def _output(
+    plane: Plane,
+    weights: jax.Array,
+    past: np.ndarray,
+    path: jax.Array,
+    samples: Any = slice(None),
+) -> jax.Array:
     path = jnp.concatenate([past, path])
     start = branch_starts(path)
     there = path[start]
     between = weight_between(plane, weights, jnp.maximum(path, there), jnp.minimum(path, there))
     rises = jnp.where(path > there, between, jnp.where(path < there, -between, 0.0))
 
-    def reach_further(carry, _):
+    def reach_further(
+        carry: tuple[jax.Array, jax.Array], _: None
+    ) -> tuple[tuple[jax.Array, jax.Array], None]:
         output, start = carry
         return (output + output[start], start[start]), None
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
-from typing import Any, NamedTuple
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -27,6 +27,7 @@ from preisach_jax.effects.base import (
     WeightEffect,
 )
 from preisach_jax.hysteron import (
+    Paths,
     fed_back_states,
     hysteron_states,
     state_bounds,
@@ -34,6 +35,11 @@ from preisach_jax.hysteron import (
 )
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+Kind = TypeVar("Kind", bound=Effect)
+Course = TypeVar("Course")
 
 PLACES = (
     InputEffect,
@@ -80,7 +86,7 @@ class Chain(eqx.Module):
     hysteron: str = eqx.field(static=True, default="ramp")
     polarity: int = eqx.field(static=True, default=1)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
             raise ValueError(f"the effects {names} have a name twice; give each its own")
@@ -91,7 +97,7 @@ class Chain(eqx.Module):
                     + ", ".join(place.__name__ for place in PLACES)
                 )
 
-    def at(self, place: type[Effect]) -> list[Any]:
+    def at(self, place: type[Kind]) -> list[Kind]:
         """The effects of one place, in order."""
         return [effect for effect in self.effects if isinstance(effect, place)]
 
@@ -233,7 +239,7 @@ MOST_COLUMNS = 384
 each, fewer take more."""
 
 
-def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
+def _expect(effect: Effect, method: str, got: Array, shape: tuple[int, ...]) -> Array:
     # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
     if jnp.shape(got) != shape:
         raise ValueError(
@@ -243,36 +249,40 @@ def _expect(effect: Effect, method: str, got, shape: tuple[int, ...]):
     return got
 
 
-def _as_array(leaf):
+def _as_array(leaf: Any) -> Any:
     # Python floats would be compiled in as constants; NumPy makes arrays of them in no time.
     return np.asarray(leaf, jnp.result_type(float)) if isinstance(leaf, float) else leaf
 
 
-def _compiled(function):
+def _compiled(
+    function: Callable[Concatenate[Kind, Given], Result],
+) -> Callable[Concatenate[Kind, Given], Result]:
     """Compile a function of an effect once for all records: its numbers become arguments."""
     compiled = eqx.filter_jit(function)
 
     @wraps(function)
-    def call(effect, *arguments):
-        return compiled(jax.tree.map(_as_array, effect), *arguments)
+    def call(effect: Kind, *arguments: Given.args, **named: Given.kwargs) -> Result:
+        return compiled(jax.tree.map(_as_array, effect), *arguments, **named)
 
     return call
 
 
 @_compiled
-def _apply(effect, values: Values, signal, time):
+def _apply(effect: InputEffect | OutputEffect, values: Values, signal: Array, time: Array) -> Array:
     return _expect(effect, "apply", effect.apply(values, signal, time), time.shape)
 
 
 @_compiled
-def _apply_to_padded(effect, values: Values, matrix, time):
-    def apply(column):
+def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, time: Array) -> Array:
+    def apply(column: Array) -> Array:
         return _expect(effect, "apply", effect.apply(values, column, time), time.shape)
 
-    return jax.vmap(apply, in_axes=1, out_axes=1)(matrix)
+    return jax.vmap(apply, in_axes=1, out_axes=1)(jnp.asarray(matrix))
 
 
-def _apply_to_columns(effect, values: Values, matrix: np.ndarray, time) -> np.ndarray:
+def _apply_to_columns(
+    effect: OutputEffect, values: Values, matrix: np.ndarray, time: Array
+) -> np.ndarray:
     applied = np.empty_like(matrix)
     for start in range(0, matrix.shape[1], MOST_COLUMNS):
         chunk = matrix[:, start : start + MOST_COLUMNS]
@@ -284,54 +294,56 @@ def _apply_to_columns(effect, values: Values, matrix: np.ndarray, time) -> np.nd
 
 
 @_compiled
-def _gain(effect, values: Values, signals: Signals):
+def _gain(effect: WeightEffect, values: Values, signals: Signals) -> Array:
     return _expect(effect, "gain", effect.gain(values, signals), signals.time.shape)
 
 
 @_compiled
-def _added_columns(effect, count: int, values: Values, signals: Signals):
+def _added_columns(effect: AddedEffect, count: int, values: Values, signals: Signals) -> Array:
     shape = (*signals.time.shape, count)
     return _expect(effect, "columns", effect.columns(values, signals), shape)
 
 
 @_compiled
-def _widening(effect, values: Values, path, time):
+def _widening(effect: HysteresisEffect, values: Values, path: Array, time: Array) -> Array:
     return _expect(effect, "widening", effect.widening(values, path, time), time.shape)
 
 
 @_compiled
-def _fed_back(effect, values: Values, path, output, time):
+def _fed_back(
+    effect: HysteresisEffect, values: Values, path: Array, output: Array, time: Array
+) -> Array:
     seen = effect.fed_back(values, path, output, time)
     return _expect(effect, "fed_back", seen, path.shape)
 
 
 @_compiled
-def _free_response(effect, count: int, signals: Signals):
+def _free_response(effect: OutputEffect, count: int, signals: Signals) -> Array:
     shape = (*signals.time.shape, count)
     return _expect(effect, "free_response", effect.free_response(signals), shape)
 
 
 @_compiled
-def _sensor_columns(effect, count: int, values: Values, reading):
+def _sensor_columns(effect: SensorEffect, count: int, values: Values, reading: Array) -> Array:
     shape = (*reading.shape, count)
     return _expect(effect, "columns", effect.columns(values, reading), shape)
 
 
 @_compiled
-def _reading(effect, values: Values, coefficients, signal):
+def _reading(effect: SensorEffect, values: Values, coefficients: Array, signal: Array) -> Array:
     """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal.
 
     Newton steps that bisect instead where they leave what is known to hold the reading (`rtsafe`
     in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
     """
 
-    def excess(reading):
+    def excess(reading: Array) -> Array:
         return reading - effect.columns(values, reading) @ coefficients - signal
 
-    def value_and_slope(reading):
+    def value_and_slope(reading: Array) -> tuple[Array, Array]:
         return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
 
-    def closer(_, state):
+    def closer(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         low, high, reading = state
         value, slope = value_and_slope(reading)
         low, high = jnp.where(value < 0, reading, low), jnp.where(value < 0, high, reading)
@@ -341,7 +353,8 @@ def _reading(effect, values: Values, coefficients, signal):
 
     reach = 2 * jnp.max(jnp.abs(excess(signal)))
     start = (signal - reach, signal + reach, signal)
-    reading = jax.lax.stop_gradient(jax.lax.fori_loop(0, SENSOR_ROUNDS, closer, start)[2])
+    found = cast(tuple[Array, Array, Array], jax.lax.fori_loop(0, SENSOR_ROUNDS, closer, start))
+    reading = jax.lax.stop_gradient(found[2])
     # The last step has the derivatives of the solution, by the implicit function theorem.
     value, slope = value_and_slope(reading)
     reading = reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
@@ -349,33 +362,38 @@ def _reading(effect, values: Values, coefficients, signal):
     return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
 
 
-def _compiled_on_a_plane(function):
+def _compiled_on_a_plane(
+    function: Callable[Concatenate[Plane, Course, Given], Result],
+) -> Callable[Concatenate[Plane, Course, Given], Result]:
     """Compile a function of a plane and a drive once for all planes of equal levels."""
     compiled = eqx.filter_jit(function)
 
     @wraps(function)
-    def call(plane, course, *arguments):
+    def call(plane: Plane, course: Course, *arguments: Given.args, **named: Given.kwargs) -> Result:
         unit = Plane(plane.levels, 0.0, 1.0)
         low, width = plane.low, plane.high - plane.low
-        scaled = jax.tree.map(lambda path: (path - low) / width, course)
-        return compiled(unit, scaled, *arguments)
+
+        def scaled(path: Array) -> Array:
+            return (path - low) / width
+
+        return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)
 
     return call
 
 
 @_compiled_on_a_plane
-def _state_bounds(plane: Plane, drive, hysteron: str):
+def _state_bounds(plane: Plane, drive: Drive, hysteron: str) -> tuple[Array, Array]:
     return state_bounds(plane, drive.rising, hysteron, drive.falling, drive.reversible)
 
 
 @_compiled_on_a_plane
-def _states_from_low(plane: Plane, drive, hysteron: str):
+def _states_from_low(plane: Plane, drive: Drive, hysteron: str) -> Array:
     others = (drive.falling, drive.reversible)
     return hysteron_states(plane, drive.rising, "low", hysteron, *others)
 
 
 @_compiled_on_a_plane
-def _operator(plane: Plane, drive, weights, memory, hysteron: str):
+def _operator(plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str) -> Array:
     others = (drive.falling, drive.reversible)
     return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
 
@@ -555,10 +573,12 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
 
 
 @_compiled_on_a_plane
-def _switched_output(plane: Plane, extremes, first_run, hysteron: str):
+def _switched_output(
+    plane: Plane, extremes: tuple[Array, Array], first_run: Array, hysteron: str
+) -> Array:
     steps = jnp.arange(plane.levels + 1, dtype=first_run.dtype)
 
-    def switched(path, weights):
+    def switched(path: Array, weights: Array) -> Array:
         whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
         position = (path - plane.low) / plane.delta_x
         if hysteron == "relay":
@@ -591,7 +611,10 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
 
 
 def _first(course: Drive) -> Drive:
-    return jax.tree.map(lambda path: path[:1], course)
+    def first(path: Array) -> Array:
+        return path[:1]
+
+    return jax.tree.map(first, course)
 
 
 def hysteresis_output(
@@ -624,10 +647,19 @@ def hysteresis_output(
 
 
 @eqx.filter_jit
-def _fed_back_operator(plane, effects, values, course, scale, coefficients, all_widen, hysteron):
+def _fed_back_operator(
+    plane: Plane,
+    effects: list[HysteresisEffect],
+    values: list[Values],
+    course: tuple[Array, Array, Array, Array],
+    scale: tuple[Array, Array],
+    coefficients: tuple[Array, Array],
+    all_widen: bool,
+    hysteron: str,
+) -> Array:
     """Output of the operator on a plane from 0 to 1, whose inputs are scaled to it."""
 
-    def seen(sample, before, output):
+    def seen(sample: list[Array], before: Array, output: Array) -> Paths:
         pair, time, shift, beside = sample
         whole = jnp.stack([before, output]) + beside
         for effect, own in zip(effects, values, strict=True):
@@ -695,7 +727,7 @@ def _columns_beside(
 ) -> dict[str, jax.Array]:
     """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
     remembering = [effect for effect in chain.at(OutputEffect) if effect.coefficients()]
-    beside = {}
+    beside: dict[str, jax.Array] = {}
     for effect in (*chain.at(AddedEffect), *remembering):
         count = len(effect.coefficients())
         if effect.name in known:
@@ -739,8 +771,8 @@ def tangents(
     def along(effect: str, names: list[str]) -> np.ndarray:
         others = {of: known for of, known in beside.items() if of != effect}
 
-        def output(own):
-            moved = {**values, effect: {**values[effect], **own}}
+        def output(own: dict[str, Array]) -> Array:
+            moved: Mapping[str, Mapping[str, Any]] = {**values, effect: {**values[effect], **own}}
             if effect in before:
                 plain = course = drive(chain, moved, signals)
                 if chain.feeds_back:
@@ -754,7 +786,11 @@ def tangents(
 
         at = {name: jnp.asarray(values[effect][name], dtype=float) for name in names}
         each = dict(zip(names, jnp.eye(len(names)), strict=True))
-        return np.asarray(jax.vmap(lambda step: jax.jvp(output, (at,), (step,))[1])(each))
+
+        def derivative(step: dict[str, Array]) -> Array:
+            return jax.jvp(output, (at,), (step,))[1]
+
+        return np.asarray(jax.vmap(derivative)(each))
 
     effects = dict.fromkeys(effect for effect, _ in parameters)
     columns: dict[tuple[str, str], np.ndarray] = {}
@@ -855,7 +891,8 @@ def _with_memory_columns(
     # Equal courses have equal projections on any direction, and different ones hardly ever.
     direction = np.random.default_rng(0).normal(size=len(gap))
     course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
-    groups, columns = [], []
+    groups: list[np.ndarray] = []
+    columns: list[np.ndarray] = []
     for one in range(course.max(initial=-1) + 1):
         group = free[course == one]
         column = gap[:, group[0]]

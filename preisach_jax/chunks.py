@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import jax
 import numpy as np
@@ -73,9 +73,15 @@ class Chunks:
         labels: Mapping[str, Values] | None = None,
         about: Mapping[str, Any] | None = None,
     ):
-        self.folder, self.work, self.item, self.settings = folder, work, item, settings
-        self.numbers = list(range(len(settings[f"{item}s"])) if numbers is None else numbers)
-        self.labels, self.about = labels or {}, about or {}
+        self.folder: Path = folder
+        self.work: str = work
+        self.item: str = item
+        self.settings: Mapping[str, Any] = settings
+        self.numbers: list[int] = list(
+            range(len(settings[f"{item}s"])) if numbers is None else numbers
+        )
+        self.labels: Mapping[str, Values] = labels or {}
+        self.about: Mapping[str, Any] = about or {}
 
     def __iter__(self) -> Iterator[list[int]]:
         """Numbers of the items of each chunk."""
@@ -163,7 +169,7 @@ class Chunks:
         import zarr
 
         group: Any = zarr.open_group(self.arrays, mode="r")
-        found = {}
+        found: dict[str, np.ndarray] = {}
         for name in names:
             array = group[name]
             found[name] = np.asarray(array[self._place(array.metadata.dimension_names, numbers)])
@@ -310,7 +316,7 @@ def work_in_chunks(
 def _open(chunks: Chunks, resume: bool, result: Path | None) -> None:
     """Write the manifest of new work, or make sure that the one there has the same settings."""
     folder, settings, items = chunks.folder, chunks.settings, f"{chunks.item}s"
-    manifest = {
+    manifest: dict[str, Any] = {
         "format": FORMAT, "work": chunks.work, "settings": settings, "made_with": made_with()
     }  # fmt: skip
     old = read_manifest(folder, chunks.work, items) if resume else None
@@ -408,7 +414,7 @@ def _computed(
     """A chunk; if memory is too small for all its items at once, by halves."""
     try:
         return work.compute(numbers)
-    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+    except (MemoryError, cast(type[Exception], jax.errors.JaxRuntimeError)) as error:
         too_large = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
         if not too_large or len(numbers) == 1 or jax.process_count() > 1:
             raise
@@ -421,8 +427,11 @@ def _computed(
 
 def _shown(value: Any) -> str:
     """A setting in few words."""
-    if isinstance(value, list) and any(isinstance(one, str) for one in value):
-        return str(len(value))
-    if isinstance(value, list) and len(value) > 8:
-        return f"{value[0]} ... {value[-1]} ({len(value)} values)"
-    return ",".join(str(one) for one in value) if isinstance(value, list) else str(value)
+    if not isinstance(value, list):
+        return str(value)
+    each = cast(list[Any], value)
+    if any(isinstance(one, str) for one in each):
+        return str(len(each))
+    if len(each) > 8:
+        return f"{each[0]} ... {each[-1]} ({len(each)} values)"
+    return ",".join(str(one) for one in each)

@@ -42,7 +42,9 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
     deviation = np.sqrt(np.maximum(*(_variances(part) for part in parts)))
     factor = _factor(len(parts[0]))
-    found = {effect.name: {} for effect in point.chain.effects}
+    found: dict[str, dict[str, ParameterEstimate]] = {
+        effect.name: {} for effect in point.chain.effects
+    }
     for position, (effect, parameter) in enumerate(parameters):
         half = factor * deviation[size + position] / linear.scale[position]
         found[effect][parameter.name] = _interval(

@@ -11,9 +11,10 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -140,7 +141,7 @@ def abandon(code: int) -> None:
 
 
 @contextmanager
-def quiet_output() -> Iterator[None]:
+def quiet_output() -> Generator[None]:
     """Lead what libraries write to standard output to standard error, while processes share work.
 
     Gloo, which carries numbers between processes, greets there, and Python cannot hinder it.
@@ -177,7 +178,9 @@ def evenly(count: int) -> int:
     return math.ceil(count / jax.device_count()) * jax.device_count()
 
 
-def compiled(function: Callable, common: Any, batch: Any) -> Callable:
+def compiled(
+    function: Callable[[Any, Any], Any], common: Any, batch: Any
+) -> Callable[[Any, Any], Any]:
     """Compile a function of what all entries of a batch have in common, and of their own.
 
     It is compiled ahead of time, so that compiling and running are measured apart. Each device
@@ -201,19 +204,22 @@ def compiled(function: Callable, common: Any, batch: Any) -> Callable:
         >>> gathered(double(np.float32(2), np.arange(count, dtype=np.float32)))[:4].tolist()
         [0.0, 2.0, 4.0, 6.0]
     """
-    mesh = Mesh(np.array(jax.devices()), (AXIS,))
+    mesh = Mesh(np.array(cast(list[Any], jax.devices())), (AXIS,))
     specs = (PartitionSpec(), PartitionSpec(AXIS))
-    shared = jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=specs[1], check_vma=False)
+    shared: Callable[[Any, Any], Any] = jax.shard_map(
+        function, mesh=mesh, in_specs=specs, out_specs=specs[1], check_vma=False
+    )
     shardings = tuple(NamedSharding(mesh, spec) for spec in specs)
-    executable = jax.jit(shared, in_shardings=shardings).lower(common, batch).compile()
+    lowered = jax.jit(shared, in_shardings=shardings).lower(common, batch)
+    executable = cast(Callable[..., Any], lowered.compile())
 
     def run(common: Any, batch: Any) -> Any:
         with _failures_told():
             placed = [
-                jax.tree.map(lambda rows, where=where: _placed(rows, where), argument)
+                jax.tree.map(partial(_placed, where=where), argument)
                 for argument, where in zip((common, batch), shardings, strict=True)
             ]
-            return jax.block_until_ready(executable(*placed))
+            return cast(Any, jax.block_until_ready(executable(*placed)))
 
     return run
 
@@ -289,7 +295,7 @@ def _placed(rows: Any, where: NamedSharding) -> jax.Array:
 
 
 @contextmanager
-def _failures_told() -> Iterator[None]:
+def _failures_told() -> Generator[None]:
     """Tell of another process that ended as such, and not as a broken connection."""
     try:
         yield

@@ -9,6 +9,7 @@ depend on the input alone: one list serves every noise level and every initial w
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -129,7 +130,11 @@ def switching_events(
         return _switching_events(plane, x, events, width)
     found, _ = events_and_states(plane, x)
     count = max(1, int(jnp.count_nonzero(found.area)))
-    return jax.tree.map(lambda rows: jnp.asarray(np.asarray(rows)[:count]), found)
+
+    def without_fillings(rows: jax.Array) -> jax.Array:
+        return jnp.asarray(np.asarray(rows)[:count])
+
+    return jax.tree.map(without_fillings, found)
 
 
 def room_for_events(plane: Plane, x: ArrayLike, step: int = 1) -> tuple[int, int]:
@@ -187,7 +192,8 @@ def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]
     # Fillings stay where the input ends.
     sample = np.where(sample < 0, len(levels), sample)
     on = plane.beta_index < lowest[plane.alpha_index]
-    return Switching(jnp.asarray(sample), *map(jnp.asarray, found)), jnp.asarray(on, x.dtype)
+    crossings = (jnp.asarray(rows) for rows in found)
+    return Switching(jnp.asarray(sample), *crossings), jnp.asarray(on, x.dtype)
 
 
 def _crossings_at_once(
@@ -270,8 +276,8 @@ def relays_between(
         since = np.minimum.accumulate(part[::-1])[::-1]
         row = np.minimum(lowest[-1], since[0])
         up = np.flatnonzero(part > came)
-        count = (part - came)[up]
-        passed = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        count: np.ndarray = (part - came)[up]
+        passed = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
         # Of a row that is passed upward more than once, the last time is assigned last.
         row[np.repeat(came[up], count) + passed] = np.repeat(since[up], count)
         lowest.append(row)
@@ -301,7 +307,9 @@ def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | ja
         thresholds = jnp.asarray(plane.thresholds, x.dtype)
         least, most = (jnp.searchsorted(thresholds, x[0], side=side) for side in ("left", "right"))
         resting = jnp.cumsum(x != x[0]) == 0
-        levels = jnp.where(resting, jnp.clip(before, least, most), plane.quantise(x))
+        levels = jnp.where(
+            resting, jnp.clip(before, least, most), plane.quantise(cast(ArrayLike, x))
+        )
         return levels.astype(jnp.int32)
     x = np.asarray(x)
     thresholds = plane.thresholds.astype(x.dtype)
@@ -347,11 +355,15 @@ def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Sw
 
 
 @eqx.filter_jit
-def _crossings(plane: Plane, sample, to, start, width: int) -> tuple[Switching, jax.Array]:
+def _crossings(
+    plane: Plane, sample: jax.Array, to: jax.Array, start: jax.Array, width: int
+) -> tuple[Switching, jax.Array]:
     index = jnp.arange(plane.levels, dtype=jnp.int32)
     passed = jnp.arange(width, dtype=jnp.int32)
 
-    def cross(carry: tuple[jax.Array, jax.Array, jax.Array], goal: jax.Array):
+    def cross(
+        carry: tuple[jax.Array, jax.Array, jax.Array], goal: jax.Array
+    ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], tuple[jax.Array, ...]]:
         lowest, highest, level = carry
         goal = jnp.where(goal < 0, level, goal)  # a filling stays where it is
         rising = goal > level
@@ -528,7 +540,9 @@ def adapt_and_share(
     increments = jnp.asarray(increments, weights.dtype)
     sign, area = switching.sign.astype(weights.dtype), switching.area.astype(weights.dtype)
 
-    def adapt(weights, event):
+    def adapt(
+        weights: jax.Array, event: tuple[Switching, jax.Array, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array | None]]:
         crossing, increment, sign, area = event
         cells = crossing.cells(plane)
         there = weights.at[cells].get(mode="fill", fill_value=0.0)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -32,7 +33,7 @@ from preisach_jax.hysteron import (
     require_hysteron,
     require_on_plane,
 )
-from preisach_jax.moves import EVENT_SIZE, RampMoves, adapt_over_moves, ramp_moves
+from preisach_jax.moves import EVENT_SIZE, RampMoves, RampRun, adapt_over_moves, ramp_moves
 from preisach_jax.plane import Plane
 from preisach_jax.update import UpdateRule
 
@@ -120,10 +121,14 @@ def chosen_form(form: str, why_not: str) -> str:
 
 
 @eqx.filter_jit
-def _simulate(plane: Plane, weights, x, hysteron: str, initial) -> jax.Array:
+def _simulate(
+    plane: Plane, weights: jax.Array, x: jax.Array, hysteron: str, initial: ArrayLike | str
+) -> jax.Array:
     x, start = path_and_start(plane, x, initial, hysteron)
 
-    def advance(carry, value):
+    def advance(
+        carry: tuple[jax.Array, jax.Array], value: jax.Array
+    ) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
         states, previous = carry
         states = hysteron_step(plane, states, previous, value, hysteron)
         return (states, value), jnp.sum(weights * states)
@@ -134,8 +139,8 @@ def _simulate(plane: Plane, weights, x, hysteron: str, initial) -> jax.Array:
     chunk = math.isqrt(samples - 1) + 1
     chunks = -(-samples // chunk)
     filled = jnp.concatenate([x, jnp.broadcast_to(x[-1], (chunks * chunk - samples,))])
-    scan_chunk = jax.checkpoint(partial(jax.lax.scan, advance))
-    output = jax.lax.scan(scan_chunk, (start, x[0]), filled.reshape(chunks, chunk))[1]
+    scan_chunk = cast(Callable[..., Any], jax.checkpoint(partial(jax.lax.scan, advance)))
+    output: jax.Array = jax.lax.scan(scan_chunk, (start, x[0]), filled.reshape(chunks, chunk))[1]
     return output.ravel()[:samples]
 
 
@@ -271,7 +276,7 @@ class AdaptiveFilter(eqx.Module):
     error_limit: ArrayLike | None = None
     nonnegative: bool = eqx.field(static=True, default=False)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         check_start(self.plane, self.hysteron, self.initial_weight)
         if self.sampling not in SAMPLINGS:
             raise InputError(f"sampling is {self.sampling!r}: it must be 'event' or 'sample'")
@@ -385,7 +390,7 @@ class AdaptiveFilter(eqx.Module):
         squared = jnp.sum(s * s)
         error = z - state.reference_output - jnp.sum(state.weights * s)
         # In sample form, a move of the states below √eps is not told from rounding.
-        least = EVENT_SIZE if self.sampling == "event" else jnp.finfo(dtype).eps
+        least = EVENT_SIZE if self.sampling == "event" else cast(float, jnp.finfo(dtype).eps)
         event = jnp.isfinite(error) & (squared >= least)
         learns = event if adapt is True else event & adapt
         weights, learns = self._learnt(state.weights, s, squared, error, learns)
@@ -406,7 +411,14 @@ class AdaptiveFilter(eqx.Module):
         )
         return following, info
 
-    def _learnt(self, weights, s, squared, error, learns) -> tuple[jax.Array, jax.Array]:
+    def _learnt(
+        self,
+        weights: jax.Array,
+        s: jax.Array,
+        squared: jax.Array,
+        error: jax.Array,
+        learns: jax.Array,
+    ) -> tuple[jax.Array, jax.Array]:
         """Weights after an update with the difference s of the states, and whether there is one."""
         rule = self.rule(weights.dtype)
         learns = learns if self.dead_zone is None else learns & rule.learns(error)
@@ -468,15 +480,18 @@ class AdaptiveFilter(eqx.Module):
         if count != passes or count < 1:
             raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
         adapt = checked_adapt(adapt)
-        if chosen_form(form, self._why_no_events(x, z, state)) == "dense":
-            return _run(self, x, z, state, count, adapt)
-        if self.hysteron == "relay":
-            return _run_over_events(self, x, z, count, adapt)
-        if form == "auto" and self.plane.levels < LEVELS_FOR_MOVES:
-            return _run(self, x, z, state, count, adapt)
-        return _run_over_moves(self, x, z, ramp_moves(self.plane, x), count, adapt)
+        chosen = chosen_form(form, self._why_no_events(x, z, state))
+        few = form == "auto" and self.plane.levels < LEVELS_FOR_MOVES
+        if chosen == "dense" or (self.hysteron == "ramp" and few):
+            found = cast(FilterResult, _run(self, x, z, state, count, adapt))
+        elif self.hysteron == "relay":
+            found = _run_over_events(self, x, z, count, adapt)
+        else:
+            moves = ramp_moves(self.plane, x)
+            found = cast(FilterResult, _run_over_moves(self, x, z, moves, count, adapt))
+        return found
 
-    def _why_no_events(self, x, z, state: FilterState | None) -> str:
+    def _why_no_events(self, x: jax.Array, z: jax.Array, state: FilterState | None) -> str:
         if self.sampling != "event":
             return "with sampling='sample'"
         if self.leakage is not None:
@@ -503,20 +518,30 @@ def checked_adapt(adapt: Any) -> bool:
     """
     if not isinstance(adapt, bool | np.bool_):
         raise InputError(f"adapt is {adapt!r}: give True or False")
-    return bool(adapt)
+    return bool(cast(bool, adapt))
 
 
 @partial(jax.jit, static_argnames=("passes", "adapt"))
 def _run(
-    filt: AdaptiveFilter, x, z, state: FilterState | None, passes: int, adapt: bool
+    filt: AdaptiveFilter,
+    x: jax.Array,
+    z: jax.Array,
+    state: FilterState | None,
+    passes: int,
+    adapt: bool,
 ) -> FilterResult:
     start = filt.init(x[0], z[0]) if state is None else state
 
-    def one_pass(carry, _):
+    def advance(
+        state: FilterState, sample: tuple[jax.Array, jax.Array]
+    ) -> tuple[FilterState, FilterInfo]:
+        return filt.step(state, *sample, adapt)
+
+    def one_pass(
+        carry: tuple[FilterState, FilterInfo], _: None
+    ) -> tuple[tuple[FilterState, FilterInfo], None]:
         before = dataclasses.replace(start, weights=carry[0].weights)
-        return jax.lax.scan(
-            lambda state, sample: filt.step(state, *sample, adapt), before, (x, z)
-        ), None
+        return jax.lax.scan(advance, before, (x, z)), None
 
     no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
     state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
@@ -528,10 +553,15 @@ def _rule(filt: AdaptiveFilter, dtype: DTypeLike, adapt: bool) -> UpdateRule:
     return rule if adapt else dataclasses.replace(rule, step_size=jnp.zeros((), dtype))
 
 
-def _run_over_events(filt: AdaptiveFilter, x, z, passes: int, adapt: bool) -> FilterResult:
+def _run_over_events(
+    filt: AdaptiveFilter, x: jax.Array, z: jax.Array, passes: int, adapt: bool
+) -> FilterResult:
     switching, states = events_and_states(filt.plane, x)
     stretches = relays_between(filt.plane, x, switching)
-    rows, weights = _rows_over_events(filt, x, z, switching, stretches, passes, adapt)
+    rows, weights = cast(
+        tuple[FilterInfo, jax.Array],
+        _rows_over_events(filt, x, z, switching, stretches, passes, adapt),
+    )
     sample = jnp.max(jnp.where(switching.area > 0, switching.sample, 0))
     state = FilterState(weights, states, x[-1], states, z[sample])
     return FilterResult(weights, rows.output, rows.error, rows.switched, state)
@@ -539,7 +569,13 @@ def _run_over_events(filt: AdaptiveFilter, x, z, passes: int, adapt: bool) -> Fi
 
 @partial(jax.jit, static_argnames=("passes", "adapt"))
 def _rows_over_events(
-    filt: AdaptiveFilter, x, z, switching: Switching, stretches, passes: int, adapt: bool
+    filt: AdaptiveFilter,
+    x: jax.Array,
+    z: jax.Array,
+    switching: Switching,
+    stretches: tuple[jax.Array, jax.Array],
+    passes: int,
+    adapt: bool,
 ) -> tuple[FilterInfo, jax.Array]:
     start = filt.init(x[0], z[0])
     measured = z.at[switching.sample].get(mode="clip")
@@ -547,18 +583,18 @@ def _rows_over_events(
     area = switching.area.astype(z.dtype)
     rule = _rule(filt, z.dtype, adapt)
 
-    def one_pass(weights):
-        return adapt_over_events(filt.plane, switching, increments, weights, rule)
+    def one_pass(_: jax.Array, weights: jax.Array) -> jax.Array:
+        return adapt_over_events(filt.plane, switching, increments, weights, rule)[0]
 
     first = start.weights[:, None]
-    before = jax.lax.fori_loop(1, passes, lambda _, weights: one_pass(weights)[0], first)
+    before = cast(jax.Array, jax.lax.fori_loop(1, passes, one_pass, first))
     # Outside the loop, where XLA does not copy the weights at each event.
     weights, error, settled, unsettled = _settled_over_events(
         filt.plane, rule, switching, increments, before, stretches
     )
     learns = (area > 0) & rule.learns(error) & adapt
 
-    def at_events(values, steady):
+    def at_events(values: jax.Array, steady: jax.Array) -> jax.Array:
         return steady.at[switching.sample].set(values, mode="drop")
 
     moved = at_events(jnp.ones(area.shape, int), jnp.zeros(z.shape, int))
@@ -575,12 +611,19 @@ def _rows_over_events(
 
 
 def _settled_over_events(
-    plane: Plane, rule: UpdateRule, switching: Switching, increments, weights, stretches
+    plane: Plane,
+    rule: UpdateRule,
+    switching: Switching,
+    increments: jax.Array,
+    weights: jax.Array,
+    stretches: tuple[jax.Array, jax.Array],
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Weights after events, the error of each, and the output after and before its update."""
     first, lowest = stretches
 
-    def one_stretch(weights, stretch):
+    def one_stretch(
+        weights: jax.Array, stretch: tuple[Switching, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
         switching, increments, lowest = stretch
         on = jnp.asarray(plane.beta_index) < lowest[plane.alpha_index]
         begin = jnp.sum(jnp.where(on, weights[:, 0], 0.0))
@@ -591,9 +634,10 @@ def _settled_over_events(
         settled = begin + jnp.cumsum(after)
         return weights, (error[:, 0], settled, settled - after + rise)
 
-    rows = jax.tree.map(
-        lambda each: each.reshape(len(first), -1, *each.shape[1:]), (switching, increments)
-    )
+    def in_stretches(each: jax.Array) -> jax.Array:
+        return each.reshape(len(first), -1, *each.shape[1:])
+
+    rows = jax.tree.map(in_stretches, (switching, increments))
     weights, found = jax.lax.scan(one_stretch, weights, (*rows, lowest))
     error, settled, unsettled = (each.ravel() for each in found)
     return weights, error, settled, unsettled
@@ -601,17 +645,23 @@ def _settled_over_events(
 
 @partial(jax.jit, static_argnames=("passes", "adapt"))
 def _run_over_moves(
-    filt: AdaptiveFilter, x, z, moves: RampMoves, passes: int, adapt: bool
+    filt: AdaptiveFilter,
+    x: jax.Array,
+    z: jax.Array,
+    moves: RampMoves,
+    passes: int,
+    adapt: bool,
 ) -> FilterResult:
     start = filt.init(x[0], z[0])
     rule = _rule(filt, z.dtype, adapt)
 
-    def one_pass(weights):
+    def one_pass(weights: jax.Array) -> RampRun:
         return adapt_over_moves(filt.plane, moves, z, weights, start.states, rule)
 
-    before = jax.lax.fori_loop(
-        1, passes, lambda _, weights: one_pass(weights).weights, start.weights
-    )
+    def learnt(_: jax.Array, weights: jax.Array) -> jax.Array:
+        return one_pass(weights).weights
+
+    before = cast(jax.Array, jax.lax.fori_loop(1, passes, learnt, start.weights))
     found = one_pass(before)
     state = FilterState(found.weights, found.states, x[-1], found.reference_states, found.reference)
     switched = found.squared if adapt else jnp.zeros_like(found.squared)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -233,7 +233,7 @@ def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: P
 
 
 @contextmanager
-def double_precision() -> Iterator[None]:
+def double_precision() -> Generator[None]:
     """Work in double precision, and with one thread for the many small factorisations.
 
     Several threads of the linear algebra library gain nothing at these sizes, and lose a factor

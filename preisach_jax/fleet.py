@@ -6,7 +6,7 @@ import functools
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -103,7 +103,9 @@ def run_fleet(
         np.concatenate([side, side[-1:].repeat(count - len(rows), axis=0)])
         for side in (x, z, np.array(lengths))
     )
-    numbers, structure = jax.tree.flatten(jax.tree.map(np.asarray, adaptive))
+    numbers, structure = cast(
+        tuple[list[np.ndarray], Any], jax.tree.flatten(jax.tree.map(np.asarray, adaptive))
+    )
     kinds = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in numbers)
     run = _compiled_run(structure, kinds, room, x.shape, x.dtype, passes)
     found = gathered(run(numbers, (x, z, until)))
@@ -194,7 +196,7 @@ def _named_rows(
     adaptive: AdaptiveFilter, pairs: Sequence[Any], names: Sequence[str] | None
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[str]]:
     """Input and output of each record, and its name."""
-    if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in pairs):
+    if not all(_is_pair(pair) for pair in pairs):
         raise InputError("records: give input and output of each, as (record.input, record.output)")
     names = [str(number) for number in range(len(pairs))] if names is None else list(names)
     if len(names) != len(pairs):
@@ -202,11 +204,16 @@ def _named_rows(
     return _checked(adaptive, [x for x, _ in pairs], [z for _, z in pairs]), names
 
 
+def _is_pair(given: Any) -> bool:
+    return isinstance(given, tuple | list) and len(cast(Sequence[Any], given)) == 2
+
+
 def _as_held(folder: Path, digests: Sequence[str]) -> np.ndarray:
     """Positions of the records, those that a folder holds first, in its order."""
     # The folder may be out of sight of the other processes.
     manifest = read_manifest(folder, "fleet", "records") if is_first() else None
-    left, first = list(range(len(digests))), []
+    left = list(range(len(digests)))
+    first: list[int] = []
     for digest in manifest["settings"]["records"] if manifest is not None else ():
         known = [k for k in left if digests[k] == digest]
         first += known[:1]
@@ -261,7 +268,7 @@ def _checked(
             f"there are {len(inputs)} inputs and {len(outputs)} outputs: give one of each for "
             "every record, at least one"
         )
-    rows = []
+    rows: list[tuple[jax.Array, jax.Array]] = []
     for number, pair in enumerate(zip(inputs, outputs, strict=True)):
         try:
             rows.append(input_and_output(adaptive.plane, *pair))
@@ -276,14 +283,24 @@ def _lengthened(row: np.ndarray, length: int) -> np.ndarray:
     return np.pad(row, (0, length - len(row)), mode="edge")
 
 
+_Found = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]
+
+
 @functools.lru_cache(maxsize=8)
-def _compiled_run(structure, kinds, room, shape, dtype, passes: int) -> Callable:
-    def run(numbers, rows):
-        adaptive = jax.tree.unflatten(structure, numbers)
+def _compiled_run(
+    structure: Any,
+    kinds: tuple[jax.ShapeDtypeStruct, ...],
+    room: tuple[int, int] | None,
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    passes: int,
+) -> Callable[[Any, Any], Any]:
+    def run(numbers: list[jax.Array], rows: tuple[jax.Array, jax.Array, jax.Array]) -> _Found:
+        adaptive: AdaptiveFilter = jax.tree.unflatten(structure, numbers)
         one = _densely if room is None else functools.partial(_over_events, room=room)
 
-        def identify(x, z, until):
-            weights, errors, updated = one(adaptive, x, z, passes=passes)
+        def identify(x: jax.Array, z: jax.Array, until: jax.Array) -> _Found:
+            weights, errors, updated = one(adaptive, x, z, passes)
             measured = jnp.isfinite(z) & (jnp.arange(len(z)) < until)
             left = z - simulate(adaptive.plane, weights, x, adaptive.hysteron)
             offset = _mean(left, measured)
@@ -296,17 +313,21 @@ def _compiled_run(structure, kinds, room, shape, dtype, passes: int) -> Callable
     return compiled(run, list(kinds), (side, side, jax.ShapeDtypeStruct(shape[:1], int)))
 
 
-def _densely(adaptive: AdaptiveFilter, x, z, passes: int):
+def _densely(
+    adaptive: AdaptiveFilter, x: jax.Array, z: jax.Array, passes: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     found = adaptive.run(x, z, passes=passes, form="dense")
     return found.weights, found.error, found.switched > 0
 
 
-def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, int]):
+def _over_events(
+    adaptive: AdaptiveFilter, x: jax.Array, z: jax.Array, passes: int, room: tuple[int, int]
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     switching = switching_events(adaptive.plane, x, *room)
     increments = measured_rises(switching, z[:, jnp.newaxis])
     rule = adaptive.rule(z.dtype)
 
-    def one_pass(weights, _):
+    def one_pass(weights: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
         return adapt_over_events(adaptive.plane, switching, increments, weights, rule)
 
     start = adaptive.init(x[0], z[0]).weights[:, None]
@@ -315,9 +336,9 @@ def _over_events(adaptive: AdaptiveFilter, x, z, passes: int, room: tuple[int, i
     return weights[:, 0], errors, (switching.area > 0) & rule.learns(errors)
 
 
-def _mean(values, counted):
+def _mean(values: jax.Array, counted: jax.Array) -> jax.Array:
     return jnp.sum(jnp.where(counted, values, 0.0)) / jnp.sum(counted)
 
 
-def _rms(values, counted):
+def _rms(values: jax.Array, counted: jax.Array) -> jax.Array:
     return jnp.sqrt(_mean(values**2, counted))

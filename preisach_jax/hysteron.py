@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -101,7 +101,8 @@ def require_on_plane(plane: Plane, x: ArrayLike) -> None:
     require_finite(x, "the input x")
     values = np.asarray(x)
     flat = values.ravel()
-    rounding = float(jnp.finfo(values.dtype).eps) * max(abs(plane.low), abs(plane.high))
+    eps = cast(np.floating, jnp.finfo(values.dtype).eps)
+    rounding = float(eps) * max(abs(plane.low), abs(plane.high))
     reach = max(LIMIT_TOLERANCE * (plane.high - plane.low), rounding)
     beyond = (flat < plane.low - reach) | (flat > plane.high + reach)
     if beyond.any():
@@ -229,7 +230,9 @@ def hysteron_states(
         paths = _paths(x, falling, reversible)
         return _states_of_paths(plane, paths, start, hysteron)
 
-    def advance(carry, value):
+    def advance(
+        carry: tuple[jax.Array, jax.Array], value: jax.Array
+    ) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
         states, previous = carry
         states = hysteron_step(plane, states, previous, value, hysteron)
         return (states, value), states
@@ -261,7 +264,9 @@ def _step_of_paths(
 
 
 def _states_of_paths(plane: Plane, paths: Paths, start: jax.Array, hysteron: str) -> jax.Array:
-    def advance(carry, now):
+    def advance(
+        carry: tuple[jax.Array, Paths], now: Paths
+    ) -> tuple[tuple[jax.Array, Paths], jax.Array]:
         states, previous = carry
         states = _step_of_paths(plane, states, previous, now, hysteron)
         return (states, now), states
@@ -304,7 +309,9 @@ def weighted_states(
     """
     paths = _paths(x, x if falling is None else falling, reversible)
 
-    def advance(carry, now):
+    def advance(
+        carry: tuple[jax.Array, jax.Array, Paths], now: Paths
+    ) -> tuple[tuple[jax.Array, jax.Array, Paths], jax.Array]:
         low, high, previous = carry
         low = _step_of_paths(plane, low, previous, now, hysteron)
         high = _step_of_paths(plane, high, previous, now, hysteron)
@@ -313,6 +320,15 @@ def weighted_states(
     zero = jnp.zeros(plane.cells, x.dtype)
     start = (zero, zero + 1.0, tuple(path[0] for path in paths))
     return jax.lax.scan(advance, start, paths)[1]
+
+
+_Bounds = tuple[jax.Array, jax.Array]
+_FedBack = tuple[_Bounds, Paths, jax.Array]
+_Trial = tuple[jax.Array | int, jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+def _first(course: jax.Array) -> jax.Array:
+    return course[0]
 
 
 def fed_back_states(
@@ -348,17 +364,17 @@ def fed_back_states(
         [0.0, 0.5]
     """
     most = weights.sum() + memory.sum()
-    close = 8 * jnp.finfo(weights.dtype).eps * most
+    close = 8 * cast(np.floating, jnp.finfo(weights.dtype).eps) * most
 
-    def advance(carry, sample):
+    def advance(carry: _FedBack, sample: Any) -> tuple[_FedBack, jax.Array]:
         states, previous, before = carry
 
-        def moved(output):
+        def moved(output: jax.Array) -> tuple[jax.Array, tuple[_Bounds, Paths]]:
             now = seen(sample, before, output)
             low, high = (_step_of_paths(plane, each, previous, now, hysteron) for each in states)
             return low @ weights + (high - low) @ memory, ((low, high), now)
 
-        def improved(trial):
+        def improved(trial: _Trial) -> _Trial:
             count, output, bottom, top, _ = trial
             answer, slope, _ = jax.jvp(moved, (output,), (jnp.ones_like(output),), has_aux=True)
             excess = answer - output
@@ -370,17 +386,18 @@ def fed_back_states(
             done = (jnp.abs(excess) <= close) | (top - bottom <= close)
             return count + 1, jnp.where(done, output, after), bottom, top, done
 
-        def unfinished(trial):
+        def unfinished(trial: _Trial) -> jax.Array:
             return ~trial[-1] & (trial[0] < MOST_TRIALS)
 
-        begin = (0, before, jnp.zeros_like(most), most, jnp.asarray(False))
+        begin: _Trial = (0, before, jnp.zeros_like(most), most, jnp.asarray(False))
         output = jax.lax.while_loop(unfinished, improved, begin)[1]
         output, after = moved(output)
         return (*after, output), output
 
     zero = jnp.zeros(plane.cells, weights.dtype)
     nothing = jnp.zeros((), weights.dtype)
-    paths = jax.eval_shape(seen, jax.tree.map(lambda each: each[0], course), nothing, nothing)
+    first = jax.tree.map(_first, course)
+    paths: Paths = jax.eval_shape(seen, first, nothing, nothing)
     # An input before the first that is no number compares as one that does not move.
     previous = tuple(jnp.full_like(path, jnp.nan) for path in paths)
     return jax.lax.scan(advance, ((zero, zero + 1.0), previous, nothing), course)[1]

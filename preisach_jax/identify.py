@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -80,7 +81,7 @@ class Problem:
     rows: np.ndarray
     block: np.ndarray
     fold: np.ndarray
-    cache: dict = field(default_factory=dict)
+    cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
@@ -419,7 +420,9 @@ def linearise(
     scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-12)
     raw = raw / scale
     target = problem.goal
-    other, own, moment = [], [], []
+    other: list[np.ndarray] = []
+    own: list[np.ndarray] = []
+    moment: list[np.ndarray] = []
     for rows in slices_of(problem.fold):
         other.append(point.matrix[rows].T @ raw[rows])
         own.append(raw[rows].T @ raw[rows])

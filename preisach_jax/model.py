@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -461,7 +461,7 @@ class Model:
 
 
 @contextmanager
-def _told_as_damage() -> Iterator[None]:
+def _told_as_damage() -> Generator[None]:
     try:
         yield
     except InputError as error:
@@ -564,7 +564,7 @@ def _check_plane(content: dict[str, Any]) -> None:
 def _kinds_of(entries: list[dict[str, Any]], own: Mapping[str, Effect]) -> list[Effect]:
     """One effect of the kind of each entry, of one's own or of the library."""
     known = library() | dict(own) if entries else {}
-    kinds = []
+    kinds: list[Effect] = []
     for entry in entries:
         name = entry["name"]
         is_column = name.startswith("aux:") and name not in own

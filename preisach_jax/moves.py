@@ -8,6 +8,7 @@ and once more for each cell of the axis that it leaves behind.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -137,6 +138,17 @@ class _Carry(NamedTuple):
     oldest: jax.Array
 
 
+_Move = tuple[jax.Array, RampMoves, jax.Array, jax.Array]
+"""Number of a move, its line, the output at its sample, and whether it ends it; or many of them."""
+
+_SoFar = tuple[jax.Array, jax.Array, jax.Array]
+"""Cells, output and oldest move that has not been learnt from."""
+
+
+def _in_rows(values: jax.Array, size: int) -> jax.Array:
+    return values.reshape(-1, size)
+
+
 def adapt_over_moves(
     plane: Plane,
     moves: RampMoves,
@@ -176,7 +188,7 @@ def adapt_over_moves(
     own_z = z.at[jnp.searchsorted(moves.ends, index)].get(mode="clip")
     lines = RampMoves(moves.line, moves.rising, moves.part.astype(weights.dtype), index)
 
-    def advance(carry: _Carry, move):
+    def advance(carry: _Carry, move: _Move) -> tuple[_Carry, jax.Array]:
         number, line, z, ends = move
         cells = line.cells(plane)
         weight, old, reference = carry.cells.at[cells].get(mode="fill", fill_value=0.0).T
@@ -200,7 +212,7 @@ def adapt_over_moves(
         squared, rise = jnp.where(event, 0.0, squared), jnp.where(event, 0.0, rise)
         return _Carry(values, squared, rise, output, reference, oldest), row
 
-    def advance_afresh(carry: _Carry, stretch):
+    def advance_afresh(carry: _Carry, stretch: _Move) -> tuple[_Carry, jax.Array]:
         weight, state, reference = carry.cells.T
         moved = state - reference
         sums = {"squared": moved @ moved, "rise": weight @ moved, "output": weight @ state}
@@ -211,19 +223,30 @@ def adapt_over_moves(
     start = _Carry(values, zero, zero, zero, z[0], index[0])
     # Of two sizes that are both rounded up, the one divides the other in few parts.
     size = math.gcd(count, MOVES_TO_REFRESH) if count > MOVES_TO_REFRESH else count
-    stretches = jax.tree.map(lambda each: each.reshape(-1, size), (index, lines, own_z, at_end))
+    stretches = jax.tree.map(partial(_in_rows, size=size), (index, lines, own_z, at_end))
     carry, rows = jax.lax.scan(advance_afresh, start, stretches)
     weight, state, reference = carry.cells.T
     output, error, squared = rows.reshape(count, 3)[moves.ends].T
     return RampRun(weight, state, reference, carry.reference, output, error, squared)
 
 
-def _learnt(plane: Plane, rule: UpdateRule, lines: RampMoves, rate, so_far, last):
+def _learnt(
+    plane: Plane,
+    rule: UpdateRule,
+    lines: RampMoves,
+    rate: jax.Array,
+    so_far: _SoFar,
+    last: jax.Array,
+) -> _SoFar:
     """Cells, output and oldest move not learnt from, after the lines of some moves are updated."""
 
-    def one_line(so_far):
+    def one_line(so_far: _SoFar) -> _SoFar:
         values, output, number = so_far
-        cells = jax.tree.map(lambda each: each[number], lines).cells(plane)
+
+        def of_number(each: jax.Array) -> jax.Array:
+            return each[number]
+
+        cells = jax.tree.map(of_number, lines).cells(plane)
         weight, state, reference = values.at[cells].get(mode="fill", fill_value=0.0).T
         moved = state - reference
         share = rate * moved
@@ -234,4 +257,7 @@ def _learnt(plane: Plane, rule: UpdateRule, lines: RampMoves, rate, so_far, last
         values = values.at[cells].set(new, mode="drop")
         return values, output + jnp.sum(share * state), number + 1
 
-    return jax.lax.while_loop(lambda so_far: so_far[-1] <= last, one_line, so_far)
+    def unfinished(so_far: _SoFar) -> jax.Array:
+        return so_far[-1] <= last
+
+    return jax.lax.while_loop(unfinished, one_line, so_far)

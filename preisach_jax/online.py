@@ -8,7 +8,7 @@ import os
 from bisect import bisect_left, bisect_right
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -96,7 +96,7 @@ class OnlineFilter:
         self._filter, self._saturate = filt, saturate
         # Looked up at every sample, and quicker here than in an equinox module.
         self._low, self._high = filt.plane.low, filt.plane.high
-        self._rows: tuple | None = None
+        self._rows: tuple[Any, Any, Any] | None = None
         self._inputs_missing = self._outputs_missing = self._saturated = 0
         self.state = state
 
@@ -248,7 +248,7 @@ class OnlineFilter:
         self._outputs_missing += int(np.sum(there & np.isnan(z)))
         return output
 
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the filter and its state to a file; an existing one is replaced in one go.
 
         Args:
@@ -280,7 +280,7 @@ class OnlineFilter:
         write_arrays(Path(path), about, arrays)
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> OnlineFilter:
+    def load(cls, path: str | os.PathLike[str]) -> OnlineFilter:
         """Read a filter and its state from a file written by `save`.
 
         Args:
@@ -295,13 +295,14 @@ class OnlineFilter:
         """
         remedy = "give a file that `save` wrote"
         with read_arrays(Path(path), FORMAT, "a saved filter", remedy) as (about, stored):
+            options: dict[str, Any] = about["options"] if about["format"] > 3 else {}
             filt = AdaptiveFilter(
                 Plane(levels=about["levels"], low=about["low"], high=about["high"]),
                 about["hysteron"],
                 about["sampling"],
                 stored["initial_weight"],
                 1.0 if about["format"] == 1 else stored["step_size"],
-                **(about["options"] if about["format"] > 3 else {}),
+                **options,
             )
             names = [name for name in stored.files if name.startswith("state.")]
             arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
@@ -401,7 +402,7 @@ class _Recursion:
         if self._leakage is not None:
             self.weights += self._leakage * (self._prior - self.weights)
         error = min(max(error, -self._error_limit), self._error_limit)
-        new = self.weights[cells] + self._type(self._step_size * error / squared) * s
+        new: np.ndarray = self.weights[cells] + self._type(self._step_size * error / squared) * s
         if self._nonnegative:
             new = np.where(s != 0, np.maximum(new, 0), new)
         self.weights[cells] = new

@@ -6,8 +6,7 @@ A simulated world that shares no code with the models. For many records, map `ex
 from __future__ import annotations
 
 import math
-from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -87,7 +86,7 @@ def linear_filter(numerator: ArrayLike, denominator: ArrayLike, x: ArrayLike) ->
     x = _row(x, "the signal")
     b, a = _row(numerator, "the numerator"), _row(denominator, "the denominator")
     _check_denominator(denominator)
-    return _filter(b.astype(x.dtype), a.astype(x.dtype), x)
+    return cast(jax.Array, _filter(b.astype(x.dtype), a.astype(x.dtype), x))
 
 
 @jax.jit
@@ -98,7 +97,7 @@ def _filter(b: jax.Array, a: jax.Array, x: jax.Array) -> jax.Array:
     gain = jnp.sum(b) / jnp.sum(a)
     c = jnp.cumsum(b - gain * a)  # the last is zero
 
-    def advance(state, move):
+    def advance(state: jax.Array, move: jax.Array) -> tuple[jax.Array, jax.Array]:
         state = jnp.append(state, 0.0)
         output = c[0] * move + state[0]
         return state[1:] + c[1:] * move - a[1:] * output, output
@@ -155,7 +154,13 @@ def resonances(polynomial: ArrayLike, rate_hz: float = RATE_HZ) -> Modes:
     return Modes(np.abs(s[light]) / (2.0 * np.pi), damping[light])
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(1,))
+def _in_steps(position: jax.Array, step: float) -> jax.Array:
+    return position if step == 0.0 else jnp.round(position / step) * step
+
+
+_encoded = jax.custom_jvp(_in_steps, nondiff_argnums=(1,))
+
+
 def encode(position: jax.Array, step: float) -> jax.Array:
     """Position in whole steps of an encoder, step·round(z/step).
 
@@ -173,12 +178,14 @@ def encode(position: jax.Array, step: float) -> jax.Array:
         >>> encode(jax.numpy.asarray(0.8), 0.5).item(), jax.grad(encode)(0.8, 0.5).item()
         (1.0, 1.0)
     """
-    return position if step == 0.0 else jnp.round(position / step) * step
+    return _encoded(position, step)
 
 
-@encode.defjvp
-def _encode_jvp(step, primals, tangents):
-    return encode(primals[0], step), tangents[0]
+@_encoded.defjvp
+def _encoded_jvp(
+    step: float, primals: tuple[jax.Array], tangents: tuple[jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    return _encoded(primals[0], step), tangents[0]
 
 
 class PiezoStage(eqx.Module):
@@ -252,7 +259,7 @@ def _stroke(stage: PiezoStage, v: jax.Array) -> jax.Array:
     ones = jnp.ones_like(slope)
     rest = (down * (slope + 0.5 * bend * down)) @ ones
 
-    def advance(plays, value):
+    def advance(plays: jax.Array, value: jax.Array) -> tuple[jax.Array, jax.Array]:
         plays = jnp.clip(plays, value - up, value + down)
         # Mapped over records, this sum runs twice as fast as jnp.sum or (...) @ plays.
         return plays, (plays * (slope + 0.5 * bend * plays)) @ ones
@@ -300,15 +307,14 @@ def paper_stage(plays: int = PLAYS) -> PiezoStage:
 
 def _resonant_filter() -> tuple[np.ndarray, np.ndarray]:
     """Sum of the modes, static gain 1, for an input that runs straight from sample to sample."""
-    parts = []
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
     for share, f, damping in zip(PARTICIPATION, *resonances(NOTCH_NUMERATOR), strict=True):
         omega = 2.0 * np.pi * f
         mode = scipy.signal.lti([share * omega**2], [1.0, 2.0 * damping * omega, omega**2])
-        sampled = mode.to_discrete(1.0 / RATE_HZ, "foh")  # pyright: ignore[reportAttributeAccessIssue]
-        parts.append(sampled)
-    one, two = parts
-    numerator = np.polymul(one.num, two.den) + np.polymul(two.num, one.den)
-    return numerator, np.polymul(one.den, two.den)
+        sampled = mode.to_discrete(1.0 / RATE_HZ, "foh")
+        parts.append((sampled.num, sampled.den))
+    (b_1, a_1), (b_2, a_2) = parts
+    return np.polymul(b_1, a_2) + np.polymul(b_2, a_1), np.polymul(a_1, a_2)
 
 
 def experiment(

@@ -64,7 +64,7 @@ class Plane(eqx.Module):
     low: float = eqx.field(static=True, converter=_limit)
     high: float = eqx.field(static=True, converter=_limit)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         for name, limit in (("low", self.low), ("high", self.high)):
             if not math.isfinite(limit):
                 raise InputError(f"{name} is {limit}: the limits of the plane must be finite")
@@ -199,7 +199,7 @@ class Plane(eqx.Module):
         dtype = jnp.result_type(weights, alpha, beta)
         shape = np.broadcast_shapes(alpha.shape, beta.shape)
 
-        def one(turn, end):
+        def one(turn: jax.Array, end: jax.Array) -> jax.Array:
             at_turn = thresholds_reached(self, turn, turn, "ramp")[0]
             at_end = thresholds_reached(self, end, end, "ramp")[1]
             return jnp.sum(weights * jnp.maximum(at_turn - at_end, 0.0)) / 2

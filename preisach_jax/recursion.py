@@ -21,7 +21,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -34,6 +34,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.filter import (
     AdaptiveFilter,
     FilterInfo,
+    FilterResult,
     check_start,
     input_and_output,
     require_one_number,
@@ -152,7 +153,7 @@ class RecursiveLeastSquares(eqx.Module):
     initial_weight: ArrayLike = 1e-9
     initial_variance: ArrayLike = 100.0
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         check_start(self.plane, self.hysteron, self.initial_weight)
         require_one_number("forgetting", self.forgetting)
         require_one_number("initial_variance", self.initial_variance)
@@ -214,9 +215,15 @@ class RecursiveLeastSquares(eqx.Module):
             The state after this sample, and what to record of it (see `LeastSquaresResult`).
         """
         x, z = jnp.asarray(x, float), jnp.asarray(z, float)
-        states, info, is_event = self._look(state, state.states, state.input, x, z)
+        states, info, is_event = _look(self, state, state.states, state.input, x, z)
         here = dataclasses.replace(state, states=states, input=x)
-        return jax.lax.cond(is_event, _update, lambda _, state, __: state, self, here, z), info
+
+        def kept(
+            _: RecursiveLeastSquares, state: LeastSquaresState, __: jax.Array
+        ) -> LeastSquaresState:
+            return state
+
+        return cast(LeastSquaresState, jax.lax.cond(is_event, _update, kept, self, here, z)), info
 
     def run(
         self, x: ArrayLike, z: ArrayLike, state: LeastSquaresState | None = None
@@ -241,23 +248,32 @@ class RecursiveLeastSquares(eqx.Module):
         x, z = input_and_output(self.plane, x, z)
         if state is not None:
             require_state(self.plane, state, LeastSquaresState)
-        return _run(self, x.astype(float), z.astype(float), state)
+        return cast(LeastSquaresResult, _run(self, x.astype(float), z.astype(float), state))
 
-    def _look(self, state, states, previous, x, z):
-        """States after x, what to record, and whether the sample is an event."""
-        states = hysteron_step(self.plane, states, previous, x, self.hysteron)
-        output = jnp.sum(state.weights * states) + state.offset
-        squared = jnp.sum((states - state.reference_states) ** 2)
-        knows_offset = jnp.isfinite(state.offset)
-        is_event = jnp.isfinite(z) & (~knows_offset | (squared >= EVENT_SIZE))
-        switched = jnp.where(is_event & knows_offset, squared, 0.0)
-        return states, FilterInfo(output, z - output, switched), is_event
+
+def _look(
+    filt: RecursiveLeastSquares,
+    state: LeastSquaresState,
+    states: jax.Array,
+    previous: jax.Array,
+    x: jax.Array,
+    z: jax.Array,
+) -> tuple[jax.Array, FilterInfo, jax.Array]:
+    """States after x, what to record, and whether the sample is an event."""
+    states = hysteron_step(filt.plane, states, previous, x, filt.hysteron)
+    output = jnp.sum(state.weights * states) + state.offset
+    squared = jnp.sum((states - state.reference_states) ** 2)
+    knows_offset = jnp.isfinite(state.offset)
+    is_event = jnp.isfinite(z) & (~knows_offset | (squared >= EVENT_SIZE))
+    switched = jnp.where(is_event & knows_offset, squared, 0.0)
+    return states, FilterInfo(output, z - output, switched), is_event
 
 
 def _update(
     filt: RecursiveLeastSquares, state: LeastSquaresState, z: jax.Array
 ) -> LeastSquaresState:
-    return jax.lax.cond(jnp.isnan(state.offset), _begin, _learn, filt, state, z)
+    unknown = jnp.isnan(state.offset)
+    return cast(LeastSquaresState, jax.lax.cond(unknown, _begin, _learn, filt, state, z))
 
 
 def _begin(
@@ -316,7 +332,9 @@ def _learn(
 
 
 @jax.jit
-def _run(filt: RecursiveLeastSquares, x, z, state: LeastSquaresState | None) -> LeastSquaresResult:
+def _run(
+    filt: RecursiveLeastSquares, x: jax.Array, z: jax.Array, state: LeastSquaresState | None
+) -> LeastSquaresResult:
     if state is None:
         state = filt.init(x[0], z[0])
 
@@ -324,19 +342,24 @@ def _run(filt: RecursiveLeastSquares, x, z, state: LeastSquaresState | None) -> 
         # The covariance stays outside of this loop, so that a sample costs O(L).
         def advance(walk: _Walk) -> _Walk:
             k = walk.sample
-            states, info, is_event = filt._look(state, walk.states, walk.input, x[k], z[k])
+            states, info, is_event = _look(filt, state, walk.states, walk.input, x[k], z[k])
             rows = FilterInfo(
                 *(row.at[k].set(value) for row, value in zip(walk.rows, info, strict=True))
             )
             return _Walk(k + 1, states, x[k], is_event, rows)
 
-        return jax.lax.while_loop(
-            lambda walk: (walk.sample < x.shape[0]) & ~walk.is_event,
-            advance,
-            walk._replace(is_event=jnp.asarray(False)),
-        )
+        def goes_on(walk: _Walk) -> jax.Array:
+            return (walk.sample < x.shape[0]) & ~walk.is_event
 
-    def take_event(carry):
+        begin = walk._replace(is_event=jnp.asarray(False))
+        return jax.lax.while_loop(goes_on, advance, begin)
+
+    def at_event(carry: tuple[LeastSquaresState, _Walk]) -> jax.Array:
+        return carry[1].is_event
+
+    def take_event(
+        carry: tuple[LeastSquaresState, _Walk],
+    ) -> tuple[LeastSquaresState, _Walk]:
         state, walk = carry
         state = dataclasses.replace(state, states=walk.states, input=walk.input)
         state = _update(filt, state, z[walk.sample - 1])
@@ -344,9 +367,8 @@ def _run(filt: RecursiveLeastSquares, x, z, state: LeastSquaresState | None) -> 
 
     rows = FilterInfo(*[jnp.zeros(x.shape)] * len(FilterInfo._fields))
     start = _Walk(jnp.asarray(0), state.states, state.input, jnp.asarray(False), rows)
-    state, walk = jax.lax.while_loop(
-        lambda carry: carry[1].is_event, take_event, (state, to_next_event(state, start))
-    )
+    begin = (state, to_next_event(state, start))
+    state, walk = jax.lax.while_loop(at_event, take_event, begin)
     state = dataclasses.replace(state, states=walk.states, input=walk.input)
     return LeastSquaresResult(state.weights, state.offset, *walk.rows, state)
 
@@ -424,13 +446,13 @@ def compare_recursions(
     if not spread > 0.0:
         raise InputError(f"new_z spans {spread}: give a record, without gaps, that moves")
 
-    def row(name: str, result) -> Comparison:
+    def row(name: str, result: FilterResult | LeastSquaresResult) -> Comparison:
         late = np.asarray(result.error)[np.shape(x)[0] // 2 :]
         late = late[np.asarray(result.switched)[np.shape(x)[0] // 2 :] > 0]
         left = np.asarray(new_z) - np.asarray(simulate(plane, result.weights, new_x, hysteron))
         return Comparison(name, float(np.sqrt(np.mean(late**2))) / spread, left.std() / spread)
 
-    rows = []
+    rows: list[Comparison] = []
     for count in passes:
         result = AdaptiveFilter(plane, hysteron).run(x, z, passes=count)
         rows.append(row(f"adaptive filter, {count} pass{'es' if count > 1 else ''}", result))

@@ -137,7 +137,7 @@ class NormalEquations:
         )
         more = own.shape[1]
 
-        def padded(square):
+        def padded(square: np.ndarray) -> np.ndarray:
             return np.pad(square, (0, more))
 
         return NormalEquations(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +49,7 @@ def as_key(key: jax.Array) -> jax.Array:
     if kind is not None and jnp.issubdtype(kind, jax.dtypes.prng_key):
         return key
     if kind == jnp.uint32 and key.shape == (2,):
-        return jax.random.wrap_key_data(key)
+        return cast(jax.Array, jax.random.wrap_key_data(key))
     raise InputError(f"the key is {key!r}: make one by jax.random.key(0)")
 
 

@@ -36,7 +36,7 @@ import scipy
 from preisach_jax.errors import InputError
 from preisach_jax.plant.stage import RANGE_V, Stage
 
-Hidden = Mapping[str, Mapping]  # parameters of each hidden effect by its name
+Hidden = Mapping[str, Mapping[str, Any]]  # parameters of each hidden effect by its name
 
 CREEP_DECADES = (-2.0, 1.0)  # of the time constants in s
 
@@ -83,7 +83,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
     return names
 
 
-def draw_effect(name: str, seed: int, measurement: Measurement) -> dict:
+def draw_effect(name: str, seed: int, measurement: Measurement) -> dict[str, Any]:
     """Parameters of an effect; each has its own stream, so that effects can be combined.
 
     Args:
@@ -103,7 +103,7 @@ def draw_effect(name: str, seed: int, measurement: Measurement) -> dict:
     return _DRAWS[name](rng, measurement, swing)
 
 
-def _draw_creep(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_creep(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     count = int(rng.integers(6, 10))
     first, last = CREEP_DECADES
     places = first + (last - first) * (np.arange(count) + rng.uniform(0.0, 1.0, count)) / count
@@ -116,47 +116,51 @@ def _draw_creep(rng: np.random.Generator, measurement: Measurement, swing: float
     }
 
 
-def _draw_lag(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_lag(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     return {"tau_s": float(rng.uniform(1e-3, 5e-3))}
 
 
-def _draw_delay(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_delay(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     return {"delay_s": float(rng.uniform(1e-3, 4e-3))}
 
 
-def _draw_drift(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_drift(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     sign = float(rng.choice([-1.0, 1.0]))
     tau = float(rng.uniform(0.2, 1.5) * measurement.duration_s)
     return {"amplitude_um": sign * swing, "tau_s": tau}
 
 
-def _draw_ageing(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_ageing(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
     loss = float(rng.uniform(0.015, 0.04))
     return {"loss": loss, "tau_s": float(rng.uniform(0.3, 2.0) * measurement.duration_s)}
 
 
-def _draw_load(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_load(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     return {"gain_um_per_N": swing / 10.0, "tau_s": 0.0}
 
 
-def _draw_slew(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_slew(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     return {"slew_V_per_s": float(rng.uniform(0.3, 0.8) * measurement.fastest)}
 
 
-def _draw_rate(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_rate(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     exponent = float(rng.uniform(0.5, 1.2))
     shift = float(rng.uniform(0.005, 0.03) * RANGE_V)  # at the greatest rate
     return {"coefficient": shift / (measurement.fastest or 1.0) ** exponent, "exponent": exponent}
 
 
-def _draw_resonance(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_resonance(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
     return {
         "f_hz": float(60.0 * 5.0 ** rng.uniform()),
         "zeta": float(0.02 * 10.0 ** rng.uniform()),
     }
 
 
-def _draw_hum(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_hum(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     lines = int(rng.integers(2, 4))
     main = 0.02 * 10.0 ** rng.uniform()
     parts = np.concatenate([[1.0], rng.uniform(0.1, 0.5, lines - 1)])
@@ -168,7 +172,7 @@ def _draw_hum(rng: np.random.Generator, measurement: Measurement, swing: float) 
     }
 
 
-def _draw_bend(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_bend(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
     size = float(rng.uniform(0.015, 0.03) * measurement.stroke_um)
     share = float(rng.uniform(0.2, 0.5))
     signs = rng.choice([-1.0, 1.0], 2)
@@ -177,21 +181,27 @@ def _draw_bend(rng: np.random.Generator, measurement: Measurement, swing: float)
     }
 
 
-def _draw_moving(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_moving(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
     # Weaker feedback is absorbed by the weights of a plain model, for loops stay nearly congruent.
     return {"a_V_per_um": float(rng.uniform(0.10, 0.30) * RANGE_V / measurement.stroke_um)}
 
 
-def _draw_converter(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_converter(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
     return {"step_V": RANGE_V / 2 ** int(rng.integers(10, 13))}
 
 
-def _draw_grating(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict:
+def _draw_grating(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
     return {"step_um": float(rng.uniform(0.05, 0.3))}
 
 
 # New effects go to the end: the place is part of the seed.
-_DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict]] = {
+_DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, Any]]] = {
     "creep": _draw_creep,
     "input_lag": _draw_lag,
     "delay": _draw_delay,
@@ -272,7 +282,8 @@ def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> n
     if "output_lag" in hidden:  # the filter of the sensor
         z = low_pass(z, hidden["output_lag"]["tau_s"], step_s)
     if "delay" in hidden:  # its digital link
-        z = np.interp(time - hidden["delay"]["delay_s"], time, z)
+        delay_s: float = hidden["delay"]["delay_s"]
+        z = np.interp(time - delay_s, time, z)
     return z
 
 
@@ -372,7 +383,7 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
         [0.0, 2.0, 3.0, 1.5]
     """
     reach, y = slew * step_s, float(x[0])
-    limited = []
+    limited: list[float] = []
     for value in x.tolist():
         y = min(max(value, y - reach), y + reach)
         limited.append(y)

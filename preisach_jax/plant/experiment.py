@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class StageRecord:
     input: np.ndarray
     output: np.ndarray
     aux: Mapping[str, np.ndarray]
-    truth: dict
+    truth: dict[str, Any]
 
     def save(self, path: str | Path) -> None:
         """Write the measured columns t_s, u_V, z_um and the auxiliary ones, comma-separated.
@@ -141,7 +142,7 @@ def simulate_stage(
 
 def _read(
     position: np.ndarray,
-    hidden: Mapping[str, dict],
+    hidden: Mapping[str, Mapping[str, Any]],
     stroke: float,
     seed: int,
     noise_um: float,

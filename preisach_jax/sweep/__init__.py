@@ -13,7 +13,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -179,7 +179,11 @@ def sweep(
         found = gathered(identify(np.array(noise), drawn))
         run_s += time.perf_counter() - begin
         slope = float(greatest(np.array(slope)))
-    found = jax.tree.map(lambda rows: rows[: len(numbers)], found)
+
+    def without_fillings(rows: np.ndarray) -> np.ndarray:
+        return rows[: len(numbers)]
+
+    found = jax.tree.map(without_fillings, found)
     return Sweep(
         levels=np.array(levels),
         noise_um=np.array(noise),
@@ -190,7 +194,7 @@ def sweep(
         weights=tuple(one.weights for one in found),
         compile_s=compile_s,
         run_s=run_s,
-        device=jax.devices()[0].device_kind,
+        device=cast(str, jax.devices()[0].device_kind),
         key=np.asarray(jax.random.key_data(key)),
         events=np.stack([one.events for one in found]),
         output_error=np.stack([one.output_error for one in found]),
@@ -215,13 +219,20 @@ def _identify_seeds(
     plane: Plane, room: tuple[int, int], noise_um: jax.Array, drawn: Realisation
 ) -> _Identified:
     """Identify a plane from all seeds, as many at a time as the processor's cache holds."""
-    switching = jax.vmap(lambda x: switching_events(plane, x, *room))(drawn.record.input_v)
+
+    def events(x: jax.Array) -> Switching:
+        return switching_events(plane, x, *room)
+
+    switching = jax.vmap(events)(drawn.record.input_v)
     seeds, outputs = drawn.noise.shape[0], drawn.noise.shape[2] + 2
     at_once = max(1, _CACHED // (plane.cells * outputs))
     if jax.default_backend() != "cpu" or at_once >= seeds:
         at_once = seeds
-    one = functools.partial(_identify, plane, noise_um)
-    return jax.lax.map(lambda seed: one(*seed), (switching, drawn), batch_size=at_once)
+
+    def one(seed: tuple[Switching, Realisation]) -> _Identified:
+        return _identify(plane, noise_um, *seed)
+
+    return cast(_Identified, jax.lax.map(one, (switching, drawn), batch_size=at_once))
 
 
 def _identify(
@@ -285,13 +296,15 @@ def _plane(levels: int) -> Plane:
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled_draw(seeds: int, samples: int, noises: int) -> Callable:
+def _compiled_draw(seeds: int, samples: int, noises: int) -> Callable[[Any, Any], Any]:
     return compiled(*_draw_with_shapes(seeds, samples, noises))
 
 
-def _draw_with_shapes(seeds: int, samples: int, noises: int) -> tuple[Callable, Any, Any]:
-    def draw(key_data, numbers):
-        key = jax.random.wrap_key_data(key_data)
+def _draw_with_shapes(
+    seeds: int, samples: int, noises: int
+) -> tuple[Callable[[Any, Any], Any], Any, Any]:
+    def draw(key_data: jax.Array, numbers: jax.Array) -> Realisation:
+        key = cast(jax.Array, jax.random.wrap_key_data(key_data))
         one = functools.partial(realisation, samples=samples, noises=noises)
         return jax.vmap(one, (None, 0))(key, numbers)
 
@@ -305,8 +318,8 @@ def _compiled_identify(
     seeds: int,
     samples: int,
     noises: int,
-) -> Callable:
-    def identify(noise_um, drawn):
+) -> Callable[[Any, Any], Any]:
+    def identify(noise_um: jax.Array, drawn: Realisation) -> list[_Identified]:
         return [
             _identify_seeds(_plane(N), space, noise_um, drawn)
             for N, space in zip(levels, room, strict=True)

@@ -83,7 +83,10 @@ def sweep_to_folder(
     def write(numbers: list[int], part: Sweep) -> None:
         chunks.write(numbers, _arrays(part), {name: getattr(part, name) for name in _ABOUT})
 
-    work = Work(compute, lambda numbers: _part(chunks, numbers), write, merge)
+    def read(numbers: list[int]) -> Sweep:
+        return _part(chunks, numbers)
+
+    work = Work(compute, read, write, merge)
     found = work_in_chunks(chunks, work, resume, folder / RESULT, progress, announce)
     if found is not None and is_first():
         write_files({folder / RESULT: json_bytes(found.to_json())})

@@ -54,7 +54,7 @@ def error_rows(models: Sequence[Errors], record: Record) -> list[dict[str, str]]
     """Errors of models of one record as texts: one row a model, in one common unit."""
     greatest = max(model.rms_validation for model in models)
     factor, unit = scaled(greatest, record.output_unit)
-    rows = []
+    rows: list[dict[str, str]] = []
     for model in models:
         rows.append(
             {
@@ -152,12 +152,12 @@ def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
 
 def finding_rows(findings: Iterable[Finding]) -> list[tuple[str, str, str, str]]:
     """What was found: effect, what cannot be told from it, parameter, value with interval."""
-    rows = []
+    rows: list[tuple[str, str, str, str]] = []
     for finding in findings:
-        names = (finding.effect, ", ".join(finding.family[1:]) or "nothing")
-        for parameter in finding_parameters(finding) or [("", "")]:
-            rows.append((*names, *parameter))
-            names = ("", "")
+        effect, others = finding.effect, ", ".join(finding.family[1:]) or "nothing"
+        for parameter, value in finding_parameters(finding) or [("", "")]:
+            rows.append((effect, others, parameter, value))
+            effect = others = ""
     return rows
 
 
@@ -168,7 +168,7 @@ def record_line(record: Record) -> str:
 
 def record_lines(record: Record, notes: Iterable[str]) -> list[str]:
     """What was read in a line, then what was guessed about it and what is missing."""
-    parts = []
+    parts: list[str] = []
     for role, channel in record.channels.items():
         name = channel.name if role == channel.name else f"{role} {channel.name}"
         parts.append(f"{name} ({pretty_unit(channel.unit) or 'no unit'})")
@@ -179,20 +179,20 @@ def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
     """The columns of a record: role, name in the file, unit, least and greatest value."""
     measured = record.output[record.measured]
     values = {"time": record.time, "input": record.input, "output": measured, **record.aux}
-    rows = []
+    rows: list[tuple[str, str, str, str, str]] = []
     for role, channel in record.channels.items():
         there = values[role]
         unit = channel.unit if role != "time" else "s"
         low, high = (there.min(), there.max()) if there.size else (math.nan, math.nan)
         factor, shown = scaled(max(abs(low), abs(high)), unit)
-        ends = [number(float(factor * end)) for end in (low, high)]
-        rows.append((role, channel.name, shown or "unknown", *ends))
+        least, most = (number(float(factor * end)) for end in (low, high))
+        rows.append((role, channel.name, shown or "unknown", least, most))
     return rows
 
 
 def holes(record: Record) -> list[str]:
     """What is missing in a record, in words: stretches of time, and outputs."""
-    found = []
+    found: list[str] = []
     if record.gaps:
         row, seconds = max(record.gaps, key=lambda gap: gap[1])
         others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
@@ -204,7 +204,7 @@ def holes(record: Record) -> list[str]:
 
 def spikes_lines(record: Record) -> list[str]:
     """Which samples were not used because they stand out alone, in words."""
-    found = []
+    found: list[str] = []
     for what, spikes, done in (
         ("output", record.spikes, "left out"),
         ("input", record.input_spikes, "bridged by lines, as the output does not answer"),
@@ -240,7 +240,7 @@ def span_rows(record: Record) -> list[tuple[str, str]]:
 
 def record_rows(record: Record) -> list[tuple[str, str]]:
     """What a record holds: columns, rows, duration and stroke."""
-    columns = []
+    columns: list[str] = []
     for role, channel in record.channels.items():
         unit = pretty_unit(channel.unit)
         name = role if role == channel.name else f"{role} {channel.name}"
@@ -281,16 +281,16 @@ def model_line(model: Model) -> str:
 
 def chain_rows(model: Model) -> list[tuple[str, str, str, str]]:
     """A model in the order in which a signal passes it: place, part, parameter, value."""
-    rows = []
+    rows: list[tuple[str, str, str, str]] = []
     operator = [("hysteresis", "Preisach operator", "plane", plane_text(model))]
     for place, effect in model.chain.stations:
         if place != "input":
             rows += operator
             operator = []
-        names = (place, effect.name)
-        for parameter in parameter_rows(model.parameters[effect.name], "Model.parameters") or [
-            ("", "")
-        ]:
-            rows.append((*names, *parameter))
-            names = ("", "")
+        where, part = place, effect.name
+        for parameter, value in parameter_rows(
+            model.parameters[effect.name], "Model.parameters"
+        ) or [("", "")]:
+            rows.append((where, part, parameter, value))
+            where = part = ""
     return rows + operator

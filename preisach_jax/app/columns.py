@@ -68,7 +68,7 @@ class ColumnChoice:
             upload.name,
             upload.question or "The columns were guessed from names and units: look, and correct.",
         )
-        self.view = pn.Column(
+        self.view: pn.Column = pn.Column(
             panels.pane(str(head)),
             panels.pane(panels.table(*upload.first_rows())),
             *(pn.Row(self._roles[role], self._units[role]) for role in self._roles),

@@ -106,7 +106,7 @@ class Page:
             self._prepare, self._downloads,
             width=370, sizing_mode="stretch_height", scroll=True, css_classes=["side"],
         )  # fmt: skip
-        self.view = pn.Row(side, self._main, sizing_mode="stretch_both")
+        self.view: pn.Row = pn.Row(side, self._main, sizing_mode="stretch_both")
 
     def close(self) -> None:
         """Let go of everything when the tab is closed."""

@@ -79,7 +79,7 @@ def ladder(step: Exploration, found: Diagnosis | None) -> str:
     """The errors of all steps as bars, with the floor of noise and grid where it is known."""
     rungs, unit = step.ladder, step.record.output_unit
     most = max(rung.rms_validation for rung in rungs)
-    lines = []
+    lines: list[Markup] = []
     for place, rung in enumerate(rungs):
         name = f"+ {rung.effects[-1]}" if rung.effects else "Preisach model"
         share = 100 * rung.rms_validation / most
@@ -133,7 +133,7 @@ def verdict(step: Exploration, found: Diagnosis | None) -> str:
     """What can be said of the present step."""
     if found is not None:
         text = Markup("<b>{}</b> ({}). {}").format(headline(found), found.verdict, found.sentence)
-        more = []
+        more: list[str] = []
         if found.located:
             more.append(f"What remains: {found.located}.")
         if found.next_experiment:

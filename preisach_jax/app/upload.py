@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -154,5 +155,5 @@ def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
 
 def _cell(value: object) -> str:
     if isinstance(value, float | np.floating):
-        return "" if np.isnan(value) else f"{value:.6g}"
+        return "" if np.isnan(cast(float, value)) else f"{value:.6g}"
     return str(value)[:40]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from bokeh.events import Reset, SelectionGeometry
@@ -12,6 +13,7 @@ from bokeh.layouts import column, row
 from bokeh.models import (
     BoxSelectTool,
     ColorBar,
+    Column,
     ColumnDataSource,
     CustomJS,
     Div,
@@ -78,26 +80,31 @@ class Views:
         course = plane_course(self._record, step.fit.model.plane.levels)
         self._course = [values[self._rows] for values in course]
         self.source: Any = ColumnDataSource(self._columns(step))
-        self.highlight = ColumnDataSource({name: [] for name in self.source.data})
-        self.cloud = ColumnDataSource({"axis": [], "residual": [], "plain": []})
-        self.bins = {name: ColumnDataSource(_no_bins()) for name in ("plain", "residual")}
-        self.cells = ColumnDataSource({"x": [], "y": [], "width": []})
-        self.staircase = ColumnDataSource({"x": [], "y": []})
-        self.density = ColumnDataSource({"x": [], "y": [], "width": [], "value": []})
-        self.spectra = {
+        self.highlight: ColumnDataSource = ColumnDataSource({name: [] for name in self.source.data})
+        self.cloud: ColumnDataSource = ColumnDataSource({"axis": [], "residual": [], "plain": []})
+        self.bins: dict[str, ColumnDataSource] = {
+            name: ColumnDataSource(_no_bins()) for name in ("plain", "residual")
+        }
+        self.cells: ColumnDataSource = ColumnDataSource({"x": [], "y": [], "width": []})
+        self.staircase: ColumnDataSource = ColumnDataSource({"x": [], "y": []})
+        self.density: ColumnDataSource = ColumnDataSource(
+            {"x": [], "y": [], "width": [], "value": []}
+        )
+        self.spectra: dict[str, ColumnDataSource] = {
             name: ColumnDataSource({"x": [], "y": []}) for name in ("plain", "residual", "chosen")
         }
         self._begun = 0
         self._started = ColumnDataSource({"time": []})
-        self.stretch = ColumnDataSource({"first": [], "last": []})
+        self.stretch: ColumnDataSource = ColumnDataSource({"first": [], "last": []})
         self.stretch.on_change("data", lambda attr, old, new: self._show_spectrum_of_chosen())
-        self.told = Div(text="", sizing_mode="stretch_width", css_classes=["told"])
-        self.loop = self._loop_figure()
-        self.time = self._time_figure()
-        self.residual = self._residual_figure()
-        self.spectrum = self._spectrum_figure()
+        self.told: Div = Div(text="", sizing_mode="stretch_width", css_classes=["told"])
+        self.loop: Any = self._loop_figure()
+        self.time: Any = self._time_figure()
+        self.residual: Any = self._residual_figure()
+        self.spectrum: Any = self._spectrum_figure()
+        self.plane: Any
         self.plane, self._mapper = self._plane_figure()
-        self.slider = self._time_slider()
+        self.slider: RangeSlider = self._time_slider()
         self._figures = {
             "loop": self.loop,
             "time": self.time,
@@ -109,7 +116,7 @@ class Views:
         left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
         right = column(self.time, self.plane, sizing_mode="stretch_both")
         grid = row(left, right, sizing_mode="stretch_both")
-        self.layout = column(self.slider, self.told, grid, sizing_mode="stretch_both")
+        self.layout: Column = column(self.slider, self.told, grid, sizing_mode="stretch_both")
 
     def begin(self) -> None:
         """Let the browser draw what depends on nothing that was brushed."""
@@ -332,7 +339,9 @@ class Views:
         self._show_spectrum_of_chosen()
 
     def _show_spectrum_of_chosen(self) -> None:
-        first, last = (list(self.stretch.data[name]) for name in ("first", "last"))
+        first, last = (
+            list(cast(Sequence[Any], self.stretch.data[name])) for name in ("first", "last")
+        )
         if not (self.spectrum.visible and first and last[0] - first[0] >= 16):
             self.spectra["chosen"].data = {"x": [], "y": []}
             return
@@ -379,7 +388,7 @@ def record_view(record: Record) -> Any:
     """
     axes, rows = record_axes(record), drawn_rows(record)
     source = ColumnDataSource({key: axis.values[rows] for key, axis in axes.items()})
-    drawn = {}
+    drawn: dict[str, Any] = {}
     for title, x, y in (
         ("Loop", "input", "output"), ("Output", "time", "output"), ("Input", "time", "input")
     ):  # fmt: skip

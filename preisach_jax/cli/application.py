@@ -116,9 +116,9 @@ def _run(words: list[str]) -> int:
     return code if isinstance(code, int) else OK
 
 
-def _usage(error: Exception) -> str:
+def _usage(error: Any) -> str:
     """What typer has to say about options and arguments, with where to read more."""
-    message = error.format_message().rstrip(".")  # pyright: ignore[reportAttributeAccessIssue]
+    message = error.format_message().rstrip(".")
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "preisach"
     return f"{message}; see '{path} --help'"

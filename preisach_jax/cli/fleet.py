@@ -105,7 +105,7 @@ def fleet(
     pairs = [(record.input, record.output) for record in records]
     names = _names(data)
 
-    def run(**watchers):
+    def run(**watchers: Any) -> FleetResult | None:
         work = partial(fleet_to_folder, out, adaptive, pairs, names, passes, chunk, resume)
         return named_by_option(_NAMES, partial(work, **watchers))
 
@@ -132,7 +132,7 @@ def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
     Raises:
         InputError: if one cannot be loaded, is given twice or has other units than the first.
     """
-    records = []
+    records: list[Record] = []
     for number, path in enumerate(paths):
         if path in paths[:number]:
             raise InputError(f"{path} is given twice: give each record once")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ _MANNER: ContextVar[_Manner] = ContextVar("manner", default=_Manner())  # noqa: 
 
 
 @contextmanager
-def manner(*, as_json: bool, quiet: bool) -> Iterator[None]:
+def manner(*, as_json: bool, quiet: bool) -> Generator[None]:
     """Let what is shown inside follow `--json` and `--quiet`.
 
     Arguments:
@@ -180,7 +180,7 @@ def _coarse(seconds: float) -> str:
 
 
 @contextmanager
-def progress() -> Iterator[Progress]:
+def progress() -> Generator[Progress]:
     """A bar on stderr if that is a terminal, else a line every now and then; nothing if quiet."""
     if _MANNER.get().quiet:
         yield lambda text, done: None
@@ -192,13 +192,14 @@ def progress() -> Iterator[Progress]:
 
 
 @contextmanager
-def _bar() -> Iterator[Progress]:
+def _bar() -> Generator[Progress]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         Progress,
         ProgressColumn,
         SpinnerColumn,
+        Task,
         TextColumn,
         TimeElapsedColumn,
     )
@@ -210,7 +211,7 @@ def _bar() -> Iterator[Progress]:
         max_refresh = 0.5  # s
         estimate = TimeLeft()
 
-        def render(self, task):
+        def render(self, task: Task) -> Text:
             return Text(self.estimate(task.completed, time.monotonic()))
 
     columns = (

@@ -51,7 +51,7 @@ def error_budget(problem: Problem, fit: Fit, discretisation: float) -> Budget:
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
     """
     left = fit.rms_validation**2
-    shares = []
+    shares: list[float] = []
     for rms in (noise_rms(problem, fit.point), discretisation, memory_rms(problem, fit.point)):
         share = min(rms**2, left)
         shares.append(float(np.sqrt(share)))
@@ -145,7 +145,7 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
     time, values = problem.record.time[rows], problem.record.input[rows]
     moved = np.abs(np.diff(values, prepend=values[0])) > REST * np.ptp(values)
     stretch = np.cumsum(moved)
-    powers = []
+    powers: list[float] = []
     starts, counts = np.unique(stretch, return_index=True, return_counts=True)[1:]
     for start, count in zip(starts, counts, strict=True):
         for part in range(start + SETTLING, start + count - REST_SAMPLES + 1, REST_SAMPLES):

@@ -43,7 +43,7 @@ def try_beside(
         fitted = [t.point.validation_mean_square for t in trials if isinstance(t, Trial)]
         to_beat = min(fitted, default=np.inf)
 
-        def try_one(effect: Effect, to_beat=to_beat) -> Trial | NotFitted:
+        def try_one(effect: Effect, to_beat: float = to_beat) -> Trial | NotFitted:
             return _try(problem, point, effect, step, projection, to_beat)
 
         for effect, trial in zip(group, on_all_cores(try_one, group), strict=True):

@@ -165,12 +165,12 @@ def _designed(
 
 def _auxiliary_columns(models: Sequence[Model]) -> tuple[list[str], list[str]]:
     """Auxiliary columns that all models use, and those that only some do."""
-    used = [
+    used: list[set[str]] = [
         {effect.column for effect in model.effects if isinstance(effect, Auxiliary)}
         for model in models
     ]
-    shared = set.intersection(*used)
-    return sorted(shared), sorted(set.union(*used) - shared)
+    shared = used[0].intersection(*used)
+    return sorted(shared), sorted(used[0].union(*used) - shared)
 
 
 def _kept(columns: Sequence[str]) -> str:
@@ -233,7 +233,7 @@ def _separations(
     for done, (excitation, record, rows) in enumerate(trials):
         if progress is not None:
             progress(f"refitting the rivals to {excitation.name}", done / len(drawn))
-        errors = []
+        errors: list[list[float]] = []
         for model in coarse:
             output = _simulated(model, record) + noise * rng.normal(size=len(record))
             problem = _problem(record, output, rows)

@@ -51,7 +51,7 @@ class Evidence:
     @property
     def against(self) -> str:
         """Why the locks stay closed; empty if both open."""
-        reasons = []
+        reasons: list[str] = []
         # Written so that numbers that are not finite leave the locks closed.
         if not self.gain >= LEAST_GAIN:
             reasons.append(

@@ -173,7 +173,8 @@ class _Path:
 
     def __init__(self, bounds: Bounds):
         self.bounds = bounds
-        self.corners, self.levels = [0.0], [0.0]
+        self.corners: list[float] = [0.0]
+        self.levels: list[float] = [0.0]
 
     def go(self, level: float, rate: float | None = None) -> None:
         """Moves to a level at a rate in input units per s, by default the greatest."""
@@ -226,7 +227,7 @@ def candidates(bounds: Bounds) -> list[Excitation]:
         >>> [float(each.input.max()) for each in candidates(bounds)]
         [75.0, 75.0, 75.0, 75.0, 75.0, 75.0]
     """
-    drawn = []
+    drawn: list[Excitation] = []
     for draw in (*_PARTS, combination):
         path = _Path(bounds)
         text = draw(path, (bounds.samples - 1) / bounds.rate_hz)
@@ -239,7 +240,8 @@ def _triangles(path: _Path, seconds: float) -> str:
     # Before, between and behind the rates the path crosses three quarters of the range, at most.
     share = (seconds - (2 + 0.75 * (RATES + 1)) * bounds.stroke_s) / RATES - 30 / bounds.rate_hz
     path.loop()
-    rates, swings = [], []
+    rates: list[float] = []
+    swings: list[float] = []
     slowest = TWO_TURNS * bounds.span / share
     decades = max(LEAST_DECADES, math.log10(bounds.fastest / slowest))
     for rate in bounds.fastest * 10 ** -np.linspace(0.0, decades, RATES):

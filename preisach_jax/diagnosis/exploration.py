@@ -51,7 +51,7 @@ class Exploration:
     fit: Fit
     tried: tuple[Effect, ...]
     before: Exploration | None
-    _cache: dict[str, Any] = field(default_factory=dict, repr=False)
+    _cache: dict[str, Any] = field(default_factory=dict[str, Any], repr=False)
 
     def __repr__(self) -> str:
         name = model_name(self.effects)
@@ -156,7 +156,7 @@ class Exploration:
             trials, best, _ = judged(
                 self.problem, self.point, trials, lambda text: progress(text, 1.0)
             )
-        rows = []
+        rows: list[tuple[bool, bool, float, Candidate]] = []
         for trial in trials:
             passes = isinstance(trial, Trial) and trial.passes
             candidate = trial.candidate(self.problem.unit, False, "")

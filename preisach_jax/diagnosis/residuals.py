@@ -87,7 +87,7 @@ def sampling_note(record: Record) -> str:
         >>> sampling_note(Record.from_arrays([0.0, 1.0, 2.0, 9.0], [0, 1, 0, 1], [0, 1, 0, 1]))
         'Rows are taken in order; 1 pause left blank.'
     """
-    parts = []
+    parts: list[str] = []
     if record.jitter > UNEVEN:
         parts.append(f"the time step varies by {100 * record.jitter:.0f} %, so lags count samples")
     pauses = len(record.gaps)
@@ -116,7 +116,8 @@ def in_sequence(record: Record, values: np.ndarray, longest: int) -> np.ndarray:
         >>> in_sequence(record, np.array([1.0, 2.0, 3.0, 4.0]), longest=2)
         array([ 1.,  2.,  3., nan, nan,  4.])
     """
-    rows, blanks = [], []
+    rows: list[int] = []
+    blanks: list[float] = []
     for row, seconds in record.gaps:
         count = min(round(seconds / record.step_s) - 1, longest)
         rows += [row] * count
@@ -360,7 +361,7 @@ def binned(position: np.ndarray, values: np.ndarray, bins: int = 24, fewest: int
     span = max(float(np.ptp(position)), np.finfo(float).tiny)
     blend = (rank + (position - position.min()) / span) / 2
     place = np.minimum((bins * blend / max(blend.max(), 0.5)).astype(int), bins - 1)
-    rows = []
+    rows: list[list[float]] = []
     for k in range(bins):
         inside = place == k
         if inside.sum() >= fewest:

@@ -279,7 +279,8 @@ class _Search:
                 return
 
     def _ladder(self, names: list[str]) -> list[Point]:
-        points, point = [], self.path[0]
+        points: list[Point] = []
+        point = self.path[0]
         for name in names:
             effect = next(effect for effect in self.tried if effect.name == name)
             point = with_effect(self.problem, point, effect)
@@ -427,7 +428,7 @@ class _Search:
         return fits
 
     def _findings(self, fits: list[Fit]) -> tuple[Finding, ...]:
-        findings = []
+        findings: list[Finding] = []
         for position, named in enumerate(self.accepted):
             before, after = fits[position], fits[position + 1]
             evidence = compare(self.problem, self.path[position], self.path[position + 1])

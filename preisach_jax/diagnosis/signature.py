@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -50,12 +51,12 @@ class Projection:
         gram, _ = linear.equations.system(point.folds, point.strength)
         free = ~point.equations.nonnegative | (point.solution > 0)
         inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
-        self.rows = np.isin(problem.fold, point.folds)
-        self.block = problem.block[self.rows]
+        self.rows: np.ndarray = np.isin(problem.fold, point.folds)
+        self.block: np.ndarray = problem.block[self.rows]
         matrix = np.concatenate([point.matrix, linear.tangents], axis=1)
-        self.matrix = matrix[np.ix_(self.rows, inside)]
-        self.factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
-        self.residual = point.residual[self.rows]
+        self.matrix: np.ndarray = matrix[np.ix_(self.rows, inside)]
+        self.factor: Any = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
+        self.residual: np.ndarray = point.residual[self.rows]
 
     def left(self, signatures: np.ndarray) -> np.ndarray:
         """What the model leaves of `(row,)` or `(row, signature)`."""

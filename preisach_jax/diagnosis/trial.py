@@ -97,7 +97,7 @@ class NotFitted:
     reason: str
     hopeless: bool = True
     failed: bool = False
-    evidence: Mapping[str, float] = field(default_factory=dict)
+    evidence: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @staticmethod
     def screened(effect: Effect, step: int, promise: float) -> NotFitted:

@@ -111,7 +111,7 @@ def evidence_in_words(candidate: Candidate) -> str:
 
 def notes_on(record: Record, model: Model) -> tuple[str, ...]:
     """What a reader must know of a record before believing a verdict on it."""
-    notes = []
+    notes: list[str] = []
     rows, cells = int(record.measured.sum()), model.plane.cells
     if rows < cells:
         notes.append(
@@ -147,7 +147,7 @@ def located(record: Record, fit: Fit) -> str:
         "time since the last reversal": (record.time - record.time[last], "s"),
         "input at the last reversal": (record.input[last], unit_u),
     }
-    places = []
+    places: list[tuple[float, str]] = []
     for name, (values, unit) in axes.items():
         order = np.argsort(values[rows], kind="stable")
         tenths = np.array_split(order, 10)
@@ -176,7 +176,7 @@ LEAST_SHARE = 0.2
 
 def _one_sided(direction: np.ndarray, power: np.ndarray) -> list[str]:
     """The direction of the input that has much more of the power than of the samples."""
-    texts = []
+    texts: list[str] = []
     for sign, name in ((1, "rises"), (-1, "falls"), (0, "rests")):
         inside = direction == sign
         share, expected = power[inside].sum() / power.sum(), inside.mean()

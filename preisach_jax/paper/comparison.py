@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import cast
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import RANGE_V, experiment
 from preisach_jax.plane import Plane
 from preisach_jax.plant import make_stage
-from preisach_jax.recursion import compare_recursions
+from preisach_jax.recursion import Comparison, compare_recursions
 from preisach_jax.regression import choose_strength, normal_equations, solve_nonnegative
 from preisach_jax.signals import bernoulli_ramp
 from preisach_jax.sweep import PowerLaw, fit_power_law
@@ -158,9 +159,10 @@ _states = jax.jit(hysteron_states, static_argnames="hysteron")
 def _regressors(plane: Plane, hysteron: str, x: np.ndarray, every: int) -> np.ndarray:
     """(row, cells + 1) states at one of `every` samples, and a column of ones."""
     start = np.asarray(plane.initial_states("low", x[0], hysteron))
-    rows = []
+    rows: list[np.ndarray] = []
     for begin in range(0, x.size, CHUNK):
-        states = np.asarray(_states(plane, x[begin : begin + CHUNK], start, hysteron=hysteron))
+        part = x[begin : begin + CHUNK]
+        states = np.asarray(cast(jax.Array, _states(plane, part, start, hysteron=hysteron)))
         start = states[-1]
         rows.append(states[-begin % every :: every])
     states = np.concatenate(rows)
@@ -263,7 +265,7 @@ def recursions(
         (x, z), (new_x, new_z) = (
             (np.asarray(record.input_v), np.asarray(record.stroke_um)) for record in map(draw, keys)
         )
-        rows = {}
+        rows: dict[str, tuple[Comparison, ...]] = {}
         for part, hysteron in enumerate(HYSTERONS):
             report(progress, f"recursions with {hysteron}s", 0.1 + 0.45 * part)
             rows[hysteron] = compare_recursions(

@@ -127,7 +127,8 @@ def bode(
     if realisations < 2:
         raise InputError(f"realisations is {realisations}: give at least 2, to see their spread")
     lines = np.unique(np.round(np.geomspace(5, 2000, 150)).astype(int))
-    stage, responses = paper_stage(), []
+    stage = paper_stage()
+    responses: list[np.ndarray] = []
     with jax.enable_x64(True):
         for number in range(realisations):
             report(progress, "frequency response", number / realisations)
@@ -349,14 +350,14 @@ def fit_hinge(k: ArrayLike, y: ArrayLike, candidates: int = 500) -> Hinge:
     k, y = np.asarray(k, float), np.asarray(y, float)
     if k.size < 10:
         raise InputError(f"{k.size} points are given: two lines need at least 10")
-    knees = np.linspace(k[1], k[-2], candidates)
+    knees = np.linspace(float(k[1]), float(k[-2]), candidates)
     bent = np.minimum(k - knees[:, np.newaxis], 0.0)
     bent_mean, y_mean = bent.mean(axis=1), y.mean()
     spread = np.sum(bent * bent, axis=1) - k.size * bent_mean**2
     slopes = (bent @ y - k.size * bent_mean * y_mean) / spread
     best = int(np.argmax(slopes**2 * spread))
     level = y_mean - slopes[best] * bent_mean[best]
-    rest = y - level - slopes[best] * bent[best]
+    rest: np.ndarray = y - level - slopes[best] * bent[best]
     return Hinge(
         knee=float(knees[best]),
         slope=float(slopes[best]),
@@ -470,7 +471,7 @@ def convergence(
         >>> bool(found.hinge.slope < 0), found.first
         (True, 800)
     """
-    runs = []
+    runs: list[Identification] = []
     for number in range(records):
         report(progress, "recursive identification", number / records)
         runs.append(identification(seed + number, samples, levels))

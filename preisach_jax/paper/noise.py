@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -296,8 +297,8 @@ def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.nda
         >>> exact_coefficients(noise_sweep(0, (9, 5, 3), 1, 1000)).shape
         (3,)
     """
-    key = jax.random.wrap_key_data(jnp.asarray(found.key))
-    exact = []
+    key = cast(jax.Array, jax.random.wrap_key_data(jnp.asarray(found.key)))
+    exact: list[float] = []
     with jax.enable_x64(True):
         drawn = realisation(key, int(found.seeds[0]), found.samples, len(found.noise_um))
         x = np.asarray(drawn.record.input_v)

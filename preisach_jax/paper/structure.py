@@ -69,7 +69,7 @@ def hysteron_loops(points: int = 241, progress: Progress | None = None) -> Hyste
     rising = np.linspace(plane.low, plane.high, points)
     path = np.concatenate([rising, rising[::-1]])
     with jax.enable_x64(True):
-        branches = []
+        branches: list[np.ndarray] = []
         for hysteron in ("relay", "ramp"):
             state = 2.0 * np.asarray(hysteron_states(plane, path, "low", hysteron)[:, cell]) - 1.0
             branches += [state[:points], state[points:][::-1]]

@@ -368,7 +368,9 @@ def candidates(found: Diagnosis) -> Figure:
     """
     tried = sorted(found.candidates, key=lambda c: (c.step, not c.accepted, -c.gain))
     reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 76)) for c in tried]
-    places, headings, place = [], [], 0.0
+    places: list[float] = []
+    headings: list[tuple[float, int]] = []
+    place = 0.0
     for position, (candidate, reason) in enumerate(zip(tried, reasons, strict=True)):
         if not position or candidate.step != tried[position - 1].step:
             place += 0.35 if position else 0.0
@@ -496,7 +498,7 @@ def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     there = np.flatnonzero(np.isfinite(values))
     if len(there) <= 4 * _COLUMNS:
         return time[there], values[there]
-    keep = []
+    keep: list[int] = []
     for rows in np.array_split(there, _COLUMNS):
         part = values[rows]
         keep += [rows[0], rows[np.argmin(part)], rows[np.argmax(part)]]

@@ -196,7 +196,7 @@ def bode(data: paper.Bode) -> Figure:
         axes.set_xscale("log")
         axes.margins(x=0.01)
     for f, shift, side in zip(data.mode_hz, (-4, 4), ("right", "left"), strict=True):
-        height = float(np.interp(f, data.grid_hz, data.model_db))
+        height = float(np.interp(float(f), data.grid_hz, data.model_db))
         above.annotate(
             f"{f:.1f} Hz", (f, height), xytext=(shift, -2), textcoords="offset points", ha=side,
             fontsize=7.5,
@@ -489,7 +489,7 @@ class PaperFigure:
     title: str
     data: Callable[..., FigureData]
     draw: Callable[[Any], Figure]
-    quick: Mapping[str, Any] = field(default_factory=dict)
+    quick: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 _SHORT_SWEEP = {"levels": (13, 9, 5), "seeds": 2, "samples": 4000}

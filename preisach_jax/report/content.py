@@ -97,7 +97,7 @@ def shareable(command: str | None) -> str | None:
     """
     if command is None:
         return None
-    words = []
+    words: list[str] = []
     for word in shlex.split(command):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         words.append(f"{option}{equals}{_name_of_path_elsewhere(value)}")

@@ -64,7 +64,8 @@ def test_the_wheel_holds_the_package_and_nothing_else(in_wheel):
     own = {name for name in in_wheel if ".dist-info/" not in name}
     assert own == package_files()
     for kind in ("preisach_jax/report/report.html.j2", "preisach_jax/app/linking.js",
-                 "preisach_jax/app/style.css", "preisach_jax/bundled/LICENSE.pmagpy"):  # fmt: skip
+                 "preisach_jax/app/style.css", "preisach_jax/bundled/LICENSE.pmagpy",
+                 "preisach_jax/py.typed"):  # fmt: skip
         assert kind in own
     licences = [name for name in in_wheel if ".dist-info/licenses/" in name]
     assert len(licences) == 2

@@ -20,10 +20,10 @@ LEAST_SIGMAS = 7.0
 LEAST_SHARE = 1e-3
 """Least height of a spike as a share of the output's range."""
 
-SHARPEST = (0.1, 0.01, 0.003)
+SHARPEST = (0.1, 0.01)
 """Shares of the samples, those at the sharpest bends, by which it is judged how a model follows."""
 
-MARGIN = 3.0
+MARGIN = 5.0
 """Times what a model usually misses of a bend that it may miss at one."""
 
 MOST = 0.05
@@ -111,7 +111,8 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
         return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
     residual = output - modelled[rows]
-    least = _least(residual, LEAST_SHARE * _middle_range(output))
+    floor = max(LEAST_SHARE * _middle_range(output), 2 * _resolution(output))
+    least = _least(residual, floor)
     bend = _bend(modelled[rows]) + _bend(_median(output))
     beside_the_model = _among(record, rows, residual, least + _missed(residual, bend) * bend)
     # However bad the model is where it bends: what its own course does not show is not its doing.
@@ -243,7 +244,8 @@ def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _missed(residual: np.ndarray, bend: np.ndarray) -> float:
     """Share of the sharpest bends that a model may miss around them, with a margin; at most 1."""
-    around = scipy.ndimage.maximum_filter1d(_height(residual), WINDOW)
+    # The second highest: a spike at a bend is not what the model misses of it.
+    around = scipy.ndimage.rank_filter(_height(residual), -2, WINDOW)
     order = np.argsort(bend)
     missed = [0.0]
     for share in SHARPEST:
@@ -256,6 +258,12 @@ def _missed(residual: np.ndarray, bend: np.ndarray) -> float:
 
 def _median(values: np.ndarray) -> np.ndarray:
     return scipy.ndimage.median_filter(values, WINDOW, mode="nearest")
+
+
+def _resolution(values: np.ndarray) -> float:
+    """Least step between different values: of a converter, if one made them."""
+    steps = np.diff(np.unique(values))
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _middle_range(values: np.ndarray) -> float:

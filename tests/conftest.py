@@ -27,6 +27,12 @@ settings.load_profile("tests")
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+def pytest_collection_modifyitems(items):
+    """Files with slow tests come first: one begun last would keep a worker while others idle."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def compiled_code_is_let_go():
     """What one file has compiled is of no use to the next, and gigabytes pile up otherwise."""

@@ -5,7 +5,7 @@ import dataclasses
 import doctest
 import importlib
 import json
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import blind
@@ -18,6 +18,8 @@ from blind.results import RIVALS, ResultsFile, read_results
 from blind.run import run_cases
 from blind.stage import make_stage
 from scipy import signal
+
+import preisach_jax as pj
 
 FOLDER = Path(blind.__file__).parent
 MODULES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__")
@@ -506,8 +508,11 @@ def test_tables_and_pictures_are_written(written):
 
 
 @pytest.mark.slow
-def test_a_small_run_from_end_to_end(tmp_path):
+def test_a_small_run_from_end_to_end(tmp_path, monkeypatch):
     from blind.judge import judge
+
+    few = partial(pj.diagnose, effects=["drift", "creep", "input_lag"], levels=9)
+    monkeypatch.setattr(pj, "diagnose", few)
 
     cases = [
         *make_cases(Choice(["single"], ["drift", "backlash"], ["fair"], limit=1)),

@@ -159,8 +159,9 @@ def core(seed, k, fine=4, seconds=6.0, rate_hz=1000.0):
 NEIGHBOURS = ["input_lag", "rate_dependence", "eddy_currents"]
 
 
+@pytest.mark.slow
 def test_it_is_found_where_it_is_hidden():
-    found = pj.diagnose(core(231, 2e-3), NEIGHBOURS, levels=13)
+    found = pj.diagnose(core(231, 2e-3), NEIGHBOURS, levels=9)
     assert found.effects[0] == "eddy_currents"
     k = found.findings[0].parameters["k"].value
     # A derivative over one step of the record is a few per cent too slow.
@@ -171,5 +172,5 @@ def test_it_is_found_where_it_is_hidden():
 def test_it_does_not_take_the_place_of_another(effect):
     made = world.hidden_record(effect, 232, 6.0, 1000.0)
     record = Record.from_arrays(made["t"], made["x"], made["z"])
-    found = pj.diagnose(record, NEIGHBOURS, levels=13)
+    found = pj.diagnose(record, NEIGHBOURS, levels=9)
     assert found.effects == (() if effect is None else (effect,))

@@ -96,8 +96,9 @@ def hidden(seed, size):
 NEIGHBOURS = ["creep", "operator_creep", "drift"]
 
 
+@pytest.mark.slow
 def test_it_is_found_where_it_is_hidden():
-    found = pj.diagnose(hidden(211, 1.0), NEIGHBOURS, levels=15)
+    found = pj.diagnose(hidden(211, 1.0), NEIGHBOURS, levels=13)
     assert found.effects[0] == "operator_creep"
     first, last = found.ladder[0].rms_validation, found.ladder[-1].rms_validation
     assert last < 0.2 * first
@@ -107,5 +108,5 @@ def test_it_is_found_where_it_is_hidden():
 def test_it_does_not_take_the_place_of_another(effect):
     made = world.hidden_record(effect, 212, 16.0, 500.0)
     record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
-    found = pj.diagnose(record, NEIGHBOURS, levels=15)
+    found = pj.diagnose(record, NEIGHBOURS, levels=13)
     assert found.effects == (() if effect is None else (effect,))

@@ -119,8 +119,9 @@ def forgetful(seed, fade):
 NEIGHBOURS = ["creep", "drift", "reptation"]
 
 
+@pytest.mark.slow
 def test_it_is_found_where_it_is_hidden():
-    found = pj.diagnose(forgetful(221, 0.8), NEIGHBOURS, levels=15)
+    found = pj.diagnose(forgetful(221, 0.8), NEIGHBOURS, levels=13)
     assert found.effects[0] == "reptation"
     first, last = found.ladder[0].rms_validation, found.ladder[-1].rms_validation
     assert last < 0.8 * first
@@ -130,5 +131,5 @@ def test_it_is_found_where_it_is_hidden():
 def test_it_does_not_take_the_place_of_another(effect):
     made = world.hidden_record(effect, 222, 10.0, 500.0)
     record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
-    found = pj.diagnose(record, NEIGHBOURS, levels=15)
+    found = pj.diagnose(record, NEIGHBOURS, levels=13)
     assert found.effects == (() if effect is None else (effect,))

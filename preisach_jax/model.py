@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -52,6 +52,7 @@ from preisach_jax.schema import (
     text,
     whole,
 )
+from preisach_jax.upgrade import upgraded
 
 FORMAT = "preisach_jax model"
 FORMAT_VERSION = 3
@@ -385,12 +386,18 @@ class Model:
         write_files({path: json_bytes(self.to_json())})
 
     @staticmethod
-    def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
-        """Read a model.
+    def load(
+        path: str | Path,
+        effects: Iterable[Effect] = (),
+        *,
+        announce: Callable[[str], object] | None = None,
+    ) -> Model:
+        """Read a model; one of an older format predicts what it did, and is saved in the present.
 
         Arguments:
             path: its file.
             effects: effects of one's own that the model holds.
+            announce: called with a sentence if the file is of an older format.
 
         Raises:
             InputError: if the file is missing, broken, or written by a newer version.
@@ -413,16 +420,22 @@ class Model:
                 "'preisach fit ... --out model.json'"
             ) from error
         try:
-            return Model.from_json(content, effects)
+            model = Model.from_json(content, effects)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+        if announce is not None and content["format_version"] < FORMAT_VERSION:
+            announce(
+                f"{path}: upgraded from format version {content['format_version']} to "
+                f"{FORMAT_VERSION} as it was read; the file stays as it is"
+            )
+        return model
 
     @staticmethod
     def from_json(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
         """A model from the content of its file.
 
         Arguments:
-            content: what `to_json` gave, or what was read from JSON of it.
+            content: what `to_json` gave, now or in an older format, or JSON of it.
             effects: effects of one's own that the model holds.
 
         Returns:
@@ -444,17 +457,17 @@ class Model:
                 f"this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write one with "
                 "'preisach fit ... --out model.json'"
             )
-        found = content.get("format_version")
-        if found != FORMAT_VERSION or isinstance(found, bool):
+        found: Any = content.get("format_version")
+        if isinstance(found, bool) or found not in range(1, FORMAT_VERSION + 1):
             written_by = content.get("library_version")
             raise InputError(
                 f"the model has format version {found!r:.20} (written by preisach_jax "
                 f"{written_by if isinstance(written_by, str) else 'of no version':.20}), and this "
-                f"library reads version {FORMAT_VERSION}; install the version that wrote it, or "
-                "fit anew"
+                f"library reads versions 1 to {FORMAT_VERSION}; install the version that wrote it, "
+                "or fit anew"
             )
         with _told_as_damage():
-            sound = checked(content, _CONTENT)
+            sound = checked(upgraded(content, int(found)), _CONTENT)
         kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
         with _told_as_damage():
             return _model_from(sound, kinds)

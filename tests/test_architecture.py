@@ -23,6 +23,7 @@ LAYERS = [
     "html",
     "files",
     "schema",
+    "upgrade",
     "cores",
     "devices",
     "chunks",

@@ -204,11 +204,14 @@ def test_a_missing_file_is_named(tmp_path):
     assert "cannot be read" in refused(tmp_path)
 
 
-@pytest.mark.parametrize("found", [FORMAT_VERSION + 1, 0, "1", None])
+@pytest.mark.parametrize(
+    "found", [FORMAT_VERSION + 1, 0, -1, 1.5, True, "1", "2", None, [1], {}, 10**400], ids=repr
+)
 def test_other_versions_are_refused(tmp_path, content, found):
     content |= {"format_version": found, "library_version": "9.9.9"}
     message = refused(write(tmp_path / "new.json", content))
-    assert f"format version {found!r}" in message
+    assert f"format version {found!r:.20} " in message
+    assert f"reads versions 1 to {FORMAT_VERSION}; install the version that wrote it" in message
     assert "9.9.9" in message
 
 

@@ -174,7 +174,7 @@ def compare(
     from preisach_jax.report.content import comparison_sentence, error_rows, test_rows
 
     check_folder(report)
-    loaded = Model.load(model)
+    loaded = Model.load(model, announce=screen.note)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
     notes: list[str] = []
     record = columns.load(data, loaded, announce=notes.append)
@@ -211,7 +211,7 @@ def predict(
     from preisach_jax.model import Model
 
     check_file(out, data, model)
-    loaded = Model.load(model)
+    loaded = Model.load(model, announce=screen.note)
     columns = Columns(time, input, None, aux or (), rate, unit or (), initial_memory)
     record = columns.load(data, loaded, need_output=False)
     prediction = loaded.predict(record)

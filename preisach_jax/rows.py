@@ -199,7 +199,14 @@ def holes(record: Record) -> list[str]:
         found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
     if unmeasured := int((~record.measured).sum()) - len(record.spikes):
         found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
+    if record.torn_row is not None:
+        found.append(torn_line(record))
     return [*found, *spikes_lines(record)]
+
+
+def torn_line(record: Record) -> str:
+    """Which row was left out because the file ends within it, in words."""
+    return f"row {record.torn_row:,} was left out: the file ends within it"
 
 
 def spikes_lines(record: Record) -> list[str]:

@@ -32,6 +32,7 @@ from preisach_jax.cli.options import (
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
+from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
@@ -214,6 +215,8 @@ def predict(
     loaded = Model.load(model, announce=screen.note)
     columns = Columns(time, input, None, aux or (), rate, unit or (), initial_memory)
     record = columns.load(data, loaded, need_output=False)
+    if record.torn_row is not None:
+        screen.note(f"{data}: {torn_line(record)}")
     prediction = loaded.predict(record)
     ratio = record.step_s / loaded.origin.step_s
     if not 0.5 <= ratio <= 2:

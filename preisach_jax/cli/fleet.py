@@ -28,6 +28,7 @@ from preisach_jax.cli.resumable import (
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
+from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
     from preisach_jax.fleet import FleetResult
@@ -147,6 +148,8 @@ def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
                 )
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)
+        elif record.torn_row is not None:
+            screen.note(f"{path}: {torn_line(record)}")
         records.append(record)
     if len(paths) > SHOWN:
         samples = sum(len(record.time) for record in records)

@@ -71,6 +71,7 @@ class Record:
         time_values: (K,) float64, the time column as in the file, in the file's unit.
         spikes: what was measured at the outputs that `without` left out, by row.
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
+        torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
 
     Example:
         >>> t = np.linspace(0.0, 1.0, 101)
@@ -90,6 +91,7 @@ class Record:
     time_values: np.ndarray
     spikes: Mapping[int, float] = field(default_factory=dict[int, float])
     input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
+    torn_row: int | None = None
 
     @classmethod
     def load(
@@ -366,7 +368,7 @@ class Record:
         )
         if need_output:
             record.check_identifiable(source=table.source)
-        return record
+        return replace(record, torn_row=table.torn_row)
 
     @classmethod
     def from_arrays(

@@ -27,6 +27,8 @@ _SAMPLE = 200
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}")
 _WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}")
+# What a number that is still being written may end in, and a whole one does not.
+_CUT = re.compile(r"[+-]|[+-]?\d*[.,]|[+-]?(\d+[.,]?\d*|[.,]\d+)[eE][+-]?")
 # A unit in brackets belongs to the name before it: `Weg [µm]` is one name, not two.
 _SPACES = re.compile(r"\s+(?![\[(])")
 
@@ -35,7 +37,8 @@ def read_delimited(text: str, source: str) -> Table:
     """Read delimiter-separated text.
 
     Blank lines, lines of delimiters only, and comment lines (`#`, `%`) are skipped wherever they
-    stand; a comment that holds the names, as `numpy.savetxt` writes it, is understood.
+    stand; a comment that holds the names, as `numpy.savetxt` writes it, is understood.  A last line
+    without line end that breaks off, as of a file that is still written, is left out.
 
     Arguments:
         text: the whole file with `\\n` as line end.
@@ -60,8 +63,9 @@ def _table(lines: list[str], source: str) -> Table:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if not kept:
         raise InputError(f"{source}: the file holds no data; give a file with a line of names")
-    sample = [lines[i] for i in kept[:_SAMPLE]]
-    delimiter, start = _sniff(sample)
+    is_open = kept[-1] == len(lines) - 1  # the last row has no line end, and may break off
+    sure = kept[:-1] if is_open and len(kept) > 1 else kept
+    delimiter, start = _sniff([lines[i] for i in sure[:_SAMPLE]])
     header, named, first = _header(lines, kept, start, delimiter, source)
     kept = kept[first:]
     units: dict[str, str] = {}
@@ -74,6 +78,9 @@ def _table(lines: list[str], source: str) -> Table:
                 if unit not in {"", "-"}
             }
             kept = kept[1:]
+    torn_row = None
+    if is_open and kept and _breaks_off([lines[i] for i in kept[-2:]], len(header), delimiter):
+        torn_row = kept.pop() + 1
     if not kept:
         raise InputError(f"{source}: there is no row of data below the names {shortened(header)}")
     rows = np.array(kept) + 1
@@ -87,8 +94,32 @@ def _table(lines: list[str], source: str) -> Table:
         (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
     )
     return Table(
-        source, columns, rows, named=named, decimal=decimal, units=units, notes=skipped, exact=exact
+        source,
+        columns,
+        rows,
+        named=named,
+        decimal=decimal,
+        units=units,
+        notes=skipped,
+        exact=exact,
+        torn_row=torn_row,
     )
+
+
+def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
+    """Whether the last line has fewer fields than the one above it, or ends within a number.
+
+    Arguments:
+        end: the line above, if there is one, and the last line, which has no line end.
+        width: how many names there are.
+        delimiter: what stands between the fields.
+    """
+    *above, last = end
+    if _width(last, delimiter) < (_width(above[0], delimiter) if above else width):
+        return True
+    # Some programs write 4. for 4: then the line above does not end otherwise.
+    is_cut = [bool(_CUT.fullmatch(_fields(line, delimiter)[-1])) for line in end]
+    return last.count('"') % 2 == 1 or (is_cut[-1] and not any(is_cut[:-1]))
 
 
 def _is_data(line: str) -> bool:

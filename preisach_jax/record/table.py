@@ -41,6 +41,7 @@ class Table:
         is_record: whether it was made of a record, whose times stay what they are: in a file, great
             ones count from an epoch.
         exact: columns of numbers so great that float64 cuts them: (K,) int64, or the texts.
+        torn_row: the last row of the file, if it breaks off and was left out.
     """
 
     source: str
@@ -55,6 +56,7 @@ class Table:
     notes: tuple[str, ...] = ()
     is_record: bool = False
     exact: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
+    torn_row: int | None = None
 
     def listing(self) -> str:
         """The columns' names for a message, shortened where there are very many."""

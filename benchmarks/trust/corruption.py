@@ -90,6 +90,9 @@ def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
         "lost": f"{LOST:.0%} of the samples",
         "verdict_changed": sum(c["verdict"] != b["verdict"] for c, b in pairs),
         "names_changed": sum(c["effects"] != b["effects"] for c, b in pairs),
+        "changed": sum(
+            (c["verdict"], c["effects"]) != (b["verdict"], b["effects"]) for c, b in pairs
+        ),
         "error_change_median": float(np.median(error)),
         "error_change_greatest": float(max(error, key=abs)),
         "error_changed_by_more_than_a_tenth": sum(abs(e) > 0.1 for e in error),

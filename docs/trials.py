@@ -201,8 +201,9 @@ times states, as a share of the output's range.
 ## Spoiled records
 
 Records of the [blind benchmark](scores.md), four seconds long, diagnosed on 13 levels as they are
-and spoiled. Losing samples takes information away: two diagnoses of a record whose evidence lies
-close to a threshold may differ without a spike.
+and spoiled. More verdicts change than the two in a hundred that were asked for: losing samples
+takes information away, and where the evidence lies close to a threshold the diagnosis may differ
+without a spike.
 
 {corruption()}
 

@@ -102,6 +102,11 @@ def test_quotation_marks_that_join_rows_lose_no_cell_unsaid(tmp_path):
     assert "quotation mark" in refused(tmp_path / "a.csv", f"\t\n0,1,2b\n{rows}")
 
 
+def test_dates_that_no_calendar_has_are_no_times(tmp_path):
+    rows = "".join(f"00/02/2024 10:0{k},{k},{k}\n" for k in range(9))
+    assert "t is text" in refused(tmp_path / "f.csv", "t,u_V,z_um\n" + rows)
+
+
 def test_times_whose_seconds_are_beyond_all_floats_are_refused(tmp_path):
     message = refused(tmp_path / "a.csv", f"t_h,u,z\n{ROWS}1e308,1,1\n")
     assert "column t_h, row 62" in message

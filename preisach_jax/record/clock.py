@@ -136,7 +136,7 @@ def _zone(text: str | None) -> int:
 
 def _span(ticks: Sequence[int | None]) -> int:
     known = [tick for tick in ticks if tick is not None]
-    return max(known) - min(known)
+    return max(known) - min(known) if known else 0
 
 
 def _unrolled(ticks: Sequence[int | None]) -> tuple[list[int | None], str]:

@@ -354,6 +354,16 @@ def test_time_is_in_seconds_and_kept_as_in_the_file(tmp_path, unit, seconds, sty
     assert record.channels["time"] == Channel(name, unit)
 
 
+def test_days_are_seconds_where_they_are_named_and_a_column_t_d_is_none(tmp_path):
+    rows = "".join(f"{k / 86400},{k % 7},{k % 5}\n" for k in range(60))
+    (tmp_path / "f.csv").write_text("t [d],u_V,z_um\n" + rows)
+    assert Record.load(tmp_path / "f.csv").step_s == pytest.approx(1.0)
+    (tmp_path / "g.csv").write_text("t_d,u_V,z_um\n" + rows)  # d for desired, perhaps
+    told = Record.load(tmp_path / "g.csv", time="t_d", units={"time": "days"})
+    assert told.step_s == pytest.approx(1.0)
+    assert split_unit("t_d") == ("t_d", "")
+
+
 def test_seven_milliseconds_are_seven_thousandths_to_the_last_bit():
     multiplier, divisor = seconds_per("ms") or (np.nan, np.nan)
     assert all(float(k) * multiplier / divisor == k / 1000 for k in range(1000))

@@ -30,6 +30,7 @@ _SECONDS = {
     "ns": (1.0, 1e9),
     "min": (60.0, 1.0),
     "h": (3600.0, 1.0),
+    "d": (86400.0, 1.0),
 }
 _SPELLINGS = {
     "sec": "s",
@@ -47,9 +48,12 @@ _SPELLINGS = {
     "hr": "h",
     "hours": "h",
     "std": "h",
+    "day": "d",
+    "days": "d",
+    "tage": "d",
 }
 
-TIME_UNITS = "s, ms, us, ns, min, h"
+TIME_UNITS = "s, ms, us, ns, min, h, d"
 
 _LONGEST = 200
 """Characters of a name in which a unit is looked for: what is longer is no name of a quantity."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import numpy as np
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Progress = Callable[[str, float], None]
+Found = TypeVar("Found")
 
 
 def in_silence(text: str, done: float) -> None:
@@ -216,12 +217,11 @@ def fit(
                 f"({values[0]:g}), so its effect cannot be seen; leave out aux:{name}"
             )
     with double_precision():
-        found = _fitted(record, chosen, checked_levels(levels), progress or in_silence)
-        for _ in range(MOST_ROUNDS):
-            if (left := with_spikes_left_out(found)) is found.record:
-                break
-            found = _fitted(left, chosen, checked_levels(levels), progress or in_silence)
-        return found
+        return freed_of_spikes(
+            record,
+            lambda given: _fitted(given, chosen, checked_levels(levels), progress or in_silence),
+            lambda found: found,
+        )
 
 
 def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
@@ -278,31 +278,42 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     Returns:
         The record without its spikes, as it was cut for a search, and the model.
     """
-    if (spikes := input_spikes(record)).any():
-        record = record.bridged(spikes)
-    if (spikes := gross_spikes(record)).any():
-        record = record.without(spikes)
+    record = record.bridged(input_spikes(record))
+    record = record.without(gross_spikes(record))
     for _ in range(MOST_ROUNDS):
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, levels)
         modelled = response(point.chain, {}, signals_of(record), point.coefficients())
-        spikes = isolated_spikes(record, np.asarray(modelled))
-        if not spikes.any():
+        left = record.without(isolated_spikes(record, np.asarray(modelled)))
+        if left is record:
             return record, problem, point
-        record = record.without(spikes)
+        record = left
     problem = Problem.of(record, SEARCH_ROWS)
     return record, problem, base_point(problem, levels)
 
 
-def with_spikes_left_out(fit: Fit) -> Record:
-    """The record of a fit without what stands out alone beside it; the record itself if nothing is.
+def freed_of_spikes(
+    record: Record, work: Callable[[Record], Found], fit_of: Callable[[Found], Fit]
+) -> Found:
+    """What is found in a record, again as long as what its fit leaves shows spikes.
 
     What the plain model misses hides spikes that one with effects shows.
+
+    Arguments:
+        record: the record.
+        work: finds something in a record.
+        fit_of: the fit in what was found.
     """
-    if not fit.effects:
-        return fit.record  # `begun` has left out what a model without effects shows
-    spikes = isolated_spikes(fit.record, fit.prediction)
-    return fit.record.without(spikes) if spikes.any() else fit.record
+    found = work(record)
+    for _ in range(MOST_ROUNDS):
+        fit = fit_of(found)
+        if not fit.effects:
+            break  # `begun` has left out what a model without effects shows
+        left = fit.record.without(isolated_spikes(fit.record, fit.prediction))
+        if left is fit.record:
+            break
+        found = work(left)
+    return found
 
 
 def _base_point(problem: Problem, levels: int, polarity: int) -> Point:

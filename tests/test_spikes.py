@@ -146,6 +146,14 @@ def test_pulses_that_the_output_answers_are_no_spikes_of_the_input(slowness):
     assert not input_spikes(pj.Record.from_arrays(t, drive, output)).any()
 
 
+def test_an_output_that_rests_does_not_answer_misread_inputs():
+    steps = np.repeat([0.0, 1.0, 3.0, 2.0], 500)
+    read = steps.copy()
+    read[[200, 1250, 1800]] += 2.0
+    record = pj.Record.from_arrays(np.arange(2000.0), read, steps)
+    assert np.flatnonzero(input_spikes(record)).tolist() == [200, 1250, 1800]
+
+
 def test_an_input_without_a_measured_output_is_believed():
     made = world.hidden_record(None, 311, 4.0, 500.0)
     read, output = made["x"].copy(), made["z"].copy()

@@ -75,6 +75,18 @@ def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -
     return len(left)
 
 
+def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
+    """The same for a command: leaves with a word on how to go on if it is interrupted."""
+    # Else the workers would outlive this process.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        run_cases(cases, folder, workers, judge)
+    except KeyboardInterrupt:
+        sys.exit("stopped; what was finished is kept, and the same command goes on")
+    except BrokenProcessPool:
+        sys.exit("a worker was killed (too little memory?); the same command goes on")
+
+
 def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
     if workers == 0:
         yield from map(judge, cases)
@@ -158,16 +170,9 @@ def main() -> None:
     except ValueError as error:
         sys.exit(f"run.py: {error}")
     os.environ.update(ONE_THREAD)
-    # Else the workers would outlive this process.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     from blind.judge import judge  # loads JAX, which must see the environment
 
-    try:
-        run_cases(make_cases(choice), asked.out, asked.workers, judge)
-    except KeyboardInterrupt:
-        sys.exit("stopped; what was finished is kept, and the same command goes on")
-    except BrokenProcessPool:
-        sys.exit("a worker was killed (too little memory?); the same command goes on")
+    run_or_stop(make_cases(choice), asked.out, asked.workers, judge)
     write_tables(asked.out)
 
 

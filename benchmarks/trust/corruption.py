@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from blind.cases import Case, Choice, make_cases
 from blind.results import read_results
-from blind.run import ONE_THREAD, run_cases
+from blind.run import ONE_THREAD, run_or_stop
 from blind.world import make_measurement
 
 FOLDER = Path(__file__).parents[1] / "results" / "trust" / "corruption"
@@ -112,14 +111,8 @@ def main() -> None:
     seeds = "development" if asked.out else "reporting"
     folder = asked.out or FOLDER
     cases = make_cases(Choice(SUITES, seeds=seeds, limit=SEEN + asked.limit))[SEEN:]
-    # Else the workers would outlive this process.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        run_cases(
-            [replace(case, seconds=SECONDS) for case in cases], folder, asked.workers, compared
-        )
-    except KeyboardInterrupt:
-        sys.exit("stopped; what was finished is kept, and the same command goes on")
+    cases = [replace(case, seconds=SECONDS) for case in cases]
+    run_or_stop(cases, folder, asked.workers, compared)
     found = summary(read_results(folder))
     if asked.out:
         print(json.dumps(found, indent=1))

@@ -34,7 +34,6 @@ from preisach_jax.effects import library, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import (
     FINAL_ROWS,
-    MOST_ROUNDS,
     Fit,
     Progress,
     at_levels,
@@ -43,12 +42,12 @@ from preisach_jax.fit import (
     checked_levels,
     double_precision,
     finished,
+    freed_of_spikes,
     in_silence,
     moved_to,
     on_all_rows,
     settled,
     with_effect,
-    with_spikes_left_out,
     without_effect,
 )
 from preisach_jax.identify import Point, Problem, evaluate
@@ -111,13 +110,11 @@ def diagnose(
     """
     tried = effects_to_try(record, effects)
     with double_precision():
-        found = _Search(record, tried, levels, progress or in_silence, watch).run()
-        for _ in range(MOST_ROUNDS):
-            fit = found.steps[-1]
-            if (left := with_spikes_left_out(fit)) is fit.record:
-                break
-            found = _Search(left, tried, levels, progress or in_silence, watch).run()
-        return found
+        return freed_of_spikes(
+            record,
+            lambda given: _Search(given, tried, levels, progress or in_silence, watch).run(),
+            lambda found: found.steps[-1],
+        )
 
 
 def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:

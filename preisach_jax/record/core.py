@@ -577,13 +577,15 @@ class Record:
             spikes: (K,) bool: whose output is not to be used.
 
         Returns:
-            The record with the same digest; its output is NaN there.
+            The record with the same digest, its output NaN there; itself if nothing is left out.
 
         Example:
             >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 50, 2])
             >>> record.without(np.array([False, True, False])).spikes
             {1: 50.0}
         """
+        if not spikes.any():
+            return self
         left_out = {int(row): float(self.output[row]) for row in np.flatnonzero(spikes)}
         return replace(
             self,
@@ -598,7 +600,8 @@ class Record:
             spikes: (K,) bool: whose input is not to be used.
 
         Returns:
-            The record with the same digest; `input_spikes` remembers what was measured.
+            The record with the same digest, whose `input_spikes` remember what was measured; itself
+            if nothing is replaced.
 
         Example:
             >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 50, 2], [0, 1, 2])
@@ -606,6 +609,8 @@ class Record:
             >>> bridged.input, bridged.input_spikes
             (array([0., 1., 2.]), {1: 50.0})
         """
+        if not spikes.any():
+            return self
         replaced = {int(row): float(self.input[row]) for row in np.flatnonzero(spikes)}
         line = np.interp(self.time, self.time[~spikes], self.input[~spikes])
         return replace(

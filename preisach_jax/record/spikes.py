@@ -79,7 +79,7 @@ def gross_spikes(record: Record) -> np.ndarray:
     if len(rows) < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
-    return _among(record, rows, output, _middle_range(output))
+    return _among(record, rows, output, _height(output), _middle_range(output))
 
 
 def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
@@ -111,15 +111,16 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
         return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
     residual = output - modelled[rows]
+    height = _height(residual)
     floor = max(LEAST_SHARE * _middle_range(output), 2 * _resolution(output))
-    least = _least(residual, floor)
     bend = _bend(modelled[rows]) + _bend(_median(output))
-    beside_the_model = _among(record, rows, residual, least + _missed(residual, bend) * bend)
+    least = _least(height, floor) + _missed(height, bend) * bend
+    beside_the_model = _among(record, rows, residual, height, least)
     # However bad the model is where it bends: what its own course does not show is not its doing.
     own = _height(output)
-    alone = own > _least_alone(output, LEAST_SHARE)
-    beside_its_course = _among(record, rows, residual, np.where(alone, NOT_MODELLED * own, np.inf))
-    return beside_the_model | beside_its_course
+    alone = own > _least_alone(output, own, LEAST_SHARE)
+    least = np.where(alone, NOT_MODELLED * own, np.inf)
+    return beside_the_model | _among(record, rows, residual, height, least)
 
 
 def input_spikes(record: Record) -> np.ndarray:
@@ -143,10 +144,11 @@ def input_spikes(record: Record) -> np.ndarray:
         >>> input_spikes(Record.from_arrays(t, read, read)).any()
         np.False_
     """
-    rows = np.arange(len(record))
     if record.measured.sum() < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)
-    spikes = _among(record, rows, record.input, _least_alone(record.input, LEAST_INPUT_SHARE))
+    height = _height(record.input)
+    least = _least_alone(record.input, height, LEAST_INPUT_SHARE)
+    spikes = _among(record, np.arange(len(record)), record.input, height, least)
     for start, stop in zip(*_runs(spikes), strict=True):
         # Where nothing was measured the input is told for the sake of the memory.
         spikes[start:stop] = record.measured[start:stop].all()
@@ -170,10 +172,13 @@ def _answered(record: Record, spikes: np.ndarray) -> bool:
     if len(at_once) and np.median(at_once) > AT_ONCE * np.median(np.abs(jumped)):
         return True
     left = rose - gain * expected
-    spread = np.quantile(np.abs(left[known]), 0.9) / 1.645
     moved = (np.sign(jumped) * left[spikes])[known[spikes]]
+    if not moved.any():
+        return False
+    # Of an output that rests for most of a record, any motion is an answer.
+    spread = max(_spread(np.abs(left[known])), 1e-9 * np.abs(moved).max())
     # An output that has spikes of its own answers by no more than it usually moves.
-    score = np.clip(moved / spread, -ANSWERED, ANSWERED).sum() / np.sqrt(max(len(moved), 1))
+    score = np.clip(moved / spread, -ANSWERED, ANSWERED).sum() / np.sqrt(len(moved))
     return bool(score >= ANSWERED)
 
 
@@ -195,25 +200,33 @@ def _height(course: np.ndarray) -> np.ndarray:
     return np.abs(course - _median(course))
 
 
-def _least(course: np.ndarray, floor: float) -> float:
-    """Height above which a sample is no noise of a course; `floor` at least."""
+def _spread(sizes: np.ndarray) -> float:
+    """Standard deviation of normal numbers of these sizes, whatever the greatest are."""
     # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
-    return max(LEAST_SIGMAS * float(np.quantile(_height(course), 0.9)) / 1.645, floor)
+    return float(np.quantile(sizes, 0.9)) / 1.645
 
 
-def _least_alone(course: np.ndarray, share: float) -> np.ndarray:
+def _least(height: np.ndarray, floor: float) -> float:
+    """Height above which a sample is no noise; `floor` at least."""
+    return max(LEAST_SIGMAS * _spread(height), floor)
+
+
+def _least_alone(course: np.ndarray, height: np.ndarray, share: float) -> np.ndarray:
     """Height above which a sample is neither noise nor a fast peak of a course."""
     steps = np.abs(np.diff(course, prepend=course[:1]))
     usual = scipy.ndimage.percentile_filter(steps, 75, 2 * WINDOW + 1)
-    return np.maximum(_least(course, share * _middle_range(course)), STEEPER * usual)
+    return np.maximum(_least(height, share * _middle_range(course)), STEEPER * usual)
 
 
 def _among(
-    record: Record, rows: np.ndarray, course: np.ndarray, least: np.ndarray | float
+    record: Record,
+    rows: np.ndarray,
+    course: np.ndarray,
+    height: np.ndarray,
+    least: np.ndarray | float,
 ) -> np.ndarray:
-    """(time,) which of the measured rows stand out of a course, and neither often nor in trains."""
+    """(time,) which of some rows stand out of a course, and neither often nor in trains."""
     found = np.zeros(len(record), dtype=bool)
-    height = _height(course)
     starts, stops = _runs(height > least)
     jump = np.abs(np.diff(course, prepend=course[:1], append=course[-1:]))
     sudden = (jump[starts] > LEAST_JUMP * height[starts]) & (
@@ -242,10 +255,10 @@ def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
-def _missed(residual: np.ndarray, bend: np.ndarray) -> float:
+def _missed(height: np.ndarray, bend: np.ndarray) -> float:
     """Share of the sharpest bends that a model may miss around them, with a margin; at most 1."""
     # The second highest: a spike at a bend is not what the model misses of it.
-    around = scipy.ndimage.rank_filter(_height(residual), -2, WINDOW)
+    around = scipy.ndimage.rank_filter(height, -2, WINDOW)
     order = np.argsort(bend)
     missed = [0.0]
     for share in SHARPEST:

@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
+from preisach_jax.branches import output_along_branches
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -144,6 +145,8 @@ class Columns:
             output effects, and effects of the sensor.
         loose: (column,) whether it is there only for a past that is not known.
         polarity: sign of the weights, which the columns of the hysteresis carry.
+        vectors: (hysteresis column, vector) combinations of the columns of the hysteresis, which
+            stand in the matrix in their place; None where they stand there themselves.
     """
 
     matrix: np.ndarray
@@ -154,18 +157,20 @@ class Columns:
     added: tuple[str, ...]
     loose: np.ndarray
     polarity: int = 1
+    vectors: np.ndarray | None = None
 
     @property
     def nonnegative(self) -> np.ndarray:
         """(column,) whether the coefficient must not be negative: weights and initial memory."""
         kinds = np.zeros(self.matrix.shape[1], dtype=bool)
-        kinds[: self.cells + len(self.groups)] = True
+        kinds[: self.offset] = self.vectors is None
         return kinds
 
     @property
     def offset(self) -> int:
         """Index of the constant column."""
-        return self.cells + len(self.groups)
+        whole = self.cells + len(self.groups)
+        return whole if self.vectors is None else self.vectors.shape[1]
 
 
 @dataclass(frozen=True)
@@ -190,11 +195,15 @@ class Coefficients:
     @staticmethod
     def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
         """Sort a solution vector over the columns into its parts."""
+        if columns.vectors is not None:
+            behind = columns.vectors.shape[1]
+            solution = np.concatenate([columns.vectors @ solution[:behind], solution[behind:]])
+            columns = replace(columns, vectors=None)
         sign, weights = columns.polarity, solution[: columns.cells]
         memory = weights * columns.start
         for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
             # The column fixes only the sum over the group: each cell gets its share by weight.
-            share = weights[group] + 1e-12 * (1 + weights.max())
+            share = np.maximum(weights[group], 0) + 1e-12 * (1 + np.abs(weights).max())
             if len(group):
                 memory[group] = total * share / share.sum()
         first_run = np.zeros(len(columns.first_run))
@@ -394,6 +403,12 @@ def _states_from_low(plane: Plane, drive: Drive, hysteron: str) -> Array:
 
 @_compiled_on_a_plane
 def _operator(plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str) -> Array:
+    if drive.falling is None and hysteron == "ramp":
+        # Unknown starts add what they leave open: high less low states, weighed by the memory.
+        from_high = output_along_branches(plane, memory, drive.rising, hysteron, "high")
+        return from_high + output_along_branches(
+            plane, weights - memory, drive.rising, hysteron, "low"
+        )
     others = (drive.falling, drive.reversible)
     return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
 
@@ -479,6 +494,8 @@ class HysteresisColumns:
         groups: the cells of each group; none for those of the first run, which come last.
         start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
         first_run: (2 levels,) bool: which hysterons of the first run have a column.
+        vectors: (column, vector) combinations of states and switched, which stand in their place
+            as states; None where these stand there themselves.
     """
 
     states: np.ndarray
@@ -486,6 +503,13 @@ class HysteresisColumns:
     groups: tuple[np.ndarray, ...]
     start: np.ndarray
     first_run: np.ndarray
+    vectors: np.ndarray | None = None
+
+    def combined(self, vectors: np.ndarray) -> HysteresisColumns:
+        """Combinations, `(column, vector)`, in place of the columns."""
+        plane = self.states.shape[1]
+        states = self.states @ vectors[:plane] + self.switched @ vectors[plane:]
+        return replace(self, states=states, switched=self.switched[:, :0], vectors=vectors)
 
 
 def hysteresis_columns(
@@ -800,6 +824,43 @@ def tangents(
     return np.stack([columns[parameter] for parameter in parameters], axis=1)
 
 
+def responses(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    coefficients: Coefficients,
+    effect: str,
+    many: list[dict[str, float]],
+) -> np.ndarray:
+    """Outputs of a model at several values of one effect's parameters, `(values, time)`.
+
+    Arguments:
+        chain: what is in the model.
+        values: nonlinear parameters of the other effects.
+        signals: what drives it.
+        coefficients: its linear coefficients.
+        effect: the effect's name.
+        many: values of its parameters.
+    """
+    before = {each.name for place in PLACES[:2] for each in chain.at(place)}
+    if effect in before or chain.feeds_back:
+        everything = [{**values, effect: own} for own in many]
+        outputs = [response(chain, each, signals, coefficients) for each in everything]
+        return np.stack([np.asarray(output) for output in outputs])
+    hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    others = _columns_beside(chain, {**values, effect: many[0]}, signals, {})
+    others.pop(effect, None)
+
+    def output(own: dict[str, Array]) -> Array:
+        moved: Mapping[str, Mapping[str, Any]] = {**values, effect: own}
+        return behind_hysteresis(chain, moved, signals, hysteresis, coefficients, others)
+
+    stacked = {name: jnp.asarray([own[name] for own in many], dtype=float) for name in many[0]}
+    if not stacked:
+        return np.stack([np.asarray(output({}))] * len(many))
+    return np.asarray(jax.vmap(output)(stacked))
+
+
 def regressors(
     chain: Chain,
     values: EffectValues,
@@ -846,7 +907,9 @@ def regressors(
     names = tuple(effect for effect, _ in behind)
     groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
     cells, sign = chain.plane.cells, chain.polarity
-    return Columns(matrix, cells, groups, start, first_run, names, loose, sign)
+    return Columns(
+        matrix, cells, groups, start, first_run, names, loose, sign, hysteresis.vectors
+    )
 
 
 def columns_behind(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,9 +23,8 @@ from preisach_jax.identify import (
     Point,
     Problem,
     evaluate,
-    promised_objective,
     refine,
-    search,
+    stepped,
     with_all_rows,
     with_strength,
 )
@@ -33,7 +32,9 @@ from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
+from preisach_jax.reduction import FIRST_STRENGTH
 from preisach_jax.rows import chain_rows, error_table, model_line, spikes_lines
+from preisach_jax.signature import Projection, Prospect, prospects
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,9 +50,13 @@ def in_silence(text: str, done: float) -> None:
 
 DEFAULT_LEVELS = 25
 COARSE_LEVELS = 13
-"""Levels of the plane on which a new effect's starting points are compared."""
+"""Levels of the plane on which both polarities are compared."""
 
-FIRST_STRENGTH = 1e-4
+MOST_STARTS = 2
+"""Starts of a form of an effect that are refined."""
+
+STARTS_REACH = 0.7
+"""Share of what the best start explains that another one must explain to be refined as well."""
 
 MOST_ROUNDS = 3
 """How often spikes are looked for: great ones hide smaller ones."""
@@ -226,6 +231,7 @@ def fit(
 
 def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
     record, problem, point = begun(record, levels)
+    problem, point = in_reduced_basis(problem, point)
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
@@ -292,6 +298,13 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     return record, problem, base_point(problem, levels)
 
 
+def in_reduced_basis(problem: Problem, point: Point) -> tuple[Problem, Point]:
+    """A record and a model of it, to search on from in the directions that the record decides."""
+    small = problem.reduced
+    there = evaluate(small, point.chain, point.values, point.strength)
+    return small, with_strength(small, there)
+
+
 def freed_of_spikes(
     record: Record, work: Callable[[Record], Found], fit_of: Callable[[Found], Fit]
 ) -> Found:
@@ -318,7 +331,7 @@ def freed_of_spikes(
 
 def _base_point(problem: Problem, levels: int, polarity: int) -> Point:
     chain = Chain(plane_of(problem, levels), polarity=polarity)
-    return with_strength(evaluate(problem, chain, {}, FIRST_STRENGTH))
+    return with_strength(problem, evaluate(problem, chain, {}, FIRST_STRENGTH))
 
 
 def _polarity(problem: Problem) -> int:
@@ -339,53 +352,49 @@ def with_effect(
     effect: Effect,
     always: bool = False,
     to_beat: float = np.inf,
+    known: Sequence[Prospect] = (),
 ) -> Point:
     """The best model that has an effect beside those of a point, all refitted jointly.
 
-    The starts are compared and roughly refined on a coarse plane; the best of them is refined on
-    the point's own.
+    Its forms and starts are compared by what they promise to first order; the best ones are
+    refined.
 
     Arguments:
         problem: the record.
         point: the model.
         effect: the effect.
-        always: whether to refine it whatever it promises.
+        always: whether to refine all its forms whatever they promise.
         to_beat: held-out mean square of the best other effect, in squared output ranges.
+        known: the `prospects` of its forms, if they are known.
     """
-    first, *others = problem.forms_of(effect, point)
-    best = _with_variant(problem, point, first, always)
+    forms = problem.forms_of(effect, point)
+    promised = known or prospects(problem, point, Projection(problem, point), forms)
+    first, *others = forms
+    best = _with_form(problem, point, [p for p in promised if p.effect is first])
     hope = min(VARIANTS_HOPE * point.validation_mean_square, FORMS_REACH * to_beat)
     if best.validation_mean_square > hope and isinstance(effect, HysteresisEffect) and not always:
         return best  # its forms look alike, and each means all states anew
-    for variant in others:
-        trial = _with_variant(problem, point, variant, always)
+    for form in others:
+        trial = _with_form(problem, point, [p for p in promised if p.effect is form])
         if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
             best = trial
     return best
 
 
-def _with_variant(problem: Problem, point: Point, effect: Effect, always: bool) -> Point:
-    """The best model that has one form of an effect beside those of a point."""
+def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect]) -> Point:
+    """The best model with one form of an effect, from the starts that promise most."""
+    ranked = sorted(starts, key=lambda start: -start.explained)
+    effect = ranked[0].effect
     chain = point.chain.with_effects((*point.chain.effects, effect))
-    slot = ("start", chain.effects)
-    if slot not in problem.cache:
-        problem.cache[slot] = _coarse_start(problem, point, effect)
-    # The start depends little on the plane: on a finer one it is found again where it was.
-    values = {**point.values, effect.name: problem.cache[slot]}
-    full = evaluate(problem, chain, values, point.strength, point)
-    promise = min(full.objective, promised_objective(problem, full))
-    if promise > (1 - LEAST_PROMISE) * point.objective and not always:
-        return full
-    return settled(problem, full)
-
-
-def _coarse_start(problem: Problem, point: Point, effect: Effect) -> dict[str, float]:
-    """Values of an effect's parameters from which to refine it, found on a coarse plane."""
-    plane = plane_of(problem, min(COARSE_LEVELS, point.chain.plane.levels))
-    chain = replace(point.chain, plane=plane)
-    coarse = evaluate(problem, chain, point.values, point.strength, point)
-    rough = [refine(problem, start, iterations=3) for start in search(problem, coarse, effect)]
-    return min(rough, key=lambda trial: trial.objective).values[effect.name]
+    least = STARTS_REACH * ranked[0].explained
+    trials: list[Point] = []
+    for start in ranked[:MOST_STARTS]:
+        if trials and start.explained < least:
+            break
+        values = {**point.values, effect.name: start.values}
+        there = evaluate(problem, chain, values, point.strength, point)
+        trials.append(refine(problem, there, iterations=3))
+    return settled(problem, min(trials, key=lambda trial: trial.objective))
 
 
 def without_effect(problem: Problem, point: Point, name: str) -> Point:
@@ -405,7 +414,7 @@ def at_levels(problem: Problem, point: Point, levels: int) -> Point:
 def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
     there = evaluate(problem, point.chain, point.values, point.strength, point)
-    moved = refine(problem, with_strength(there), iterations=3)
+    moved = refine(problem, with_strength(problem, there), iterations=3)
     thinned = len(point.target) < len(problem.target)
     for effect in point.chain.effects:
         if not (thinned and effect.found_in_residual):
@@ -421,14 +430,14 @@ def moved_to(problem: Problem, point: Point) -> Point:
 def on_all_rows(record: Record, point: Point) -> Fit:
     """The fit of a point that was found on a thinned record."""
     whole = Problem.of(record, FINAL_ROWS)
-    return finished(whole, moved_to(whole, point), record)
+    return finished(whole, moved_to(whole.reduced, point), record)
 
 
 def settled(problem: Problem, point: Point) -> Point:
     """Refined, with the strength of the prior that the data choose for it."""
     point = refine(problem, point)
     before = point.strength
-    point = with_strength(point)
+    point = with_strength(problem, point)
     return point if point.strength == before else refine(problem, point, iterations=4)
 
 
@@ -436,11 +445,12 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     """The fit of a point: the model identified on all rows, the prediction without those held out.
 
     Arguments:
-        problem: the record as it was cut for the final fit.
-        point: the refined point.
+        problem: the record as it was cut for the final fit, with all hysterons.
+        point: the refined point, in a reduced basis or not.
         record: the record with all its samples.
     """
-    whole = refine(problem, with_all_rows(point), iterations=1)
+    point = with_signs(problem, point)
+    whole = stepped(problem, with_all_rows(point))
     coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
@@ -463,6 +473,19 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         rms_validation=float(np.sqrt(np.mean(residual**2))),
     )
     return Fit(record, model, prediction, record.measured & ~held_out, held_out, point)
+
+
+def with_signs(problem: Problem, point: Point) -> Point:
+    """A point of a reduced basis with all hysterons, whose weights have one sign.
+
+    Arguments:
+        problem: the record, with all hysterons.
+        point: the refined point; returned as it is if it has all hysterons.
+    """
+    if point.columns.vectors is None:
+        return point
+    there = evaluate(problem, point.chain, point.values, point.strength, point)
+    return refine(problem, with_strength(problem, there), iterations=1)
 
 
 def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:

@@ -8,6 +8,7 @@ Gauss-Newton steps with derivatives through the model.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,10 +41,12 @@ from preisach_jax.effects.base import (
     Survey,
 )
 from preisach_jax.record import Record
+from preisach_jax.reduction import Basis, reduced_basis
 from preisach_jax.regression import (
     NormalEquations,
     choose_strength,
     normal_equations,
+    penalties,
     slices_of,
     solve_nonnegative,
 )
@@ -73,6 +76,7 @@ class Problem:
         rows: (row,) indices of the measured samples.
         block: (row,) block of each of them.
         fold: (row,) fold of each of them; the last one is held out.
+        reduces: whether models are solved for in a reduced basis, without signs.
     """
 
     record: Record
@@ -81,7 +85,13 @@ class Problem:
     rows: np.ndarray
     block: np.ndarray
     fold: np.ndarray
+    reduces: bool = False
     cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
+
+    @property
+    def reduced(self) -> Problem:
+        """The same record, whose models are solved for in a reduced basis, without signs."""
+        return replace(self, reduces=True, cache={})
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
@@ -182,26 +192,51 @@ class Problem:
             values: its nonlinear parameters.
             like: a point whose output is fed back where an effect of the chain asks for that.
         """
-        memory = self.record.initial_memory
-        if chain.feeds_back:  # what is fed back differs from one point to the next
-            output = None if like is None else self.hysteresis_output(like)
-            course = drive(chain, values, self.signals, output)
-            return hysteresis_columns(chain, course, memory, drive(chain, values, self.signals))
         moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
         key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
-        slot = ("hysteresis", chain.plane, chain.hysteron)
+        slot = ("hysteresis", chain.plane, chain.hysteron, bool(moving))
         kept = self.cache.get(slot)
-        if kept is None or kept[0] != key:
-            course = drive(chain, values, self.signals)
-            # Trials run at the same time: what another of them keeps here must not be taken.
-            kept = self.cache[slot] = (key, hysteresis_columns(chain, course, memory))
-        return kept[1]
+        # What is fed back differs from one point to the next.
+        if not chain.feeds_back and kept is not None and kept[0] == key:
+            return kept[1]
+        output = None
+        if chain.feeds_back and like is not None:
+            output = self.hysteresis_output(like)
+        course = drive(chain, values, self.signals, output)
+        plain = drive(chain, values, self.signals) if chain.feeds_back else course
+        columns = hysteresis_columns(chain, course, self.record.initial_memory, plain)
+        if self.reduces:
+            columns = self.basis(chain, None if moving else columns).applied_to(columns)
+        # Trials run at the same time: what another of them keeps here must not be taken.
+        self.cache[slot] = (key, columns)
+        return columns
+
+    def basis(self, chain: Chain, columns: HysteresisColumns | None = None) -> Basis:
+        """Directions in which a record decides the density on a plane; found once.
+
+        Arguments:
+            chain: what is in the model; its plane and kind of hysteron count alone.
+            columns: those of the operator along the recorded input, if they are known.
+        """
+        slot = ("basis", chain.plane, chain.hysteron)
+        if slot not in self.cache:
+            bare = chain.with_effects(())
+            if columns is None:
+                course = drive(bare, {}, self.signals)
+                columns = hysteresis_columns(bare, course, self.record.initial_memory)
+            whole = regressors(bare, {}, self.signals, columns, self.rows)
+            equations = _equations(self, whole, None)
+            self.cache[slot] = reduced_basis(columns, equations, IDENTIFICATION, int(VALIDATION[0]))
+        return self.cache[slot]
 
     def hysteresis_output(self, point: Point) -> np.ndarray:
         """(time,) output of the Preisach operator of a point, in output units."""
-        return np.asarray(
-            hysteresis_output(point.chain, point.values, self.signals, point.coefficients())
-        )
+        found = point.coefficients()
+        if self.reduces:  # what is fed back is found for weights of one sign
+            sign = point.chain.polarity
+            weights, memory = (sign * np.maximum(sign * w, 0) for w in (found.weights, found.memory))
+            found = replace(found, weights=weights, memory=memory)
+        return np.asarray(hysteresis_output(point.chain, point.values, self.signals, found))
 
 
 def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
@@ -347,24 +382,28 @@ def evaluate(
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
-    goal = problem.goal
-    equations = normal_equations(
-        matrix,
-        goal,
-        problem.fold,
-        chain.plane.levels,
-        columns.nonnegative,
-        columns.groups,
-        columns.loose,
-        columns.first_run,
-    )
+    equations = _equations(problem, columns, problem.basis(chain) if problem.reduces else None)
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution
+    if like is not None and like.columns.vectors is not None and columns.vectors is None:
+        guess = like.columns.vectors @ guess[: like.columns.offset]
+        guess = np.concatenate([guess, like.solution[like.columns.offset :]])
     bare = Point(
-        chain, values, strength, folds, problem.unit, problem.level, goal, matrix, columns,
+        chain, values, strength, folds, problem.unit, problem.level, problem.goal, matrix, columns,
         equations, guess, 0.0,
     )  # fmt: skip
     return _solved(bare)
+
+
+def _equations(problem: Problem, columns: Columns, basis: Basis | None) -> NormalEquations:
+    """Normal equations of a chain's columns on all measured rows."""
+    levels = round((np.sqrt(8 * columns.cells + 1) - 1) / 2)
+    asked = (
+        penalties(levels, columns.groups, columns.first_run) if basis is None else basis.asked
+    )
+    return normal_equations(
+        columns.matrix, problem.goal, problem.fold, columns.nonnegative, asked, columns.loose
+    )
 
 
 def _solved(point: Point) -> Point:
@@ -378,10 +417,28 @@ def _solved(point: Point) -> Point:
     return replace(point, solution=solution, objective=objective)
 
 
-def with_strength(point: Point) -> Point:
-    """The same point with the strength of the prior that its own data choose."""
-    strength = choose_strength(point.equations, IDENTIFICATION, point.strength)
+def with_strength(problem: Problem, point: Point) -> Point:
+    """The same point with the strength of the prior that its own data choose.
+
+    Without signs, what a fold holds that no other tells of is predicted so badly that it would
+    choose alone; so its blocks count one by one there.
+    """
+    by_block = None if point.columns.vectors is None else _log_error_by_block(problem, point)
+    strength = choose_strength(point.equations, IDENTIFICATION, point.strength, by_block)
     return _solved(replace(point, strength=strength))
+
+
+def _log_error_by_block(problem: Problem, point: Point) -> Callable[[np.ndarray, int], float]:
+    slices = slices_of(problem.fold)
+
+    def log_error(solution: np.ndarray, k: int) -> float:
+        rows = slices[k]
+        left = point.target[rows] - point.matrix[rows] @ solution
+        block = problem.block[rows]
+        powers = np.bincount(block, left**2)[np.unique(block)]
+        return float(np.mean(np.log(np.maximum(powers, np.finfo(float).tiny))))
+
+    return log_error
 
 
 def with_all_rows(point: Point) -> Point:
@@ -447,26 +504,16 @@ def linearise(
 
 def _joint_step(
     point: Point, parameters: list[tuple[str, Parameter]], linear: Linearised
-) -> tuple[np.ndarray, float]:
-    """Gauss-Newton step in search coordinates, and the objective that it promises."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Newton step in search coordinates, and the coefficients that it promises."""
     gram, moment = linear.equations.system(point.folds, point.strength)
     guess = np.concatenate([point.solution > 0, np.ones(len(parameters), dtype=bool)])
     solution = solve_nonnegative(gram, moment, linear.equations.nonnegative, guess)
-    promised = linear.equations.mean_square(solution, point.folds)
-    promised += linear.equations.penalty(solution, point.strength)
     step = solution[len(point.solution) :] / linear.scale
     for position, (effect, parameter) in enumerate(parameters):
         if parameter.is_amount:
             step[position] -= point.values[effect][parameter.name]
-    return step, promised
-
-
-def promised_objective(problem: Problem, point: Point) -> float:
-    """The objective that one Gauss-Newton step on all parameters promises."""
-    parameters = point.parameters
-    if not parameters:
-        return point.objective
-    return _joint_step(point, parameters, linearise(problem, point, parameters))[1]
+    return step, solution[: len(point.solution)]
 
 
 def _moved(
@@ -511,50 +558,18 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
     return point
 
 
+def stepped(problem: Problem, point: Point) -> Point:
+    """A point after one small Gauss-Newton step, whose regressors are not computed again."""
+    parameters = point.parameters
+    if not parameters:
+        return point
+    step, solution = _joint_step(point, parameters, linearise(problem, point, parameters))
+    return replace(point, values=_moved(point.values, parameters, step), solution=solution)
+
+
 def starts_of(effect: Effect) -> list[dict[str, float]]:
     """All combinations of the values from which the search for an effect starts."""
     parameters = effect.parameters()
     grids = itertools.product(*(parameter.start for parameter in parameters))
     names = [parameter.name for parameter in parameters]
     return [dict(zip(names, values, strict=True)) for values in grids]
-
-
-def search(problem: Problem, point: Point, effect: Effect, keep: int = 2) -> list[Point]:
-    """Try an effect beside those of a point, from all its starts.
-
-    A start is judged with the effect's linear-like parameters (those with a single start, such as
-    gains that start at zero) already moved by one linearised step.
-
-    Arguments:
-        problem: the record.
-        point: the model without the effect.
-        effect: the effect, bound to the record's time scales.
-        keep: how many of the starts to return.
-
-    Returns:
-        The best starting points, best first, not yet refined.
-    """
-    chain = point.chain.with_effects((*point.chain.effects, effect))
-    ranked: list[tuple[float, Point]] = []
-    for start in starts_of(effect):
-        values = {**point.values, effect.name: start}
-        trial = evaluate(problem, chain, values, point.strength, point)
-        linear_like = [
-            (effect.name, parameter)
-            for parameter in effect.parameters()
-            if len(parameter.start) == 1
-        ]
-        score = trial.objective
-        if linear_like:
-            step, score = _joint_step(trial, linear_like, linearise(problem, trial, linear_like))
-            values = _moved(values, linear_like, step)
-            trial = replace(trial, values=values)
-        ranked.append((score, trial))
-        ranked.sort(key=lambda pair: pair[0])
-        del ranked[keep:]
-    return [
-        evaluate(problem, chain, trial.values, trial.strength, trial)
-        if any(len(parameter.start) == 1 for parameter in effect.parameters())
-        else trial
-        for _, trial in ranked
-    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -164,36 +165,59 @@ def slices_of(fold: np.ndarray) -> list[slice]:
     return [slice(*pair) for pair in itertools.pairwise(edges)]
 
 
-def normal_equations(
-    matrix: np.ndarray,
-    target: np.ndarray,
-    fold: np.ndarray,
-    levels: int,
-    nonnegative: np.ndarray,
-    groups: tuple[np.ndarray, ...],
-    loose: np.ndarray | None = None,
-    first_run: np.ndarray | None = None,
-) -> NormalEquations:
-    """Normal equations of a regression on the columns of a chain, fold by fold.
+def penalties(
+    levels: int, groups: tuple[np.ndarray, ...], first_run: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is asked of the columns of a hysteresis beside the data, for one row.
 
     Arguments:
-        matrix: (row, column) regressors: cells, memory groups, offset, added columns.
-        target: (row,) output.
-        fold: (row,) fold of each row, from 0, ascending.
         levels: levels N of the plane.
-        nonnegative: (column,) whether the coefficient must not be negative.
         groups: cells whose unknown initial memory each memory column carries.
-        loose: (column,) columns for an unknown past that are drawn to zero; by default none.
         first_run: (2 levels,) which hysterons of the first run the last groups, which are empty,
             stand for; by default none.
 
     Returns:
-        The equations, with the columns behind the offset scaled to unit size.
+        `(prior, memory)`, (column, column) each: smoothness of the density, for strength 1, and
+        pull of the unknown initial memory.
     """
     cells = levels * (levels + 1) // 2
-    columns = matrix.shape[1]
+    size = cells + len(groups)
+    prior, memory = np.zeros((size, size)), np.zeros((size, size))
+    prior[:cells, :cells] = smoothness(levels)
+    if first_run is not None:
+        begin = size - int(first_run.sum())
+        prior[begin:, begin:] = _along(first_run)
+    for position, group in enumerate(groups):
+        pulled = np.array([cells + position, *group])
+        pull = np.array([1.0, *[-0.5] * len(group)])
+        memory[np.ix_(pulled, pulled)] += np.outer(pull, pull)
+    return prior, memory
+
+
+def normal_equations(
+    matrix: np.ndarray,
+    target: np.ndarray,
+    fold: np.ndarray,
+    nonnegative: np.ndarray,
+    asked: tuple[np.ndarray, np.ndarray],
+    loose: np.ndarray | None = None,
+) -> NormalEquations:
+    """Normal equations of a regression on the columns of a chain, fold by fold.
+
+    Arguments:
+        matrix: (row, column) regressors: hysteresis, offset, added columns.
+        target: (row,) output.
+        fold: (row,) fold of each row, from 0, ascending.
+        nonnegative: (column,) whether the coefficient must not be negative.
+        asked: the `penalties` on the columns of the hysteresis.
+        loose: (column,) columns for an unknown past that are drawn to zero; by default none.
+
+    Returns:
+        The equations, with the columns behind the offset scaled to unit size.
+    """
+    columns, of_hysteresis = matrix.shape[1], len(asked[0])
     scale = np.ones(columns)
-    behind = slice(cells + len(groups) + 1, columns)
+    behind = slice(of_hysteresis + 1, columns)
     size = np.sqrt(np.mean(matrix[:, behind] ** 2, axis=0))
     scale[behind] = np.where(size > 0, size, 1.0)
     folds = slices_of(fold)
@@ -202,21 +226,30 @@ def normal_equations(
     power, count = np.zeros(len(folds)), np.zeros(len(folds))
     for k, rows in enumerate(folds):
         part, goal = matrix[rows], target[rows]
-        gram[k] = part.T @ part / np.outer(scale, scale)
+        gram[k] = squares(part)
+        gram[k] /= scale[:, None]
+        gram[k] /= scale
         moment[k] = part.T @ goal / scale
         power[k], count[k] = goal @ goal, len(goal)
-    prior, memory = np.zeros((columns, columns)), np.zeros((columns, columns))
-    prior[:cells, :cells] = smoothness(levels)
-    if first_run is not None:
-        stop = cells + len(groups)
-        prior[stop - first_run.sum() : stop, stop - first_run.sum() : stop] = _along(first_run)
-    for position, group in enumerate(groups):
-        pulled = np.array([cells + position, *group])
-        pull = np.array([1.0, *[-0.5] * len(group)])
-        memory[np.ix_(pulled, pulled)] += np.outer(pull, pull)
+    prior, memory = (np.pad(each, (0, columns - of_hysteresis)) for each in asked)
     if loose is not None:
         memory[loose, loose] = 1.0
     return NormalEquations(gram, moment, power, count, scale, nonnegative, prior, memory)
+
+
+def squares(matrix: np.ndarray) -> np.ndarray:
+    """Gram matrix of the columns of `(row, column)`, at half the work of a product.
+
+    Example:
+        >>> import numpy as np
+        >>> squares(np.array([[1.0, 2.0], [0.0, 1.0]])).tolist()
+        [[1.0, 2.0], [2.0, 5.0]]
+    """
+    if len(matrix) == 0:
+        return np.zeros((matrix.shape[1],) * 2)
+    # A matrix in the order of C is its own transpose in that of Fortran: nothing is copied.
+    half = scipy.linalg.blas.dsyrk(1.0, np.ascontiguousarray(matrix).T, lower=True)
+    return np.tril(half) + np.tril(half, -1).T
 
 
 def solve_nonnegative(
@@ -278,7 +311,12 @@ def solve_nonnegative(
     return np.where(nonnegative, np.maximum(solution, 0.0), solution)
 
 
-def choose_strength(equations: NormalEquations, folds: np.ndarray, start: float) -> float:
+def choose_strength(
+    equations: NormalEquations,
+    folds: np.ndarray,
+    start: float,
+    log_error: Callable[[np.ndarray, int], float] | None = None,
+) -> float:
     """Strength of the smoothness prior with the least cross-validated error over some folds.
 
     Each fold is predicted from the others, and the geometric mean of their errors counts: a fold
@@ -291,10 +329,17 @@ def choose_strength(equations: NormalEquations, folds: np.ndarray, start: float)
         equations: the regression.
         folds: indices of the folds to use, two or more.
         start: strength to start from, one of `STRENGTHS`.
+        log_error: logarithm of the error of a solution on a fold; by default of its mean square.
 
     Returns:
         The best strength.
     """
+
+    def log_mean_square(solution: np.ndarray, k: int) -> float:
+        mean_square = equations.mean_square(solution, np.array([k]))
+        return float(np.log(max(mean_square, np.finfo(float).tiny)))
+
+    log_error = log_error or log_mean_square
     passive: dict[int, np.ndarray | None] = {int(k): None for k in folds}
     errors: dict[int, float] = {}
 
@@ -305,8 +350,7 @@ def choose_strength(equations: NormalEquations, folds: np.ndarray, start: float)
                 gram, moment = equations.system(folds[folds != k], STRENGTHS[position])
                 solution = solve_nonnegative(gram, moment, equations.nonnegative, passive[int(k)])
                 passive[int(k)] = solution > 0
-                mean_square = equations.mean_square(solution, np.array([k]))
-                total += np.log(max(mean_square, np.finfo(float).tiny)) / len(folds)
+                total += log_error(solution, int(k)) / len(folds)
             errors[position] = np.exp(total)
         return errors[position]
 

@@ -8,7 +8,7 @@ import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.diagnosis.limits import Limit, limits
-from preisach_jax.diagnosis.signature import Projection, promises
+from preisach_jax.signature import Projection, promises
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -84,7 +84,7 @@ def test_size_and_deviation_are_those_of_a_regression(x64, seed):
     matrix[:, cells] = 1.0
     target = matrix @ np.array([1.0, 2.0, 0.5, -3.0, 1.5, 1.0, 0.3]) + 0.1 * rng.normal(size=COUNT)
     nonnegative = np.arange(cells + 1) < cells
-    equations = normal_equations(matrix, target, problem.fold, 3, nonnegative, ())
+    equations = normal_equations(matrix, target, problem.fold, nonnegative, penalties(3, ()))
     columns = replace(
         real.columns,
         matrix=matrix,

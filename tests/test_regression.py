@@ -14,6 +14,7 @@ from preisach_jax.regression import (
     STRENGTHS,
     choose_strength,
     normal_equations,
+    penalties,
     smoothness,
     solve_nonnegative,
 )
@@ -182,7 +183,7 @@ def regression(seed, levels=4, rows=80, extra=2):
     target = rng.normal(size=rows)
     fold = np.sort(rng.integers(0, 4, rows))
     nonnegative = np.arange(columns) < cells + len(groups)
-    return matrix, target, fold, levels, nonnegative, groups
+    return matrix, target, fold, nonnegative, penalties(levels, groups)
 
 
 @pytest.mark.parametrize("folds", [[0], [3], [0, 1, 2], [0, 1, 2, 3]])
@@ -243,7 +244,7 @@ def test_the_penalty_is_smoothness_and_half_of_the_possible_memory():
 
 def test_appended_columns_are_columns_of_a_larger_regression():
     given = regression(9)
-    matrix, target, fold, levels, nonnegative, groups = given
+    matrix, target, fold, nonnegative, asked = given
     more = np.random.default_rng(10).normal(size=(len(target), 2))
     unit = np.sqrt(np.mean(more**2, axis=0))
     folds = [fold == k for k in range(4)]
@@ -255,7 +256,7 @@ def test_appended_columns_are_columns_of_a_larger_regression():
         np.stack([more[k].T @ target[k] for k in folds]),
     )
     whole = normal_equations(
-        np.hstack([matrix, more]), target, fold, levels, np.append(nonnegative, [False] * 2), groups
+        np.hstack([matrix, more]), target, fold, np.append(nonnegative, [False] * 2), asked
     )
     shrink = np.append(np.ones(matrix.shape[1]), unit)
     np.testing.assert_allclose(extended.gram, whole.gram * np.outer(shrink, shrink), atol=1e-9)
@@ -277,7 +278,7 @@ def density_regression(noise, seed=0, levels=8, rows=600):
     target = matrix[:, :-1] @ density + noise * rng.normal(size=rows)
     fold = np.arange(rows) * 4 // rows
     nonnegative = np.arange(len(i) + 1) < len(i)
-    return normal_equations(matrix, target, fold, levels, nonnegative, ()), density
+    return normal_equations(matrix, target, fold, nonnegative, penalties(levels, ())), density
 
 
 @pytest.mark.parametrize("start", [1e-4, 1.0])

@@ -28,10 +28,12 @@ from preisach_jax.fit import (
     begun,
     checked_levels,
     double_precision,
+    in_reduced_basis,
     in_silence,
     moved_to,
     on_all_rows,
     with_effect,
+    with_signs,
 )
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
@@ -119,7 +121,7 @@ class Exploration:
         """The record as it is cut for the search."""
         first = self.steps[0]
         if "problem" not in first._cache:
-            first._cache["problem"] = Problem.of(self.record, SEARCH_ROWS)
+            first._cache["problem"] = Problem.of(self.record, SEARCH_ROWS).reduced
         return first._cache["problem"]
 
     @property
@@ -251,7 +253,8 @@ class Exploration:
         if progress is not None:
             progress("limiting what was not added", 0.5)
         with double_precision():
-            bounds = limits(self.problem, self.point, self.left)
+            whole = Problem.of(self.record, SEARCH_ROWS)
+            bounds = limits(whole, with_signs(whole, self.point), self.left)
         notes = [BY_HAND] if findings else []
         return Diagnosis(
             verdict=verdict,
@@ -336,6 +339,7 @@ def explore(
         progress("fitting the rate-independent model", 0.0)
     with double_precision():
         record, problem, point = begun(record, checked_levels(levels))
+        problem, point = in_reduced_basis(problem, point)
         fit = on_all_rows(record, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})
 

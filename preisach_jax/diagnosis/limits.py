@@ -10,7 +10,7 @@ import scipy
 
 from preisach_jax.confidence import LEVEL
 from preisach_jax.cores import on_all_cores
-from preisach_jax.diagnosis.signature import (
+from preisach_jax.signature import (
     Projection,
     amount_signatures,
     amounts_of,

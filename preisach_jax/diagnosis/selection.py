@@ -43,11 +43,13 @@ from preisach_jax.fit import (
     double_precision,
     finished,
     freed_of_spikes,
+    in_reduced_basis,
     in_silence,
     moved_to,
     on_all_rows,
     settled,
     with_effect,
+    with_signs,
     without_effect,
 )
 from preisach_jax.identify import Point, Problem, evaluate
@@ -165,7 +167,9 @@ class _Search:
         self._watch = watch
         self._reported = 0.0
         self.progress("fitting the rate-independent model", 0.0)
-        self.record, self.problem, point = begun(record, self.levels)
+        self.record, problem, point = begun(record, self.levels)
+        self.whole_plane = problem
+        self.problem, point = in_reduced_basis(problem, point)
         self.path: list[Point] = [point]
         self.finer: Point | None = None
         self.accepted: list[Named] = []
@@ -287,7 +291,8 @@ class _Search:
     def _conclude(self) -> Diagnosis:
         self.progress("fitting all rows", 0.8)
         problem = Problem.of(self.record, FINAL_ROWS)
-        fits = self._fits(problem)
+        small = problem.reduced
+        fits = self._fits(problem, small)
         other = self.finer or on_a_coarser_plane(self.problem, self.now)
         discretisation = discretisation_rms(self.problem, self.now, other)
         self.progress("measuring the error budget", 0.9)
@@ -298,9 +303,10 @@ class _Search:
         spoken_of = {name for named in self.accepted for name in (named.name, *named.rivals)}
         absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
-        bounds = limits(self.problem, self.finer or self.now, absent)
+        finest = with_signs(self.whole_plane, self.finer or self.now)
+        bounds = limits(self.whole_plane, finest, absent)
         parameters = with_grid_error(fits[-1].model.parameters, self.now, other)
-        alternatives = self._alternatives(problem)
+        alternatives = self._alternatives(problem, small)
         if self.accepted:
             verdict = "explained" if budget.is_met else "partly_explained"
         else:
@@ -403,17 +409,17 @@ class _Search:
         certain = differs_from_nothing(self.problem, point, rival)
         return Trial(effect, named.trial.step, point, evidence, certain)
 
-    def _alternatives(self, problem: Problem) -> dict[str, Model]:
+    def _alternatives(self, problem: Problem, small: Problem) -> dict[str, Model]:
         """The model with each rival in place of the effect that was named."""
         return {
-            name: finished(problem, moved_to(problem, point), self.record).model
+            name: finished(problem, moved_to(small, point), self.record).model
             for named in self.accepted
             for name, point in named.rivals.items()
         }
 
-    def _fits(self, problem: Problem) -> list[Fit]:
+    def _fits(self, problem: Problem, small: Problem) -> list[Fit]:
         """The fit of each step; last effects that help too little on all rows are given up."""
-        fits = [finished(problem, moved_to(problem, point), self.record) for point in self.path]
+        fits = [finished(problem, moved_to(small, point), self.record) for point in self.path]
         # The first lock, on all rows.
         most = (1 - LEAST_GAIN) ** 0.5
         while len(fits) > 1 and not fits[-1].rms_validation <= most * fits[-2].rms_validation:

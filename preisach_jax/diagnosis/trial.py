@@ -90,6 +90,7 @@ class NotFitted:
         hopeless: whether a finer plane will not help.
         failed: whether its own code failed.
         evidence: numbers behind the reason.
+        gain: relative fall of the held-out mean square that it promises to first order.
     """
 
     effect: Effect
@@ -98,6 +99,7 @@ class NotFitted:
     hopeless: bool = True
     failed: bool = False
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
+    gain: float = 0.0
 
     @staticmethod
     def screened(effect: Effect, step: int, promise: float) -> NotFitted:
@@ -108,11 +110,24 @@ class NotFitted:
         )
         return NotFitted(effect, step, reason, hopeless=False, evidence={"promise": promise})
 
+    @staticmethod
+    def outshone(effect: Effect, step: int, gain: float) -> NotFitted:
+        """An effect that promises much less than others do."""
+        reason = (
+            f"not fitted: to first order it lowers the held-out mean square by {100 * gain:.1f} %, "
+            "and others by much more"
+            if gain > 0
+            else "not fitted: to first order it does not lower the held-out error"
+        )
+        return NotFitted(
+            effect, step, reason, hopeless=False, evidence={"promise": gain}, gain=gain
+        )
+
     def candidate(self, unit: float, accepted: bool, better: str) -> Candidate:
         """The row of the table of candidates."""
         del unit, better
         name, evidence = self.effect.name, dict(self.evidence)
-        return Candidate(name, self.step, 0.0, np.nan, evidence, accepted, self.reason)
+        return Candidate(name, self.step, self.gain, np.nan, evidence, accepted, self.reason)
 
 
 Row = tuple[Trial | NotFitted, bool, str]

@@ -17,7 +17,12 @@ from preisach_jax.piezo import RANGE_V, experiment
 from preisach_jax.plane import Plane
 from preisach_jax.plant import make_stage
 from preisach_jax.recursion import Comparison, compare_recursions
-from preisach_jax.regression import choose_strength, normal_equations, solve_nonnegative
+from preisach_jax.regression import (
+    choose_strength,
+    normal_equations,
+    penalties,
+    solve_nonnegative,
+)
 from preisach_jax.signals import bernoulli_ramp
 from preisach_jax.sweep import PowerLaw, fit_power_law
 
@@ -185,7 +190,7 @@ def _held_out(
     order = np.argsort(block % 2, kind="stable")  # a fold is one slice of rows
     free = np.zeros(plane.cells + 1, bool)  # bounds would cost much time, and change little
     equations = normal_equations(
-        matrix[order], target[order], block[order] % 2, plane.levels, free, ()
+        matrix[order], target[order], block[order] % 2, free, penalties(plane.levels, ())
     )
     folds = np.arange(2)
     strength = choose_strength(equations, folds, strength)

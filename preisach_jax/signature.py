@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,10 +15,20 @@ from preisach_jax.chain import (
     columns_behind,
     driven_path,
     response,
+    responses,
     tangents,
 )
-from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, Parameter, SensorEffect
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    OutputEffect,
+    Parameter,
+    SensorEffect,
+)
 from preisach_jax.identify import Point, Problem, linearise, starts_of
+from preisach_jax.regression import solve_nonnegative
 
 HIDDEN = 1e-4
 """Share of a signature that the rest of the model must leave for it to be seen at all."""
@@ -43,6 +53,23 @@ class Seen:
     absorbed: float
 
 
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """A form of an effect at one of its starts, and what it promises to first order.
+
+    Attributes:
+        effect: the form.
+        values: its parameters.
+        explained: share of the residual's power that it explains on the rows that identify.
+        held_out: relative fall of the mean square that it predicts on the rows held out.
+    """
+
+    effect: Effect
+    values: dict[str, float]
+    explained: float
+    held_out: float
+
+
 class Projection:
     """Takes out of a signature what a model can take up, on the rows that identify it."""
 
@@ -53,25 +80,29 @@ class Projection:
         inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
         self.rows: np.ndarray = np.isin(problem.fold, point.folds)
         self.block: np.ndarray = problem.block[self.rows]
-        matrix = np.concatenate([point.matrix, linear.tangents], axis=1)
-        self.matrix: np.ndarray = matrix[np.ix_(self.rows, inside)]
+        matrix = point.matrix if free.all() else point.matrix[:, free]
+        if point.parameters:
+            matrix = np.concatenate([matrix, linear.tangents], axis=1)
+        self.matrix: np.ndarray = matrix
         self.factor: Any = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
-        self.residual: np.ndarray = point.residual[self.rows]
+        self.whole: np.ndarray = point.residual
+        self.residual: np.ndarray = self.whole[self.rows]
 
     def left(self, signatures: np.ndarray) -> np.ndarray:
         """What the model leaves of `(row,)` or `(row, signature)`."""
-        taken_up = scipy.linalg.cho_solve(self.factor, self.matrix.T @ signatures)
-        return signatures - self.matrix @ taken_up
+        identified = self.rows if not self.rows.all() else slice(None)
+        moment = self.matrix[identified].T @ signatures[identified]
+        return signatures - self.matrix @ scipy.linalg.cho_solve(self.factor, moment)
 
     def see(self, signature: np.ndarray, values: dict[str, float]) -> Seen:
         """Size of a signature, `(row,)` in output ranges, in the residual, with its deviation."""
-        signature = signature[self.rows]
-        whole = float(signature @ signature)
-        rms = float(np.sqrt(whole / len(signature)))
+        own = signature[self.rows]
+        whole = float(own @ own)
+        rms = float(np.sqrt(whole / len(own)))
         unseen = Seen(values, np.nan, np.inf, rms, 1.0)
         if not np.isfinite(whole):
             return unseen
-        left = self.left(signature)
+        left = self.left(signature)[self.rows]
         power = float(left @ left)
         if power <= HIDDEN**2 * whole:
             return unseen
@@ -81,22 +112,43 @@ class Projection:
         size = float(left @ self.residual) / power
         return Seen(values, size, float(spread) / power, rms, 1 - power / whole)
 
-    def explained(self, signatures: np.ndarray) -> float:
-        """Share of the residual's power that signatures, `(row, signature)`, explain together.
+    def promised(
+        self, signatures: np.ndarray, nonnegative: np.ndarray | None = None
+    ) -> tuple[float, float]:
+        """What signatures, `(row, signature)`, explain of the residual together.
+
+        Arguments:
+            signatures: the signatures, in output ranges.
+            nonnegative: (signature,) which of them cannot act with the other sign.
+
+        Returns:
+            Share of the residual's power on the rows that identify, and relative fall of the mean
+            square predicted on those held out, zero if there are none.
 
         Raises:
             FloatingPointError: if none of them is finite.
         """
-        signatures = signatures[self.rows]
         finite = np.isfinite(signatures).all(axis=0)
         if not finite.any():
             raise FloatingPointError("its change of the output is not finite")
-        sizes = np.linalg.norm(signatures[:, finite], axis=0)
-        signatures = signatures[:, finite][:, sizes > 0] / sizes[sizes > 0]
-        left = self.left(signatures)
-        solution = np.linalg.lstsq(left, self.residual, rcond=HIDDEN)[0]
+        sizes = np.linalg.norm(signatures[self.rows], axis=0)
+        kept = finite & (sizes > 0)
         power = float(self.residual @ self.residual)
-        return float((left @ solution) @ self.residual) / power if power else 0.0
+        if not kept.any() or not power:
+            return 0.0, 0.0
+        left = self.left(signatures[:, kept] / sizes[kept])
+        own = left[self.rows]
+        gram = own.T @ own
+        gram[np.diag_indices_from(gram)] += HIDDEN**2
+        bounded = np.zeros(kept.sum(), dtype=bool) if nonnegative is None else nonnegative[kept]
+        found = solve_nonnegative(gram, own.T @ self.residual, bounded)
+        explained = power - float(np.sum((self.residual - own @ found) ** 2))
+        if self.rows.all():
+            return explained / power, 0.0
+        others = ~self.rows
+        before = float(np.sum(self.whole[others] ** 2))
+        after = float(np.sum((self.whole[others] - left[others] @ found) ** 2))
+        return explained / power, 1 - after / before if before else 0.0
 
 
 def amounts_of(effect: Effect) -> list[Parameter]:
@@ -129,32 +181,53 @@ def size_signatures(
     chain = point.chain.with_effects((*point.chain.effects, effect))
     coefficients = _with_room(point, chain)
     present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
-    for values in starts_of(effect):
-        everything = _values_with(problem, point, chain, effect, values)
-        changed = np.asarray(response(chain, everything, problem.signals, coefficients))
-        yield values, (changed - present)[problem.rows] / problem.unit
+    starts = starts_of(effect)
+    for values in starts:
+        _values_with(problem, point, chain, effect, values)
+    changed = responses(chain, point.values, problem.signals, coefficients, effect.name, starts)
+    for values, output in zip(starts, changed, strict=True):
+        yield values, (output - present)[problem.rows] / problem.unit
 
 
-def promises(
-    problem: Problem, point: Point, projection: Projection, effect: Effect
-) -> Iterator[float]:
-    """Shares of the residual's power that an effect explains, one for each of its starts.
+def prospects(
+    problem: Problem, point: Point, projection: Projection, forms: Sequence[Effect]
+) -> list[Prospect]:
+    """What forms of an effect promise to first order, one for each start.
 
     Arguments:
         problem: the record.
         point: a model without the effect.
         projection: that of the point.
-        effect: the effect, bound to the record.
+        forms: forms of the effect, bound to the record.
+
+    Returns:
+        The prospects, in the order of the forms and of their starts.
+
+    Raises:
+        FloatingPointError: if the effect changes the output by what is not finite.
     """
-    if not amounts_of(effect):
-        for _, signature in size_signatures(problem, point, effect):
-            yield projection.explained(signature[:, None])
+    found: list[Prospect] = []
+    for effect in forms:
+        for values, signatures, signed in _signatures(problem, point, effect):
+            found.append(Prospect(effect, values, *projection.promised(signatures, signed)))
+    return found
+
+
+def _signatures(
+    problem: Problem, point: Point, effect: Effect
+) -> Iterator[tuple[dict[str, float], np.ndarray, np.ndarray]]:
+    """Starts of an effect, its `(row, signature)` there, and which cannot change their sign."""
+    amounts = amounts_of(effect)
+    if not amounts:
+        for values, signature in size_signatures(problem, point, effect):
+            yield values, signature[:, None], np.ones(1, dtype=bool)
         return
     past = np.zeros((len(problem.rows), 0))
     if isinstance(effect, OutputEffect) and effect.coefficients():
         past = _columns_alone(problem, point, effect, starts_of(effect)[0])[problem.rows]
-    for _, columns in amount_signatures(problem, point, effect):
-        yield projection.explained(np.concatenate([columns, past], axis=1))
+    nonnegative = [each.is_amount for each in amounts] + [False] * past.shape[1]
+    for values, columns in amount_signatures(problem, point, effect):
+        yield values, np.concatenate([columns, past], axis=1), np.array(nonnegative)
 
 
 def _values_with(
@@ -162,6 +235,8 @@ def _values_with(
 ) -> dict[str, dict[str, float]]:
     """The values of a chain that has an effect more, with which its hysterons can be driven."""
     everything = {**point.values, effect.name: values}
+    if not isinstance(effect, InputEffect | HysteresisEffect):
+        return everything
     # Hysterons saturate, so that an infinite input would not show in the output.
     if not np.isfinite(driven_path(chain, everything, problem.signals)).all():
         raise FloatingPointError(f"it gives values that are not finite at {values}")

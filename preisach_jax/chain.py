@@ -173,6 +173,42 @@ class Columns:
         return whole if self.vectors is None else self.vectors.shape[1]
 
 
+def coarsened(plane: Plane, coefficients: Coefficients, levels: int) -> Coefficients:
+    """The same density on a coarser plane over the same range.
+
+    Each coarse cell gets the shares of the fine cells that lie in it.
+
+    Arguments:
+        plane: the plane of the coefficients.
+        coefficients: the linear numbers of a model.
+        levels: levels of the coarser plane.
+
+    Returns:
+        The coefficients on the coarser plane; weights keep their sum.
+    """
+    fine, coarse = np.arange(plane.levels + 1) / plane.levels, np.arange(levels + 1) / levels
+    low = np.maximum(coarse[:-1, None], fine[None, :-1])
+    high = np.minimum(coarse[1:, None], fine[None, 1:])
+    shares = np.maximum(high - low, 0.0) * plane.levels
+    rows, columns = np.tril_indices(plane.levels)
+
+    def of_cells(values: np.ndarray) -> np.ndarray:
+        laid_out = np.zeros((plane.levels, plane.levels))
+        laid_out[rows, columns] = values
+        square = shares @ laid_out @ shares.T
+        # Of a fine cell on the diagonal some falls on the wrong side of that of the coarse plane.
+        square = np.tril(square) + np.triu(square, 1).T
+        return square[np.tril_indices(levels)]
+
+    parts = np.split(coefficients.first_run, 2) if len(coefficients.first_run) else ()
+    return replace(
+        coefficients,
+        weights=of_cells(coefficients.weights),
+        memory=of_cells(coefficients.memory),
+        first_run=np.concatenate([shares @ part for part in parts]) if parts else np.zeros(0),
+    )
+
+
 @dataclass(frozen=True)
 class Coefficients:
     """The linear numbers of a model.
@@ -248,6 +284,10 @@ MOST_COLUMNS = 384
 each, fewer take more."""
 
 
+GATHERED_ROWS = 256
+"""Rows that are gathered at once: they stay in the processor's cache on their way."""
+
+
 def _expect(effect: Effect, method: str, got: Array, shape: tuple[int, ...]) -> Array:
     # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
     if jnp.shape(got) != shape:
@@ -295,10 +335,12 @@ def _apply_to_columns(
     applied = np.empty_like(matrix)
     for start in range(0, matrix.shape[1], MOST_COLUMNS):
         chunk = matrix[:, start : start + MOST_COLUMNS]
+        count = chunk.shape[1]
         # How many columns the initial memory takes differs from record to record.
-        padded = np.pad(chunk, ((0, 0), (0, -chunk.shape[1] % ROUND_COLUMNS)))
-        done = _apply_to_padded(effect, values, padded, time)
-        applied[:, start : start + MOST_COLUMNS] = np.asarray(done)[:, : chunk.shape[1]]
+        if lacking := -count % ROUND_COLUMNS:
+            chunk = np.pad(chunk, ((0, 0), (0, lacking)))
+        done = _apply_to_padded(effect, values, chunk, time)
+        applied[:, start : start + MOST_COLUMNS] = np.asarray(done)[:, :count]
     return applied
 
 
@@ -897,8 +939,10 @@ def regressors(
     parts += columns_behind(chain, values, signals, rows, measured)
     edges = np.cumsum([0, *(part.shape[1] for part in parts)])
     matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
-    for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
-        matrix[:, start:stop] = part[rows]
+    for first in range(0, len(rows), GATHERED_ROWS):
+        some = slice(first, first + GATHERED_ROWS)
+        for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
+            matrix[some, start:stop] = part[rows[some]]
     if chain.polarity < 0:
         matrix[:, :of_hysteresis] *= -1
     behind = chain.coefficients

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -37,6 +38,8 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
         Estimates by effect and parameter name; intervals never leave the parameters' bounds.
     """
     parameters = point.parameters
+    if not parameters and not point.chain.coefficients:
+        return {effect.name: {} for effect in point.chain.effects}
     linear, parts = _influences(problem, point, parameters)
     size = len(point.solution)
     # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
@@ -100,10 +103,22 @@ def _influences(
     gram, _ = linear.equations.system(point.folds, point.strength)
     free = ~point.equations.nonnegative | (point.solution > 0)
     inside = np.flatnonzero(np.concatenate([free, np.ones(len(parameters), dtype=bool)]))
-    matrix = np.concatenate([point.matrix, linear.tangents], axis=1)[:, inside]
     residual = point.residual
+    # A block is one slice of the rows, of which nothing is copied.
+    edges = np.flatnonzero(np.diff(problem.block, prepend=-1, append=-1))
+    slices = {
+        int(problem.block[start]): slice(start, stop)
+        for start, stop in itertools.pairwise(edges.tolist())
+    }
     used = np.unique(problem.block[np.isin(problem.fold, point.folds)])
-    scores = np.stack([matrix[problem.block == b].T @ residual[problem.block == b] for b in used])
+    scores = np.stack(
+        [
+            np.concatenate(
+                [part[slices[b]].T @ residual[slices[b]] for part in (point.matrix, linear.tangents)]
+            )
+            for b in used.tolist()
+        ]
+    )[:, inside]
     influence = np.zeros((len(used), gram.shape[0]))
     solved = scipy.linalg.solve(gram[np.ix_(inside, inside)], scores.T, assume_a="pos")
     influence[:, inside] = solved.T

@@ -16,7 +16,7 @@ from preisach_jax import html
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates
 from preisach_jax.effects import resolve
-from preisach_jax.effects.base import Effect, HysteresisEffect
+from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
 from preisach_jax.identify import (
     VALIDATION,
@@ -55,8 +55,9 @@ COARSE_LEVELS = 13
 MOST_STARTS = 2
 """Starts of a form of an effect that are refined."""
 
-STARTS_REACH = 0.7
-"""Share of what the best start explains that another one must explain to be refined as well."""
+STARTS_REACH = 2.0
+"""Times what the best start leaves of the residual's power that another one may leave to be refined
+as well."""
 
 MOST_ROUNDS = 3
 """How often spikes are looked for: great ones hide smaller ones."""
@@ -70,14 +71,6 @@ SEARCH_ROWS = 8_000
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
-
-VARIANTS_HOPE = 0.9
-"""Share of the held-out mean square that one form of an effect inside the hysteresis must not leave
-for the others to be tried: the wrong form of what is there takes much more away."""
-
-FORMS_REACH = 4.0
-"""Times the held-out mean square of another effect that one form of an effect inside the hysteresis
-must not leave for its other forms to be tried."""
 
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
@@ -235,7 +228,7 @@ def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: P
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
-    return on_all_rows(record, point)
+    return on_all_rows(record, problem, point)
 
 
 @contextmanager
@@ -300,7 +293,7 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
 
 def in_reduced_basis(problem: Problem, point: Point) -> tuple[Problem, Point]:
     """A record and a model of it, to search on from in the directions that the record decides."""
-    small = problem.reduced
+    small = problem.reduced()
     there = evaluate(small, point.chain, point.values, point.strength)
     return small, with_strength(small, there)
 
@@ -351,7 +344,6 @@ def with_effect(
     point: Point,
     effect: Effect,
     always: bool = False,
-    to_beat: float = np.inf,
     known: Sequence[Prospect] = (),
 ) -> Point:
     """The best model that has an effect beside those of a point, all refitted jointly.
@@ -364,32 +356,39 @@ def with_effect(
         point: the model.
         effect: the effect.
         always: whether to refine all its forms whatever they promise.
-        to_beat: held-out mean square of the best other effect, in squared output ranges.
         known: the `prospects` of its forms, if they are known.
     """
     forms = problem.forms_of(effect, point)
     promised = known or prospects(problem, point, Projection(problem, point), forms)
-    first, *others = forms
-    best = _with_form(problem, point, [p for p in promised if p.effect is first])
-    hope = min(VARIANTS_HOPE * point.validation_mean_square, FORMS_REACH * to_beat)
-    if best.validation_mean_square > hope and isinstance(effect, HysteresisEffect) and not always:
-        return best  # its forms look alike, and each means all states anew
-    for form in others:
-        trial = _with_form(problem, point, [p for p in promised if p.effect is form])
+    starts = [[start for start in promised if start.effect is form] for form in forms]
+    if not always:
+        return _with_form(problem, point, _form_to_refine(starts, effect.form_pays))
+    trials = [_with_form(problem, point, own) for own in starts]
+    best = trials[0]
+    for trial in trials[1:]:
         if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
             best = trial
     return best
 
 
+def _form_to_refine(forms: list[list[Prospect]], pays: float) -> list[Prospect]:
+    """The starts of the simplest form, unless another promises to leave much less."""
+    least = [1 - max(start.held_out for start in own) for own in forms]
+    best = 0
+    for position in range(1, len(forms)):
+        if least[position] < pays * least[best]:
+            best = position
+    return forms[best]
+
+
 def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect]) -> Point:
     """The best model with one form of an effect, from the starts that promise most."""
-    ranked = sorted(starts, key=lambda start: -start.explained)
+    ranked = sorted(starts, key=lambda start: -start.reached)[:MOST_STARTS]
     effect = ranked[0].effect
     chain = point.chain.with_effects((*point.chain.effects, effect))
-    least = STARTS_REACH * ranked[0].explained
     trials: list[Point] = []
-    for start in ranked[:MOST_STARTS]:
-        if trials and start.explained < least:
+    for start in ranked:
+        if trials and 1 - start.reached > STARTS_REACH * (1 - ranked[0].reached):
             break
         values = {**point.values, effect.name: start.values}
         there = evaluate(problem, chain, values, point.strength, point)
@@ -413,6 +412,8 @@ def at_levels(problem: Problem, point: Point, levels: int) -> Point:
 
 def moved_to(problem: Problem, point: Point) -> Point:
     """The chain of a point, from its values, refitted to a cut of its record."""
+    if not point.chain.effects:
+        return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)
     moved = refine(problem, with_strength(problem, there), iterations=3)
     thinned = len(point.target) < len(problem.target)
@@ -427,10 +428,16 @@ def moved_to(problem: Problem, point: Point) -> Point:
     return moved
 
 
-def on_all_rows(record: Record, point: Point) -> Fit:
-    """The fit of a point that was found on a thinned record."""
+def on_all_rows(record: Record, problem: Problem, point: Point) -> Fit:
+    """The fit of a point that was found on a thinned record.
+
+    Arguments:
+        record: the record.
+        problem: the record as it was cut for the search.
+        point: the model.
+    """
     whole = Problem.of(record, FINAL_ROWS)
-    return finished(whole, moved_to(whole.reduced, point), record)
+    return finished(whole, moved_to(whole.reduced(problem), point), record)
 
 
 def settled(problem: Problem, point: Point) -> Point:
@@ -451,6 +458,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     """
     point = with_signs(problem, point)
     whole = stepped(problem, with_all_rows(point))
+    point = stepped(problem, point)
     coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
@@ -485,7 +493,7 @@ def with_signs(problem: Problem, point: Point) -> Point:
     if point.columns.vectors is None:
         return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)
-    return refine(problem, with_strength(problem, there), iterations=1)
+    return with_strength(problem, there)
 
 
 def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:

@@ -88,10 +88,15 @@ class Problem:
     reduces: bool = False
     cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
 
-    @property
-    def reduced(self) -> Problem:
-        """The same record, whose models are solved for in a reduced basis, without signs."""
-        return replace(self, reduces=True, cache={})
+    def reduced(self, like: Problem | None = None) -> Problem:
+        """The same record, whose models are solved for in a reduced basis, without signs.
+
+        Arguments:
+            like: another cut of the record, whose bases serve for this one too.
+        """
+        known = {} if like is None else like.cache
+        bases = {slot: basis for slot, basis in known.items() if slot[0] == "basis"}
+        return replace(self, reduces=True, cache=bases)
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
@@ -529,7 +534,7 @@ def _moved(
     return moved
 
 
-def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-4) -> Point:
+def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-3) -> Point:
     """Gauss-Newton on all nonlinear parameters, linear coefficients solved at every trial.
 
     Arguments:

@@ -12,6 +12,7 @@ import scipy
 from preisach_jax.chain import (
     Chain,
     Coefficients,
+    coarsened,
     columns_behind,
     driven_path,
     response,
@@ -29,6 +30,9 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
+
+COARSE_LEVELS = 19
+"""Levels of the plane on which the signature of moved thresholds is computed."""
 
 HIDDEN = 1e-4
 """Share of a signature that the rest of the model must leave for it to be seen at all."""
@@ -54,20 +58,45 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
+class Promise:
+    """What signatures explain of a residual, each with the size that suits it best.
+
+    Attributes:
+        explained: share of the residual's power on the rows that identify.
+        held_out: relative fall of the mean square on the rows held out.
+        residual: (row,) what is left.
+    """
+
+    explained: float
+    held_out: float
+    residual: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Prospect:
     """A form of an effect at one of its starts, and what it promises to first order.
 
     Attributes:
         effect: the form.
         values: its parameters.
-        explained: share of the residual's power that it explains on the rows that identify.
-        held_out: relative fall of the mean square that it predicts on the rows held out.
+        promise: what its signatures promise in any size.
+        reached: share of the residual's power that it explains at the very start.
     """
 
     effect: Effect
     values: dict[str, float]
-    explained: float
-    held_out: float
+    promise: Promise
+    reached: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the residual's power that it explains on the rows that identify."""
+        return self.promise.explained
+
+    @property
+    def held_out(self) -> float:
+        """Relative fall of the mean square that it predicts on the rows held out."""
+        return self.promise.held_out
 
 
 class Projection:
@@ -112,9 +141,7 @@ class Projection:
         size = float(left @ self.residual) / power
         return Seen(values, size, float(spread) / power, rms, 1 - power / whole)
 
-    def promised(
-        self, signatures: np.ndarray, nonnegative: np.ndarray | None = None
-    ) -> tuple[float, float]:
+    def promised(self, signatures: np.ndarray, nonnegative: np.ndarray) -> tuple[Promise, float]:
         """What signatures, `(row, signature)`, explain of the residual together.
 
         Arguments:
@@ -122,8 +149,8 @@ class Projection:
             nonnegative: (signature,) which of them cannot act with the other sign.
 
         Returns:
-            Share of the residual's power on the rows that identify, and relative fall of the mean
-            square predicted on those held out, zero if there are none.
+            What they promise, and the share of the residual's power that they explain as they are,
+            with sizes of one.
 
         Raises:
             FloatingPointError: if none of them is finite.
@@ -135,20 +162,19 @@ class Projection:
         kept = finite & (sizes > 0)
         power = float(self.residual @ self.residual)
         if not kept.any() or not power:
-            return 0.0, 0.0
+            return Promise(0.0, 0.0, self.whole), 0.0
         left = self.left(signatures[:, kept] / sizes[kept])
         own = left[self.rows]
         gram = own.T @ own
         gram[np.diag_indices_from(gram)] += HIDDEN**2
-        bounded = np.zeros(kept.sum(), dtype=bool) if nonnegative is None else nonnegative[kept]
-        found = solve_nonnegative(gram, own.T @ self.residual, bounded)
-        explained = power - float(np.sum((self.residual - own @ found) ** 2))
-        if self.rows.all():
-            return explained / power, 0.0
+        found = solve_nonnegative(gram, own.T @ self.residual, nonnegative[kept])
+        after = self.whole - left @ found
+        as_it_is = self.residual - own @ sizes[kept]
+        explained = 1 - float(np.sum(after[self.rows] ** 2)) / power
         others = ~self.rows
         before = float(np.sum(self.whole[others] ** 2))
-        after = float(np.sum((self.whole[others] - left[others] @ found) ** 2))
-        return explained / power, 1 - after / before if before else 0.0
+        held_out = 1 - float(np.sum(after[others] ** 2)) / before if before else 0.0
+        return Promise(explained, held_out, after), 1 - float(as_it_is @ as_it_is) / power
 
 
 def amounts_of(effect: Effect) -> list[Parameter]:
@@ -163,14 +189,14 @@ def amount_signatures(
     problem: Problem, point: Point, effect: Effect
 ) -> Iterator[tuple[dict[str, float], np.ndarray]]:
     """Changes for a unit of each amount, `(row, amount)`, at all starts of the other parameters."""
-    chain = point.chain.with_effects((*point.chain.effects, effect))
+    chain, coefficients = _with_room(point, effect)
     names = [(effect.name, parameter.name) for parameter in amounts_of(effect)]
     for values in starts_of(effect):
         if isinstance(effect, AddedEffect | SensorEffect):
             columns = _columns_alone(problem, point, effect, values)
         else:
             everything = _values_with(problem, point, chain, effect, values)
-            columns = tangents(chain, everything, problem.signals, _with_room(point, chain), names)
+            columns = tangents(chain, everything, problem.signals, coefficients, names)
         yield values, columns[problem.rows] / problem.unit
 
 
@@ -178,9 +204,9 @@ def size_signatures(
     problem: Problem, point: Point, effect: Effect
 ) -> Iterator[tuple[dict[str, float], np.ndarray]]:
     """Changes by the effect, `(row,)` in output ranges, at all its starts."""
-    chain = point.chain.with_effects((*point.chain.effects, effect))
-    coefficients = _with_room(point, chain)
-    present = np.asarray(response(point.chain, point.values, problem.signals, point.coefficients()))
+    chain, coefficients = _with_room(point, effect)
+    without = chain.with_effects(point.chain.effects)
+    present = np.asarray(response(without, point.values, problem.signals, coefficients))
     starts = starts_of(effect)
     for values in starts:
         _values_with(problem, point, chain, effect, values)
@@ -209,7 +235,9 @@ def prospects(
     found: list[Prospect] = []
     for effect in forms:
         for values, signatures, signed in _signatures(problem, point, effect):
-            found.append(Prospect(effect, values, *projection.promised(signatures, signed)))
+            promise, reached = projection.promised(signatures, signed)
+            sized = not amounts_of(effect)
+            found.append(Prospect(effect, values, promise, reached if sized else promise.explained))
     return found
 
 
@@ -253,11 +281,18 @@ def _columns_alone(
     return np.concatenate(parts, axis=1)
 
 
-def _with_room(point: Point, chain: Chain) -> Coefficients:
-    """The coefficients of a point, with none for what a longer chain adds."""
+def _with_room(point: Point, effect: Effect) -> tuple[Chain, Coefficients]:
+    """The chain of a point with an effect more, and its coefficients with none for that."""
+    chain = point.chain.with_effects((*point.chain.effects, effect))
     present = point.coefficients()
     by_name = dict(
         zip([(e, c.name) for e, c in point.chain.coefficients], present.added, strict=True)
     )
     added = [by_name.get((e, c.name), 0.0) for e, c in chain.coefficients]
-    return replace(present, added=np.asarray(added))
+    present = replace(present, added=np.asarray(added))
+    plane = chain.plane
+    if isinstance(effect, HysteresisEffect) and plane.levels > COARSE_LEVELS:
+        # Moved thresholds are followed one by one, and change the output alike on a coarser plane.
+        present = coarsened(plane, present, COARSE_LEVELS)
+        chain = replace(chain, plane=replace(plane, levels=COARSE_LEVELS))
+    return chain, present

@@ -9,21 +9,25 @@ import numpy as np
 
 from preisach_jax.confidence import Certainty, differs_from_nothing
 from preisach_jax.cores import on_all_cores
-from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, promised_evidence
 from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect
+from preisach_jax.effects.base import Effect
 from preisach_jax.fit import LEAST_PROMISE, Progress, with_effect
 from preisach_jax.identify import Point, Problem
 from preisach_jax.signature import Projection, Prospect, prospects
 
 Found = TypeVar("Found")
 
-LEADERS = 4
-"""Effects that are refitted jointly, those that promise most first."""
+LEADERS = 2
+"""Effects that are refitted jointly in any case, those that promise most."""
 
-LEADS = 0.5
-"""Share of the greatest promise with which an effect is refitted as well, however many are."""
+MOST_LEADERS = 5
+"""Effects that are refitted jointly at most."""
+
+LEADS = 3.0
+"""Times the held-out mean square that the best promise leaves which another may leave to be
+refitted as well: joint refits seldom change more."""
 
 
 def try_beside(
@@ -32,8 +36,7 @@ def try_beside(
     """Try each of some effects beside a model: screened, and refitted jointly if it leads.
 
     What an effect promises to first order costs a thousandth of a joint refit.  Those that promise
-    most are refitted and judged; those that move the input or the thresholds, and so mean all
-    states anew, come last: most of their forms need not be tried then.
+    most are refitted and judged.
 
     Arguments:
         problem: the record.
@@ -58,27 +61,20 @@ def try_beside(
             trials.append(found)
         else:
             promised[effect] = found
-    leading = _leading(promised)
+    leading = _leading(problem, point, promised)
     for effect, found in promised.items():
         if effect not in leading:
             trials.append(NotFitted.outshone(effect, step, _best(found).held_out))
-    moving = (InputEffect, HysteresisEffect)
-    begun = len(trials)
-    for late in (False, True):
-        group = [effect for effect in leading if isinstance(effect, moving) == late]
-        fitted = [t.point.validation_mean_square for t in trials if isinstance(t, Trial)]
-        to_beat = min(fitted, default=np.inf)
 
-        def refit(effect: Effect, to_beat: float = to_beat) -> Trial | NotFitted:
-            known = promised[effect]
-            return _guarded(
-                effect, step, lambda: _refitted(problem, point, effect, step, to_beat, known)
-            )
+    def refit(effect: Effect) -> Trial | NotFitted:
+        known = promised[effect]
+        return _guarded(effect, step, lambda: _refitted(problem, point, effect, step, known))
 
-        for effect, trial in zip(group, on_all_cores(refit, group), strict=True):
-            trials.append(trial)
-            share = (len(trials) - begun) / len(leading)
-            progress(f"tried {effect.name}", 0.5 + 0.5 * share)
+    for done, (effect, trial) in enumerate(
+        zip(leading, on_all_cores(refit, leading), strict=True), start=1
+    ):
+        trials.append(trial)
+        progress(f"tried {effect.name}", 0.5 + 0.5 * done / len(leading))
     return trials
 
 
@@ -110,19 +106,46 @@ def _promise(
     return found
 
 
+LEAST_HOPE = 0.5 * LEAST_GAIN
+"""Relative fall of the held-out mean square that an effect must promise to be refitted at all."""
+
+LEAST_HOPEFUL_Z = 1.0
+"""Standardised mean gain over the held-out blocks that it must promise."""
+
+FARTHEST_START = 2.0
+"""Times the residual's power that its best start may add: from farther away, its size lies beyond
+the bounds of its parameters."""
+
+
 def _best(found: Sequence[Prospect]) -> Prospect:
     return max(found, key=lambda prospect: prospect.held_out)
 
 
-def _leading(promised: dict[Effect, list[Prospect]]) -> list[Effect]:
-    """The effects to refit: those that promise most on the rows held out."""
+def _leading(
+    problem: Problem, point: Point, promised: dict[Effect, list[Prospect]]
+) -> list[Effect]:
+    """The effects to refit: those that promise most on the rows held out, and may keep it."""
     held_out = {effect: _best(found).held_out for effect, found in promised.items()}
     ranked = sorted(promised, key=lambda effect: -held_out[effect])
-    return [
-        effect
-        for position, effect in enumerate(ranked)
-        if position < LEADERS or held_out[effect] > LEADS * held_out[ranked[0]]
-    ]
+    leading: list[Effect] = []
+    for effect in ranked:
+        if len(leading) >= MOST_LEADERS or held_out[effect] < LEAST_HOPE:
+            break
+        if len(leading) >= LEADERS and not (
+            1 - held_out[effect] < LEADS * (1 - held_out[leading[0]])
+        ):
+            break
+        if _is_hopeful(problem, point, promised[effect]):
+            leading.append(effect)
+    return leading
+
+
+def _is_hopeful(problem: Problem, point: Point, found: Sequence[Prospect]) -> bool:
+    """Whether what an effect promises to first order could pass both tests."""
+    if max(prospect.reached for prospect in found) < -FARTHEST_START:
+        return False
+    evidence = promised_evidence(problem, point, _best(found))
+    return evidence.z >= LEAST_HOPEFUL_Z and evidence.delta_bic > 0
 
 
 def _refitted(
@@ -130,11 +153,10 @@ def _refitted(
     point: Point,
     effect: Effect,
     step: int,
-    to_beat: float,
     known: Sequence[Prospect],
 ) -> Trial:
     """An effect refitted jointly with the rest of the model, and what speaks for it."""
-    rich = with_effect(problem, point, effect, to_beat=to_beat, known=known)
+    rich = with_effect(problem, point, effect, known=known)
     evidence = compare(problem, point, rich)
     # What the locks refuse need not be asked how sure it is.
     certain = (

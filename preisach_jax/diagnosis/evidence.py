@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.signature import Prospect, amounts_of
 
 LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square below which nothing is named."""
@@ -128,14 +129,38 @@ def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
     Returns:
         The evidence; positive numbers speak for `rich`.
     """
-    before, after = residual_in_time(problem, simple), residual_in_time(problem, rich)
+    residuals = (residual_in_time(problem, simple), residual_in_time(problem, rich))
+    spent = free_parameters(rich) - free_parameters(simple)
+    gain = 1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square)
+    return _evidence(problem, *residuals, gain, spent)
+
+
+def promised_evidence(problem: Problem, simple: Point, prospect: Prospect) -> Evidence:
+    """Evidence for an effect beside a model as it is promised to first order.
+
+    Arguments:
+        problem: the record.
+        simple: the model.
+        prospect: the effect.
+
+    Returns:
+        The evidence; positive numbers speak for the effect.
+    """
+    before = residual_in_time(problem, simple)
+    after = prospect.promise.residual[problem.in_time]
+    spent = len(prospect.effect.parameters()) + len(amounts_of(prospect.effect))
+    return _evidence(problem, before, after, prospect.held_out, spent)
+
+
+def _evidence(
+    problem: Problem, before: np.ndarray, after: np.ndarray, gain: float, spent: int
+) -> Evidence:
     squares_before = block_mean_squares(problem, before)
     squares_after = block_mean_squares(problem, after)
     count = len(problem.target)
-    spent = free_parameters(rich) - free_parameters(simple)
     ratio = innovation_variance(before) / innovation_variance(after)
     return Evidence(
-        gain=1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square),
+        gain=gain,
         z=max(
             standardised(squares_before - squares_after),
             standardised(_log(squares_before) - _log(squares_after)),

@@ -121,7 +121,7 @@ class Exploration:
         """The record as it is cut for the search."""
         first = self.steps[0]
         if "problem" not in first._cache:
-            first._cache["problem"] = Problem.of(self.record, SEARCH_ROWS).reduced
+            first._cache["problem"] = Problem.of(self.record, SEARCH_ROWS).reduced()
         return first._cache["problem"]
 
     @property
@@ -194,7 +194,7 @@ class Exploration:
             progress(f"fitting {new.name}", 0.0)
             point = with_effect(self.problem, self.point, new, always=True)
             progress("fitting all rows", 0.6)
-            fit = on_all_rows(self.record, point)
+            fit = on_all_rows(self.record, self.problem, point)
         progress("done", 1.0)
         return Exploration(fit, tried, self, {"point": point})
 
@@ -340,7 +340,7 @@ def explore(
     with double_precision():
         record, problem, point = begun(record, checked_levels(levels))
         problem, point = in_reduced_basis(problem, point)
-        fit = on_all_rows(record, point)
+        fit = on_all_rows(record, problem, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})
 
 

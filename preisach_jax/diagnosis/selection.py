@@ -179,12 +179,12 @@ class _Search:
         self._refine_plane()
         self._show()
         while len(self.accepted) < MOST_EFFECTS:
-            if self._add_best():
-                self._check_backward()
-                self._show()
-            # A finer plane may bring out what the coarse one has hidden.
-            elif not self._refine_plane():
+            if not self._add_best():
                 break
+            self._check_backward()
+            # A finer plane may bring out what the coarse one has hidden.
+            self._refine_plane()
+            self._show()
         self._settle_families()
         self._give_up_what_explains_too_little()
         return self._conclude()
@@ -198,7 +198,7 @@ class _Search:
         """Let who watches see the present model, on all rows."""
         if self._watch is None:
             return
-        self._watch(on_all_rows(self.record, self.now), self._candidates())
+        self._watch(on_all_rows(self.record, self.problem, self.now), self._candidates())
 
     def _candidates(self) -> tuple[Candidate, ...]:
         return tuple(
@@ -291,7 +291,7 @@ class _Search:
     def _conclude(self) -> Diagnosis:
         self.progress("fitting all rows", 0.8)
         problem = Problem.of(self.record, FINAL_ROWS)
-        small = problem.reduced
+        small = problem.reduced(self.problem)
         fits = self._fits(problem, small)
         other = self.finer or on_a_coarser_plane(self.problem, self.now)
         discretisation = discretisation_rms(self.problem, self.now, other)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
@@ -279,7 +279,7 @@ class ThinnedSignals(Signals):
 ROUND_COLUMNS = 64
 """Unit of the number of columns that an effect of the output is compiled for."""
 
-MOST_COLUMNS = 384
+MOST_COLUMNS = 192
 """Columns to which an effect of the output is applied at once: more take memory and no less time
 each, fewer take more."""
 
@@ -332,16 +332,11 @@ def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, ti
 def _apply_to_columns(
     effect: OutputEffect, values: Values, matrix: np.ndarray, time: Array
 ) -> np.ndarray:
-    applied = np.empty_like(matrix)
-    for start in range(0, matrix.shape[1], MOST_COLUMNS):
-        chunk = matrix[:, start : start + MOST_COLUMNS]
-        count = chunk.shape[1]
-        # How many columns the initial memory takes differs from record to record.
-        if lacking := -count % ROUND_COLUMNS:
-            chunk = np.pad(chunk, ((0, 0), (0, lacking)))
-        done = _apply_to_padded(effect, values, chunk, time)
-        applied[:, start : start + MOST_COLUMNS] = np.asarray(done)[:, :count]
-    return applied
+    count = matrix.shape[1]
+    # How many columns the initial memory takes differs from record to record.
+    if lacking := -count % ROUND_COLUMNS:
+        matrix = np.pad(matrix, ((0, 0), (0, lacking)))
+    return np.asarray(_apply_to_padded(effect, values, matrix, time))[:, :count]
 
 
 @_compiled
@@ -924,25 +919,19 @@ def regressors(
     Returns:
         The columns, `(row, column)`.
     """
-    parts = [hysteresis.states, hysteresis.switched]
-    for effect in chain.at(WeightEffect):
-        gain = np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
-        parts = [part * gain[:, None] for part in parts]
-    if chain.at(OutputEffect):  # those of the first run are too few to be filtered alone
-        parts = [np.concatenate(parts, axis=1)]
-    for effect in chain.at(OutputEffect):
-        own = _arrays(values[effect.name])
-        parts = [_apply_to_columns(effect, own, part, signals.time) for part in parts]
-    parts.append(np.ones((len(signals.time), 1)))
     rows = np.arange(len(signals.time)) if rows is None else rows
-    of_hysteresis = sum(part.shape[1] for part in parts[:-1])
-    parts += columns_behind(chain, values, signals, rows, measured)
-    edges = np.cumsum([0, *(part.shape[1] for part in parts)])
-    matrix = np.empty((len(rows), edges[-1]), dtype=parts[0].dtype)
-    for first in range(0, len(rows), GATHERED_ROWS):
-        some = slice(first, first + GATHERED_ROWS)
-        for part, start, stop in zip(parts, edges[:-1], edges[1:], strict=True):
+    behind_it = [np.ones((len(signals.time), 1))]
+    behind_it += columns_behind(chain, values, signals, rows, measured)
+    of_hysteresis = hysteresis.states.shape[1] + hysteresis.switched.shape[1]
+    whole = of_hysteresis + sum(part.shape[1] for part in behind_it)
+    matrix = np.empty((len(rows), whole), dtype=hysteresis.states.dtype)
+    start = 0
+    for part in (*_behind_columns(chain, values, signals, hysteresis), *behind_it):
+        stop = start + part.shape[1]
+        for first in range(0, len(rows), GATHERED_ROWS):
+            some = slice(first, first + GATHERED_ROWS)
             matrix[some, start:stop] = part[rows[some]]
+        start = stop
     if chain.polarity < 0:
         matrix[:, :of_hysteresis] *= -1
     behind = chain.coefficients
@@ -951,9 +940,36 @@ def regressors(
     names = tuple(effect for effect, _ in behind)
     groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
     cells, sign = chain.plane.cells, chain.polarity
-    return Columns(
-        matrix, cells, groups, start, first_run, names, loose, sign, hysteresis.vectors
-    )
+    return Columns(matrix, cells, groups, start, first_run, names, loose, sign, hysteresis.vectors)
+
+
+def _behind_columns(
+    chain: Chain, values: EffectValues, signals: Signals, hysteresis: HysteresisColumns
+) -> Iterator[np.ndarray]:
+    """The columns of a hysteresis behind the effects of weights and output, some at a time."""
+    parts = (hysteresis.states, hysteresis.switched)
+    gains = [
+        np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
+        for effect in chain.at(WeightEffect)
+    ]
+    filters = chain.at(OutputEffect)
+    if not gains and not filters:
+        yield from parts
+        return
+    edge = parts[0].shape[1]
+    count = edge + parts[1].shape[1]
+    for first in range(0, count, MOST_COLUMNS):
+        stop = min(first + MOST_COLUMNS, count)
+        # Those of the first run are too few to be filtered alone.
+        chunk = np.concatenate(
+            [parts[0][:, first:stop], parts[1][:, max(first - edge, 0) : max(stop - edge, 0)]],
+            axis=1,
+        )
+        for gain in gains:
+            chunk *= gain[:, None]
+        for effect in filters:
+            chunk = _apply_to_columns(effect, _arrays(values[effect.name]), chunk, signals.time)
+        yield chunk
 
 
 def columns_behind(

@@ -114,7 +114,10 @@ def _influences(
     scores = np.stack(
         [
             np.concatenate(
-                [part[slices[b]].T @ residual[slices[b]] for part in (point.matrix, linear.tangents)]
+                [
+                    part[slices[b]].T @ residual[slices[b]]
+                    for part in (point.matrix, linear.tangents)
+                ]
             )
             for b in used.tolist()
         ]

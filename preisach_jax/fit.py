@@ -59,6 +59,13 @@ STARTS_REACH = 2.0
 """Times what the best start leaves of the residual's power that another one may leave to be refined
 as well."""
 
+FORMS_HOPE = 0.9
+"""Share of the held-out mean square that the most likely form of an effect must not leave for its
+other forms to be refined: the wrong form of what is there takes much more away."""
+
+FORMS_REACH = 2.0
+"""Times what the most likely form promises to leave which another may leave to be refined."""
+
 MOST_ROUNDS = 3
 """How often spikes are looked for: great ones hide smaller ones."""
 
@@ -86,7 +93,7 @@ class Fit:
         prediction: (time,) output of the same model identified on the identification rows alone.
         identification: (time,) rows that identified `prediction`.
         validation: (time,) rows held out: contiguous blocks spread over the record.
-        point: the numerical state, from which a larger model starts.
+        point: the numerical state, from which a larger model starts; possibly without regressors.
     """
 
     record: Record
@@ -361,24 +368,20 @@ def with_effect(
     forms = problem.forms_of(effect, point)
     promised = known or prospects(problem, point, Projection(problem, point), forms)
     starts = [[start for start in promised if start.effect is form] for form in forms]
-    if not always:
-        return _with_form(problem, point, _form_to_refine(starts, effect.form_pays))
-    trials = [_with_form(problem, point, own) for own in starts]
-    best = trials[0]
-    for trial in trials[1:]:
+    left = [1 - max(start.held_out for start in own) for own in starts]
+    likely = int(np.argmin(left))
+    tried = {likely: _with_form(problem, point, starts[likely])}
+    hope = FORMS_HOPE * point.validation_mean_square
+    if not always and tried[likely].validation_mean_square > hope:
+        return tried[likely]
+    for position, own in enumerate(starts):
+        if position != likely and (always or left[position] < FORMS_REACH * left[likely]):
+            tried[position] = _with_form(problem, point, own)
+    best, *others = [tried[position] for position in sorted(tried)]
+    for trial in others:
         if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
             best = trial
     return best
-
-
-def _form_to_refine(forms: list[list[Prospect]], pays: float) -> list[Prospect]:
-    """The starts of the simplest form, unless another promises to leave much less."""
-    least = [1 - max(start.held_out for start in own) for own in forms]
-    best = 0
-    for position in range(1, len(forms)):
-        if least[position] < pays * least[best]:
-            best = position
-    return forms[best]
 
 
 def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect]) -> Point:
@@ -458,7 +461,6 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     """
     point = with_signs(problem, point)
     whole = stepped(problem, with_all_rows(point))
-    point = stepped(problem, point)
     coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
@@ -483,6 +485,19 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     return Fit(record, model, prediction, record.measured & ~held_out, held_out, point)
 
 
+def with_regressors(problem: Problem, fit: Fit) -> Point:
+    """The point of a fit with its regressors, which are computed again where they were let go.
+
+    Arguments:
+        problem: the record as it was cut for the fit.
+        fit: the fit.
+    """
+    point = fit.point
+    if len(point.matrix):
+        return point
+    return evaluate(problem, point.chain, point.values, point.strength, point)
+
+
 def with_signs(problem: Problem, point: Point) -> Point:
     """A point of a reduced basis with all hysterons, whose weights have one sign.
 
@@ -493,7 +508,9 @@ def with_signs(problem: Problem, point: Point) -> Point:
     if point.columns.vectors is None:
         return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)
-    return with_strength(problem, there)
+    if point.chain.feeds_back:  # what is fed back now is that of weights of one sign
+        there = evaluate(problem, point.chain, point.values, point.strength, there)
+    return refine(problem, with_strength(problem, there), iterations=2)
 
 
 def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:

@@ -324,9 +324,7 @@ def weighted_states(
     return jax.lax.scan(advance, start, paths)[1]
 
 
-def _weighted_ramps(
-    plane: Plane, weights: jax.Array, memory: jax.Array, paths: Paths
-) -> jax.Array:
+def _weighted_ramps(plane: Plane, weights: jax.Array, memory: jax.Array, paths: Paths) -> jax.Array:
     """`weighted_states` of ramps: what thresholds of a row or a column reach is computed once."""
     cells = (plane.alpha_index, plane.beta_index)
     laid_out = jnp.zeros((2, plane.levels, plane.levels), weights.dtype)
@@ -337,9 +335,7 @@ def _weighted_ramps(
     )
     diagonal = jnp.eye(plane.levels, dtype=bool)
 
-    def advance(
-        states: jax.Array, now: tuple[jax.Array, ...]
-    ) -> tuple[jax.Array, jax.Array]:
+    def advance(states: jax.Array, now: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
         on_alpha, on_beta = now[0][None, :, None], now[1][None, None, :]
         states = jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
         if len(now) > 2:

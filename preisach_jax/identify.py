@@ -239,7 +239,9 @@ class Problem:
         found = point.coefficients()
         if self.reduces:  # what is fed back is found for weights of one sign
             sign = point.chain.polarity
-            weights, memory = (sign * np.maximum(sign * w, 0) for w in (found.weights, found.memory))
+            weights, memory = (
+                sign * np.maximum(sign * w, 0) for w in (found.weights, found.memory)
+            )
             found = replace(found, weights=weights, memory=memory)
         return np.asarray(hysteresis_output(point.chain, point.values, self.signals, found))
 
@@ -348,6 +350,17 @@ class Point:
         own = [len(self.solution) - len(names) + i for i, of in enumerate(names) if of == effect]
         return self.matrix[:, own] @ self.solution[own]
 
+    @property
+    def slim(self) -> Point:
+        """The same point without its regressors and products: what a larger model starts from."""
+        matrix = np.zeros((0, self.matrix.shape[1]))
+        columns = replace(self.columns, matrix=matrix)
+        none = np.zeros((0, 0, 0))
+        equations = replace(
+            self.equations, gram=none, prior=np.zeros((0, 0)), memory=np.zeros((0, 0))
+        )
+        return replace(self, matrix=matrix, columns=columns, equations=equations)
+
     def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
@@ -403,9 +416,7 @@ def evaluate(
 def _equations(problem: Problem, columns: Columns, basis: Basis | None) -> NormalEquations:
     """Normal equations of a chain's columns on all measured rows."""
     levels = round((np.sqrt(8 * columns.cells + 1) - 1) / 2)
-    asked = (
-        penalties(levels, columns.groups, columns.first_run) if basis is None else basis.asked
-    )
+    asked = penalties(levels, columns.groups, columns.first_run) if basis is None else basis.asked
     return normal_equations(
         columns.matrix, problem.goal, problem.fold, columns.nonnegative, asked, columns.loose
     )
@@ -465,6 +476,11 @@ class Linearised:
     scale: np.ndarray
     equations: NormalEquations
 
+    def objective(self, solution: np.ndarray, point: Point) -> float:
+        """Mean square plus penalty that coefficients of all columns promise."""
+        promised = self.equations.mean_square(solution, point.folds)
+        return promised + self.equations.penalty(solution, point.strength)
+
 
 def linearise(
     problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]
@@ -510,7 +526,7 @@ def linearise(
 def _joint_step(
     point: Point, parameters: list[tuple[str, Parameter]], linear: Linearised
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Newton step in search coordinates, and the coefficients that it promises."""
+    """Gauss-Newton step in search coordinates, and the coefficients of all columns after it."""
     gram, moment = linear.equations.system(point.folds, point.strength)
     guess = np.concatenate([point.solution > 0, np.ones(len(parameters), dtype=bool)])
     solution = solve_nonnegative(gram, moment, linear.equations.nonnegative, guess)
@@ -518,7 +534,7 @@ def _joint_step(
     for position, (effect, parameter) in enumerate(parameters):
         if parameter.is_amount:
             step[position] -= point.values[effect][parameter.name]
-    return step, solution[: len(point.solution)]
+    return step, solution
 
 
 def _moved(
@@ -550,8 +566,11 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
     if not parameters:
         return point
     for _ in range(iterations):
-        step, _ = _joint_step(point, parameters, linearise(problem, point, parameters))
+        linear = linearise(problem, point, parameters)
+        step, solution = _joint_step(point, parameters, linear)
         before = point.objective
+        if linear.objective(solution, point) > before * (1 - tolerance):
+            break
         for shrink in (1.0, 0.4, 0.1):
             values = _moved(point.values, parameters, shrink * step)
             trial = evaluate(problem, point.chain, values, point.strength, point, point.folds)
@@ -569,7 +588,8 @@ def stepped(problem: Problem, point: Point) -> Point:
     if not parameters:
         return point
     step, solution = _joint_step(point, parameters, linearise(problem, point, parameters))
-    return replace(point, values=_moved(point.values, parameters, step), solution=solution)
+    values = _moved(point.values, parameters, step)
+    return replace(point, values=values, solution=solution[: len(point.solution)])
 
 
 def starts_of(effect: Effect) -> list[dict[str, float]]:

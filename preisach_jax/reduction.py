@@ -109,9 +109,7 @@ def reduced_basis(
     return Basis(vectors[:cells], memory, first_run, asked)
 
 
-def _error(
-    equations: NormalEquations, folds: np.ndarray, held_out: int, strength: float
-) -> float:
+def _error(equations: NormalEquations, folds: np.ndarray, held_out: int, strength: float) -> float:
     """Mean square on the fold held out of what the others identify."""
     gram, moment = equations.system(folds, strength)
     solution = scipy.linalg.solve(gram, moment, assume_a="pos")

@@ -8,7 +8,7 @@ import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.diagnosis.limits import Limit, limits
-from preisach_jax.signature import Projection, promises
+from preisach_jax.signature import Projection, prospects
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -25,7 +25,7 @@ from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.regression import normal_equations
+from preisach_jax.regression import normal_equations, penalties
 
 LEVELS, COUNT, STEP = 7, 1500, 0.01
 TRIALS = 20
@@ -387,7 +387,7 @@ def promise_of(record, effect):
     problem, point = plain_point(record)
     projection = Projection(problem, point)
     bound = effect.bound_to(problem.survey_of(point))
-    return max(promises(problem, point, projection, bound))
+    return max(each.explained for each in prospects(problem, point, projection, [bound]))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -404,10 +404,41 @@ def test_the_share_explained_is_that_of_a_regression(x64, seed):
         return np.sum((target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]) ** 2)
 
     expected = 1 - power(np.concatenate([free, signatures[rows]], axis=1)) / power(free)
-    got = Projection(problem, point).explained(signatures * [1.0, 1e-9, 1e6])
-    assert got == pytest.approx(expected, rel=1e-3)
+    free_signs = np.zeros(3, dtype=bool)
+    projection = Projection(problem, point)
+    promise, _ = projection.promised(signatures * [1.0, 1e-9, 1e6], free_signs)
+    assert promise.explained == pytest.approx(expected, rel=1e-3)
     nothing = np.stack([np.zeros(COUNT), np.full(COUNT, np.nan), point.matrix[:, -1]], axis=1)
-    assert Projection(problem, point).explained(nothing) == pytest.approx(0.0, abs=1e-9)
+    promise, _ = projection.promised(nothing, free_signs)
+    assert promise.explained == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_cannot_change_its_sign_promises_nothing_with_the_other(x64):
+    problem, point = plain_point(hidden(noise=0.05))
+    projection = Projection(problem, point)
+    signature = projection.left(point.residual + 1e-4 * np.sin(np.arange(COUNT)))[:, None]
+    only_positive = np.ones(1, dtype=bool)
+    right, as_it_is = projection.promised(signature, only_positive)
+    wrong, _ = projection.promised(-signature, only_positive)
+    assert right.explained > 0.9
+    assert as_it_is > 0.9
+    assert wrong.explained == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_gain_promised_on_held_out_rows_is_that_of_a_regression(x64):
+    rng = np.random.default_rng(3)
+    problem, point = plain_point(hidden(noise=0.05, seed=3), strength=1e-12)
+    rows = np.isin(problem.fold, point.folds)
+    signature = rng.normal(size=(COUNT, 1)) + 3 * point.residual[:, None]
+    free = point.matrix[:, ~point.equations.nonnegative | (point.solution > 0)]
+    whole = np.concatenate([free, signature], axis=1)
+
+    def held_out(matrix):
+        solution = np.linalg.lstsq(matrix[rows], point.target[rows], rcond=None)[0]
+        return np.mean((point.target - matrix @ solution)[~rows] ** 2)
+
+    promise, _ = Projection(problem, point).promised(signature, np.zeros(1, dtype=bool))
+    assert promise.held_out == pytest.approx(1 - held_out(whole) / held_out(free), rel=1e-2)
 
 
 HIDDEN_EFFECTS = [

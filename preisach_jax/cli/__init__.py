@@ -9,7 +9,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from preisach_jax.cli.interruption import INTERRUPTED, MESSAGE, listen, stop_listening
+from preisach_jax.cli.interruption import (
+    INTERRUPTED,
+    MESSAGE,
+    leave,
+    listen,
+    stop_listening,
+)
 
 __all__ = ["main"]
 
@@ -41,4 +47,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stop_listening()
         sys.stderr.write(MESSAGE)
         code = INTERRUPTED
+    if is_process and code == INTERRUPTED:
+        leave(code)  # else the process would wait for the threads that compute
     return code

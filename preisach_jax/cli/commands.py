@@ -70,6 +70,7 @@ def common(
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
     "preisach diagnose stage.csv --json > found.json",
+    fits=True,
 )
 def diagnose(
     context: typer.Context,
@@ -114,6 +115,7 @@ def diagnose(
     "preisach fit stage.csv --out model.json",
     "preisach fit stage.csv --effects creep,delay --levels 25 --out model.json",
     "preisach fit loop.csv --rate 2000 --input u --output z --out model.json",
+    fits=True,
 )
 def fit(
     data: Data,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import threading
 from types import FrameType
@@ -14,6 +15,11 @@ INTERRUPTED = 130
 MESSAGE = "preisach: interrupted\n"
 
 _IMPORT = "<frozen importlib._bootstrap>"
+
+PATIENCE_S = 0.7
+"""Time for which an interruption waits for the interpreter, which compiled code may keep away."""
+
+_noticed = threading.Event()
 
 
 def listen() -> None:
@@ -27,6 +33,41 @@ def listen() -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _raise_again
+        _watch()
+
+
+def _watch() -> None:
+    """End the process where compiled code does not let the interpreter see an interruption.
+
+    Files are written as a whole or not at all, so that nothing is torn by it.
+    """
+    seen, told = socket.socketpair()
+    told.setblocking(False)
+    signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while number := seen.recv(1):
+            if number[0] == signal.SIGINT and not _noticed.wait(PATIENCE_S):
+                leave(INTERRUPTED)
+
+    threading.Thread(target=wait, daemon=True, name="interruption").start()
+    _kept.extend((seen, told))
+
+
+_kept: list[socket.socket] = []
+
+
+def leave(code: int) -> None:
+    """End the process at once, without waiting for threads that compute.
+
+    Arguments:
+        code: the exit code; for an interruption, its message is written first.
+    """
+    if not _noticed.is_set():
+        sys.stderr.write(MESSAGE)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def stop_listening() -> None:
@@ -37,6 +78,7 @@ def stop_listening() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     del number
+    _noticed.set()
     while frame is not None:
         if frame.f_code.co_filename == _IMPORT:
             sys.stdout.flush()

@@ -10,6 +10,11 @@ from typing import Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
+from preisach_jax.cli.compiled import kept_between_runs
+
+FIRST_RUN = (
+    "The first run on this machine compiles the program: this takes about half a minute more, once."
+)
 
 EXAMPLES = "examples"
 """Attribute of a command: lines for the end of its help."""
@@ -23,7 +28,9 @@ _Quiet = Annotated[
 _OPTIONS = {"as_json": _Json, "quiet": _Quiet}
 
 
-def command(*examples: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+def command(
+    *examples: str, fits: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., None]]:
     """Make a function a command.
 
     What the function returns is what `--json` shows: anything that JSON can hold once NumPy's
@@ -32,6 +39,7 @@ def command(*examples: str) -> Callable[[Callable[..., Any]], Callable[..., None
 
     Arguments:
         examples: command lines for the end of its help.
+        fits: whether it fits models, which compiles for a while on the first run.
 
     Returns:
         A decorator; the decorated function takes the shared options too.
@@ -57,7 +65,13 @@ def command(*examples: str) -> Callable[[Callable[..., Any]], Callable[..., None
 
             # Identification needs double precision, for the command alone: whoever calls `main`
             # from a program of their own keeps the precision that they have.
-            with screen.manner(as_json=as_json, quiet=quiet), jax.enable_x64(True):
+            with (
+                screen.manner(as_json=as_json, quiet=quiet),
+                jax.enable_x64(True),
+                kept_between_runs() as first,
+            ):
+                if first and fits:
+                    screen.note(FIRST_RUN)
                 content = function(*arguments, **named)
                 if content is not None:
                     screen.show_json(content)

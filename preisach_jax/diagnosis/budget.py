@@ -11,7 +11,7 @@ from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.fit import Fit, at_levels
+from preisach_jax.fit import Fit, at_levels, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
 
 MOST_LEVELS = 50
@@ -50,16 +50,17 @@ def error_budget(problem: Problem, fit: Fit, discretisation: float) -> Budget:
         fit: the fit.
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
     """
+    point = with_regressors(problem, fit)
     left = fit.rms_validation**2
     shares: list[float] = []
-    for rms in (noise_rms(problem, fit.point), discretisation, memory_rms(problem, fit.point)):
+    for rms in (noise_rms(problem, point), discretisation, memory_rms(problem, point)):
         share = min(rms**2, left)
         shares.append(float(np.sqrt(share)))
         left -= share
     noise, discretisation, memory = shares
     return Budget(
         noise=noise,
-        input_quantisation=input_quantisation_rms(problem, fit.point),
+        input_quantisation=input_quantisation_rms(problem, point),
         output_quantisation=output_quantisation_rms(problem),
         discretisation=discretisation,
         memory=memory,

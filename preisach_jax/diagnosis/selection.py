@@ -59,6 +59,9 @@ from preisach_jax.record import Record
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
 
+BEGINNING_WORK, ROUND_WORK, RUNG_WORK, CLOSING_WORK = 1.0, 4.0, 3.0, 3.0
+"""Typical seconds of the plain model, a round of all effects, a fit to all rows, and the rest."""
+
 MOST_EFFECTS = 4
 
 MOST_MISSED = 0.3
@@ -218,7 +221,7 @@ class _Search:
             finer = refined_levels(min(len(self.record), FINAL_ROWS), self.now.chain.plane.levels)
             if finer is None:
                 return refined
-            self.progress(f"trying a plane of {finer} levels", self._done(0.0))
+            self.progress(f"trying a plane of {finer} levels", self._done(len(self.accepted)))
             self.finer = at_levels(self.problem, self.now, finer)
             fall = 1 - self.finer.validation_mean_square / self.now.validation_mean_square
             if self.levels_are_given or not fall > REFINEMENT_PAYS:
@@ -227,9 +230,17 @@ class _Search:
             self.path = [*before, self.finer]
             refined = True
 
-    def _done(self, share: float) -> float:
-        """Share of the work done, from the share of the present round."""
-        return 0.8 * (len(self.accepted) + share) / (len(self.accepted) + 2)
+    def _done(self, rounds: float, rungs: float = 0.0, closing: float = 0.0) -> float:
+        """Share of the work done, if no further effect is found.
+
+        Arguments:
+            rounds: how often all effects have been tried.
+            rungs: how many models have been fitted to all rows.
+            closing: share of budget and limits that is done.
+        """
+        steps = len(self.accepted) + 1
+        done = BEGINNING_WORK + ROUND_WORK * rounds + RUNG_WORK * rungs + CLOSING_WORK * closing
+        return done / (BEGINNING_WORK + (ROUND_WORK + RUNG_WORK) * steps + CLOSING_WORK)
 
     def _add_best(self) -> bool:
         present = {effect.name for effect in self.now.chain.effects}
@@ -241,16 +252,20 @@ class _Search:
             if trial.step == len(self.accepted) and trial.hopeless
         }
         left = [effect for effect in left if effect.name not in hopeless]
-        self.progress(f"trying {len(left)} effects", self._done(0.0))
+        rounds = len(self.accepted)
+        self.progress(f"trying {len(left)} effects", self._done(rounds))
         trials = try_beside(
             self.problem,
             self.now,
             left,
             len(self.accepted),
-            lambda text, share: self.progress(text, self._done(share)),
+            lambda text, share: self.progress(text, self._done(rounds + 0.9 * share)),
         )
         trials, best, self.path[-1] = judged(
-            self.problem, self.now, trials, lambda text: self.progress(text, self._done(1.0))
+            self.problem,
+            self.now,
+            trials,
+            lambda text: self.progress(text, self._done(rounds + 0.9)),
         )
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
@@ -289,17 +304,17 @@ class _Search:
         return points
 
     def _conclude(self) -> Diagnosis:
-        self.progress("fitting all rows", 0.8)
         problem = Problem.of(self.record, FINAL_ROWS)
         small = problem.reduced(self.problem)
         fits = self._fits(problem, small)
         other = self.finer or on_a_coarser_plane(self.problem, self.now)
         discretisation = discretisation_rms(self.problem, self.now, other)
-        self.progress("measuring the error budget", 0.9)
+        rounds = len(self.accepted) + 1
+        self.progress("measuring the error budget", self._done(rounds, rounds))
         budget = error_budget(problem, fits[-1], discretisation)
         if self._give_up_the_lawless(budget):
             return self._conclude()
-        self.progress("limiting what was not found", 0.95)
+        self.progress("limiting what was not found", self._done(rounds, rounds, 0.3))
         spoken_of = {name for named in self.accepted for name in (named.name, *named.rivals)}
         absent = [effect for effect in self.tried if effect.name not in spoken_of]
         # What the grid of the plane adds must not pass for an effect: the finest plane is best.
@@ -353,8 +368,9 @@ class _Search:
         What one effect alone could not tell may show beside the others.  A rival that does better
         now takes the place.
         """
+        rounds = len(self.accepted) + 1
         for position, named in enumerate(self.accepted):
-            self.progress(f"asking what could stand in place of {named.name}", 0.8)
+            self.progress(f"asking what could stand in place of {named.name}", self._done(rounds))
             present = {effect.name for effect in self.now.chain.effects}
             rivals = {
                 name: self._in_place_of(named.name, name, point)
@@ -419,7 +435,12 @@ class _Search:
 
     def _fits(self, problem: Problem, small: Problem) -> list[Fit]:
         """The fit of each step; last effects that help too little on all rows are given up."""
-        fits = [finished(problem, moved_to(small, point), self.record) for point in self.path]
+        fits: list[Fit] = []
+        for position, point in enumerate(self.path):
+            self.progress("fitting all rows", self._done(len(self.path), position))
+            if fits:  # regressors of all rows are great: those of one model at a time are enough
+                fits[-1] = replace(fits[-1], point=fits[-1].point.slim)
+            fits.append(finished(problem, moved_to(small, point), self.record))
         # The first lock, on all rows.
         most = (1 - LEAST_GAIN) ** 0.5
         while len(fits) > 1 and not fits[-1].rms_validation <= most * fits[-2].rms_validation:

@@ -40,6 +40,7 @@ from preisach_jax.effects.base import (
     Signals,
     Survey,
 )
+from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.reduction import Basis, reduced_basis
 from preisach_jax.regression import (
@@ -53,6 +54,10 @@ from preisach_jax.regression import (
 
 BLOCKS = 96
 """Contiguous blocks of measured rows into which a record is cut."""
+
+WHOLE_CELLS = 400
+"""Cells up to which all hysterons are kept, with weights of one sign: they cost little more than a
+reduced basis, and tell an effect from the density better."""
 
 FOLDS = 4
 """Every fourth block is held out; the other three folds identify, and choose the prior."""
@@ -76,7 +81,8 @@ class Problem:
         rows: (row,) indices of the measured samples.
         block: (row,) block of each of them.
         fold: (row,) fold of each of them; the last one is held out.
-        reduces: whether models are solved for in a reduced basis, without signs.
+        reduces: whether models on planes of many cells are solved for in a reduced basis, without
+            signs.
     """
 
     record: Record
@@ -89,7 +95,7 @@ class Problem:
     cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
 
     def reduced(self, like: Problem | None = None) -> Problem:
-        """The same record, whose models are solved for in a reduced basis, without signs.
+        """The same record, whose models of many cells are solved for in a reduced basis.
 
         Arguments:
             like: another cut of the record, whose bases serve for this one too.
@@ -210,11 +216,15 @@ class Problem:
         course = drive(chain, values, self.signals, output)
         plain = drive(chain, values, self.signals) if chain.feeds_back else course
         columns = hysteresis_columns(chain, course, self.record.initial_memory, plain)
-        if self.reduces:
+        if self.reduces_on(chain.plane):
             columns = self.basis(chain, None if moving else columns).applied_to(columns)
         # Trials run at the same time: what another of them keeps here must not be taken.
         self.cache[slot] = (key, columns)
         return columns
+
+    def reduces_on(self, plane: Plane) -> bool:
+        """Whether models on a plane are solved for in a reduced basis: not if it has few cells."""
+        return self.reduces and plane.cells > WHOLE_CELLS
 
     def basis(self, chain: Chain, columns: HysteresisColumns | None = None) -> Basis:
         """Directions in which a record decides the density on a plane; found once.
@@ -237,7 +247,7 @@ class Problem:
     def hysteresis_output(self, point: Point) -> np.ndarray:
         """(time,) output of the Preisach operator of a point, in output units."""
         found = point.coefficients()
-        if self.reduces:  # what is fed back is found for weights of one sign
+        if self.reduces_on(point.chain.plane):  # what is fed back is found for weights of one sign
             sign = point.chain.polarity
             weights, memory = (
                 sign * np.maximum(sign * w, 0) for w in (found.weights, found.memory)
@@ -400,7 +410,7 @@ def evaluate(
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
-    equations = _equations(problem, columns, problem.basis(chain) if problem.reduces else None)
+    equations = _equations(problem, columns, problem.basis(chain) if problem.reduces_on(chain.plane) else None)
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution
     if like is not None and like.columns.vectors is not None and columns.vectors is None:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax import reduction
+from preisach_jax import identify, reduction
 from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive, hysteresis_output
 from preisach_jax.chain import hysteresis_columns as columns_along
 from preisach_jax.effects.input_lag import InputLag
@@ -32,6 +32,11 @@ def measured(noise=0.01, seed=0, memory="free"):
         output[k] = 0.4 * value + plays.sum() / 10
     output += noise * rng.normal(size=COUNT)
     return Record.from_arrays(time, drive_v, output, initial_memory=memory)
+
+
+@pytest.fixture(autouse=True)
+def small_planes_too(monkeypatch):
+    monkeypatch.setattr(identify, "WHOLE_CELLS", 0)
 
 
 @pytest.fixture
@@ -107,6 +112,13 @@ def test_what_moves_the_input_gets_its_own_columns(x64):
     expected = whole.states[problem.rows] @ point.columns.vectors[: whole.states.shape[1]]
     expected += whole.switched[problem.rows] @ point.columns.vectors[whole.states.shape[1] :]
     np.testing.assert_allclose(point.matrix[:, : point.columns.offset], expected, atol=1e-12)
+
+
+def test_few_cells_are_kept_whole(x64, monkeypatch):
+    monkeypatch.setattr(identify, "WHOLE_CELLS", PLANE.cells)
+    point = evaluate(Problem.of(measured()).reduced(), Chain(PLANE), {}, 1e-4)
+    assert point.columns.vectors is None
+    assert (point.solution[: PLANE.cells] >= 0).all()
 
 
 def test_a_record_of_one_value_of_output_does_no_harm(x64):

@@ -25,6 +25,7 @@ from preisach_jax.diagnosis.trial import (
     WITHOUT_A_LAW,
     Row,
     Trial,
+    accepted_rows,
     failures,
     given_up_rows,
     with_rival,
@@ -63,6 +64,13 @@ BEGINNING_WORK, ROUND_WORK, RUNG_WORK, CLOSING_WORK = 1.0, 4.0, 3.0, 3.0
 """Typical seconds of the plain model, a round of all effects, a fit to all rows, and the rest."""
 
 MOST_EFFECTS = 4
+
+GAIN_TO_LOOK_AHEAD = 0.2
+"""Relative fall of the held-out mean square from which on an effect that does not pass alone is
+tried beside a second one."""
+
+MOST_LOOKED_BEHIND = 2
+"""Effects beside which a second one is looked for."""
 
 MOST_MISSED = 0.3
 """RMS error of a final model, over the spread of the output, beyond which no effect is named."""
@@ -182,7 +190,7 @@ class _Search:
         self._refine_plane()
         self._show()
         while len(self.accepted) < MOST_EFFECTS:
-            if not self._add_best():
+            if not (self._add_best() or self._add_pair()):
                 break
             self._check_backward()
             # A finer plane may bring out what the coarse one has hidden.
@@ -283,6 +291,45 @@ class _Search:
         self.accepted.append(Named(best, rivals))
         self.path.append(best.point)
         return True
+
+    def _add_pair(self) -> bool:
+        """Look ahead by one effect where nothing passes alone but something promises much.
+
+        Of two effects of like size each leaves what the other does, so that neither gain is alike
+        over the blocks.  Both are added if each passes beside the other.
+        """
+        if len(self.accepted) + 2 > MOST_EFFECTS:
+            return False
+        step = len(self.accepted)
+        here = [trial for trial, _, _ in self.trials if isinstance(trial, Trial)]
+        promising = [t for t in here if t.step == step and t.evidence.gain >= GAIN_TO_LOOK_AHEAD]
+        promising.sort(key=lambda trial: trial.point.validation_mean_square)
+        for first in promising[:MOST_LOOKED_BEHIND]:
+            second = self._second_beside(first)
+            if second is None:
+                continue
+            without = without_effect(self.problem, second.point, first.effect.name)
+            evidence = compare(self.problem, without, second.point)
+            certain = differs_from_nothing(self.problem, second.point, first.effect.name)
+            beside = replace(first, point=second.point, evidence=evidence, certain=certain)
+            _, passed, _ = judged(self.problem, without, [beside], lambda text: None)
+            if passed is None:
+                continue
+            self.trials = accepted_rows(self.trials, [first.effect.name], step)
+            self.trials += [(second, True, second.effect.name)]
+            self.accepted += [Named(replace(beside, point=first.point), {}), Named(second, {})]
+            self.path += [first.point, second.point]
+            return True
+        return False
+
+    def _second_beside(self, first: Trial) -> Trial | None:
+        """The best effect that passes beside one that does not pass alone."""
+        present = {effect.name for effect in first.point.chain.effects}
+        left = [effect for effect in self.tried if effect.name not in present]
+        self.progress(f"looking beside {first.effect.name}", self._done(len(self.accepted) + 0.9))
+        trials = try_beside(self.problem, first.point, left, first.step + 1, in_silence)
+        _, second, _ = judged(self.problem, first.point, trials, lambda text: None)
+        return second
 
     def _check_backward(self) -> None:
         """Take out effects that those added after them have made superfluous."""

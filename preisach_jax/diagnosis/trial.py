@@ -155,6 +155,22 @@ def given_up_rows(rows: list[Row], given_up: list[Trial], objection: str) -> lis
     return after
 
 
+def accepted_rows(rows: list[Row], names: list[str], step: int) -> list[Row]:
+    """The trials after effects that did not pass alone were added with another.
+
+    Arguments:
+        rows: the trials.
+        names: of the effects.
+        step: at which they were tried.
+    """
+    after: list[Row] = []
+    for trial, accepted, better in rows:
+        here = trial.step == step
+        added = here and trial.effect.name in names
+        after.append((trial, accepted or added, names[0] if here else better))
+    return after
+
+
 def failures(rows: list[Row]) -> tuple[str, ...]:
     """One sentence an effect of a user's own that failed.
 

@@ -16,7 +16,7 @@ from preisach_jax import html
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates
 from preisach_jax.effects import resolve
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.errors import InputError
 from preisach_jax.identify import (
     VALIDATION,
@@ -60,8 +60,9 @@ STARTS_REACH = 2.0
 as well."""
 
 FORMS_HOPE = 0.9
-"""Share of the held-out mean square that the most likely form of an effect must not leave for its
-other forms to be refined: the wrong form of what is there takes much more away."""
+"""Share of the held-out mean square that the most likely form of an effect inside the hysteresis
+must not leave for its other forms to be refined: the wrong form of what is there takes much more
+away."""
 
 FORMS_REACH = 2.0
 """Times what the most likely form promises to leave which another may leave to be refined."""
@@ -371,11 +372,13 @@ def with_effect(
     left = [1 - max(start.held_out for start in own) for own in starts]
     likely = int(np.argmin(left))
     tried = {likely: _with_form(problem, point, starts[likely])}
+    # Forms of an effect inside the hysteresis look alike, and each means all states anew.
+    picks = isinstance(effect, HysteresisEffect) and not always
     hope = FORMS_HOPE * point.validation_mean_square
-    if not always and tried[likely].validation_mean_square > hope:
+    if picks and tried[likely].validation_mean_square > hope:
         return tried[likely]
     for position, own in enumerate(starts):
-        if position != likely and (always or left[position] < FORMS_REACH * left[likely]):
+        if position != likely and not (picks and left[position] > FORMS_REACH * left[likely]):
             tried[position] = _with_form(problem, point, own)
     best, *others = [tried[position] for position in sorted(tried)]
     for trial in others:
@@ -503,9 +506,9 @@ def with_signs(problem: Problem, point: Point) -> Point:
 
     Arguments:
         problem: the record, with all hysterons.
-        point: the refined point; returned as it is if it has all hysterons.
+        point: the refined point; returned as it is if it has all hysterons and rows.
     """
-    if point.columns.vectors is None:
+    if point.columns.vectors is None and len(point.matrix) == len(problem.target):
         return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)
     if point.chain.feeds_back:  # what is fed back now is that of weights of one sign

@@ -410,7 +410,8 @@ def evaluate(
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")
-    equations = _equations(problem, columns, problem.basis(chain) if problem.reduces_on(chain.plane) else None)
+    basis = problem.basis(chain) if problem.reduces_on(chain.plane) else None
+    equations = _equations(problem, columns, basis)
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
     guess = np.empty(0) if like is None else like.solution
     if like is not None and like.columns.vectors is not None and columns.vectors is None:
@@ -560,7 +561,7 @@ def _moved(
     return moved
 
 
-def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-3) -> Point:
+def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-4) -> Point:
     """Gauss-Newton on all nonlinear parameters, linear coefficients solved at every trial.
 
     Arguments:

@@ -226,12 +226,12 @@ def test_the_bundled_curves_age_or_drift_and_do_not_hum():
 
 
 def test_no_name_where_hysteresis_is_not_what_makes_the_output():
-    """The force of a damper goes with the speed, which at one rate looks like a delay."""
+    """The force of a damper goes with the speed, which at one rate looks like a lag."""
     rng = np.random.default_rng(5)
     t = np.arange(6000) / 250
     u = 5.0 * np.sin(2 * np.pi * 3 * t)
     force = np.gradient(u, t) * (1 + 2 * (np.floor(t / 3) % 2)) + rng.normal(size=len(t))
-    found = pj.diagnose(pj.Record.from_arrays(t, u, force), ["delay"])
+    found = pj.diagnose(pj.Record.from_arrays(t, u, force), ["output_lag"], levels=13)
     assert found.verdict == "unexplained"
     assert found.effects == ()
     (candidate,) = found.candidates

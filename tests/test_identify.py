@@ -29,15 +29,15 @@ from preisach_jax.identify import (
     evaluate,
     linearise,
     refine,
-    stepped,
     starts_of,
+    stepped,
     thinned_rows,
     with_all_rows,
     with_strength,
 )
-from preisach_jax.signature import Projection, prospects
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.signature import Projection, prospects
 
 
 @pytest.fixture(autouse=True)

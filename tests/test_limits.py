@@ -8,7 +8,6 @@ import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.diagnosis.limits import Limit, limits
-from preisach_jax.signature import Projection, prospects
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -26,6 +25,7 @@ from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.regression import normal_equations, penalties
+from preisach_jax.signature import Projection, prospects
 
 LEVELS, COUNT, STEP = 7, 1500, 0.01
 TRIALS = 20

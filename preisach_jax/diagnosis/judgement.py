@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import REFINEMENT, discretisation_rms
-from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.evidence import compare, free_parameters
 from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
 from preisach_jax.effects.base import HysteresisEffect, SensorEffect
 from preisach_jax.fit import at_levels
@@ -55,8 +55,21 @@ def alike(problem: Problem, best: Point, other: Point) -> bool:
 
 
 def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
-    """The best first; those that are sure of no single amount must beat the others clearly."""
+    """The best first; those that are sure of no single amount must beat the others clearly.
+
+    Of effects that the record cannot tell from the best one, the one of fewest parameters leads.
+    """
     by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
+    if by_error:
+        least = by_error[0]
+        spent = {id(trial): free_parameters(trial.point) for trial in by_error}
+        simpler = [
+            trial
+            for trial in by_error
+            if spent[id(trial)] < spent[id(least)] and alike(problem, least.point, trial.point)
+        ]
+        simpler.sort(key=lambda trial: spent[id(trial)])
+        by_error = [*simpler[:1], *(trial for trial in by_error if trial not in simpler[:1])]
     sure = [trial for trial in by_error if trial.certain.alone]
     others = [trial for trial in by_error if not trial.certain.alone]
     clear = [t for t in others if not (sure and alike(problem, t.point, sure[0].point))]

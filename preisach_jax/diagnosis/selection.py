@@ -306,7 +306,8 @@ class _Search:
         promising.sort(key=lambda trial: trial.point.validation_mean_square)
         for first in promising[:MOST_LOOKED_BEHIND]:
             second = self._second_beside(first)
-            if second is None:
+            # Forms without a law take up a part of whatever another one leaves.
+            if second is None or any(effect.lawless for effect in second.point.chain.effects):
                 continue
             without = without_effect(self.problem, second.point, first.effect.name)
             evidence = compare(self.problem, without, second.point)

@@ -889,7 +889,7 @@ def responses(
     others.pop(effect, None)
 
     def output(own: dict[str, Array]) -> Array:
-        moved: Mapping[str, Mapping[str, Any]] = {**values, effect: own}
+        moved = cast(EffectValues, {**values, effect: own})
         return behind_hysteresis(chain, moved, signals, hysteresis, coefficients, others)
 
     stacked = {name: jnp.asarray([own[name] for own in many], dtype=float) for name in many[0]}

@@ -149,7 +149,7 @@ def _first_of(equations: NormalEquations, size: int) -> NormalEquations:
 
 def _combined(equations: NormalEquations, vectors: np.ndarray) -> NormalEquations:
     """The equations of combinations of all columns but the last, which is the offset."""
-    size = vectors.shape[1]
+    size = int(vectors.shape[1])
     wide = np.zeros((len(vectors) + 1, size + 1))
     wide[:-1, :-1], wide[-1, -1] = vectors, 1.0
     return NormalEquations(

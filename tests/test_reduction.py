@@ -49,6 +49,7 @@ def test_all_vectors_together_are_least_squares_without_signs(x64, all_vectors, 
     problem = Problem.of(measured(memory=memory))
     full = evaluate(problem, Chain(PLANE), {}, 1e-4)
     small = evaluate(problem.reduced(), Chain(PLANE), {}, 1e-4)
+    assert small.columns.vectors is not None
     assert small.columns.vectors.shape == (full.columns.offset,) * 2
     gram, moment = full.equations.system(full.folds, 1e-4)
     plain = np.linalg.solve(gram, moment)
@@ -64,6 +65,7 @@ def test_vectors_are_sorted_by_the_share_that_the_data_decide(x64, all_vectors):
     basis = problem.reduced().basis(Chain(PLANE))
     rows = np.isin(problem.fold, full.folds)
     vectors = basis.applied_to(problem.hysteresis(Chain(PLANE), {})).vectors
+    assert vectors is not None
     seen = full.matrix[rows][:, : full.columns.offset] @ vectors
     power = np.sum((seen - seen.mean(axis=0)) ** 2, axis=0)
     asked = reduction.FIRST_STRENGTH * basis.asked[0] + reduction.MEMORY_STRENGTH * basis.asked[1]
@@ -77,6 +79,7 @@ def test_few_vectors_predict_held_out_rows_as_all_do(x64):
     chain = Chain(Plane(20, 0.0, 10.0))
     full = evaluate(problem, chain, {}, 1e-4)
     small = evaluate(problem.reduced(), chain, {}, 1e-4)
+    assert small.columns.vectors is not None
     assert 2 * small.columns.vectors.shape[1] < full.columns.offset + 50
     assert small.validation_mean_square < 1.1 * full.validation_mean_square
 
@@ -109,8 +112,10 @@ def test_what_moves_the_input_gets_its_own_columns(x64):
     values = {"input_lag": {"tau_s": 0.3}}
     point = evaluate(small, chain, values, 1e-4)
     whole = columns_along(chain, drive(chain, values, problem.signals), "free")
-    expected = whole.states[problem.rows] @ point.columns.vectors[: whole.states.shape[1]]
-    expected += whole.switched[problem.rows] @ point.columns.vectors[whole.states.shape[1] :]
+    vectors = point.columns.vectors
+    assert vectors is not None
+    expected = whole.states[problem.rows] @ vectors[: whole.states.shape[1]]
+    expected += whole.switched[problem.rows] @ vectors[whole.states.shape[1] :]
     np.testing.assert_allclose(point.matrix[:, : point.columns.offset], expected, atol=1e-12)
 
 

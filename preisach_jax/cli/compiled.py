@@ -44,9 +44,6 @@ def kept_between_runs() -> Generator[bool]:
     import jax
 
     place = folder()
-    if jax.config.jax_compilation_cache_dir or not _made(place):
-        yield False
-        return
     wanted = {
         "jax_compilation_cache_dir": str(place),
         "jax_compilation_cache_max_size": MOST_BYTES,
@@ -54,6 +51,9 @@ def kept_between_runs() -> Generator[bool]:
         "jax_persistent_cache_min_entry_size_bytes": -1,
     }
     before = {name: getattr(jax.config, name) for name in wanted}
+    if before["jax_compilation_cache_dir"] or not _made(place):
+        yield False
+        return
     first = not any(place.iterdir())
     for name, value in wanted.items():
         jax.config.update(name, value)

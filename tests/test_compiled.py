@@ -1,0 +1,84 @@
+"""Compiled code is kept between runs of the command line, where nothing else was asked for."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from preisach_jax.cli import compiled
+from preisach_jax.cli.compiled import folder, kept_between_runs
+
+
+def asked_for():
+    return getattr(jax.config, "jax_compilation_cache_dir")  # noqa: B009 - it is not declared
+
+
+@pytest.fixture
+def nothing_asked(monkeypatch, tmp_path):
+    """As for a user: no cache is configured, and the user's folder is empty."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    before = asked_for()
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_the_first_run_is_told_from_the_next_and_nothing_stays_configured(nothing_asked):
+    with kept_between_runs() as first:
+        assert first
+        assert asked_for() == str(folder())
+        (folder() / "compiled").touch()
+    with kept_between_runs() as first:
+        assert not first
+    assert asked_for() is None
+
+
+def test_a_folder_that_was_asked_for_is_left_alone(nothing_asked):
+    asked = str(nothing_asked / "mine")
+    jax.config.update("jax_compilation_cache_dir", asked)
+    with kept_between_runs() as first:
+        assert not first
+        assert asked_for() == asked
+    assert not folder().exists()
+
+
+def test_where_nothing_can_be_written_nothing_is_kept(nothing_asked, monkeypatch):
+    monkeypatch.setattr(compiled, "_user_cache", lambda: nothing_asked / "file" / "below")
+    (nothing_asked / "file").touch()
+    with kept_between_runs() as first:
+        assert not first
+        assert float(jnp.add(1.0, 1.0)) == 2.0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interruption_ends_what_the_interpreter_cannot():
+    """A single call that takes minutes, as compiled code may."""
+    code = (
+        "from preisach_jax.cli.interruption import listen\n"
+        "import hashlib\n"
+        "listen()\n"
+        "print('ready', flush=True)\n"
+        "hashlib.pbkdf2_hmac('sha256', b'word', b'salt', 200_000_000)\n"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "JAX_PLATFORMS": "cpu"},
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(0.2)
+    child.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    _, told = child.communicate(timeout=30)
+    waited = time.monotonic() - start
+    assert child.returncode == 130
+    assert told == "preisach: interrupted\n"
+    assert waited < 6.0

@@ -354,7 +354,12 @@ def test_an_interruption_that_a_callback_swallows_comes_again(tmp_path):
         "    print('noticed')\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        timeout=40,  # shorter than the wait that it must end
     )
     assert done.stdout == "noticed\n"
     assert done.stderr == ""

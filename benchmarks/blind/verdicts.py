@@ -4,9 +4,9 @@
     python benchmarks/blind/verdicts.py --out after            # with the code as it is
     python benchmarks/blind/verdicts.py --out after --against before
 
-The set holds 118 short records on a plane of 13 levels: 40 with nothing hidden, three of each effect
-alone, pairs and triples; so that a change can be judged within an hour.  It can be interrupted and
-goes on.  The comparison is printed, and lists every case whose names or verdict differ.
+The set holds some 120 short records on a plane of 13 levels: 40 with nothing hidden, three of each
+effect alone, pairs and triples; so that a change can be judged within an hour.  It can be
+interrupted and goes on.  The comparison is printed, and lists every case that differs.
 """
 
 from __future__ import annotations

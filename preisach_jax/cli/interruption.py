@@ -92,8 +92,16 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
     if unraisable.exc_type is KeyboardInterrupt:
         # Not here: this is still inside the callback.
-        again = threading.Timer(0.01, signal.raise_signal, [signal.SIGINT])
+        again = threading.Timer(0.01, _signal_main_thread)
         again.daemon = True
         again.start()
     else:
         sys.__unraisablehook__(unraisable)
+
+
+def _signal_main_thread() -> None:
+    main = threading.main_thread().ident
+    if main is not None and hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main, signal.SIGINT)  # ends a wait, too, in which it may be
+    else:
+        signal.raise_signal(signal.SIGINT)

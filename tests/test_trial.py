@@ -4,7 +4,15 @@ from typing import Any, cast
 
 from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis.evidence import Evidence
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, failures, given_up_rows, with_rival
+from preisach_jax.diagnosis.trial import (
+    NotFitted,
+    Row,
+    Trial,
+    accepted_rows,
+    failures,
+    given_up_rows,
+    with_rival,
+)
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -50,6 +58,26 @@ def test_a_rival_takes_the_place_in_the_table():
         ("input_lag", 0): (False, 0.5, "creep does more"),
         ("creep", 1): (False, 0.1, "hum does more"),
     }
+
+
+def test_effects_that_pass_beside_each_other_are_both_added():
+    weak = Evidence(0.5, 1.5, 24, 99.0)
+    first = Trial(Drift(), 0, cast(Any, Point()), weak, Certainty(alone=True, together=True))
+    rows: list[Row] = [(first, False, ""), (trial(Creep(), 0), False, "")]
+    after = accepted_rows(rows, ["drift"], 0)
+    assert told(after) == {
+        ("drift", 0): (True, 0.5, ""),
+        ("creep", 0): (False, 0.5, "drift does more"),
+    }
+
+
+def test_what_is_passed_over_says_what_it_promised():
+    def reason(gain):
+        return NotFitted.passed_over(Drift(), 0, gain, 0.025).candidate(1.0, False, "").why_not
+
+    assert reason(-0.3) == "not fitted: it does not promise to lower the held-out error"
+    assert reason(0.011).endswith("lower the held-out mean square by 1.1 % only")
+    assert reason(0.3).endswith("mean square by 30.0 %, others more or more surely")
 
 
 def test_what_is_given_up_says_why():

@@ -64,7 +64,8 @@ def try_beside(
     leading = _leading(problem, point, promised)
     for effect, found in promised.items():
         if effect not in leading:
-            trials.append(NotFitted.outshone(effect, step, _best(found).held_out))
+            promise_held_out = _best(found).held_out
+            trials.append(NotFitted.passed_over(effect, step, promise_held_out, LEAST_HOPE))
 
     def refit(effect: Effect) -> Trial | NotFitted:
         known = promised[effect]

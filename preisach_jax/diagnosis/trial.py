@@ -104,21 +104,29 @@ class NotFitted:
     @staticmethod
     def screened(effect: Effect, step: int, promise: float) -> NotFitted:
         """An effect whose signature explains too small a share of the residual's power."""
+        explained = 100 * max(promise, 0.0)
         reason = (
-            f"not fitted: its signature explains {100 * promise:.1f} % of what is left, less "
+            f"not fitted: its signature explains {explained:.1f} % of what is left, less "
             f"than {100 * LEAST_PROMISE:.0f} %"
         )
         return NotFitted(effect, step, reason, hopeless=False, evidence={"promise": promise})
 
     @staticmethod
-    def outshone(effect: Effect, step: int, gain: float) -> NotFitted:
-        """An effect that promises much less than others do."""
-        reason = (
-            f"not fitted: to first order it lowers the held-out mean square by {100 * gain:.1f} %, "
-            "and others by much more"
-            if gain > 0
-            else "not fitted: to first order it does not lower the held-out error"
-        )
+    def passed_over(effect: Effect, step: int, gain: float, enough: float) -> NotFitted:
+        """An effect that promises too little, or less than others, or what fails the tests.
+
+        Arguments:
+            effect, step: the effect, and how many the model has.
+            gain: relative fall of the held-out mean square that it promises to first order.
+            enough: the fall from which on it would have been fitted, had none promised more.
+        """
+        promised = f"it promises to lower the held-out mean square by {100 * gain:.1f} %"
+        if not gain > 0:
+            reason = "not fitted: it does not promise to lower the held-out error"
+        elif gain < enough:
+            reason = f"not fitted: {promised} only"
+        else:
+            reason = f"not fitted: {promised}, others more or more surely"
         return NotFitted(
             effect, step, reason, hopeless=False, evidence={"promise": gain}, gain=gain
         )

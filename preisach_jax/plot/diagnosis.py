@@ -367,7 +367,7 @@ def candidates(found: Diagnosis) -> Figure:
         The figure.
     """
     tried = sorted(found.candidates, key=lambda c: (c.step, not c.accepted, -c.gain))
-    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 76)) for c in tried]
+    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 70)) for c in tried]
     places: list[float] = []
     headings: list[tuple[float, int]] = []
     place = 0.0

@@ -138,7 +138,7 @@ def _has_wrong_name(one: dict[str, Any]) -> bool:
 
 def main() -> None:
     """Judge what has no result yet, and compare if that is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--against", type=Path, help="results of another state, to compare with")
     parser.add_argument("--workers", type=int, default=1)

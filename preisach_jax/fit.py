@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import numpy as np
+import scipy.linalg  # noqa: F401: only the threads of a library that is loaded can be limited
 from threadpoolctl import threadpool_limits
 
 from preisach_jax import html
@@ -76,6 +77,10 @@ as it is high, leaves less."""
 
 SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
+
+FINAL_TOLERANCE = 1e-3
+"""Relative fall of the objective below which parameters are not refined further on all rows: one step
+without new regressors follows (`finished`)."""
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
@@ -421,7 +426,7 @@ def moved_to(problem: Problem, point: Point) -> Point:
     if not point.chain.effects:
         return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)
-    moved = refine(problem, with_strength(problem, there), iterations=3)
+    moved = refine(problem, with_strength(problem, there), iterations=3, tolerance=FINAL_TOLERANCE)
     thinned = len(point.target) < len(problem.target)
     for effect in point.chain.effects:
         if not (thinned and effect.found_in_residual):
@@ -513,7 +518,7 @@ def with_signs(problem: Problem, point: Point) -> Point:
     there = evaluate(problem, point.chain, point.values, point.strength, point)
     if point.chain.feeds_back:  # what is fed back now is that of weights of one sign
         there = evaluate(problem, point.chain, point.values, point.strength, there)
-    return refine(problem, with_strength(problem, there), iterations=2)
+    return refine(problem, with_strength(problem, there), 2, FINAL_TOLERANCE)
 
 
 def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:

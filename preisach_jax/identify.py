@@ -451,7 +451,8 @@ def with_strength(problem: Problem, point: Point) -> Point:
     choose alone; so its blocks count one by one there.
     """
     by_block = None if point.columns.vectors is None else _log_error_by_block(problem, point)
-    strength = choose_strength(point.equations, IDENTIFICATION, point.strength, by_block)
+    equations, now = point.equations, point.strength
+    strength = choose_strength(equations, IDENTIFICATION, now, by_block, point.solution)
     return _solved(replace(point, strength=strength))
 
 

@@ -316,6 +316,7 @@ def choose_strength(
     folds: np.ndarray,
     start: float,
     log_error: Callable[[np.ndarray, int], float] | None = None,
+    guess: np.ndarray | None = None,
 ) -> float:
     """Strength of the smoothness prior with the least cross-validated error over some folds.
 
@@ -330,6 +331,7 @@ def choose_strength(
         folds: indices of the folds to use, two or more.
         start: strength to start from, one of `STRENGTHS`.
         log_error: logarithm of the error of a solution on a fold; by default of its mean square.
+        guess: (column,) a solution near by, from which it is guessed which coefficients are zero.
 
     Returns:
         The best strength.
@@ -340,7 +342,8 @@ def choose_strength(
         return float(np.log(max(mean_square, np.finfo(float).tiny)))
 
     log_error = log_error or log_mean_square
-    passive: dict[int, np.ndarray | None] = {int(k): None for k in folds}
+    known = None if guess is None else guess > 0
+    passive: dict[int, np.ndarray | None] = {int(k): known for k in folds}
     errors: dict[int, float] = {}
 
     def error(position: int) -> float:

@@ -77,3 +77,25 @@ def test_one_thread_and_many_give_the_same_to_rounding(plain):
     verdict, effects, fits = json.loads(done.stdout)
     assert (verdict, tuple(effects)) == (plain.verdict, plain.effects)
     np.testing.assert_allclose(fits, [rung.fit_percent for rung in plain.ladder], rtol=1e-7)
+
+
+POOLS = """
+from threadpoolctl import threadpool_info
+from preisach_jax.fit import double_precision
+
+with double_precision():
+    import scipy.linalg
+
+    pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+    print(*(pool["num_threads"] for pool in pools))
+"""
+
+
+def test_all_linear_algebra_of_a_fit_has_one_thread():
+    # In a process of its own: here other tests have loaded all libraries long ago.
+    environment = {key: value for key, value in os.environ.items() if "NUM_THREADS" not in key}
+    done = subprocess.run(
+        [sys.executable, "-c", POOLS], capture_output=True, text=True, env=environment, check=True
+    )
+    threads = done.stdout.split()
+    assert threads and set(threads) == {"1"}

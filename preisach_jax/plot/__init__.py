@@ -16,7 +16,18 @@ from preisach_jax.plot.diagnosis import (
     worst_stretch,
 )
 from preisach_jax.plot.forc import forc_diagram
-from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, pdf, png, svg
+from preisach_jax.plot.style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    HELD_OUT,
+    MEASURED,
+    REFUSED,
+    laid_out,
+    pdf,
+    png,
+    svg,
+)
 
 __all__ = [
     "AFTER",
@@ -32,6 +43,7 @@ __all__ = [
     "colour",
     "density",
     "forc_diagram",
+    "laid_out",
     "loop",
     "measured_and_model",
     "overview",

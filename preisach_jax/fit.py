@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import numpy as np
-import scipy.linalg  # noqa: F401: only the threads of a library that is loaded can be limited
+import scipy.linalg  # noqa: F401 (the threads of a library can be limited once it is loaded)
 from threadpoolctl import threadpool_limits
 
 from preisach_jax import html
@@ -79,8 +79,8 @@ SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
 
 FINAL_TOLERANCE = 1e-3
-"""Relative fall of the objective below which parameters are not refined further on all rows: one step
-without new regressors follows (`finished`)."""
+"""Relative fall of the objective below which parameters are not refined further on all rows: one
+step without new regressors follows (`finished`)."""
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""

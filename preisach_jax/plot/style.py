@@ -43,7 +43,7 @@ STYLE: dict[Any, Any] = {
 def laid_out(figure: Figure) -> Figure:
     """A figure whose layout is found now and kept.
 
-    Matplotlib finds the layout anew, and draws once in vain, for each file that a figure is saved to.
+    Matplotlib finds the layout anew, and draws once in vain, for each file that it saves.
     """
     engine = figure.get_layout_engine()
     if engine is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar, cast
@@ -15,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
 from preisach_jax.branches import output_along_branches
+from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -542,6 +544,14 @@ class HysteresisColumns:
     first_run: np.ndarray
     vectors: np.ndarray | None = None
 
+    def some(self, first: int) -> np.ndarray:
+        """Up to `MOST_COLUMNS` columns from a first one on; those of the first run come last."""
+        edge, last = self.states.shape[1], first + MOST_COLUMNS
+        if last <= edge:
+            return self.states[:, first:last]
+        beyond = self.switched[:, max(first - edge, 0) : last - edge]
+        return np.concatenate([self.states[:, first:], beyond], axis=1)
+
     def combined(self, vectors: np.ndarray) -> HysteresisColumns:
         """Combinations, `(column, vector)`, in place of the columns."""
         plane = self.states.shape[1]
@@ -925,13 +935,24 @@ def regressors(
     of_hysteresis = hysteresis.states.shape[1] + hysteresis.switched.shape[1]
     whole = of_hysteresis + sum(part.shape[1] for part in behind_it)
     matrix = np.empty((len(rows), whole), dtype=hysteresis.states.dtype)
-    start = 0
-    for part in (*_behind_columns(chain, values, signals, hysteresis), *behind_it):
+
+    def place(start: int, part: np.ndarray) -> None:
         stop = start + part.shape[1]
         for first in range(0, len(rows), GATHERED_ROWS):
             some = slice(first, first + GATHERED_ROWS)
             matrix[some, start:stop] = part[rows[some]]
-        start = stop
+
+    behind = _behind(chain, values, signals)
+    if behind is None:
+        place(0, hysteresis.states)
+        place(hysteresis.states.shape[1], hysteresis.switched)
+    else:
+        starts = range(0, of_hysteresis, MOST_COLUMNS)
+        deque(on_all_cores(lambda at: place(at, behind(hysteresis.some(at))), starts), maxlen=0)
+    start = of_hysteresis
+    for part in behind_it:
+        place(start, part)
+        start += part.shape[1]
     if chain.polarity < 0:
         matrix[:, :of_hysteresis] *= -1
     behind = chain.coefficients
@@ -943,33 +964,27 @@ def regressors(
     return Columns(matrix, cells, groups, start, first_run, names, loose, sign, hysteresis.vectors)
 
 
-def _behind_columns(
-    chain: Chain, values: EffectValues, signals: Signals, hysteresis: HysteresisColumns
-) -> Iterator[np.ndarray]:
-    """The columns of a hysteresis behind the effects of weights and output, some at a time."""
-    parts = (hysteresis.states, hysteresis.switched)
+def _behind(
+    chain: Chain, values: EffectValues, signals: Signals
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """What the effects of weights and output make of some columns; None if there are none."""
     gains = [
         np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
         for effect in chain.at(WeightEffect)
     ]
     filters = chain.at(OutputEffect)
     if not gains and not filters:
-        yield from parts
-        return
-    edge = parts[0].shape[1]
-    count = edge + parts[1].shape[1]
-    for first in range(0, count, MOST_COLUMNS):
-        stop = min(first + MOST_COLUMNS, count)
-        # Those of the first run are too few to be filtered alone.
-        chunk = np.concatenate(
-            [parts[0][:, first:stop], parts[1][:, max(first - edge, 0) : max(stop - edge, 0)]],
-            axis=1,
-        )
+        return None
+
+    def behind(columns: np.ndarray) -> np.ndarray:
         for gain in gains:
-            chunk *= gain[:, None]
+            columns = columns * gain[:, None]
         for effect in filters:
-            chunk = _apply_to_columns(effect, _arrays(values[effect.name]), chunk, signals.time)
-        yield chunk
+            own = _arrays(values[effect.name])
+            columns = _apply_to_columns(effect, own, columns, signals.time)
+        return columns
+
+    return behind
 
 
 def columns_behind(

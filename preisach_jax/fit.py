@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import numpy as np
-import scipy.linalg  # noqa: F401 (the threads of a library can be limited once it is loaded)
 from threadpoolctl import threadpool_limits
 
 from preisach_jax import html

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
+
+# At once, not with its first use: only the threads of a library that is loaded can be limited.
+importlib.import_module("scipy.linalg")
 
 STRENGTHS = tuple(10.0**exponent for exponent in range(-8, 1))
 """Strengths of the smoothness prior among which the data choose, per sample."""

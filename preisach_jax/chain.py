@@ -942,13 +942,13 @@ def regressors(
             some = slice(first, first + GATHERED_ROWS)
             matrix[some, start:stop] = part[rows[some]]
 
-    behind = _behind(chain, values, signals)
-    if behind is None:
+    through = _behind(chain, values, signals)
+    if through is None:
         place(0, hysteresis.states)
         place(hysteresis.states.shape[1], hysteresis.switched)
     else:
         starts = range(0, of_hysteresis, MOST_COLUMNS)
-        deque(on_all_cores(lambda at: place(at, behind(hysteresis.some(at))), starts), maxlen=0)
+        deque(on_all_cores(lambda at: place(at, through(hysteresis.some(at))), starts), maxlen=0)
     start = of_hysteresis
     for part in behind_it:
         place(start, part)

@@ -10,6 +10,7 @@ import numpy as np
 from preisach_jax.confidence import Certainty, differs_from_nothing
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, promised_evidence
+from preisach_jax.diagnosis.tellable import untellable
 from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
@@ -19,7 +20,7 @@ from preisach_jax.signature import Projection, Prospect, prospects
 
 Found = TypeVar("Found")
 
-LEADERS = 2
+LEADERS = 3
 """Effects that are refitted jointly in any case, those that promise most."""
 
 MOST_LEADERS = 5
@@ -97,6 +98,8 @@ def _promise(
     problem: Problem, point: Point, effect: Effect, step: int, projection: Projection
 ) -> list[Prospect] | NotFitted:
     """What all forms and starts of an effect promise, or why it is left."""
+    if reason := untellable(problem, effect):
+        return NotFitted(effect, step, reason)
     if isinstance(effect, Auxiliary) and np.ptp(problem.record.aux[effect.column]) == 0:
         value = problem.record.aux[effect.column][0]
         return NotFitted(effect, step, f"the column is constant ({value:g}): nothing can be seen")

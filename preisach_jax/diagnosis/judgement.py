@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import REFINEMENT, discretisation_rms
 from preisach_jax.diagnosis.evidence import compare, free_parameters
+from preisach_jax.diagnosis.tellable import implausible
 from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
 from preisach_jax.effects.base import HysteresisEffect, SensorEffect
 from preisach_jax.fit import at_levels
@@ -79,10 +80,12 @@ def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
 def _objection(
     problem: Problem, now: Point, trial: Trial, announce: Callable[[str], None]
 ) -> tuple[str, Point]:
-    """What speaks against a weak effect that opens both locks, and the model to go on from.
+    """What speaks against an effect that opens both locks, and the model to go on from.
 
     If it is the strength of the prior alone that helps, the present model takes it over.
     """
+    if contradiction := implausible(problem, trial.point, trial.effect.name):
+        return contradiction, now
     if trial.evidence.gain >= WEAK:
         return "", now
     plain = _with_the_prior_of(problem, now, trial.point)

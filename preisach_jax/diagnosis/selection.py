@@ -19,6 +19,7 @@ from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import alike, judged
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
+from preisach_jax.diagnosis.tellable import notes as untellable_notes
 from preisach_jax.diagnosis.trial import (
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
@@ -389,7 +390,11 @@ class _Search:
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
             located="" if budget.is_met else located(self.record, fits[-1]),
-            notes=(*notes_on(self.record, model), *failures(self.trials)),
+            notes=(
+                *notes_on(self.record, model),
+                *untellable_notes(problem, self.tried),
+                *failures(self.trials),
+            ),
             steps=tuple(fits),
         )
 

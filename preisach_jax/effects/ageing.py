@@ -6,7 +6,15 @@ from typing import ClassVar
 
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, Signals, Survey, Values, WeightEffect, log_grid
+from preisach_jax.effects.base import (
+    CYCLES,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    WeightEffect,
+    log_grid,
+)
 from preisach_jax.effects.drift import settling
 
 
@@ -33,6 +41,7 @@ class Ageing(WeightEffect):
         "residual in proportion to the output, of a sign that changes from early to late"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("drift", "creep")
+    needs: ClassVar[tuple[str, ...]] = (CYCLES,)
     experiment: ClassVar[str] = (
         "the same reference loop over the full range at the start and at the end: ageing changes "
         "its height, drift its place"
@@ -51,6 +60,7 @@ class Ageing(WeightEffect):
                 start=log_grid(low * 3, high / 3, per_decade=1),
                 log=True,
                 meaning="time constant; far above the record's length the loss is a straight line",
+                open_ended=True,
             ),
         )
 

@@ -65,6 +65,7 @@ class Auxiliary(AddedEffect):
                 start=log_grid(self.tau_low_s, self.tau_high_s / 2, per_decade=1),
                 log=True,
                 meaning="lag; at its lower bound the action is immediate",
+                open_ended=True,
             ),
         )
 

@@ -30,6 +30,9 @@ Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
 
 
+RATES, CYCLES = "rates", "cycles"
+"""What a record may have to hold to tell an effect from the density (`Effect.needs`)."""
+
 _nothing = partial(np.zeros, 0)
 
 
@@ -46,6 +49,8 @@ class Parameter:
         meaning: a few words for the reader.
         amount: whether the effect is absent where the parameter is zero; not so for what is only
             there beside an effect, such as the unknown start of its states.
+        open_ended: whether a value at a bound is a finding, such as a straight line for a time far
+            above the record's; else an effect that is fitted there is not named.
 
     Raises:
         ValueError: if the bounds are not `low < high`, or a logarithmic one is not positive.
@@ -63,6 +68,7 @@ class Parameter:
     log: bool = False
     meaning: str = ""
     amount: bool = True
+    open_ended: bool = False
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
@@ -145,6 +151,9 @@ class Effect(eqx.Module):
         form_pays: share of a simpler form's held-out mean square that another form of the effect
             (see `variants`) must not leave.
         on_request: whether a diagnosis tries it only where it is asked for by name.
+        needs: what a record must hold to tell the effect from the density of hysterons: `RATES`,
+            places that are passed at more than one rate, or rests; `CYCLES`, places that are passed
+            more than once.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
 
@@ -160,6 +169,7 @@ class Effect(eqx.Module):
     signature: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
     on_request: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import (
+    RATES,
     OutputEffect,
     Parameter,
     Signals,
@@ -58,6 +59,7 @@ class Creep(OutputEffect):
         "operator_creep",
         "reptation",
     )
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "holds over two decades of time after moves in both directions: creep follows the move, "
         "drift does not care"

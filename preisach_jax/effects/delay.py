@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, Values, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Parameter, Survey, Values, log_grid
 
 
 class Delay(OutputEffect):
@@ -37,6 +37,7 @@ class Delay(OutputEffect):
         "wrong sense where the material itself has little hysteresis"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "resonance")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
         "frequency without bound, and its gain stays at one"

@@ -9,7 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values, log_grid
+from preisach_jax.effects.base import (
+    CYCLES,
+    AddedEffect,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    log_grid,
+)
 
 
 def settling(time_s: Array, tau_s: Array, horizon_s: float) -> Array:
@@ -58,6 +66,7 @@ class Drift(AddedEffect):
         "residual that depends on time alone, the same at rest and in motion, at any input"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing", "reptation")
+    needs: ClassVar[tuple[str, ...]] = (CYCLES,)
     experiment: ClassVar[str] = (
         "the same reference loop at the start and at the end, and long holds after moves in both "
         "directions: drift shifts all alike, ageing shrinks the loop, creep follows the move"
@@ -83,6 +92,7 @@ class Drift(AddedEffect):
                 start=log_grid(low * 3, high / 3, per_decade=1),
                 log=True,
                 meaning="time constant; far above the record's length it is a straight line",
+                open_ended=True,
             ),
         )
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import RATES, HysteresisEffect, Parameter, Survey, Values
 
 
 class EddyCurrents(HysteresisEffect):
@@ -49,6 +49,7 @@ class EddyCurrents(HysteresisEffect):
         "where the output saturates"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "loops into saturation at several rates over a decade: eddy currents act where the loop "
         "is steep, a lag of the drive and moving thresholds everywhere"

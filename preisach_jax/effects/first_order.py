@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import Effect, Parameter, Survey, Values, log_grid, low_pass_step
+from preisach_jax.effects.base import (
+    RATES,
+    Effect,
+    Parameter,
+    Survey,
+    Values,
+    log_grid,
+    low_pass_step,
+)
 
 
 class FirstOrderLag(Effect):
@@ -16,6 +24,8 @@ class FirstOrderLag(Effect):
     Arguments:
         tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
     """
+
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
 
     tau_low_s: float = 1e-5
     tau_high_s: float = 10.0

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values
+from preisach_jax.effects.base import RATES, AddedEffect, Parameter, Signals, Survey, Values
 from preisach_jax.effects.creep import creep_times
 
 SHARES = (0.05, 0.15, 0.35)
@@ -49,6 +49,7 @@ class OperatorCreep(AddedEffect):
         "slow tails after great moves, none after small moves or on the way back from a turn"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("creep",)
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "holds of equal length after moves of five or more sizes, in both directions and after a "
         "turn: linear creep is in proportion to the move, creep with a threshold is not"

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import RATES, HysteresisEffect, Parameter, Survey, Values
 
 
 class RateDependence(HysteresisEffect):
@@ -49,6 +49,7 @@ class RateDependence(HysteresisEffect):
         "where the input rests, and less at turning points"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit", "eddy_currents")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "
         "proportion to the rate, a threshold that moves by its power; and steps with holds, in "

@@ -9,7 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values, log_grid
+from preisach_jax.effects.base import (
+    CYCLES,
+    AddedEffect,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    log_grid,
+)
 
 SHARES = (0.1, 0.2, 0.35)
 """Half widths of the plays, in ranges of the input."""
@@ -46,6 +54,7 @@ class Reptation(AddedEffect):
         "same at every rate"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("creep", "drift")
+    needs: ClassVar[tuple[str, ...]] = (CYCLES,)
     experiment: ClassVar[str] = (
         "after a great move, one minor loop twenty times at two rates with holds between: "
         "reptation goes by the number of loops, creep and drift by the time"
@@ -63,6 +72,7 @@ class Reptation(AddedEffect):
                 start=log_grid(low, high, per_decade=1),
                 log=True,
                 meaning="travel of the input on which what it does not hold is forgotten to 1/e",
+                open_ended=True,
             ),
         )
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import OutputEffect, Parameter, Survey, Values, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Parameter, Survey, Values, log_grid
 
 
 class Resonance(OutputEffect):
@@ -40,6 +40,7 @@ class Resonance(OutputEffect):
         "residual that rings at one frequency after steps and corners, and dies away at rest"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("output_lag", "delay", "hum")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "steps or corners followed by rest, sampled at ten times the mode: a mode rings and dies "
         "away, a lag and a delay do not ring, and a hum never stops"

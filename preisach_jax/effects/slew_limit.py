@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.effects.base import InputEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import RATES, InputEffect, Parameter, Survey, Values
 
 
 class SlewLimit(InputEffect):
@@ -38,6 +38,7 @@ class SlewLimit(InputEffect):
         "residual after fast moves only, which ends abruptly; none below a certain rate"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "steps of several heights from rest: behind a slew limit the time to arrive grows with the "
         "height, behind a lag it does not; and slow loops, on which a limit does nothing"

@@ -56,7 +56,7 @@ def strongest_lines(
     # Uneven samples would spread what is slower over all frequencies.  A gap of two over the span
     # keeps the notch out of the level around the lowest lines.
     slow = np.pi * np.outer(position / span, np.arange(1 + max(0, int(2 * (low * span - 2)))))
-    rest = _without(signal, np.concatenate([np.cos(slow), np.sin(slow[:, 1:])], axis=1))
+    rest = without(signal, np.concatenate([np.cos(slow), np.sin(slow[:, 1:])], axis=1))
 
     def height(f: float, values: np.ndarray) -> float:
         return -float(np.abs(np.exp(-2j * np.pi * f * position) @ values))
@@ -76,11 +76,11 @@ def strongest_lines(
         )
         found.append(float(refined.x))
         phase = 2 * np.pi * found[-1] * position
-        rest = _without(rest, np.stack([np.cos(phase), np.sin(phase)], axis=1))
+        rest = without(rest, np.stack([np.cos(phase), np.sin(phase)], axis=1))
     return found
 
 
-def _without(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
+def without(values: np.ndarray, waves: np.ndarray) -> np.ndarray:
     """What remains of values behind their best fit by some waves."""
     return values - waves @ np.linalg.lstsq(waves, values, rcond=None)[0]
 

@@ -1,0 +1,261 @@
+"""What the excitation of a record can tell at all, asked before any effect is named.
+
+A Preisach density takes up whatever is the same each time that the input passes a place: at one
+rate a lag is a wider loop, and in one cycle a drift is an open one.  A name would be a guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from preisach_jax.chain import ThinnedSignals
+from preisach_jax.diagnosis.residuals import reversals
+from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.spectrum import strongest_lines, without
+from preisach_jax.identify import Point, Problem
+
+PLACES = 10
+"""Parts of the input's range in which its passages are timed."""
+
+OTHER_RATE = 1.5
+"""Ratio of the times of two passages of one place from which on their rates are not the same."""
+
+LEAST_VARIED = 0.1
+"""Share of the places that must be passed at more than one rate."""
+
+REST = 0.01
+"""Share of the input's range within which it is at rest."""
+
+LONG_REST = 3.0
+"""Length of a rest over the median time of a passage, from which on it shows what is slow."""
+
+LEAST_RESTS = 2
+
+LEAST_PASSAGES = 2.0
+"""Passages of a place in one direction, in the median, from which on there is more than one cycle.
+"""
+
+FEWEST_HALVES = 6
+"""Half cycles of the drive from which on it can be seen whether they are regular."""
+
+REGULAR = 0.1
+"""Scatter of the half cycles' lengths, over the median, below which the drive is periodic."""
+
+SAME_LINE = 0.01
+"""Relative distance of two lines that may be one."""
+
+DRIVE_LINES = 3
+"""Lines of the input's spectrum that are looked for."""
+
+OF_LINES = 0.9
+"""Share of the input's power in these lines from which on its drive is periodic."""
+
+HARMONICS = 8
+"""Sums of multiples of the drive's lines that are held to come from the drive: order at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class InputSurvey:
+    """What an input does: how often and how fast it passes each place, and where it rests.
+
+    Attributes:
+        time: (time,) in s.
+        input: (time,) in its unit.
+
+    Example:
+        >>> t = np.linspace(0.0, 4.0, 4001)
+        >>> one = InputSurvey(t, np.abs(t % 2 - 1))  # a triangle of one rate
+        >>> one.shows(RATES), one.shows(CYCLES)
+        (False, True)
+    """
+
+    time: np.ndarray
+    input: np.ndarray
+
+    def shows(self, need: str) -> bool:
+        """Whether a record of this input can tell what an effect needs to be told apart."""
+        if need == RATES:
+            return self._varied >= LEAST_VARIED or self._rests >= LEAST_RESTS
+        if need == CYCLES:
+            return self._passages_of_a_place >= LEAST_PASSAGES
+        raise ValueError(f"{need!r} is no need of an effect: give {RATES!r} or {CYCLES!r}")
+
+    @cached_property
+    def cycle_s(self) -> float:
+        """Time between two passages of a place in one direction, in the median."""
+        passages = self._passages_of_a_place
+        return float(np.ptp(self.time)) / passages if passages else np.inf
+
+    @cached_property
+    def lines_hz(self) -> tuple[float, ...]:
+        """The lines of a periodic drive, the strongest first; none if it is not periodic."""
+        turns = self.time[reversals(self.input, 0.1 * float(np.ptp(self.input)))]
+        halves = np.diff(turns)
+        if len(halves) >= FEWEST_HALVES:
+            lower, middle, upper = np.quantile(halves, (0.1, 0.5, 0.9))
+            if upper - lower < REGULAR * middle:
+                return (0.5 / float(middle),)
+        span, step = float(np.ptp(self.time)), float(np.median(np.diff(self.time)))
+        lowest, highest = 2.0 / span, 0.3 / step
+        if not lowest < highest:
+            return ()
+        values = self.input - self.input.mean()
+        lines = strongest_lines(self.time, values, lowest, highest, step, DRIVE_LINES, white=True)
+        if not lines:
+            return ()
+        phase = 2 * np.pi * np.outer(self.time, lines)
+        waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+        left = float(np.var(without(values, waves)))
+        return tuple(lines) if left < (1 - OF_LINES) * float(np.var(values)) else ()
+
+    def makes(self, frequency_hz: float) -> bool:
+        """Whether a line may come from the drive: a sum of few multiples of the drive's lines."""
+        reach = max(1.0 / float(np.ptp(self.time)), SAME_LINE * frequency_hz)
+        for orders in product(range(-HARMONICS, HARMONICS + 1), repeat=len(self.lines_hz)):
+            if 0 < sum(map(abs, orders)) <= HARMONICS:
+                made = abs(sum(k * f for k, f in zip(orders, self.lines_hz, strict=True)))
+                if abs(made - frequency_hz) < reach:
+                    return True
+        return False
+
+    @cached_property
+    def _passages(self) -> dict[tuple[int, int], list[float]]:
+        """Times, in s, of all passages of a place from one edge to the other, by direction."""
+        low, high = float(self.input.min()), float(self.input.max())
+        edges = low + (high - low) * np.arange(1, PLACES) / PLACES
+        place = np.searchsorted(edges, self.input, side="right")
+        moves = np.flatnonzero(np.diff(place))
+        passages: dict[tuple[int, int], list[float]] = {}
+        last_edge, last_time = -1, 0.0
+        for k in moves.tolist():
+            before, after = int(place[k]), int(place[k + 1])
+            up = 1 if after > before else -1
+            crossed = range(before, after) if up > 0 else range(before - 1, after - 1, -1)
+            for edge in crossed:
+                share = (edges[edge] - self.input[k]) / (self.input[k + 1] - self.input[k])
+                at = float(self.time[k] + share * (self.time[k + 1] - self.time[k]))
+                if last_edge == edge - up:
+                    passages.setdefault((max(edge, last_edge), up), []).append(at - last_time)
+                last_edge, last_time = edge, at
+        return passages
+
+    @cached_property
+    def _varied(self) -> float:
+        """Share of the places and directions that are passed at more than one rate."""
+        if not self._passages:
+            return 0.0
+        ratios = [
+            np.quantile(times, 0.9) / max(float(np.quantile(times, 0.1)), np.finfo(float).tiny)
+            for times in self._passages.values()
+        ]
+        return float(np.mean(np.array(ratios) >= OTHER_RATE))
+
+    @cached_property
+    def _passages_of_a_place(self) -> float:
+        counts = [len(times) for times in self._passages.values()]
+        return float(np.median(counts)) if counts else 0.0
+
+    @cached_property
+    def _rests(self) -> int:
+        """How often the input rests for long."""
+        times = [time for passed in self._passages.values() for time in passed]
+        if not times:
+            return 0
+        cell = np.round(self.input / (REST * max(float(np.ptp(self.input)), 1e-300)))
+        begins = np.flatnonzero(np.diff(cell, prepend=np.nan) != 0)
+        lengths = np.diff(np.append(self.time[begins], self.time[-1]))
+        return int(np.sum(lengths > LONG_REST * float(np.median(times))))
+
+
+def surveyed(problem: Problem) -> InputSurvey:
+    """What the input of a record does, before it was thinned; found once."""
+    slot = ("input survey",)
+    if slot not in problem.cache:
+        signals = problem.signals
+        whole = signals.whole if isinstance(signals, ThinnedSignals) else signals
+        problem.cache[slot] = InputSurvey(np.asarray(whole.time), np.asarray(whole.input))
+    return problem.cache[slot]
+
+
+REASONS = {
+    RATES: "not tried: the input passes each place at one rate only, where the density takes up "
+    "whatever depends on the rate",
+    CYCLES: "not tried: the input passes each place hardly more than once, where the density takes "
+    "up whatever changes with time",
+}
+
+
+def untellable(problem: Problem, effect: Effect) -> str:
+    """Why a record cannot tell an effect from the density; empty if it can."""
+    missing = [need for need in effect.needs if not surveyed(problem).shows(need)]
+    return REASONS[missing[0]] if missing else ""
+
+
+WIDE = 10.0
+"""Ratio of its bounds from which on a parameter is searched for, and not known beforehand."""
+
+AT_A_BOUND = 0.02
+"""Distance from a bound, over that between both bounds, within which a parameter lies at it."""
+
+
+def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
+    """What a reader must know of the effects that a record cannot tell, one sentence a need."""
+    told: list[str] = []
+    for need, what, remedy in (
+        (RATES, "at one rate only", "Record the same loops at three rates, or with rests."),
+        (CYCLES, "hardly more than once", "Record at least three cycles."),
+    ):
+        names = [effect.name for effect in tried if need in effect.needs]
+        if names and not surveyed(problem).shows(need):
+            told.append(
+                f"The input passes each place {what}: {', '.join(names)} cannot be told from the "
+                f"density of hysterons, and are not named. {remedy}"
+            )
+    return tuple(told)
+
+
+def implausible(problem: Problem, point: Point, name: str) -> str:
+    """What of an effect's fitted parameters contradicts what it is; empty if nothing does.
+
+    Arguments:
+        problem: the record.
+        point: the model with the effect.
+        name: the effect's name.
+    """
+    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    survey, values = surveyed(problem), point.values[name]
+    if isinstance(effect, Hum) and survey.makes(values["f_hz"]):
+        return (
+            f"its line of {values['f_hz']:.4g} Hz is a sum of few multiples of the drive's own "
+            "lines"
+        )
+    if isinstance(effect, Drift) and effect.waves:
+        fastest_s = 2 * effect.horizon_s / effect.waves
+        if fastest_s < survey.cycle_s:
+            return (
+                f"its fastest wave of {fastest_s:.3g} s is faster than the drive, which comes back "
+                f"every {survey.cycle_s:.3g} s"
+            )
+    for parameter in effect.parameters():
+        if side := _bound_of(parameter, values[parameter.name]):
+            return (
+                f"its {parameter.name} of {values[parameter.name]:.4g} {parameter.unit} lies at "
+                f"the {side} bound of the search: something else makes this error"
+            )
+    return ""
+
+
+def _bound_of(parameter: Parameter, value: float) -> str:
+    """Which bound of the search a parameter lies at, where a bound is no finding."""
+    if parameter.open_ended or not parameter.log or parameter.high < WIDE * parameter.low:
+        return ""
+    low, high, here = (parameter.to_search(v) for v in (parameter.low, parameter.high, value))
+    share = (here - low) / (high - low)
+    return "lower" if share < AT_A_BOUND else "upper" if share > 1 - AT_A_BOUND else ""

@@ -1,0 +1,142 @@
+"""What the excitation of a record can tell is asked before an effect is named."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import world
+
+import preisach_jax as pj
+from preisach_jax.diagnosis.tellable import InputSurvey, implausible, untellable
+from preisach_jax.effects import resolve
+from preisach_jax.effects.base import CYCLES, RATES
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.resonance import Resonance
+
+TIME = np.arange(0.0, 20.0, 0.005)
+
+
+def triangle(phase):
+    """A triangle from 0 to 1 of period 1."""
+    return np.abs((phase + 0.5) % 1.0 - 0.5) * 2
+
+
+INPUTS = {
+    "a triangle of one rate": (triangle(TIME / 2), False, True),
+    "a sine of one height": (np.sin(2 * np.pi * TIME / 2), False, True),
+    "the same with noise": (
+        np.sin(np.pi * TIME) + 0.003 * np.random.default_rng(1).normal(size=len(TIME)),
+        False,
+        True,
+    ),
+    "a triangle of two rates": (
+        np.where(TIME < 10, triangle(TIME / 2), triangle(TIME / 0.5)),
+        True,
+        True,
+    ),
+    "sines of two heights": (np.sin(np.pi * TIME) * np.where(TIME < 10, 1.0, 0.6), True, True),
+    "a triangle that rests": (triangle(np.minimum(TIME % 4, 2.5) / 2.5), True, True),
+    "one cycle": (triangle(TIME / 20), False, False),
+    "one way": (TIME, False, False),
+}
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_rates_and_cycles_of_an_input(name):
+    values, rates, cycles = INPUTS[name]
+    survey = InputSurvey(TIME, values)
+    assert (survey.shows(RATES), survey.shows(CYCLES)) == (rates, cycles)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_neither_units_nor_origins_count(scale):
+    for values, rates, cycles in INPUTS.values():
+        survey = InputSurvey(3.0 + TIME * 1e-3, scale * (values - 5.0))
+        assert (survey.shows(RATES), survey.shows(CYCLES)) == (rates, cycles)
+
+
+def test_a_need_that_does_not_exist_is_told():
+    with pytest.raises(ValueError, match="'heights' is no need"):
+        InputSurvey(TIME, TIME).shows("heights")
+
+
+def test_a_constant_input_shows_nothing():
+    survey = InputSurvey(TIME, np.ones_like(TIME))
+    assert not survey.shows(RATES)
+    assert not survey.shows(CYCLES)
+
+
+def test_lines_of_a_periodic_drive_and_what_they_make():
+    survey = InputSurvey(TIME, np.sin(2 * np.pi * 0.5 * TIME))
+    assert survey.lines_hz == pytest.approx((0.5,), rel=0.01)
+    assert survey.makes(1.5)  # a harmonic
+    assert not survey.makes(50.0)  # far beyond the harmonics that count
+    assert not survey.makes(1.25)
+    two = InputSurvey(TIME, np.sin(2 * np.pi * 1.3 * TIME) + np.sin(2 * np.pi * 8.2 * TIME))
+    assert sorted(two.lines_hz)[-2:] == pytest.approx([1.3, 8.2], abs=1 / 20)
+    assert two.makes(8.2 + 2 * 1.3)
+    assert not two.makes(40.0)
+
+
+def test_a_drive_of_many_rates_has_no_lines():
+    assert InputSurvey(TIME, np.sin(TIME**2)).lines_hz == ()
+
+
+def stand_in(effect, values, input_of_time):
+    problem = SimpleNamespace(
+        cache={("input survey",): InputSurvey(TIME, input_of_time)},
+    )
+    chain = SimpleNamespace(effects=(effect,))
+    return problem, SimpleNamespace(chain=chain, values={effect.name: values}), effect.name
+
+
+def test_a_hum_at_the_drives_own_lines_is_none():
+    drive = np.sin(2 * np.pi * 0.5 * TIME)
+    assert "multiples of the drive" in implausible(*stand_in(Hum(), {"f_hz": 1.0}, drive))
+    assert implausible(*stand_in(Hum(), {"f_hz": 50.0}, drive)) == ""
+
+
+def test_a_drift_faster_than_the_drive_is_none():
+    slow, fast = triangle(TIME / 5), triangle(TIME / 0.5)
+    wander = Drift(horizon_s=20.0, waves=24)
+    assert "faster than the drive" in implausible(*stand_in(wander, {}, slow))
+    assert implausible(*stand_in(wander, {}, fast)) == ""
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"f_hz": 100.0, "zeta": 0.69}, "zeta of 0.69 1 lies at the upper bound"),
+        ({"f_hz": 1.01, "zeta": 0.02}, "f_hz of 1.01 Hz lies at the lower bound"),
+        ({"f_hz": 100.0, "zeta": 0.02}, ""),
+    ],
+)
+def test_a_parameter_at_a_bound_of_the_search_is_no_finding(values, said):
+    told = implausible(*stand_in(Resonance(), values, np.sin(TIME**2)))
+    assert said in told
+    assert bool(said) == bool(told)
+
+
+def test_a_drift_at_its_bound_is_a_straight_line():
+    drift = Drift(horizon_s=20.0)
+    values = {"tau_s": 30 * 20.0}
+    assert implausible(*stand_in(drift, values, np.sin(TIME**2))) == ""
+
+
+@pytest.mark.parametrize("name", ["creep", "input_lag", "output_lag", "delay", "resonance"])
+def test_what_depends_on_the_rate_cannot_be_told_at_one_rate(name):
+    problem, *_ = stand_in(Resonance(), {}, INPUTS["a triangle of one rate"][0])
+    (effect,) = resolve((name,), {})
+    assert "one rate" in untellable(problem, effect)
+    problem, *_ = stand_in(Resonance(), {}, INPUTS["a triangle of two rates"][0])
+    assert untellable(problem, effect) == ""
+
+
+def test_at_one_rate_nothing_dynamic_is_named():
+    made = world.hidden_record("creep", 7, 12.0, 500.0, excitation="poor")
+    record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
+    found = pj.diagnose(record, ["creep", "input_lag", "output_lag"], levels=9)
+    assert found.effects == ()
+    assert all("one rate only" in candidate.why_not for candidate in found.candidates)
+    assert any("one rate" in note for note in found.notes)

@@ -48,7 +48,7 @@ FEWEST_HALVES = 6
 REGULAR = 0.1
 """Scatter of the half cycles' lengths, over the median, below which the drive is periodic."""
 
-SAME_LINE = 0.01
+SAME_LINE = 0.003
 """Relative distance of two lines that may be one."""
 
 DRIVE_LINES = 3
@@ -57,8 +57,8 @@ DRIVE_LINES = 3
 OF_LINES = 0.9
 """Share of the input's power in these lines from which on its drive is periodic."""
 
-HARMONICS = 8
-"""Sums of multiples of the drive's lines that are held to come from the drive: order at most."""
+HARMONICS, SUMS = 8, 3
+"""Order up to which multiples of a drive's one line, or sums of several, come from the drive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +118,9 @@ class InputSurvey:
     def makes(self, frequency_hz: float) -> bool:
         """Whether a line may come from the drive: a sum of few multiples of the drive's lines."""
         reach = max(1.0 / float(np.ptp(self.time)), SAME_LINE * frequency_hz)
-        for orders in product(range(-HARMONICS, HARMONICS + 1), repeat=len(self.lines_hz)):
-            if 0 < sum(map(abs, orders)) <= HARMONICS:
+        order = HARMONICS if len(self.lines_hz) == 1 else SUMS
+        for orders in product(range(-order, order + 1), repeat=len(self.lines_hz)):
+            if 0 < sum(map(abs, orders)) <= order:
                 made = abs(sum(k * f for k, f in zip(orders, self.lines_hz, strict=True)))
                 if abs(made - frequency_hz) < reach:
                     return True

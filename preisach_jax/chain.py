@@ -73,6 +73,7 @@ class Chain(eqx.Module):
         effects: effects; they act in the order of their places, and within a place in this order.
         hysteron: `"ramp"` or `"relay"`.
         polarity: sign of the weights: 1 where the output rises with the input, -1 where it falls.
+        signed: whether there are weights of both signs, as in butterfly loops.
 
     Raises:
         ValueError: if two effects have one name, or one has a place that no chain has.
@@ -88,6 +89,7 @@ class Chain(eqx.Module):
     effects: tuple[Effect, ...] = ()
     hysteron: str = eqx.field(static=True, default="ramp")
     polarity: int = eqx.field(static=True, default=1)
+    signed: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
         names = [effect.name for effect in self.effects]
@@ -147,6 +149,7 @@ class Columns:
             output effects, and effects of the sensor.
         loose: (column,) whether it is there only for a past that is not known.
         polarity: sign of the weights, which the columns of the hysteresis carry.
+        signed: whether the weights may have both signs.
         vectors: (hysteresis column, vector) combinations of the columns of the hysteresis, which
             stand in the matrix in their place; None where they stand there themselves.
     """
@@ -159,13 +162,14 @@ class Columns:
     added: tuple[str, ...]
     loose: np.ndarray
     polarity: int = 1
+    signed: bool = False
     vectors: np.ndarray | None = None
 
     @property
     def nonnegative(self) -> np.ndarray:
         """(column,) whether the coefficient must not be negative: weights and initial memory."""
         kinds = np.zeros(self.matrix.shape[1], dtype=bool)
-        kinds[: self.offset] = self.vectors is None
+        kinds[: self.offset] = self.vectors is None and not self.signed
         return kinds
 
     @property
@@ -216,7 +220,8 @@ class Coefficients:
     """The linear numbers of a model.
 
     Attributes:
-        weights: (cells,) weights R, in output units; of one sign, that of the chain's polarity.
+        weights: (cells,) weights R, in output units; of one sign, that of the chain's polarity,
+            unless the chain is signed.
         memory: (cells,) output that each hysteron's unknown start adds until the input forces it.
         offset: output with all hysterons off, but those of the first run as it leaves them.
         added: (column,) coefficients of the added effects, of free responses, and of the sensor.
@@ -961,7 +966,18 @@ def regressors(
     names = tuple(effect for effect, _ in behind)
     groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
     cells, sign = chain.plane.cells, chain.polarity
-    return Columns(matrix, cells, groups, start, first_run, names, loose, sign, hysteresis.vectors)
+    return Columns(
+        matrix,
+        cells,
+        groups,
+        start,
+        first_run,
+        names,
+        loose,
+        sign,
+        chain.signed,
+        hysteresis.vectors,
+    )
 
 
 def _behind(

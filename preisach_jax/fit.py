@@ -74,6 +74,14 @@ CLEAR_CORRELATION = 0.5
 """Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
 as it is high, leaves less."""
 
+SIGNS_PAY = 0.1
+"""Held-out mean square, over that with weights of one sign, that weights of both signs must not
+leave.  A butterfly leaves 0.01 or less; where one sign is right but a delay is hidden, weights of
+both signs imitate some of it, and leave 0.3 to 1."""
+
+POOR = 0.05
+"""Held-out error over the spread of the output above which weights of both signs are tried."""
+
 SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
 
@@ -236,11 +244,22 @@ def fit(
 
 def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
     record, problem, point = begun(record, levels)
+    backwards = [effect.name for effect in chosen if feeds_back(effect)]
+    if point.chain.signed and backwards:
+        raise InputError(
+            f"{record.name}: the record asks for weights of both signs, beside which "
+            f"{backwards[0]} has no unique output; leave it out"
+        )
     problem, point = in_reduced_basis(problem, point)
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
     return on_all_rows(record, problem, point)
+
+
+def feeds_back(effect: Effect) -> bool:
+    """Whether an effect makes what drives the hysterons depend on their output."""
+    return isinstance(effect, HysteresisEffect) and effect.feeds_back
 
 
 @contextmanager
@@ -275,8 +294,8 @@ def plane_of(problem: Problem, levels: int) -> Plane:
 
 
 def base_point(problem: Problem, levels: int) -> Point:
-    """The rate-independent model, of the polarity that the record shows."""
-    return _base_point(problem, levels, _polarity(problem))
+    """The rate-independent model, with weights of the signs that the record shows."""
+    return _base_point(problem, levels, *_signs(problem))
 
 
 def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
@@ -334,20 +353,29 @@ def freed_of_spikes(
     return found
 
 
-def _base_point(problem: Problem, levels: int, polarity: int) -> Point:
-    chain = Chain(plane_of(problem, levels), polarity=polarity)
+def _base_point(problem: Problem, levels: int, polarity: int, signed: bool) -> Point:
+    chain = Chain(plane_of(problem, levels), polarity=polarity, signed=signed)
     return with_strength(problem, evaluate(problem, chain, {}, FIRST_STRENGTH))
 
 
-def _polarity(problem: Problem) -> int:
-    """Whether the output rises with the input (1) or falls (-1): weights have one sign."""
-    slot = ("polarity",)
+def _signs(problem: Problem) -> tuple[int, bool]:
+    """Polarity of a record's model, and whether its weights have both signs.
+
+    The output rises with the input (1) or falls (-1), and all weights have that sign, unless those
+    of both signs predict what is held out much better.
+    """
+    slot = ("signs",)
     if slot not in problem.cache:
         along = float(np.corrcoef(problem.record.input[problem.rows], problem.target)[0, 1])
-        if abs(along) < CLEAR_CORRELATION:
-            both = [_base_point(problem, COARSE_LEVELS, sign) for sign in (1, -1)]
-            along = both[1].objective - both[0].objective
-        problem.cache[slot] = 1 if along >= 0 else -1
+        tried = (1, -1) if abs(along) < CLEAR_CORRELATION else (1 if along >= 0 else -1,)
+        plain = [_base_point(problem, COARSE_LEVELS, sign, signed=False) for sign in tried]
+        best = min(plain, key=lambda point: point.objective)
+        signed = False
+        least = SIGNS_PAY * best.validation_mean_square
+        if best.validation_mean_square > POOR**2 * float(np.var(problem.goal)):
+            both = _base_point(problem, COARSE_LEVELS, best.chain.polarity, signed=True)
+            signed = both.validation_mean_square < least
+        problem.cache[slot] = best.chain.polarity, signed
     return problem.cache[slot]
 
 

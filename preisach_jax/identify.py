@@ -247,7 +247,8 @@ class Problem:
     def hysteresis_output(self, point: Point) -> np.ndarray:
         """(time,) output of the Preisach operator of a point, in output units."""
         found = point.coefficients()
-        if self.reduces_on(point.chain.plane):  # what is fed back is found for weights of one sign
+        # What is fed back is found for weights of one sign.
+        if self.reduces_on(point.chain.plane) and not point.chain.signed:
             sign = point.chain.polarity
             weights, memory = (
                 sign * np.maximum(sign * w, 0) for w in (found.weights, found.memory)
@@ -450,7 +451,8 @@ def with_strength(problem: Problem, point: Point) -> Point:
     Without signs, what a fold holds that no other tells of is predicted so badly that it would
     choose alone; so its blocks count one by one there.
     """
-    by_block = None if point.columns.vectors is None else _log_error_by_block(problem, point)
+    signs = bool(point.columns.nonnegative.any())
+    by_block = None if signs else _log_error_by_block(problem, point)
     equations, now = point.equations, point.strength
     strength = choose_strength(equations, IDENTIFICATION, now, by_block, point.solution)
     return _solved(replace(point, strength=strength))

@@ -524,8 +524,10 @@ def _model_from(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
     _check_plane(content)
     effects = _effects_from(content["effects"], kinds)
     plane = Plane(content["levels"], content["low"], content["high"])
-    polarity = -1 if content["weights"].sum() < 0 else 1
-    chain = Chain(plane, effects, content["hysteron"], polarity)
+    weights = content["weights"]
+    polarity = -1 if weights.sum() < 0 else 1
+    signed = bool((weights < 0).any() and (weights > 0).any())
+    chain = Chain(plane, effects, content["hysteron"], polarity, signed)
     parameters = _parameters_from(content["effects"], chain)
     values = {
         effect.name: {

@@ -261,11 +261,13 @@ def record_rows(record: Record) -> list[tuple[str, str]]:
 
 
 def plane_text(model: Model) -> str:
-    """Levels, cells and limits of a model's plane, and its polarity where that is negative."""
+    """Levels, cells and limits of a model's plane, and the signs of its weights if not positive."""
     plane, unit = model.plane, model.units.get("input", "")
     factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
     span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
     falls = ", output falls as the input rises" if model.chain.polarity < 0 else ""
+    if model.chain.signed:
+        falls = ", weights of both signs"
     return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}{falls}"
 
 

@@ -37,7 +37,7 @@ def make_model(effects=(), levels: int = 6, visited=None) -> Any:
     content = {"weights": weights.tolist(), "noise": float("nan")}
     return SimpleNamespace(
         plane=plane,
-        chain=SimpleNamespace(polarity=1),
+        chain=SimpleNamespace(polarity=1, signed=False),
         weights=weights,
         visited=visited,
         effects=effects,

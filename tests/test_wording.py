@@ -55,7 +55,8 @@ def test_the_last_reversal_is_an_axis():
 
 
 def test_little_to_see_is_said():
-    model = cast(Any, SimpleNamespace(plane=SimpleNamespace(cells=325)))
+    chain = SimpleNamespace(signed=False)
+    model = cast(Any, SimpleNamespace(plane=SimpleNamespace(cells=325), chain=chain))
     assert notes_on(Record.from_arrays(TIME, INPUT, INPUT), model) == ()
     rng = np.random.default_rng(0)
     ramp = np.linspace(0, 10, 4000) + 0.01 * rng.normal(size=4000)

@@ -21,6 +21,7 @@ from bokeh.models import (
     Range1d,
     RangeSlider,
 )
+from bokeh.palettes import PuOr11, Viridis256
 from bokeh.plotting import figure
 
 from preisach_jax.branches import branch_starts
@@ -33,6 +34,7 @@ from preisach_jax.plot.axes import (
     greatest,
     plane_edges,
     record_axes,
+    shown_weights,
     with_unit,
 )
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
@@ -287,7 +289,7 @@ class Views:
             "Preisach plane", with_unit("switching-off threshold β", unit),
             with_unit("switching-on threshold α", unit),
         )  # fmt: skip
-        mapper = LinearColorMapper(palette="Viridis256", low=0, high=1, nan_color="#E4E4E4")
+        mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#E4E4E4")
         drawn.rect(
             "x", "y", "width", "width", source=self.density, line_color=None,
             fill_color={"field": "value", "transform": mapper},
@@ -314,7 +316,7 @@ class Views:
         plane = model.plane
         edges, _ = plane_edges(model)
         width = edges[1] - edges[0]
-        density = np.where(model.visited, np.abs(model.weights) / width**2, np.nan)
+        density = np.where(model.visited, shown_weights(model) / width**2, np.nan)
         factor, top, unit = density_scale(model, density)
         self.density.data = {
             "x": edges[plane.beta_index] + width / 2,
@@ -322,7 +324,10 @@ class Views:
             "width": np.full(plane.cells, width),
             "value": factor * density,
         }
-        self._mapper.update(low=0.0, high=top)
+        signed = model.chain.signed
+        self._mapper.update(
+            palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
+        )
         self.plane.title.text = _unformatted(with_unit("Preisach plane: density", unit))
 
     def _show_spectra(self) -> None:

@@ -14,11 +14,13 @@ from preisach_jax.diagnosis.tellable import untellable
 from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import LEAST_PROMISE, Progress, with_effect
+from preisach_jax.fit import LEAST_PROMISE, Progress, feeds_back, with_effect
 from preisach_jax.identify import Point, Problem
 from preisach_jax.signature import Projection, Prospect, prospects
 
 Found = TypeVar("Found")
+
+NO_UNIQUE_OUTPUT = "not tried: beside weights of both signs its output is not unique"
 
 LEADERS = 3
 """Effects that are refitted jointly in any case, those that promise most."""
@@ -100,6 +102,8 @@ def _promise(
     """What all forms and starts of an effect promise, or why it is left."""
     if reason := untellable(problem, effect):
         return NotFitted(effect, step, reason)
+    if point.chain.signed and feeds_back(effect):
+        return NotFitted(effect, step, NO_UNIQUE_OUTPUT)
     if isinstance(effect, Auxiliary) and np.ptp(problem.record.aux[effect.column]) == 0:
         value = problem.record.aux[effect.column][0]
         return NotFitted(effect, step, f"the column is constant ({value:g}): nothing can be seen")

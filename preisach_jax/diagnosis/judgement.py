@@ -9,8 +9,8 @@ from preisach_jax.diagnosis.budget import REFINEMENT, discretisation_rms
 from preisach_jax.diagnosis.evidence import compare, free_parameters
 from preisach_jax.diagnosis.tellable import implausible
 from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
-from preisach_jax.effects.base import HysteresisEffect, SensorEffect
-from preisach_jax.fit import at_levels
+from preisach_jax.effects.base import SensorEffect
+from preisach_jax.fit import at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
 
 WEAK = 0.9
@@ -124,8 +124,7 @@ def _stands_on_a_finer_plane(
     announce(f"trying {trial.effect.name} on a plane of {finer} levels")
     plain = at_levels(problem, now, finer)
     effect = trial.effect
-    feeds_back = isinstance(effect, HysteresisEffect) and effect.feeds_back
-    if feeds_back or isinstance(effect, SensorEffect):
+    if feeds_back(effect) or isinstance(effect, SensorEffect):
         # These bend the loop as its cells do: they must do more than all of the grid.
         removed = now.validation_mean_square - trial.point.validation_mean_square
         grid = discretisation_rms(problem, now, plain) / problem.unit

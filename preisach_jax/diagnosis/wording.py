@@ -118,6 +118,13 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
             "can hide in it. Record more, or ask for fewer levels."
         )
+    if model.chain.signed:
+        notes.append(
+            "The density has weights of both signs, as butterfly loops need, where the output "
+            "falls and rises along one branch. Held-out data demand them: with one sign the model "
+            "misses much more. If this is a force recorded against a displacement, exchange input "
+            "and output, or record the velocity too."
+        )
     notes += [f"{line}." for line in spikes_lines(record)]
     turns = len(reversals(record.input))
     if turns < LEAST_REVERSALS:

@@ -91,10 +91,15 @@ def plane_edges(model: Model) -> tuple[np.ndarray, str]:
     return factor * edges, shown
 
 
+def shown_weights(model: Model) -> np.ndarray:
+    """(cells,) weights as they are shown: without their sign where all have the same."""
+    return model.weights if model.chain.signed else np.abs(model.weights)
+
+
 def density_scale(model: Model, values: np.ndarray) -> tuple[float, float, str]:
     """In what a density on the plane is shown, and where its colours end.
 
-    They end at the greatest value off the diagonal α = β, whose reversible cells may hold many
+    They end at the greatest size off the diagonal α = β, whose reversible cells may hold many
     times as much.
 
     Arguments:
@@ -107,8 +112,9 @@ def density_scale(model: Model, values: np.ndarray) -> tuple[float, float, str]:
     """
     plane, shown = model.plane, plane_edges(model)[1]
     there = ~np.isnan(values) & np.asarray(model.visited, dtype=bool)
-    off_diagonal = values[there & (plane.alpha_index != plane.beta_index)]
-    top = float(off_diagonal.max(initial=0.0)) or float(values[there].max(initial=0.0)) or 1.0
+    sizes = np.abs(values)
+    off_diagonal = sizes[there & (plane.alpha_index != plane.beta_index)]
+    top = float(off_diagonal.max(initial=0.0)) or float(sizes[there].max(initial=0.0)) or 1.0
     factor, out_shown = scaled(top, model.units.get("output", ""))
     square = f"{shown}²" if shown and not set(shown) & set("/·²") else f"({shown})²"
     return factor, factor * top, f"{out_shown}/{square}" if shown else out_shown

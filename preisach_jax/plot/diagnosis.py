@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import PowerNorm
+from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -26,6 +26,7 @@ from preisach_jax.plot.axes import (
     greatest,
     plane_edges,
     record_axes,
+    shown_weights,
     with_unit,
 )
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, STYLE
@@ -301,7 +302,7 @@ def density(model: Model) -> Figure:
     figure = Figure(figsize=(5.6, 4.8), layout="constrained")
     axes = figure.add_subplot()
     area = (edges[1] - edges[0]) ** 2
-    draw_cells(axes, model, (edges, edges), np.abs(model.weights) / area, "density")
+    draw_cells(axes, model, (edges, edges), shown_weights(model) / area, "density")
     axes.plot(edges[[0, -1]], edges[[0, -1]], color="0.3", lw=0.8)
     axes.set_xlabel(with_unit("switching-off threshold β", shown))
     axes.set_ylabel(with_unit("switching-on threshold α", shown))
@@ -335,9 +336,11 @@ def draw_cells(
     drawn = ~np.isnan(values)
     values = np.where(visited, values, np.nan)
     factor, top, unit = density_scale(model, values)
+    signed = model.chain.signed
     picture = axes.pcolormesh(
-        *borders, np.ma.masked_invalid(factor * plane.matrix(values)),
-        cmap="viridis", norm=PowerNorm(0.5, 0, top), rasterized=True,
+        *borders, np.ma.masked_invalid(factor * plane.matrix(values)), rasterized=True,
+        cmap="PuOr" if signed else "viridis",
+        norm=Normalize(-top, top) if signed else PowerNorm(0.5, 0, top),
     )  # fmt: skip
     unvisited = plane.matrix(np.where(drawn & ~visited, 1.0, np.nan))
     if not np.isnan(unvisited).all():
@@ -347,7 +350,7 @@ def draw_cells(
         )  # fmt: skip
     axes.set_aspect("equal")
     axes.grid(visible=False)
-    bar = axes.figure.colorbar(picture, ax=axes, extend="max", shrink=0.85)
+    bar = axes.figure.colorbar(picture, ax=axes, extend="both" if signed else "max", shrink=0.85)
     bar.set_label(with_unit(name, unit))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from preisach_jax.plot.axes import plane_edges, with_unit
+from preisach_jax.plot.axes import plane_edges, shown_weights, with_unit
 from preisach_jax.plot.diagnosis import draw_cells, unvisited_patch
 from preisach_jax.plot.style import STYLE
 
@@ -50,7 +50,7 @@ def forc_diagram(model: Model) -> Figure:
     edges, shown = plane_edges(model)
     alpha, beta = np.meshgrid(edges, edges, indexing="ij")
     turns = plane.alpha_index != plane.beta_index
-    weights = np.abs(model.weights)
+    weights = shown_weights(model)
     values = np.where(turns, weights / (2 * (edges[1] - edges[0]) ** 2), np.nan)
     figure = Figure(figsize=(4.4, 5.6), layout="constrained")
     axes = figure.add_subplot()

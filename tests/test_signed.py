@@ -1,0 +1,108 @@
+"""Densities of both signs: butterfly loops, as the strain of ferroelectrics and magnetostrictives.
+
+The oracle is a function of a play operator, g(P_r[u]): a Preisach operator whose density lies
+on the line α - β = 2 r and is g' there (M. Brokate, J. Sprekels, Hysteresis and Phase Transitions,
+Springer 1996, ch. 2), so for g that falls and rises the density has both signs.
+"""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.fit import feeds_back
+from preisach_jax.plot import density
+
+WIDTH, NOISE = 0.15, 0.002
+
+
+def play(u, radius):
+    """The play operator, sample by sample."""
+    state, course = u[0], []
+    for value in u:
+        state = min(max(state, value - radius), value + radius)
+        course.append(state)
+    return np.array(course)
+
+
+def drive(seed, count=3000):
+    """Lines between random turning points from -1 to 1, of different rates."""
+    rng = np.random.default_rng(seed)
+    turns = np.concatenate([[0.0, 1.0, -1.0], rng.uniform(-1, 1, 40)])
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(turns)) * rng.uniform(0.5, 2.0, 42))])
+    time = np.arange(count) / 100
+    return time, np.interp(time, travel * time[-1] / travel[-1], turns)
+
+
+def recorded(seed, of_play):
+    time, u = drive(seed)
+    noise = np.random.default_rng([seed, 1]).normal(0.0, NOISE, len(u))
+    z = of_play(play(u, WIDTH)) + noise
+    return pj.Record.from_arrays(time, u, z, units={"input": "kV", "output": "um"})
+
+
+def butterfly(seed):
+    return recorded(seed, np.square)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return pj.fit(butterfly(1), levels=13)
+
+
+def test_a_butterfly_is_fitted_to_its_noise_and_the_grid(fitted):
+    assert fitted.model.chain.signed
+    assert fitted.model.weights.min() < -0.1 * fitted.model.weights.max()
+    assert fitted.rms_validation < 3 * NOISE
+
+
+def test_it_predicts_another_record(fitted):
+    other = butterfly(2)
+    error = other.output - fitted.predict(other).output
+    assert np.sqrt(np.mean(error**2)) < 0.04
+
+
+def test_what_rises_all_the_way_keeps_weights_of_one_sign():
+    fit = pj.fit(recorded(1, lambda p: p + 0.3 * p**3), levels=13)
+    assert not fit.model.chain.signed
+    assert fit.model.weights.min() >= 0
+
+
+def test_nor_does_a_hidden_lag_or_much_noise_ask_for_both_signs():
+    plain = recorded(3, lambda p: p)
+    late = np.interp(plain.time - 0.2, plain.time, plain.output)
+    noisy = plain.output + np.random.default_rng(0).normal(0.0, 0.2, len(late))
+    for output in (late, noisy):
+        fit = pj.fit(pj.Record.from_arrays(plain.time, plain.input, output), levels=13)
+        assert not fit.model.chain.signed
+
+
+def test_a_model_of_both_signs_is_saved_and_loaded(fitted, tmp_path):
+    fitted.save(tmp_path / "model.json")
+    loaded = pj.Model.load(tmp_path / "model.json")
+    assert loaded.chain.signed
+    assert np.array_equal(loaded.weights, fitted.model.weights)
+    other = butterfly(2)
+    assert np.array_equal(loaded.predict(other).output, fitted.predict(other).output)
+
+
+def test_its_density_is_drawn_with_its_signs(fitted):
+    mesh = density(fitted.model).axes[0].collections[0]
+    assert mesh.norm.vmin == -mesh.norm.vmax < 0
+    assert mesh.get_cmap() == mpl.colormaps["PuOr"]
+    drawn = np.ma.compressed(mesh.get_array())
+    assert drawn.min() < 0 < drawn.max()
+
+
+def test_a_diagnosis_says_so_and_does_not_try_what_feeds_back(tmp_path):
+    found = pj.diagnose(butterfly(1), ["moving", "hum"], levels=13)
+    assert found.effects == ()
+    assert any("weights of both signs" in note for note in found.notes)
+    (moving,) = [each for each in found.candidates if each.effect == "moving"]
+    assert "both signs" in moving.why_not
+
+
+def test_a_fit_with_what_feeds_back_is_refused():
+    assert feeds_back(pj.effects()["moving"])
+    with pytest.raises(pj.InputError, match="both signs, beside which moving has no unique output"):
+        pj.fit(butterfly(1), ("moving",), levels=13)

@@ -39,6 +39,21 @@ def scaled(magnitude: float, unit: str) -> tuple[float, str]:
     return 10.0 ** (given - wanted), _PREFIXES[wanted] + base
 
 
+def in_unit(given: str, unit: str) -> float | None:
+    """What one of a unit is in another that differs from it in its prefix; None if it does not.
+
+    Example:
+        >>> in_unit("nm", "um"), in_unit("nm", "V"), in_unit("counts", "counts")
+        (0.001, None, 1.0)
+    """
+    if pretty_unit(given) == pretty_unit(unit):
+        return 1.0
+    one, other = _prefix_and_base(given), _prefix_and_base(unit)
+    if one is None or other is None or one[1] != other[1]:
+        return None
+    return float(f"1e{_EXPONENTS[one[0]] - _EXPONENTS[other[0]]}")
+
+
 def pretty_unit(unit: str) -> str:
     """A unit with µ for u, and nothing for the unit one.
 

@@ -84,6 +84,13 @@ def diagnose(
     rate: Rate = None,
     unit: Unit = None,
     initial_memory: InitialMemory = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="error that does not matter: per cent of the stroke (0.1%), or with a unit (20nm)",
+        ),
+    ] = None,
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
@@ -103,7 +110,7 @@ def diagnose(
     if names:  # a column that was asked for is tried as well
         names += [f"aux:{name}" for name in aux or () if f"aux:{name}" not in names]
     with screen.progress() as show:
-        found = run(record, names or None, levels, progress=show)
+        found = run(record, names or None, levels, tolerance=tolerance, progress=show)
         show("writing the report", 0.97)
         write_report(found, report, command=context.obj["command"])
     screen.show_diagnosis(found)

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, T
 from preisach_jax.effects.base import SensorEffect
 from preisach_jax.fit import at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
+from preisach_jax.quantity import quantity
 
 WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
@@ -26,6 +27,7 @@ def judged(
     now: Point,
     trials: Sequence[Trial | NotFitted],
     announce: Callable[[str], None],
+    tolerance: float = 0.0,
 ) -> tuple[list[Trial | NotFitted], Trial | None, Point]:
     """Find the best of the effects that were tried beside a model, asked what speaks against it.
 
@@ -34,6 +36,7 @@ def judged(
         now: the model without them.
         trials: what came of each.
         announce: called with a text before what takes long.
+        tolerance: RMS error, in output units, that does not matter.
 
     Returns:
         The trials with the objections that were found, the best one that passes, and the model to
@@ -42,7 +45,9 @@ def judged(
     trials = list(trials)
     passing = _ranked(problem, [t for t in trials if isinstance(t, Trial) and t.passes])
     while passing:
-        objection, now = _objection(problem, now, passing[0], announce)
+        objection = _too_small(problem, now, passing[0], tolerance)
+        if not objection:
+            objection, now = _objection(problem, now, passing[0], announce)
         if not objection:
             return trials, passing[0], now
         refused = passing.pop(0)
@@ -75,6 +80,16 @@ def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
     others = [trial for trial in by_error if not trial.certain.alone]
     clear = [t for t in others if not (sure and alike(problem, t.point, sure[0].point))]
     return [*clear, *sure, *(t for t in others if t not in clear)]
+
+
+def _too_small(problem: Problem, now: Point, trial: Trial, tolerance: float) -> str:
+    """What says that an effect does not matter in practice; empty if it does."""
+    removed = now.validation_mean_square - trial.point.validation_mean_square
+    rms = float(max(removed, 0.0) ** 0.5) * problem.unit
+    if rms > tolerance or tolerance == 0:
+        return ""
+    made, allowed = (quantity(size, problem.record.output_unit, 3) for size in (rms, tolerance))
+    return f"it makes {made} RMS, within the tolerance of {allowed}"
 
 
 def _objection(

@@ -20,6 +20,7 @@ from preisach_jax.diagnosis.judgement import alike, judged
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
+from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.diagnosis.trial import (
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
@@ -89,6 +90,7 @@ def diagnose(
     effects: Iterable[str | Effect] | None = None,
     levels: int | None = None,
     *,
+    tolerance: str | None = None,
     progress: Progress | None = None,
     watch: Watch | None = None,
 ) -> Diagnosis:
@@ -105,6 +107,8 @@ def diagnose(
             are tried on request, and all auxiliary columns.  To try one's own beside the library:
             `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
+        tolerance: an error that does not matter, in per cent of the stroke (`"0.1%"`) or with the
+            output's unit (`"20 nm"`): what is below it is told, and does not change the verdict.
         progress: called with a text and a share done.
         watch: called with each fit on the way, and with what was tried beside the one before.
 
@@ -112,7 +116,8 @@ def diagnose(
         The diagnosis.
 
     Raises:
-        InputError: if an effect is unknown, or levels is not an integer from 2 to 200.
+        InputError: if an effect is unknown, levels is not an integer from 2 to 200, or the
+            tolerance has no unit, another one than the output, or is not below the stroke.
 
     Example:
         >>> import numpy as np, preisach_jax as pj
@@ -123,10 +128,11 @@ def diagnose(
         'adequate'
     """
     tried = effects_to_try(record, effects)
+    least = tolerance_of(tolerance, record)
     with double_precision():
         return freed_of_spikes(
             record,
-            lambda given: _Search(given, tried, levels, progress or in_silence, watch).run(),
+            lambda given: _Search(given, tried, levels, least, progress or in_silence, watch).run(),
             lambda found: found.steps[-1],
         )
 
@@ -169,9 +175,11 @@ class _Search:
         record: Record,
         tried: tuple[Effect, ...],
         levels: int | None,
+        tolerance: float,
         progress: Progress,
         watch: Watch | None,
     ):
+        self.tolerance = tolerance
         self.levels_are_given = levels is not None
         self.levels = checked_levels(levels)
         self.tried = tried
@@ -275,6 +283,7 @@ class _Search:
             self.now,
             trials,
             lambda text: self.progress(text, self._done(rounds + 0.9)),
+            self.tolerance,
         )
         name = best.effect.name if best is not None else ""
         # Of an effect that is tried again on a finer plane, the last trial counts.
@@ -314,7 +323,9 @@ class _Search:
             evidence = compare(self.problem, without, second.point)
             certain = differs_from_nothing(self.problem, second.point, first.effect.name)
             beside = replace(first, point=second.point, evidence=evidence, certain=certain)
-            _, passed, _ = judged(self.problem, without, [beside], lambda text: None)
+            _, passed, _ = judged(
+                self.problem, without, [beside], lambda text: None, self.tolerance
+            )
             if passed is None:
                 continue
             self.trials = accepted_rows(self.trials, [first.effect.name], step)
@@ -330,7 +341,7 @@ class _Search:
         left = [effect for effect in self.tried if effect.name not in present]
         self.progress(f"looking beside {first.effect.name}", self._done(len(self.accepted) + 0.9))
         trials = try_beside(self.problem, first.point, left, first.step + 1, in_silence)
-        _, second, _ = judged(self.problem, first.point, trials, lambda text: None)
+        _, second, _ = judged(self.problem, first.point, trials, lambda text: None, self.tolerance)
         return second
 
     def _check_backward(self) -> None:
@@ -371,17 +382,18 @@ class _Search:
         bounds = limits(self.whole_plane, finest, absent)
         parameters = with_grid_error(fits[-1].model.parameters, self.now, other)
         alternatives = self._alternatives(problem, small)
+        met = budget.is_met or budget.unexplained <= self.tolerance
         if self.accepted:
-            verdict = "explained" if budget.is_met else "partly_explained"
+            verdict = "explained" if met else "partly_explained"
         else:
-            verdict = "adequate" if budget.is_met else "unexplained"
+            verdict = "adequate" if met else "unexplained"
         model = replace(fits[-1].model, parameters=parameters)
         model = model.with_budget(budget.noise, budget.discretisation)
         fits[-1] = replace(fits[-1], model=model)
         findings = self._findings(fits)
         return Diagnosis(
             verdict=verdict,
-            sentence=sentence(verdict, findings, budget, fits),
+            sentence=sentence(verdict, findings, budget, fits, self.tolerance),
             findings=findings,
             ladder=tuple(Rung.of(fit) for fit in fits),
             budget=budget,
@@ -389,7 +401,7 @@ class _Search:
             limits=bounds,
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
-            located="" if budget.is_met else located(self.record, fits[-1]),
+            located="" if met else located(self.record, fits[-1]),
             notes=(
                 *notes_on(self.record, model),
                 *untellable_notes(problem, self.tried),

@@ -15,10 +15,11 @@ from preisach_jax.diagnosis.residuals import (
     reversals,
 )
 from preisach_jax.diagnosis.result import Budget, Candidate, Experiment, Finding
+from preisach_jax.diagnosis.tolerance import stroke_of
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model
-from preisach_jax.quantity import quantity
+from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import spikes_lines
 
@@ -52,32 +53,53 @@ def plain(name: str) -> str:
     return PLAIN.get(name, name)
 
 
-def sentence(verdict: str, findings: Sequence[Finding], budget: Budget, fits: Sequence[Fit]) -> str:
-    """The verdict in one sentence."""
+def sentence(
+    verdict: str,
+    findings: Sequence[Finding],
+    budget: Budget,
+    fits: Sequence[Fit],
+    tolerance: float = 0.0,
+) -> str:
+    """The verdict in one sentence.
+
+    Arguments:
+        verdict: the verdict.
+        findings: the effects that were added.
+        budget: what the last error is made of.
+        fits: the fit of each rung.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    stroke = stroke_of(fits[0].record)
     first, last = (
-        quantity(fit.rms_validation, budget.unit, digits=3) for fit in (fits[0], fits[-1])
+        f"{quantity(fit.rms_validation, budget.unit, digits=3)} RMS "
+        f"({number(100 * fit.rms_validation / stroke, 2)} % of the stroke)"
+        for fit in (fits[0], fits[-1])
     )
     unexplained = quantity(budget.unexplained, budget.unit, digits=3)
+    rest = "noise and the grid of the model"
+    if not budget.is_met:
+        allowed = quantity(tolerance, budget.unit, digits=3)
+        rest += f", and {unexplained} within the tolerance of {allowed}"
     if verdict == "adequate":
         return (
-            f"Nothing is missing: the plain hysteresis model predicts the output to {last} RMS, "
-            "which is noise and the grid of the model."
+            f"Nothing is missing: the plain hysteresis model predicts the output to {last}, "
+            f"which is {rest}."
         )
     if verdict == "unexplained":
         return (
             f"Something is missing, but none of the effects tried explains it: of the error of "
-            f"{last} RMS, {unexplained} are neither noise nor grid."
+            f"{last}, {unexplained} are neither noise nor grid."
         )
     named = " and ".join(_with_family(finding) for finding in findings)
     rest = (
-        "what remains is noise and the grid of the model"
+        f"what remains is {rest}"
         if verdict == "explained"
         else f"{unexplained} of it are still not explained"
     )
     added = "it" if len(findings) == 1 else "them"
     return (
         f"The plain hysteresis model lacks {named}: with {added}, the error falls from {first} to "
-        f"{last} RMS; {rest}."
+        f"{last}; {rest}."
     )
 
 

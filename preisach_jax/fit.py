@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from preisach_jax import html
 from preisach_jax.chain import Chain, response, signals_of
-from preisach_jax.confidence import estimates
+from preisach_jax.confidence import estimates, with_grid_error
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.errors import InputError
@@ -84,6 +84,9 @@ POOR = 0.05
 
 SEARCH_ROWS = 8_000
 """Samples to which a longer record is thinned while effects are searched for."""
+
+REFINEMENT = 1.5
+"""Ratio of the levels of two planes that are compared."""
 
 FINAL_TOLERANCE = 1e-3
 """Relative fall of the objective below which parameters are not refined further on all rows: one
@@ -254,7 +257,13 @@ def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: P
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
-    return on_all_rows(record, problem, point)
+    found = on_all_rows(record, problem, point)
+    if not point.parameters and not point.chain.coefficients:
+        return found
+    # What the cells add moves parameters as well: intervals from the residual alone are too short.
+    coarser = on_a_coarser_plane(problem, point)
+    parameters = with_grid_error(found.model.parameters, point, coarser)
+    return replace(found, model=replace(found.model, parameters=parameters))
 
 
 def feeds_back(effect: Effect) -> bool:
@@ -446,6 +455,11 @@ def at_levels(problem: Problem, point: Point, levels: int) -> Point:
     """The same model on a plane of other levels, refitted."""
     chain = replace(point.chain, plane=plane_of(problem, levels))
     return settled(problem, evaluate(problem, chain, point.values, point.strength, point))
+
+
+def on_a_coarser_plane(problem: Problem, point: Point) -> Point:
+    """The same model on the next coarser plane, refitted."""
+    return at_levels(problem, point, max(2, round(point.chain.plane.levels / REFINEMENT)))
 
 
 def moved_to(problem: Problem, point: Point) -> Point:

@@ -73,3 +73,12 @@ def test_creep_in_the_rests_is_no_noise(x64):
     # The creep that a plain model leaves is several times the noise.
     assert np.sqrt(np.mean(point.residual**2)) * problem.unit > 3 * NOISE
     assert noise_rms(problem, point) == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_record_is_not_refined_to_more_cells_than_it_has_rows():
+    # 38 levels have 741 cells, 50 levels 1,275.
+    assert refined_levels(740, 25) is None
+    assert refined_levels(741, 25) == 38
+    assert refined_levels(300, 13) == 20
+    assert refined_levels(1274, 38) is None
+    assert refined_levels(1275, 38) == 50

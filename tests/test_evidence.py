@@ -18,7 +18,6 @@ from preisach_jax.diagnosis.budget import (
     input_quantisation_rms,
     memory_rms,
     noise_rms,
-    on_a_coarser_plane,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
@@ -40,7 +39,14 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.fit import at_levels, base_point, finished, plane_of, with_effect
+from preisach_jax.fit import (
+    at_levels,
+    base_point,
+    finished,
+    on_a_coarser_plane,
+    plane_of,
+    with_effect,
+)
 from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
 from preisach_jax.record import Record
 from preisach_jax.regression import solve_nonnegative

@@ -11,7 +11,7 @@ from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.fit import Fit, at_levels, with_regressors
+from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
 
 MOST_LEVELS = 50
@@ -19,8 +19,6 @@ MOST_LEVELS = 50
 
 MOST_WORK = 3e10
 """Rows times squared cells beyond which a plane is not tried of one's own accord."""
-
-REFINEMENT = 1.5
 
 GRID_ORDER = 1
 """Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to 2,
@@ -159,17 +157,15 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
 
 
 def refined_levels(rows: int, levels: int) -> int | None:
-    """The next finer plane that is worth its work on a record of so many rows, or None."""
+    """The next finer plane that is worth its work on a record of so many rows, or None.
+
+    Fewer rows than cells cannot tell what a finer plane is good for.
+    """
     finer = min(round(levels * REFINEMENT), MOST_LEVELS)
     cells = finer * (finer + 1) / 2
-    if finer <= levels or rows * cells**2 > MOST_WORK:
+    if finer <= levels or cells > rows or rows * cells**2 > MOST_WORK:
         return None
     return finer
-
-
-def on_a_coarser_plane(problem: Problem, point: Point) -> Point:
-    """The same model on the next coarser plane, refitted."""
-    return at_levels(problem, point, max(2, round(point.chain.plane.levels / REFINEMENT)))
 
 
 def discretisation_rms(problem: Problem, point: Point, other: Point) -> float:

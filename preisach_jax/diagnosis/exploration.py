@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from preisach_jax import html
-from preisach_jax.diagnosis.budget import discretisation_rms, error_budget, on_a_coarser_plane
+from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
 from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
@@ -31,6 +31,7 @@ from preisach_jax.fit import (
     in_reduced_basis,
     in_silence,
     moved_to,
+    on_a_coarser_plane,
     on_all_rows,
     with_effect,
     with_signs,

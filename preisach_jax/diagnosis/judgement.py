@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from preisach_jax.diagnosis.budget import REFINEMENT, discretisation_rms
+from preisach_jax.diagnosis.budget import discretisation_rms
 from preisach_jax.diagnosis.evidence import compare, free_parameters
 from preisach_jax.diagnosis.tellable import implausible
 from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
 from preisach_jax.effects.base import SensorEffect
-from preisach_jax.fit import at_levels, feeds_back
+from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
 from preisach_jax.quantity import quantity
 

@@ -11,7 +11,6 @@ from preisach_jax.confidence import differs_from_nothing, with_grid_error
 from preisach_jax.diagnosis.budget import (
     discretisation_rms,
     error_budget,
-    on_a_coarser_plane,
     refined_levels,
 )
 from preisach_jax.diagnosis.candidates import try_beside
@@ -49,6 +48,7 @@ from preisach_jax.fit import (
     in_reduced_basis,
     in_silence,
     moved_to,
+    on_a_coarser_plane,
     on_all_rows,
     settled,
     with_effect,

@@ -6,7 +6,7 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.diagnosis.budget import noise_rms
+from preisach_jax.diagnosis.budget import noise_rms, refined_levels
 from preisach_jax.effects.creep import Creep
 from preisach_jax.fit import base_point
 from preisach_jax.identify import Problem

@@ -59,6 +59,7 @@ LAYERS = [
     "report",
     "app",
     "cli",
+    "__main__",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
 LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}

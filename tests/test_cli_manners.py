@@ -402,3 +402,11 @@ def test_the_script_for_the_shell_is_shown():
     )
     assert "_PREISACH_COMPLETE=complete_bash" in done.stdout
     assert "complete -o default" in done.stdout  # without a suggestion bash offers files
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "preisach_jax", "--version"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("preisach ")

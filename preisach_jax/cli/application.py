@@ -16,6 +16,7 @@ from preisach_jax.cli import commands, demonstration, paper
 from preisach_jax.cli.design import design
 from preisach_jax.cli.fleet import fleet
 from preisach_jax.cli.interruption import INTERRUPTED
+from preisach_jax.cli.look import look
 from preisach_jax.cli.page import app
 from preisach_jax.cli.resumable import Interrupted
 from preisach_jax.cli.shared import EXAMPLES
@@ -27,6 +28,7 @@ TRACEBACK = "PREISACH_TRACEBACK"
 """Environment variable; if set to anything but 0, failures come with a traceback."""
 
 _COMMANDS: tuple[Callable[..., Any], ...] = (
+    look,
     commands.diagnose,
     app,
     commands.fit,

@@ -49,6 +49,10 @@ _ROLES = ("time", "input", "output")
 _OPTIONS = {"time": "--time", "input": "--input", "output": "--output"}
 
 
+class QuestionError(InputError):
+    """Names and units do not tell which column is which: the user has to say it."""
+
+
 @dataclass(frozen=True)
 class Roles:
     """Names of the columns by role; `time` is None with a sampling rate, `output` if absent."""
@@ -110,7 +114,7 @@ def assign_roles(
         if not table.named:
             missing = [role for role in wanted if role not in optional]
             numbers = " ".join(f"{_OPTIONS[r]} {_ROLES.index(r) + 1}" for r in missing)
-            raise InputError(
+            raise QuestionError(
                 f"{table.source}: the columns have no names (row {table.rows[0]} is numbers "
                 "already); add a line of names such as t,u,z, or give the positions, as in "
                 f"{numbers}"
@@ -217,13 +221,13 @@ def _guess(
             continue
         column = best[role]
         if column is None:
-            raise InputError(_none_found(table, role, refused))
+            raise QuestionError(_none_found(table, role, refused))
         taken = set(best.values()) - {column}
         others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
         others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
         if len(others) > 1:
             names = shortened([c for c in table.columns if c in others])
-            raise InputError(
+            raise QuestionError(
                 f"{table.source}: {names} may each be the {role} (the columns are "
                 f"{table.listing()}); say which with {_OPTIONS[role]} COL"
             )
@@ -248,6 +252,24 @@ def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
         elif not re.fullmatch(r"column \d+", column):
             usable.append(column)
     return usable, refused
+
+
+def why(table: Table, role: str, column: str) -> str:
+    """Why a column would be taken for a role, in words.
+
+    Arguments:
+        table: the columns of the file.
+        role: `time`, `input` or `output`.
+        column: the column's name.
+    """
+    if table.roles.get(role) == column:
+        return "the format says so"
+    if column not in table.columns:
+        return ""
+    sure = _sureness(role, column, table)
+    if sure in (_SURE, _LIKELY):
+        return "by its name"
+    return f"by its unit {unit_of(table, column)}" if sure == _BY_UNIT else ""
 
 
 def _sureness(role: str, column: str, table: Table) -> int:

@@ -13,6 +13,7 @@ import typer
 from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
+from preisach_jax.cli.compare import compare
 from preisach_jax.cli.design import design
 from preisach_jax.cli.fleet import fleet
 from preisach_jax.cli.interruption import INTERRUPTED
@@ -32,7 +33,7 @@ _COMMANDS: tuple[Callable[..., Any], ...] = (
     commands.diagnose,
     app,
     commands.fit,
-    commands.compare,
+    compare,
     design,
     commands.predict,
     commands.simulate,

@@ -26,7 +26,7 @@ def extremes(
         >>> low, high
         (array([1., 0.]), array([3., 2.]))
     """
-    edges: np.ndarray = np.linspace(time[0], time[-1], columns + 1)
+    edges: np.ndarray = np.linspace(float(time[0]), float(time[-1]), columns + 1)
     there = np.isfinite(values)
     place = np.clip(np.searchsorted(edges, time[there], side="right") - 1, 0, columns - 1)
     low: np.ndarray = np.full(columns, np.inf)

@@ -135,10 +135,11 @@ class Excitation:
     def biases(self) -> int:
         """At how many places minor loops lie: closed, and well within the range."""
         ends: np.ndarray = np.sort(np.stack([self.levels[:-1], self.levels[1:]]), axis=0)
-        low, high = ends[0], ends[1]
+        low: np.ndarray = ends[0]
+        high: np.ndarray = ends[1]
         minor = (high - low < 0.7) & (high - low > 2 * SAME)
-        places: list[float] = np.round(5 * (low + high)[minor]).tolist()
-        return len(set(places))
+        middle: np.ndarray = 0.5 * (low + high)
+        return int(np.unique(np.round(10 * middle[minor])).size)
 
 
 STROKE_CELLS = 3  # cells of SAME that a stroke has at least

@@ -103,7 +103,8 @@ def _regular(text: str, source: str) -> Table | None:
         if _breaks_off(body[last + 1 :].split("\n"), len(head.names), head.delimiter):
             body = body[: body.rindex("\n") + 1]
             torn = head.first + body.count("\n") + 1
-    count = rows_alike(body, head.delimiter, len(head.names))
+    content = body.encode()
+    count = rows_alike(content, head.delimiter, len(head.names))
     if count is None:
         return None
     sample = body[: body.find("\n", _HEAD_SIGNS) + 1 or None].split("\n")
@@ -111,7 +112,7 @@ def _regular(text: str, source: str) -> Table | None:
     if head.delimiter != "," and "," in body and (decimal != "," or "." in body):
         return None
     try:
-        columns, exact = _parse(body, count, head.names, head.delimiter, decimal, source)
+        columns, exact = _parse(content, count, head.names, head.delimiter, decimal, source)
     except InputError:  # read line by line, it is said where
         return None
     if _is_irregular(columns):
@@ -152,8 +153,8 @@ def _table(lines: list[str], source: str) -> Table:
     if assumed:
         head = replace(head, notes=(*head.notes, assumed))
     decimal = decimal_sign(body, delimiter)
-    text = "\n".join(body)
-    columns, exact = _parse(text, len(body), header, delimiter, decimal, source)
+    content = "\n".join(body).encode()
+    columns, exact = _parse(content, len(body), header, delimiter, decimal, source)
     return _with_head(head, source, columns, rows, decimal, exact, torn_row)
 
 
@@ -332,13 +333,12 @@ def _check_widths(
 
 
 def _parse(
-    text: str, count: int, header: list[str], delimiter: str, decimal: str, source: str
+    content: bytes, count: int, header: list[str], delimiter: str, decimal: str, source: str
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """The columns, float64 where every cell is a number or empty, else objects; and great ones
     once more, exactly."""
     import pandas as pd
 
-    content = text.encode()
     options: dict[str, Any] = {
         "sep": r"\s+" if delimiter == " " else delimiter,
         "header": None,

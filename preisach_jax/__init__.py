@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from preisach_jax.filter import AdaptiveFilter, simulate
     from preisach_jax.fit import Fit, fit
     from preisach_jax.fleet import FleetResult, fleet_to_folder, run_fleet
+    from preisach_jax.look import Look, look
     from preisach_jax.model import Model, ParameterEstimate, Prediction
     from preisach_jax.online import OnlineFilter
     from preisach_jax.plane import Plane
@@ -55,6 +56,7 @@ __all__ = [
     "HysteresisEffect",
     "InputEffect",
     "InputError",
+    "Look",
     "Model",
     "OnlineFilter",
     "OutputEffect",
@@ -76,6 +78,7 @@ __all__ = [
     "explore",
     "fit",
     "fleet_to_folder",
+    "look",
     "run_fleet",
     "simulate",
     "simulate_stage",
@@ -94,6 +97,7 @@ _HOMES = {
     "HysteresisEffect": "effects.base",
     "InputEffect": "effects.base",
     "InputError": "errors",
+    "Look": "look",
     "Model": "model",
     "OnlineFilter": "online",
     "OutputEffect": "effects.base",
@@ -115,6 +119,7 @@ _HOMES = {
     "explore": "diagnosis.exploration",
     "fit": "fit",
     "fleet_to_folder": "fleet",
+    "look": "look",
     "run_fleet": "fleet",
     "simulate": "filter",
     "simulate_stage": "plant",

@@ -44,6 +44,7 @@ LAYERS = [
     "theory",
     "sweep",
     "record",
+    "look",
     "effects",
     "regression",
     "chain",
@@ -62,7 +63,7 @@ LAYERS = [
     "__main__",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
-LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
+LATE = {("fit", "plot"), ("look", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
 
 # The simulated world shares no code with the models that are to explain it.
 WORLD = {

@@ -169,6 +169,53 @@ def test_compare_reports_errors_and_tests(work, tmp_path, capsys):
     assert {"report.html", "comparison.json", "residuals.png"} <= {p.name for p in report.iterdir()}
 
 
+def rms_in(folder, *words):
+    """What each comparison leaves, by its name."""
+    assert main(["compare", *words, "--report", str(folder), "-q"]) == 0
+    content = json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
+    assert (folder / "overlay.png").read_bytes().startswith(b"\x89PNG")
+    return {each["name"]: each["rms"] for each in content["comparisons"]}
+
+
+def test_several_models_and_several_records_are_those_of_single_comparisons(work, tmp_path, capsys):
+    plain, other = tmp_path / "plain.json", tmp_path / "other.csv"
+    columns = stage_columns()
+    write_csv(other, {**columns, "z_um": 1.02 * columns["z_um"]})
+    data = work / "stage.csv"
+    assert main(["fit", str(data), "--levels", "4", "--out", str(plain)]) == 0
+    single = {}
+    for model, record in ((plain, data), (work / "model.json", data), (plain, other)):
+        capsys.readouterr()
+        words = ["compare", str(model), str(record), "--report", str(tmp_path / "one"), "--json"]
+        assert main(words) == 0
+        single[model.name, record.name] = json.loads(capsys.readouterr().out)["rms"]
+    models = rms_in(tmp_path / "models", str(plain), str(work / "model.json"), str(data))
+    assert models == {
+        "plain.json": single["plain.json", "stage.csv"],
+        "model.json": single["model.json", "stage.csv"],
+    }
+    records = rms_in(tmp_path / "records", str(plain), str(data), str(other))
+    assert records == {
+        "stage.csv": single["plain.json", "stage.csv"],
+        "other.csv": single["plain.json", "other.csv"],
+    }
+    page = (tmp_path / "records" / "report.html").read_text(encoding="utf-8")
+    assert "One model against records" in page
+    assert "stage.csv leaves least" in capsys.readouterr().out
+
+
+def test_models_and_records_in_numbers_that_do_not_go_together(work, tmp_path, capsys):
+    model, data = str(work / "model.json"), str(work / "stage.csv")
+    for words, expected in (
+        ([model, model], "there is no record among them"),
+        ([model, model, data, data], "2 models and 2 records"),
+        ([model, data, data], "is given 2 times"),
+    ):
+        assert main(["compare", *words, "--report", str(tmp_path / "report")]) == 2
+        assert expected in capsys.readouterr().err
+    assert not (tmp_path / "report").exists()
+
+
 def test_simulate_writes_the_record_and_what_is_hidden(tmp_path, capsys):
     data, truth = tmp_path / "data.csv", tmp_path / "truth.json"
     words = ["simulate", "--effects", "aux", "--seconds", "3", "--seed", "3"]

@@ -13,6 +13,7 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.record import Record
 from preisach_jax.record.columns import assign_roles
+from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import split_unit
@@ -122,6 +123,12 @@ class Upload:
         )  # fmt: skip
 
 
+_TEXT_ENDINGS = {"csv", "txt", "dat", "tsv", "asc", "lvm", "forc", "frc", "gz", "zip"}
+_ENDINGS = _TEXT_ENDINGS | {
+    suffix.removeprefix(".") for reader in BINARY for suffix in reader.suffixes
+}
+
+
 def harmless_name(name: str) -> str:
     """A name for a file in a folder of ours, whatever the file was called.
 
@@ -132,7 +139,7 @@ def harmless_name(name: str) -> str:
     last = re.split(r"[/\\]", name)[-1]
     stem, dot, ending = last.rpartition(".")
     stem, ending = (stem, ending.lower()) if dot else (ending, "csv")
-    if ending not in {"csv", "txt", "dat", "tsv", "forc", "frc", "npz", "mat", "parquet", "pq"}:
+    if ending not in _ENDINGS:
         stem, ending = last, "csv"
     return f"{re.sub(r'[^A-Za-z0-9_-]', '_', stem)[:80] or 'record'}.{ending}"
 

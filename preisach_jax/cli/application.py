@@ -13,9 +13,11 @@ import typer
 from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
+from preisach_jax.cli.compare import compare
 from preisach_jax.cli.design import design
 from preisach_jax.cli.fleet import fleet
 from preisach_jax.cli.interruption import INTERRUPTED
+from preisach_jax.cli.look import look
 from preisach_jax.cli.page import app
 from preisach_jax.cli.resumable import Interrupted
 from preisach_jax.cli.shared import EXAMPLES
@@ -27,10 +29,11 @@ TRACEBACK = "PREISACH_TRACEBACK"
 """Environment variable; if set to anything but 0, failures come with a traceback."""
 
 _COMMANDS: tuple[Callable[..., Any], ...] = (
+    look,
     commands.diagnose,
     app,
     commands.fit,
-    commands.compare,
+    compare,
     design,
     commands.predict,
     commands.simulate,

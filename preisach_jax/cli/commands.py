@@ -157,51 +157,6 @@ def fit(
 
 
 @command(
-    "preisach compare model.json other.csv",
-    "preisach compare model.json other.csv --initial-memory low --report other",
-    "preisach compare model.json other.csv --json",
-)
-def compare(
-    context: typer.Context,
-    model: ModelFile,
-    data: Data,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    aux: Aux = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
-    report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
-        "preisach-comparison"
-    ),
-) -> dict[str, Any]:
-    """Test an existing model against a record."""
-    from preisach_jax.diagnosis.comparison import compare as run
-    from preisach_jax.files import check_folder
-    from preisach_jax.model import Model
-    from preisach_jax.report import write_comparison
-    from preisach_jax.report.content import comparison_sentence, error_rows, test_rows
-
-    check_folder(report)
-    loaded = Model.load(model, announce=screen.note)
-    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
-    notes: list[str] = []
-    record = columns.load(data, loaded, announce=notes.append)
-    screen.show_record(record, notes)
-    comparison = run(loaded, record)
-    write_comparison(comparison, report, command=context.obj["command"])
-    sentence = comparison_sentence(comparison)
-    screen.answer(sentence)
-    screen.say("\n".join(["", sentence, *comparison.notes, ""]))
-    screen.table(("", "value"), error_rows(comparison))
-    screen.say()
-    screen.table(("test of the residual", "found", "expected"), test_rows(comparison))
-    screen.say(f"\nReport: {report / 'report.html'}")
-    return comparison.to_json()
-
-
-@command(
     "preisach predict model.json next.csv --out prediction.csv",
     "preisach predict model.json next.csv --input drive --out prediction.csv",
 )

@@ -19,10 +19,16 @@ if TYPE_CHECKING:
 _Number = TypeVar("_Number", int, float)
 
 Data = Annotated[
-    Path, typer.Argument(metavar="DATA", help="CSV, MicroMag .forc, NPZ, MAT or Parquet")
+    Path,
+    typer.Argument(
+        metavar="DATA",
+        help="CSV, Excel, MAT, HDF5, TDMS, LVM, NPZ, Parquet, ..., packed or not",
+    ),
 ]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="a model.json")]
-Time = Annotated[str | None, typer.Option("--time", metavar="COL", help="column of time")]
+Time = Annotated[
+    str | None, typer.Option("--time", metavar="COL", help="column of time: name, number or unit")
+]
 Input = Annotated[str | None, typer.Option("--input", metavar="COL", help="column of the input")]
 Output = Annotated[
     str | None, typer.Option("--output", metavar="COL", help="column of the measured output")

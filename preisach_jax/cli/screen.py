@@ -21,6 +21,7 @@ from preisach_jax.rows import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
     from rich.console import Console
 
     from preisach_jax.diagnosis.result import Diagnosis
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from preisach_jax.record import Record
 
 _WIDTH = 110  # of tables that no terminal limits
+_MARGIN = 12  # of a picture, for its ends
 _SPARSE_S = 2.0  # between two lines of progress that nobody may be reading
 
 
@@ -124,6 +126,25 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool =
     for row in rows:
         drawn.add_row(*row)
     _console().print(drawn)
+
+
+def picture(time: np.ndarray, values: np.ndarray, lines: int) -> None:
+    """Print a signal over time as a picture of Braille signs, its ends beside it."""
+    if _MANNER.get().as_json or _MANNER.get().quiet:
+        return
+    import numpy as np
+
+    from preisach_jax.look.drawing import braille
+
+    screen = _console()
+    there = values[np.isfinite(values)]
+    width = min(screen.width, _WIDTH) - _MARGIN
+    ends = (f"{there.max():.4g}", f"{there.min():.4g}")
+    for k, line in enumerate(braille(time, values, width, lines)):
+        label = ends[0] if k == 0 else ends[1] if k == lines - 1 else ""
+        screen.print(f"{label:>{_MARGIN - 2}} {line}", soft_wrap=True)
+    first, last = f"{time[0]:.4g} s", f"{time[-1]:.4g} s"
+    screen.print(" " * (_MARGIN - 1) + first + last.rjust(width - len(first)), soft_wrap=True)
 
 
 class TimeLeft:

@@ -29,7 +29,7 @@ _OPTIONS = {"as_json": _Json, "quiet": _Quiet}
 
 
 def command(
-    *examples: str, fits: bool = False
+    *examples: str, fits: bool = False, computes: bool = True
 ) -> Callable[[Callable[..., Any]], Callable[..., None]]:
     """Make a function a command.
 
@@ -40,6 +40,7 @@ def command(
     Arguments:
         examples: command lines for the end of its help.
         fits: whether it fits models, which compiles for a while on the first run.
+        computes: whether it needs JAX, which takes half a second to load.
 
     Returns:
         A decorator; the decorated function takes the shared options too.
@@ -61,6 +62,12 @@ def command(
     def decorate(function: Callable[..., Any]) -> Callable[..., None]:
         @functools.wraps(function)
         def run(*arguments: Any, as_json: bool = False, quiet: bool = False, **named: Any) -> None:
+            if not computes:
+                with screen.manner(as_json=as_json, quiet=quiet):
+                    content = function(*arguments, **named)
+                    if content is not None:
+                        screen.show_json(content)
+                return
             import jax
 
             # Identification needs double precision, for the command alone: whoever calls `main`

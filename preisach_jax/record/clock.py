@@ -61,6 +61,16 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
     return np.array(numbers, dtype=np.float64), assumed
 
 
+def is_time(text: str) -> bool:
+    """Whether a text is a date with a time, or a time of day.
+
+    Example:
+        >>> is_time("2024-03-01 12:00:00.125"), is_time("12.5")
+        (True, False)
+    """
+    return any(p.fullmatch(text.strip()) for p in (_YEAR_FIRST, _YEAR_LAST, _CLOCK))
+
+
 def _pattern(sample: Sequence[str]) -> re.Pattern[str] | None:
     for pattern in (_YEAR_FIRST, _YEAR_LAST, _CLOCK):
         if sample and pattern.fullmatch(sample[0].strip()):

@@ -12,6 +12,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.checks import check_aux_names
+from preisach_jax.record.clock import is_time
 from preisach_jax.record.table import Table, shortened
 from preisach_jax.record.units import seconds_per, split_unit
 
@@ -46,6 +47,10 @@ _UNITS = {
 }
 _ROLES = ("time", "input", "output")
 _OPTIONS = {"time": "--time", "input": "--input", "output": "--output"}
+
+
+class QuestionError(InputError):
+    """Names and units do not tell which column is which: the user has to say it."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +98,7 @@ def assign_roles(
             told[role] = column
     if not need_output and told["output"] not in table.columns:
         told["output"] = None
-    for role, name in told.items():
-        if name is not None:
-            _require(table, name, _OPTIONS[role])
-    for name in aux:
-        _require(table, name, "--aux")
+    told, aux = _resolved(table, told, aux)
     check_aux_names(aux, table.source)
     used = [name for name in (*told.values(), *aux) if name is not None]
     for name in used:
@@ -111,10 +112,12 @@ def assign_roles(
     optional: set[str] = {"time"} if has_rate else set()
     if set(wanted) - optional:
         if not table.named:
-            raise InputError(
+            missing = [role for role in wanted if role not in optional]
+            numbers = " ".join(f"{_OPTIONS[r]} {_ROLES.index(r) + 1}" for r in missing)
+            raise QuestionError(
                 f"{table.source}: the columns have no names (row {table.rows[0]} is numbers "
                 "already); add a line of names such as t,u,z, or give the positions, as in "
-                "--time 1 --input 2 --output 3"
+                f"{numbers}"
             )
         told |= _guess(table, wanted, used, optional)
     guessed = [r for r in wanted if told[r] is not None and not (r == "time" and has_rate)]
@@ -124,15 +127,67 @@ def assign_roles(
     return Roles(told["time"], told["input"], told["output"], tuple(aux), tuple(guessed))
 
 
-def _require(table: Table, name: str, option: str) -> None:
-    if name in table.columns:
-        return
+def could_be_time(table: Table, column: str) -> bool:
+    """Whether a column may be the time, by its name, its unit, or dates and times in its cells."""
+    if _sureness("time", column, table) > 0:
+        return True
+    cells = table.columns[column]
+    return cells.dtype == object and is_time(str(cells[0]))
+
+
+def _resolved(
+    table: Table, told: dict[str, str | None], aux: Sequence[str]
+) -> tuple[dict[str, str | None], list[str]]:
+    """The columns that are meant; numbers are names where there are such, unless they collide."""
+    options = [*(_OPTIONS[role] for role in told), *("--aux" for _ in aux)]
+    wanted = [*told.values(), *aux]
+    for by_name in (True, False):
+        found = [
+            None if name is None else _found(table, name, option, by_name)
+            for name, option in zip(wanted, options, strict=True)
+        ]
+        chosen = [name for name in found if name is not None]
+        if len(set(chosen)) == len(chosen) or not any(name and name.isdecimal() for name in wanted):
+            break
+    roles = dict(zip(told, found[: len(told)], strict=True))
+    return roles, [name for name in found[len(told) :] if name is not None]
+
+
+def _found(table: Table, name: str, option: str, by_name: bool = True) -> str:
+    """The column that is meant by a name, a number or a unit.
+
+    Raises:
+        InputError: there is none, or several have the unit.
+    """
+    if name in table.columns and (by_name or not name.isdecimal()):
+        return name
+    own = [column for column in table.columns if column != table.roles.get("time")]
+    ordered = own if "time" in table.roles else list(table.columns)
+    if name.isdecimal() and 1 <= int(name) <= len(ordered):
+        return ordered[int(name) - 1]
+    alike = [column for column in table.columns if unit_of(table, column) == name]
+    if len(alike) == 1:
+        return alike[0]
+    if alike:
+        raise InputError(
+            f"{table.source}: {shortened(alike)} have the unit {name!r}; say which column with "
+            f"{option}"
+        )
+    raise _no_such_column(table, name, option)
+
+
+def unit_of(table: Table, column: str) -> str:
+    """The unit of a column, as the file or its name states it; `""` if neither does."""
+    return table.units.get(column, split_unit(column)[1])
+
+
+def _no_such_column(table: Table, name: str, option: str) -> InputError:
     if name in table.left_aside:
-        raise InputError(f"{table.source}, column {name}: {table.left_aside[name]}")
+        return InputError(f"{table.source}, column {name}: {table.left_aside[name]}")
     folded = {column.lower(): column for column in table.columns}
     near = difflib.get_close_matches(name.lower(), folded, n=1)
     hint = f" (did you mean {folded[near[0]]}?)" if near else ""
-    raise InputError(
+    return InputError(
         f"{table.source}: there is no column {name!r}{hint}; the columns are {table.listing()}: "
         f"name one of them with {option}"
     )
@@ -166,13 +221,13 @@ def _guess(
             continue
         column = best[role]
         if column is None:
-            raise InputError(_none_found(table, role, refused))
+            raise QuestionError(_none_found(table, role, refused))
         taken = set(best.values()) - {column}
         others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
         others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
         if len(others) > 1:
             names = shortened([c for c in table.columns if c in others])
-            raise InputError(
+            raise QuestionError(
                 f"{table.source}: {names} may each be the {role} (the columns are "
                 f"{table.listing()}); say which with {_OPTIONS[role]} COL"
             )
@@ -199,11 +254,28 @@ def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
     return usable, refused
 
 
+def why(table: Table, role: str, column: str) -> str:
+    """Why a column would be taken for a role, in words.
+
+    Arguments:
+        table: the columns of the file.
+        role: `time`, `input` or `output`.
+        column: the column's name.
+    """
+    if table.roles.get(role) == column:
+        return "the format says so"
+    if column not in table.columns:
+        return ""
+    sure = _sureness(role, column, table)
+    if sure in (_SURE, _LIKELY):
+        return "by its name"
+    return f"by its unit {unit_of(table, column)}" if sure == _BY_UNIT else ""
+
+
 def _sureness(role: str, column: str, table: Table) -> int:
     """How surely a column's name and unit tell `role`; 0 if they do not."""
-    name, unit = split_unit(column)
-    unit = table.units.get(column, unit)
-    name = name.strip().lower()
+    name, unit = split_unit(column)[0], unit_of(table, column)
+    name = re.split(r"[/.]", name.strip().lower())[-1]  # `run/u` and `run.u` are u
     is_time_unit = unit != "" and seconds_per(unit) is not None
     if role != "time" and is_time_unit:
         return 0

@@ -111,9 +111,10 @@ class Record:
         """Load and check a record.
 
         Arguments:
-            path: CSV (any common delimiter, decimal point or comma, comments), MicroMag reversal
-                curves, NPZ, MAT or Parquet.
-            time, input, output: names of columns; None to guess from names and units.
+            path: a text file of any common delimiter with or without settings above it, or a file
+                of any kind in `preisach_jax.record.readers`, packed by gzip or ZIP or not.
+            time, input, output: columns by name, number (`"2"`) or unit (`"V"`); None to guess from
+                names and units.
             aux: names of auxiliary columns.
             rate: sampling rate in Hz, in place of a time column.
             units: units by role (`"time"`, `"input"`, `"output"`) or column, where the columns'

@@ -6,16 +6,32 @@ import csv
 import io
 import re
 import warnings
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.table import GREAT, Table, check_names, shortened
-from preisach_jax.record.units import is_unit
+from preisach_jax.record.cells import (
+    decimal_sign,
+    fields_of,
+    rows_alike,
+    width_of,
+    without_groups,
+)
+from preisach_jax.record.layout import (
+    Sampling,
+    header_start,
+    is_number,
+    sampling_of,
+    settings_of,
+)
+from preisach_jax.record.sampling import with_stated_time
+from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
+from preisach_jax.record.units import is_unit, plain_unit
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
 # spaces may stand around any of the others.
@@ -23,22 +39,33 @@ _DELIMITERS = ("\t", ";", "|", ",", " ")
 _DELIMITER_NAMES = {"\t": "tab", " ": "space"}
 _COMMENTS = ("#", "%")
 _SAMPLE = 200
+_HEAD_SIGNS = 2**17
+"""Signs at the beginning of a long file by which its layout is known."""
 
-_EXPONENT = r"(?:[eE][+-]?\d+)?"
-_WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}")
-_WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}")
 # What a number that is still being written may end in, and a whole one does not.
 _CUT = re.compile(r"[+-]|[+-]?\d*[.,]|[+-]?(\d+[.,]?\d*|[.,]\d+)[eE][+-]?")
-# A unit in brackets belongs to the name before it: `Weg [µm]` is one name, not two.
-_SPACES = re.compile(r"\s+(?![\[(])")
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What the lines above the data say: names, units, and where the data begin."""
+
+    names: list[str]
+    named: bool
+    delimiter: str
+    units: dict[str, str]
+    first: int  # index of the first line of data
+    notes: tuple[str, ...]
+    sampling: Sampling | None
 
 
 def read_delimited(text: str, source: str) -> Table:
     """Read delimiter-separated text.
 
-    Blank lines, lines of delimiters only, and comment lines (`#`, `%`) are skipped wherever they
-    stand; a comment that holds the names, as `numpy.savetxt` writes it, is understood.  A last line
-    without line end that breaks off, as of a file that is still written, is left out.
+    Settings of an instrument above the names, blank lines, lines of delimiters only, and comment
+    lines (`#`, `%`) are skipped; a comment that holds the names, as `numpy.savetxt` writes it, is
+    understood, and so is a row of units below the names.  A last line without line end that breaks
+    off, as of a file that is still written, is left out.
 
     Arguments:
         text: the whole file with `\\n` as line end.
@@ -51,7 +78,7 @@ def read_delimited(text: str, source: str) -> Table:
         InputError: no data, rows of unequal length, a name that stands twice.
     """
     try:
-        return _table(text.split("\n"), source)
+        return _regular(text, source) or _table(text.split("\n"), source)
     except csv.Error:  # of a field between quotation marks
         raise InputError(
             f"{source}: a field between quotation marks has more than {csv.field_size_limit():,} "
@@ -59,25 +86,59 @@ def read_delimited(text: str, source: str) -> Table:
         ) from None
 
 
+def _regular(text: str, source: str) -> Table | None:
+    """The table of a long file whose rows are all alike, which need not be read line by line."""
+    if len(text) < 2 * _HEAD_SIGNS:
+        return None
+    end = text.rfind("\n", 0, _HEAD_SIGNS) + 1
+    lines = text[:end].split("\n")[:-1]
+    kept = [i for i, line in enumerate(lines) if _is_data(line)]
+    if len(kept) < _SAMPLE:
+        return None
+    head = _head(lines, kept, kept, source)
+    start = sum(len(line) + 1 for line in lines[: head.first])
+    body, torn = text[start:], None
+    if not body.endswith("\n"):
+        last = body.rindex("\n", 0, body.rindex("\n"))
+        if _breaks_off(body[last + 1 :].split("\n"), len(head.names), head.delimiter):
+            body = body[: body.rindex("\n") + 1]
+            torn = head.first + body.count("\n") + 1
+    content = body.encode()
+    count = rows_alike(content, head.delimiter, len(head.names))
+    if count is None:
+        return None
+    sample = body[: body.find("\n", _HEAD_SIGNS) + 1 or None].split("\n")
+    decimal = decimal_sign(sample, head.delimiter)
+    if head.delimiter != "," and "," in body and (decimal != "," or "." in body):
+        return None
+    try:
+        columns, exact = _parse(content, count, head.names, head.delimiter, decimal, source)
+    except InputError:  # read line by line, it is said where
+        return None
+    if _is_irregular(columns):
+        return None
+    rows = np.arange(count) + head.first + 1
+    return _with_head(head, source, columns, rows, decimal, exact, torn)
+
+
+def _is_irregular(columns: Mapping[str, np.ndarray]) -> bool:
+    """Whether a row has no entry at all, or numbers are mixed with texts, such as `1'234`."""
+    import pandas as pd
+
+    texts = [values for values in columns.values() if values.dtype == object]
+    if any(is_number(str(values[0])) for values in texts):
+        return True
+    return bool(np.logical_and.reduce([pd.isna(values) for values in columns.values()]).any())
+
+
 def _table(lines: list[str], source: str) -> Table:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if not kept:
         raise InputError(f"{source}: the file holds no data; give a file with a line of names")
     is_open = kept[-1] == len(lines) - 1  # the last row has no line end, and may break off
-    sure = kept[:-1] if is_open and len(kept) > 1 else kept
-    delimiter, start = _sniff([lines[i] for i in sure[:_SAMPLE]])
-    header, named, first = _header(lines, kept, start, delimiter, source)
-    kept = kept[first:]
-    units: dict[str, str] = {}
-    if named and kept:
-        below = _fields(lines[kept[0]], delimiter)
-        if len(below) == len(header) and any(below) and all(is_unit(f) for f in below if f):
-            units = {
-                name: unit.strip("[]()")
-                for name, unit in zip(header, below, strict=True)
-                if unit not in {"", "-"}
-            }
-            kept = kept[1:]
+    head = _head(lines, kept, kept[:-1] if is_open and len(kept) > 1 else kept, source)
+    kept = kept[bisect_left(kept, head.first) :]
+    header, delimiter = head.names, head.delimiter
     torn_row = None
     if is_open and kept and _breaks_off([lines[i] for i in kept[-2:]], len(header), delimiter):
         torn_row = kept.pop() + 1
@@ -88,22 +149,76 @@ def _table(lines: list[str], source: str) -> Table:
     width = _check_widths(body, rows, header, delimiter, source)
     if width > len(header):
         header = [*header, f"column {width}"]
-    decimal = _decimal_sign(body, delimiter)
-    columns, exact = _parse(body, header, delimiter, decimal, source)
-    skipped = (
-        (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
-    )
-    return Table(
+    body, assumed = without_groups(body, rows, delimiter, source)
+    if assumed:
+        head = replace(head, notes=(*head.notes, assumed))
+    decimal = decimal_sign(body, delimiter)
+    content = "\n".join(body).encode()
+    columns, exact = _parse(content, len(body), header, delimiter, decimal, source)
+    return _with_head(head, source, columns, rows, decimal, exact, torn_row)
+
+
+def _with_head(
+    head: _Head,
+    source: str,
+    columns: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    decimal: str,
+    exact: Mapping[str, np.ndarray],
+    torn_row: int | None,
+) -> Table:
+    table = Table(
         source,
         columns,
         rows,
-        named=named,
+        named=head.named,
         decimal=decimal,
-        units=units,
-        notes=skipped,
+        units=head.units,
+        notes=head.notes,
         exact=exact,
         torn_row=torn_row,
     )
+    return with_stated_time(table, head.sampling)
+
+
+def _head(lines: list[str], kept: list[int], sure: list[int], source: str) -> _Head:
+    """Names, units and settings; `sure` are the kept lines that are known to be whole."""
+    _check_width(lines[kept[0]], f"{source}, row {kept[0] + 1}")
+    delimiter, start = _sniff([lines[i] for i in sure[:_SAMPLE]])
+    above = _settings(lines, sure)
+    if above is not None:
+        delimiter, start = above
+    header, named, first = _header(lines, kept, start, delimiter, source)
+    units: dict[str, str] = {}
+    if named and first < len(kept):
+        below = fields_of(lines[kept[first]], delimiter)
+        if len(below) == len(header) and any(below) and all(is_unit(f) for f in below if f):
+            units = {
+                name: plain_unit(unit)
+                for name, unit in zip(header, below, strict=True)
+                if unit not in {"", "-"}
+            }
+            first += 1
+    begin = kept[first] if first < len(kept) else kept[-1] + 1
+    notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
+    sampling = sampling_of(settings_of(lines[: kept[start]], delimiter))
+    return _Head(header, named, delimiter, units, begin, notes, sampling)
+
+
+def _check_width(line: str, place: str) -> None:
+    """Refuse a million columns before anything is made of them."""
+    most = max(line.count(delimiter) + 1 for delimiter in _DELIMITERS if delimiter != " ")
+    if most > 4 * MOST_COLUMNS:
+        check_names([""] * most, place)
+
+
+def _settings(lines: list[str], kept: list[int]) -> tuple[str, int] | None:
+    """The delimiter, and how many lines of settings stand above the names, if there are any."""
+    for delimiter in _DELIMITERS:
+        start = header_start(fields_of(lines[i], delimiter) for i in kept)
+        if start is not None:
+            return (delimiter, start) if start else None
+    return None
 
 
 def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
@@ -115,32 +230,15 @@ def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
         delimiter: what stands between the fields.
     """
     *above, last = end
-    if _width(last, delimiter) < (_width(above[0], delimiter) if above else width):
+    if width_of(last, delimiter) < (width_of(above[0], delimiter) if above else width):
         return True
     # Some programs write 4. for 4: then the line above does not end otherwise.
-    is_cut = [bool(_CUT.fullmatch(_fields(line, delimiter)[-1])) for line in end]
+    is_cut = [bool(_CUT.fullmatch(fields_of(line, delimiter)[-1])) for line in end]
     return last.count('"') % 2 == 1 or (is_cut[-1] and not any(is_cut[:-1]))
 
 
 def _is_data(line: str) -> bool:
     return bool(line.strip(" \t,;|")) and not line.lstrip().startswith(_COMMENTS)
-
-
-def _fields(line: str, delimiter: str) -> list[str]:
-    """The fields of one line, without the white space and quotation marks around them."""
-    if delimiter == " ":
-        fields = _SPACES.split(line.strip())
-    elif '"' in line:
-        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    else:
-        fields = line.split(delimiter)
-    return [field.strip().strip('"') for field in fields]
-
-
-def _width(line: str, delimiter: str) -> int:
-    if '"' in line:
-        return len(_fields(line, delimiter))
-    return len(line.split()) if delimiter == " " else line.count(delimiter) + 1
 
 
 def _is_number(field: str) -> bool:
@@ -159,7 +257,7 @@ def _is_all_numbers(fields: Sequence[str]) -> bool:
 def _sniff(sample: list[str]) -> tuple[str, int]:
     """The delimiter, and how many lines before the names belong to neither names nor data."""
     for delimiter in _DELIMITERS:
-        widths = {len(_fields(line, delimiter)) for line in sample}
+        widths = {len(fields_of(line, delimiter)) for line in sample}
         if len(widths) == 1 and widths.pop() > 1:
             return delimiter, 0
     # Not every line agrees: lines before the names, a row that breaks off, or a single column.
@@ -167,7 +265,7 @@ def _sniff(sample: list[str]) -> tuple[str, int]:
         return "\t", 0
     best, best_share, best_start = "\t", 0.0, 0
     for delimiter in _DELIMITERS:
-        widths = [len(_fields(line, delimiter)) for line in sample]
+        widths = [len(fields_of(line, delimiter)) for line in sample]
         usual, _ = Counter(widths[len(widths) // 2 :]).most_common(1)[0]
         if usual == 1:
             continue
@@ -177,8 +275,8 @@ def _sniff(sample: list[str]) -> tuple[str, int]:
         if share > best_share + 0.02:
             best, best_share, best_start = delimiter, share, start
     # Rows that break off, or end in a delimiter, do not move the names.
-    is_header = best_start == 1 and not _is_all_numbers(_fields(sample[0], best))
-    if is_header and _is_all_numbers(_fields(sample[1], best)):
+    is_header = best_start == 1 and not _is_all_numbers(fields_of(sample[0], best))
+    if is_header and _is_all_numbers(fields_of(sample[1], best)):
         best_start = 0
     return best, best_start
 
@@ -187,7 +285,7 @@ def _header(
     lines: list[str], kept: list[int], start: int, delimiter: str, source: str
 ) -> tuple[list[str], bool, int]:
     """Names, whether the file gives them, and how many kept lines stand before the data."""
-    fields = _fields(lines[kept[start]], delimiter)
+    fields = fields_of(lines[kept[start]], delimiter)
     named, first = True, start + 1
     if _is_all_numbers(fields):
         first = start
@@ -202,7 +300,7 @@ def _header(
 def _commented_names(before: list[str], delimiter: str, width: int) -> list[str] | None:
     """Names in the last comment line that has as many as there are columns, if any."""
     for line in reversed(before):
-        fields = _fields(line.strip().lstrip("".join(_COMMENTS)).strip(), delimiter)
+        fields = fields_of(line.strip().lstrip("".join(_COMMENTS)).strip(), delimiter)
         if len(fields) == width and all(fields) and not any(_is_number(f) for f in fields):
             return fields
     return None
@@ -212,7 +310,7 @@ def _check_widths(
     body: list[str], rows: np.ndarray, header: list[str], delimiter: str, source: str
 ) -> int:
     """The number of fields in every row: that of the names, or one more that is always empty."""
-    widths = np.array([_width(line, delimiter) for line in body])
+    widths = np.array([width_of(line, delimiter) for line in body])
     expected = len(header)
     if (
         delimiter != " "
@@ -234,25 +332,13 @@ def _check_widths(
     return expected
 
 
-def _decimal_sign(body: list[str], delimiter: str) -> str:
-    """`,` where numbers are written with it and none with a point, else `.`."""
-    with_comma = islice((line for line in body if "," in line), 1000)
-    fields = [field for line in with_comma for field in _fields(line, delimiter)]
-    if not any(_WITH_COMMA.fullmatch(field) for field in fields):
-        return "."
-    with_point = islice((line for line in body if "." in line), 1000)
-    fields = [field for line in with_point for field in _fields(line, delimiter)]
-    return "." if any(_WITH_POINT.fullmatch(field) for field in fields) else ","
-
-
 def _parse(
-    body: list[str], header: list[str], delimiter: str, decimal: str, source: str
+    content: bytes, count: int, header: list[str], delimiter: str, decimal: str, source: str
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """The columns, float64 where every cell is a number or empty, else objects; and great ones
     once more, exactly."""
     import pandas as pd
 
-    text = "\n".join(body)
     options: dict[str, Any] = {
         "sep": r"\s+" if delimiter == " " else delimiter,
         "header": None,
@@ -265,11 +351,11 @@ def _parse(
         with warnings.catch_warnings():
             # It means that cells are dropped.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame = cast(pd.DataFrame, pd.read_csv(io.StringIO(text), decimal=decimal, **options))
+            frame = cast(pd.DataFrame, pd.read_csv(io.BytesIO(content), decimal=decimal, **options))
     except (pd.errors.ParserError, pd.errors.ParserWarning):
         frame = None
     # Every line has as many fields as there are names, so only quotation marks can join lines.
-    if frame is None or len(frame) != len(body):
+    if frame is None or len(frame) != count:
         raise InputError(
             f'{source}: a quotation mark (") is not closed in its row; close or remove it'
         )
@@ -283,7 +369,7 @@ def _parse(
             if column.dtype.kind == "f":
                 as_text = cast(
                     pd.DataFrame,
-                    pd.read_csv(io.StringIO(text), usecols=[i], dtype=str, **options),
+                    pd.read_csv(io.BytesIO(content), usecols=[i], dtype=str, **options),
                 )
                 column = cast(pd.Series, as_text[i])
             exact[name] = column.to_numpy(np.int64 if column.dtype.kind in "iu" else object)

@@ -14,11 +14,8 @@ _KINDS = {
     b"\xff\xd8\xff": "it is a JPEG picture",
     b"%PDF": "it is a PDF document",
     b"\x7fELF": "it is a program",
-    b"\x1f\x8b": "it is compressed by gzip: unpack it",
-    b"PK\x03\x04": "it is a ZIP archive, as workbooks (.xlsx, .ods) are: save the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "it is an old workbook (.xls): save the sheet as CSV",
-    b"\x89HDF": "it is HDF5: save the columns as CSV or NPZ",
-    b"PAR1": "it is Parquet: let its name end in .parquet",
+    b"\x1f\x8b": "it is compressed by gzip twice: unpack it",
+    b"PK\x03\x04": "it is a ZIP archive within another: unpack it",
 }
 # Signs that no text holds: tabs, line and page ends, the end mark of DOS and escapes are left out.
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))
@@ -45,8 +42,8 @@ def check_text(head: bytes, source: str) -> None:
     if kind or b"\0" in head or controls > _SHARE * len(head):
         is_kind = f" ({kind})" if kind else ""
         raise InputError(
-            f"{source}: the file is binary, not text{is_kind}; give a CSV, NPZ, MAT, Parquet or "
-            "MicroMag (.forc) file"
+            f"{source}: the file is binary, not text{is_kind}; give a CSV, workbook, NPZ, MAT, "
+            "HDF5, TDMS, Parquet, Feather or MicroMag (.forc) file"
         )
 
 

@@ -4,33 +4,28 @@ from __future__ import annotations
 
 import difflib
 import os
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.containers import read_mat, read_npz, read_parquet
 from preisach_jax.record.delimited import read_delimited
 from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode
-from preisach_jax.record.micromag import is_micromag, read_micromag
+from preisach_jax.record.readers import BINARY, NPZ, TEXT, WORKBOOK
+from preisach_jax.record.readers.base import Reader
+from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
 from preisach_jax.record.table import Table
 
 MAX_TEXT_BYTES = 2**29
 """Greatest text file that is read, in bytes: it takes ten times as much memory."""
-
-_CONTAINERS = {
-    ".npz": read_npz,
-    ".mat": read_mat,
-    ".parquet": read_parquet,
-    ".pq": read_parquet,
-}
 
 
 def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
     """Read the columns of a file.
 
     Arguments:
-        path: NPZ, MAT and Parquet files are known by their ending, MicroMag files by how they
-            begin, anything else is delimiter-separated text.
+        path: a file of any kind in `preisach_jax.record.readers`, known by how it begins, else by
+            its ending; packed by gzip or ZIP or not; anything else is delimiter-separated text.
         source: the file as the user named it, where that is not its path.
 
     Returns:
@@ -42,11 +37,39 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
     source = str(path) if source is None else source
     path = Path(path)
     _check_file(path, source)
-    if reader := _CONTAINERS.get(path.suffix.lower()):
-        table = reader(path, source)
-    else:
-        table = _read_text(path, source)
-    return table
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if kind := packed_kind(path, head):
+            with tempfile.TemporaryDirectory() as folder:
+                inside = unpack(path, kind, Path(folder), source)
+                _check_file(inside, f"{source}, the file inside")
+                with inside.open("rb") as file:
+                    return _read(inside, file.read(HEAD_BYTES), source)
+        return _read(path, head, source)
+    except OSError as error:
+        raise InputError(
+            f"{source}: cannot be read ({error.strerror}); check its permissions"
+        ) from None
+
+
+def _read(path: Path, head: bytes, source: str) -> Table:
+    reader = _reader(path, head)
+    if reader is None or reader.read is None:
+        return _read_text(path, head, source)
+    return reader.read(path, source)
+
+
+def _reader(path: Path, head: bytes) -> Reader | None:
+    """The reader of a binary file, by how it begins, else by its ending; None for text."""
+    if packed_kind(path, head):
+        return None  # packed twice: refused as binary
+    if head.startswith(ZIP):
+        return NPZ if is_npz(path, head) or path.suffix.lower() == ".npz" else WORKBOOK
+    for reader in BINARY:
+        if head.startswith(reader.starts or (b"\0no beginning",)):
+            return reader
+    return next((reader for reader in BINARY if path.suffix.lower() in reader.suffixes), None)
 
 
 def _check_file(path: Path, source: str) -> None:
@@ -58,23 +81,18 @@ def _check_file(path: Path, source: str) -> None:
         raise InputError(f"{source}: the file is empty; give a file with columns of data")
 
 
-def _read_text(path: Path, source: str) -> Table:
+def _read_text(path: Path, head: bytes, source: str) -> Table:
     size = path.stat().st_size
-    try:
-        with path.open("rb") as file:
-            check_text(file.read(HEAD_BYTES), source)
-        if size > MAX_TEXT_BYTES:
-            raise InputError(
-                f"{source}: the file has {size:,} bytes, and texts of up to {MAX_TEXT_BYTES:,} are "
-                "read; cut or thin it, or save its columns with numpy.savez"
-            )
-        content = path.read_bytes()
-    except OSError as error:
+    check_text(head, source)
+    if size > MAX_TEXT_BYTES:
         raise InputError(
-            f"{source}: cannot be read ({error.strerror}); check its permissions"
-        ) from None
-    text, assumed = decode(content)
-    table = read_micromag(text, source) if is_micromag(text) else read_delimited(text, source)
+            f"{source}: the file has {size:,} bytes, and texts of up to {MAX_TEXT_BYTES:,} are "
+            "read; cut or thin it, or save its columns with numpy.savez"
+        )
+    text, assumed = decode(path.read_bytes())
+    begin = text[:HEAD_BYTES]
+    reads = (reader.read_text for reader in TEXT if reader.is_text and reader.is_text(begin))
+    table = (next(reads, None) or read_delimited)(text, source)
     return replace(table, notes=(f"{source}: {assumed}", *table.notes)) if assumed else table
 
 

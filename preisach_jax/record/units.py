@@ -55,6 +55,15 @@ _SPELLINGS = {
 
 TIME_UNITS = "s, ms, us, ns, min, h, d"
 
+# Units as instruments spell them in a row of their own.
+_WORDS = {
+    "second": "s", "seconds": "s", "sec": "s", "sekunden": "s",
+    "volt": "V", "volts": "V", "ampere": "A", "amperes": "A", "amp": "A", "amps": "A",
+    "watt": "W", "watts": "W", "newton": "N", "newtons": "N", "meter": "m", "meters": "m",
+    "metre": "m", "metres": "m", "tesla": "T", "hertz": "Hz", "celsius": "degC", "kelvin": "K",
+    "percent": "%",
+}  # fmt: skip
+
 _LONGEST = 200
 """Characters of a name in which a unit is looked for: what is longer is no name of a quantity."""
 
@@ -73,6 +82,8 @@ def split_unit(column: str) -> tuple[str, str]:
         (('u', 'V'), ('Weg', 'µm'), ('curve', ''))
     """
     column = column.strip()
+    if column.startswith("in ") and column[3:].strip() in _SUFFIXES:
+        return "", column[3:].strip()
     if len(column) > _LONGEST:  # the time of the patterns below grows with its square
         return column, ""
     if match := _BRACKETED.match(column):
@@ -97,7 +108,20 @@ def _as_written(suffix: str) -> str:
 def is_unit(text: str) -> bool:
     """Whether `text` is a unit as it stands in a line of units below the column names."""
     text = text.strip()
-    return text == "-" or text.strip("[]()") in _SUFFIXES or bool(re.fullmatch(r"\[.*\]", text))
+    return (
+        text == "-" or plain_unit(text) in _SUFFIXES or bool(re.fullmatch(r"\[.*\]|\(.*\)", text))
+    )
+
+
+def plain_unit(text: str) -> str:
+    """A unit from a line of units, without brackets, and words such as `Volts` as their symbol.
+
+    Example:
+        >>> plain_unit("(ms)"), plain_unit("Volt"), plain_unit("[a.u.]")
+        ('ms', 'V', 'a.u.')
+    """
+    bare = text.strip().strip("[]()").strip()
+    return _WORDS.get(bare.lower(), bare)
 
 
 def seconds_per(unit: str) -> tuple[float, float] | None:

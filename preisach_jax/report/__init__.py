@@ -12,6 +12,7 @@ import jinja2
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, json_bytes, write_files
 from preisach_jax.report.content import comparison_page, diagnosis_page
+from preisach_jax.report.several import several_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from preisach_jax.diagnosis.comparison import Comparison
     from preisach_jax.diagnosis.result import Diagnosis
 
-__all__ = ["write_comparison", "write_report"]
+__all__ = ["comparisons_json", "write_comparison", "write_comparisons", "write_report"]
 
 
 def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) -> list[Path]:
@@ -100,6 +101,43 @@ def write_comparison(
         "comparison.json": json_bytes(comparison.to_json()),
     }
     return _write(folder, files, figures)
+
+
+def write_comparisons(
+    comparisons: Mapping[str, Comparison], folder: Path, *, command: str | None = None
+) -> list[Path]:
+    """Write the report of several comparisons, of one model or of one record.
+
+    Arguments:
+        comparisons: by what each is called.
+        folder: where to; it is made if it does not exist.
+        command: the command line that made it, for the page.
+
+    Returns:
+        The files: `report.html`, `comparison.json` (a list), and `overlay.png`.
+
+    Raises:
+        InputError: if the folder cannot be written to; then nothing was.
+
+    Example:
+        >>> write_comparisons({"mon": first, "tue": second}, Path("report"))  # doctest: +SKIP
+    """
+    from preisach_jax.plot.several import overlay
+
+    folder = Path(folder)
+    check_folder(folder)
+    figures = {"overlay": overlay(comparisons)}
+    page = several_page(comparisons, command)
+    files = {
+        "report.html": _rendered("several.html.j2", page, figures),
+        "comparison.json": json_bytes(comparisons_json(comparisons)),
+    }
+    return _write(folder, files, figures)
+
+
+def comparisons_json(comparisons: Mapping[str, Comparison]) -> dict[str, Any]:
+    """The content of `comparison.json` for several comparisons."""
+    return {"comparisons": [{"name": name, **each.to_json()} for name, each in comparisons.items()]}
 
 
 def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:

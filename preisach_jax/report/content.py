@@ -72,7 +72,7 @@ def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
         "sampling": sampling_note(record),
         "record": record_rows(record),
         "model": model_rows(found.model),
-        "software": _software_rows(),
+        "software": software_rows(),
         "command": shareable(command),
         "method": _method(found),
         "references": REFERENCES,
@@ -132,7 +132,7 @@ def comparison_page(comparison: Comparison, command: str | None) -> dict[str, An
         "sampling": sampling_note(record),
         "record": record_rows(record),
         "model": model_rows(model),
-        "software": _software_rows(),
+        "software": software_rows(),
         "command": shareable(command),
     }
 
@@ -228,7 +228,7 @@ def _meanings(effect: Effect) -> Mapping[str, str]:
     return {parameter.name: parameter.meaning for parameter in parameters}
 
 
-def _software_rows() -> list[tuple[str, str]]:
+def software_rows() -> list[tuple[str, str]]:
     packages = ("preisach_jax", "jax", "numpy", "scipy")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
     return [

@@ -1,0 +1,129 @@
+"""`preisach look`: what a file holds and what the record can tell, before any fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from preisach_jax.cli import screen
+from preisach_jax.cli.options import (
+    Aux,
+    Columns,
+    Data,
+    InitialMemory,
+    Input,
+    Output,
+    Rate,
+    Time,
+    Unit,
+    units_by_column,
+)
+from preisach_jax.cli.shared import command
+from preisach_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from preisach_jax.look import ColumnView, Look
+    from preisach_jax.record.table import Table
+
+_LINES = 6  # of a terminal, for the picture of a signal
+_GRADES = {"well": "shows well", "poorly": "shows poorly", "not at all": "says nothing of"}
+
+
+@command(
+    "preisach look scope.csv",
+    "preisach look logger.tdms --input drive --output 3",
+    "preisach look stage.xlsx --plot stage.png",
+    "preisach look stage.h5 --json",
+    computes=False,
+)
+def look(
+    data: Data,
+    time: Time = None,
+    input: Input = None,
+    output: Output = None,
+    aux: Aux = None,
+    rate: Rate = None,
+    unit: Unit = None,
+    initial_memory: InitialMemory = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="draw it into a PNG as well")
+    ] = None,
+) -> dict[str, Any]:
+    """Show what a file holds and what its record can tell, before any fit."""
+    from preisach_jax.files import check_file, write_files
+    from preisach_jax.look import columns_of, look_at_table
+    from preisach_jax.record.columns import QuestionError
+    from preisach_jax.record.reading import read_table
+
+    if plot is not None:
+        check_file(plot, data)
+        if plot.suffix.lower() != ".png":
+            raise InputError(f"--plot is {str(plot)!r}; give a file that ends in .png")
+    table = read_table(data).with_clocks()
+    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
+    try:
+        found = look_at_table(
+            table, data.name, time=columns.time, input=columns.input, output=columns.output,
+            aux=columns.aux, rate=columns.rate, units=units_by_column(columns.unit),
+            initial_memory=columns.initial_memory,
+        )  # fmt: skip
+    except QuestionError as question:
+        views = columns_of(table, {})
+        _show_columns(table, views)
+        screen.say(f"\nWhich column is which? {question}")
+        screen.answer(str(question))
+        return {"columns": [vars(view) for view in views], "question": str(question)}
+    _show_columns(table, found.columns)
+    _show(found)
+    if plot is not None:
+        from preisach_jax.plot import png
+        from preisach_jax.plot.look import first_look
+
+        write_files({plot: png(first_look(found))})
+        screen.say(f"\nFigure: {plot}")
+    return found.to_json()
+
+
+def _show_columns(table: Table, views: list[ColumnView] | tuple[ColumnView, ...]) -> None:
+    rows = [
+        (
+            view.name,
+            view.role or ("" if view.kind == "numbers" else view.kind),
+            view.why,
+            view.unit,
+            "" if view.low is None else f"{view.low:.6g} to {view.high:.6g}",
+        )
+        for view in views
+    ]
+    count, size = len(table.columns), table.rows.size
+    screen.say(f"{table.source}: {count:,} columns, {size:,} rows\n")
+    screen.table(("column", "taken as", "why", "unit", "values"), rows, numbers=False)
+    if count > len(views):
+        screen.say(f"... and {count - len(views):,} more columns")
+
+
+def _show(found: Look) -> None:
+    record = found.record
+    for note in found.notes:
+        screen.note(f"  {note}")
+    for role, values in (("input", record.input), ("output", found.excitation.record.output)):
+        channel = record.channels[role]
+        screen.say(f"\n{role} {channel.name} over time")
+        screen.picture(record.time, values, _LINES)
+    screen.say()
+    screen.table(("", "found"), found.rows(), numbers=False)
+    well = ", ".join(found.can_tell) or "no effect"
+    screen.answer(f"shows well: {well}")
+    screen.say("\nWhat this record can tell, if it is there:")
+    for grade, text in _GRADES.items():
+        names = [each.effect for each in found.prospects if each.grade == grade]
+        if names:
+            screen.say(f"  {text}: {', '.join(names)}")
+    reasons = {each.why: each for each in found.prospects if each.grade != "well"}
+    for why, each in reasons.items():
+        names = [p.effect for p in found.prospects if p.why == why and p.grade == each.grade]
+        screen.say(f"    {', '.join(names)}: {why}")
+    for text in found.record_next()[:3]:
+        screen.say(f"  to record next: {text}")

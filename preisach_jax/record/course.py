@@ -1,0 +1,112 @@
+"""The course of a signal: its rate, and where it turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+DEAD_BAND = 0.01
+"""Share of its range that the input must come back by to count as reversed."""
+
+
+def input_rate(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Rate of a signal by central differences with the actual time steps.
+
+    Arguments:
+        time: (time,) s.
+        values: (time,) signal.
+
+    Returns:
+        (time,) rate, in the signal's unit a second.
+
+    Example:
+        >>> input_rate(np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 6.0]))
+        array([2., 2., 2.])
+    """
+    return np.gradient(values, time)
+
+
+def reversals(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
+    """Samples at which a signal turns.
+
+    A turn counts once the signal has come back by more than the dead band, so that noise does not
+    turn; where it rests at its extreme, the turn is where it arrived.
+
+    Arguments:
+        values: (time,) signal.
+        dead_band: in the signal's unit; by default 1 % of its range.
+
+    Returns:
+        (turn,) indices, ascending; the ends of the signal are no turns.
+
+    Example:
+        >>> reversals(np.array([0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 1.0]))
+        array([2, 5])
+    """
+    values = np.asarray(values, dtype=float)
+    if dead_band is None:
+        dead_band = DEAD_BAND * float(np.ptp(values))
+    arrivals = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
+    slope = np.sign(np.diff(values[arrivals]))
+    corners = arrivals[np.flatnonzero(np.diff(slope, prepend=0, append=0) != 0)]
+    return np.array(_turns(values[corners].tolist(), corners.tolist(), dead_band), dtype=int)
+
+
+def _turns(extremes: Sequence[float], places: Sequence[int], dead_band: float) -> list[int]:
+    """Places of those of alternating extremes that differ by more than the dead band."""
+    found: list[int] = []
+    direction = 0  # unknown until the signal has moved by the dead band
+    highest = lowest = 0
+    for k, value in enumerate(extremes):
+        if value > extremes[highest]:
+            highest = k
+        if value < extremes[lowest]:
+            lowest = k
+        if direction >= 0 and extremes[highest] - value > dead_band:
+            if direction > 0:
+                found.append(places[highest])
+            direction, lowest, highest = -1, k, k
+        elif direction <= 0 and value - extremes[lowest] > dead_band:
+            if direction < 0:
+                found.append(places[lowest])
+            direction, lowest, highest = 1, k, k
+    return found
+
+
+def last_reversal(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
+    """Sample at which a signal last turned; before its first turn, the first one.
+
+    Arguments:
+        values: (time,) signal.
+        dead_band: see `reversals`.
+
+    Returns:
+        (time,) indices.
+
+    Example:
+        >>> last_reversal(np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
+        array([0, 0, 2, 2, 2])
+    """
+    turns = np.append(0, reversals(values, dead_band))
+    return turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
+
+
+def time_since_reversal(
+    time: np.ndarray, values: np.ndarray, dead_band: float | None = None
+) -> np.ndarray:
+    """Time since a signal last turned; before its first turn, since the start.
+
+    Arguments:
+        time: (time,) s.
+        values: (time,) signal.
+        dead_band: see `reversals`.
+
+    Returns:
+        (time,) s.
+
+    Example:
+        >>> time_since_reversal(np.arange(5.0), np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
+        array([0., 1., 0., 1., 2.])
+    """
+    return time - time[last_reversal(values, dead_band)]

@@ -1,0 +1,150 @@
+"""Times that a file states instead of holding them, and channels of unequal rates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.quantity import quantity
+from preisach_jax.record.columns import could_be_time
+from preisach_jax.record.layout import Sampling
+from preisach_jax.record.table import Table, check_names, shortened
+
+MADE_TIME = "time"
+"""Name of a column of time that was made of a sample interval."""
+
+_ALIKE = 1e-6  # of a step, by which two channels' times may differ and still be the same
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A channel with times of its own.
+
+    Arguments:
+        values: (K,) the samples.
+        start_s: time of the first one, s.
+        step_s: time between two, s; None where `times` has them.
+        unit: unit of the values, `""` if unknown.
+        times: (K,) times in s, where they are not evenly spaced.
+    """
+
+    values: np.ndarray
+    start_s: float = 0.0
+    step_s: float | None = None
+    unit: str = ""
+    times: np.ndarray | None = None
+
+    def clock(self) -> np.ndarray:
+        """(K,) times in s."""
+        if self.times is not None:
+            return self.times
+        assert self.step_s is not None
+        return self.start_s + np.arange(self.values.size) * self.step_s
+
+
+def with_stated_time(table: Table, sampling: Sampling | None) -> Table:
+    """The same with a column of time, where the file states the interval and has no such column.
+
+    Arguments:
+        table: the columns.
+        sampling: what the file states, None if nothing.
+
+    Returns:
+        The table; a note tells what was made.
+    """
+    if sampling is None or MADE_TIME in table.columns:
+        return table
+    if any(could_be_time(table, name) for name in table.columns):
+        return table
+    times = np.arange(table.rows.size) * sampling.step_s
+    note = (
+        f"{table.source}: time from row {sampling.row}, {sampling.name}: "
+        f"{quantity(sampling.step_s, 's')} between two rows"
+    )
+    return replace(
+        table,
+        columns={**table.columns, MADE_TIME: times},
+        units={**table.units, MADE_TIME: "s"},
+        roles={**table.roles, "time": MADE_TIME},
+        notes=(*table.notes, note),
+    )
+
+
+def table_of_signals(signals: Mapping[str, Signal], source: str) -> Table:
+    """A table of channels, brought to the times of the fastest one where their times differ.
+
+    The others are interpolated by straight lines within the time that all of them cover.
+
+    Arguments:
+        signals: channels by name.
+        source: what messages call the file.
+
+    Returns:
+        The table, with a column of time; a note names what was interpolated.
+
+    Raises:
+        InputError: there are none, or no time that all of them cover.
+
+    Example:
+        >>> fast = Signal(np.arange(5.0), step_s=0.5)
+        >>> slow = Signal(np.array([0.0, 10.0, 20.0]), step_s=1.0)
+        >>> table_of_signals({"u": fast, "z": slow}, "run").columns["z"]
+        array([ 0.,  5., 10., 15., 20.])
+    """
+    check_names([*signals, MADE_TIME], source)
+    if not signals:
+        raise InputError(f"{source}: the file holds no channels of numbers; record some")
+    clocks = {name: signal.clock() for name, signal in signals.items()}
+    for name, clock in clocks.items():
+        if clock.size < 2 or not np.all(np.diff(clock) > 0):
+            raise InputError(
+                f"{source}, channel {name}: its {clock.size} times do not increase; correct its "
+                "time or its sample interval"
+            )
+    fastest = min(clocks, key=lambda name: float(np.median(np.diff(clocks[name]))))
+    step = float(np.median(np.diff(clocks[fastest])))
+    low = max(clock[0] for clock in clocks.values()) - _ALIKE * step
+    high = min(clock[-1] for clock in clocks.values()) + _ALIKE * step
+    within = (clocks[fastest] >= low) & (clocks[fastest] <= high)
+    times = clocks[fastest][within]
+    if times.size < 2:
+        raise InputError(
+            f"{source}: the channels {shortened(list(signals))} were not recorded at the same time "
+            "(no time is covered by all of them); give one of them a file of its own"
+        )
+    columns: dict[str, np.ndarray] = {MADE_TIME: times}
+    resampled: list[str] = []
+    for name, signal in signals.items():
+        clock, values = clocks[name], np.asarray(signal.values, np.float64)
+        same = clock.size == within.size and bool(
+            np.all(np.abs(clock - clocks[fastest]) <= _ALIKE * step)
+        )
+        columns[name] = values[within] if same else np.interp(times, clock, values)
+        if not same:
+            rate = 1 / float(np.median(np.diff(clock)))
+            resampled.append(f"{name} ({quantity(rate, 'Hz')})")
+    return Table(
+        source,
+        columns,
+        np.flatnonzero(within) + 1,
+        units={MADE_TIME: "s"} | {name: s.unit for name, s in signals.items() if s.unit},
+        roles={"time": MADE_TIME},
+        notes=_told(source, resampled, fastest, step, int((~within).sum())),
+    )
+
+
+def _told(
+    source: str, resampled: Sequence[str], fastest: str, step: float, outside: int
+) -> tuple[str, ...]:
+    notes: list[str] = []
+    if resampled:
+        notes.append(
+            f"{source}: {shortened(resampled)} interpolated by straight lines to the times of "
+            f"{fastest} ({quantity(1 / step, 'Hz')})"
+        )
+    if outside:
+        notes.append(f"{source}: {outside:,} samples outside the time of all channels left out")
+    return tuple(notes)

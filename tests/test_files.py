@@ -1,0 +1,749 @@
+"""Files as instruments and programs write them: opened right, or refused with what leads on.
+
+Text files are typed after the manuals named beside them, binary ones are written by the libraries.
+"""
+
+import bz2
+import datetime
+import gzip
+import io
+import sys
+import time as clock
+import zipfile
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+import preisach_jax as pj
+
+K = 120
+T = np.arange(K) / 100
+U = 5 - 5 * np.cos(2 * np.pi * T)
+Z = 0.7 * U + 0.2 * np.sin(2 * np.pi * T)
+
+
+@dataclass
+class Case:
+    """A file, how it is asked for, and what must come out: a record, or words of a refusal."""
+
+    content: object  # bytes, text, or a function of the path
+    options: dict = field(default_factory=dict)
+    refused: tuple = ()
+    told: tuple = ()  # words of what is announced
+    step: float = 0.01
+    units: tuple = ()
+    tolerance: float = 1e-5
+    samples: int = K
+
+
+def rows(*columns, sep=",", end="", decimal=".", form="{:.9g}"):
+    table = np.column_stack(columns)
+    lines = [sep.join(form.format(v).replace(".", decimal) for v in row) + end for row in table]
+    return "\n".join(lines) + "\n"
+
+
+BY_NUMBER = {"time": "1", "input": "2", "output": "3"}
+CHANNELS = {"input": "CH1", "output": "CH2"}
+SECOND = {"input": "2", "output": "3"}
+
+# --- oscilloscopes ---
+
+# MSO4000 and DPO4000 Series User Manual, Tektronix: saving waveforms to a spreadsheet file.
+TEKTRONIX_MSO = """Model,MSO4034
+Firmware Version,2.48
+
+Waveform Type,ANALOG,
+Point Format,Y,
+Horizontal Units,s,
+Horizontal Scale,0.1,
+Horizontal Delay,0,
+Sample Interval,0.01,
+Record Length,120,
+Gating,0.0% to 100.0%,
+Probe Attenuation,10,10
+Vertical Units,V,V
+Vertical Offset,0,0
+Vertical Scale,1,1
+Vertical Position,0,0
+,,
+,,
+Label,,
+TIME,CH1,CH2
+"""
+# 4/5/6 Series MSO Help, Tektronix.
+TEKTRONIX_MSO5 = """Model,MSO58
+Label,CH1,CH2
+Waveform Type,ANALOG,ANALOG
+Horizontal Units,s,s
+Sample Interval,1.0E-02,1.0E-02
+Record Length,120,120
+Zero Index,0,0
+Vertical Units,V,V
+,,
+Labels,,
+TIME,CH1,CH2
+"""
+# TDS1000 and TDS2000 Series User Manual, Tektronix: settings in the first three columns.
+TDS_SETTINGS = """Record Length,1.200000e+02,
+Sample Interval,1.000000e-02,
+Trigger Point,0.000000000000e+00,
+,,
+,,
+,,
+Source,CH1,
+Vertical Units,V,
+Vertical Scale,5.000000e+00,
+Vertical Offset,0.000000e+00,
+Horizontal Units,s,
+Horizontal Scale,1.000000e-01,
+Pt Fmt,Y,
+Yzero,0.000000e+00,
+Probe Atten,1.000000e+00,
+Model Number,TDS2014,
+Serial Number,C012345,
+Firmware Version,FV:v2.06,""".split("\n")
+
+
+def tds(lines=K):
+    settings = TDS_SETTINGS + [",,"] * (lines - len(TDS_SETTINGS))
+    return "".join(
+        f"{left},{t:018.12f},{u:10.5f},\n"
+        for left, t, u in zip(settings, T[:lines], U[:lines], strict=True)
+    )
+
+
+# DS1000E Series User's Guide, Rigol.
+RIGOL_E = "X,CH1,CH2,\nSecond,Volt,Volt,\n"
+# MSO1000Z/DS1000Z Series User's Guide, Rigol.
+RIGOL_Z = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-6.000000e-01,1.000000e-02\n"
+# MSO5000 Series User Guide, Rigol.
+RIGOL_5 = "Time(s),CH1(V),CH2(V),t0 = -6.000000e-01, tInc = 1.000000e-02,\n"
+RIGOL_5_SHORT = "CH1(V),CH2(V),t0 =-6.000000e-01s, tInc = 1.000000e-02,\n"
+# InfiniiVision 3000 X-Series User's Guide, Keysight: three header rows with segments.
+KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n"
+# Infiniium Oscilloscopes Programmer's Reference, Keysight: CSV and TSV Header Format.
+INFINIIUM = """Revision:,0
+Type:,raw,raw
+Start:,0
+Points:,120,120
+Count:,1,1
+XDispRange:,1.2,1.2
+XDispOrg:,0,0
+XInc:,1.0E-02,1.0E-02
+XOrg:,-6.0E-01,-6.0E-01
+YDispRange:,10,10
+YInc:,1E-3,1E-3
+YOrg:,0,0
+Frame:,DSOX91604A:MY0000
+Date:,01 MAR 2024
+Time:,12:00:00
+Max bandwidth:,1.6E+10
+Min bandwidth:,0
+XUnits:,second,second
+YUnits:,Volt,Volt
+Data:
+"""
+# Teledyne LeCroy 9300C Series Operator's Manual, ASCII waveform export, spreadsheet format.
+LECROY = """LECROYHDO4104,15423,Waveform
+Segments,1,SegmentSize,120
+Segment,TrigTime,TimeSinceSegment1
+#1,21-Mar-2024 09:37:08,0
+Time,Ampl,Ampl1
+"""
+# PicoScope 6 User's Guide, Pico Technology: text formats.
+PICO = "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n"
+# SDS1000X-E User Manual, Siglent.
+SIGLENT = """Record Length,Analog:120
+Sample Interval,Analog:0.01
+Vertical Units,CH1:V CH2:V
+Vertical Scale,CH1:1.00 CH2:2.00
+Horizontal Units,s
+Horizontal Scale,0.1
+Model Number,SDS1204X-E
+Source,CH1,CH2
+Second,Volt,Volt
+"""
+# RTM20 User Manual, Rohde & Schwarz: the first line has units and the names of the waveforms.
+ROHDE = "in s,C1 in V,C2 in V\n"
+# 8807-01 Instruction Manual, Hioki: text file internal format.
+HIOKI = """"COMMENT","8807 MEM DATA"
+"DATE","01-01-1999"
+"TIME","15:26:55"
+"NUM_SIGS",3
+"INTERVAL",1.000E-02
+"HORZ_UNITS","S"
+"VERT_UNITS","S","V","V"
+"SIGNAL"
+"TIME","ACH1","ACH2"
+"""
+
+# --- LabVIEW: Specification for the LabVIEW Measurement File (.lvm), National Instruments ---
+
+
+def lvm(columns, x_columns, heads, names, sep="\t", decimal=".", repeat=1):
+    word = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[sep]
+    top = [
+        ["LabVIEW Measurement"], ["Writer_Version", "2"], ["Reader_Version", "2"],
+        ["Separator", word], ["Decimal_Separator", decimal], ["Multi_Headings", "Yes"],
+        ["X_Columns", x_columns], ["Time_Pref", "Relative"], ["Operator", "lab"],
+        ["Date", "2024/03/01"], ["Time", "12:00:00.1234567891234"], ["***End_of_Header***"], [],
+    ]  # fmt: skip
+    segments = []
+    for k in range(repeat):
+        stamp = ["Time", *[f"12:00:{2 * k:02d}.123456789123"] * 2]
+        head = [["Channels", "2"], *heads, stamp, ["***End_of_Header***"], names]
+        segments += [sep.join(line) for line in head] + [columns.rstrip("\n"), ""]
+    return "\n".join([sep.join([*line, ""]) for line in top] + segments)
+
+
+def heads(step="1.000000E-2", start="0.0000000000000000E+0", samples=K, second=None):
+    return [
+        ["Samples", str(samples), str(samples if second is None else K // 2)],
+        ["Date", "2024/03/01", "2024/03/01"],
+        ["Y_Unit_Label", "Volts", "um"],
+        ["X_Dimension", "Time", "Time"],
+        ["X0", start, start],
+        ["Delta_X", step, second or step],
+    ]
+
+
+NAMES = ["X_Value", "drive", "sensor", "Comment"]
+LVM_ONE = lvm(rows(T, U, Z, sep="\t"), "One", heads(), NAMES)
+LVM_NO = lvm(
+    "".join(f"\t{u:.9g}\t{z:.9g}\n" for u, z in zip(U, Z, strict=True)), "No", heads(), NAMES
+)
+LVM_GERMAN = lvm(rows(T, U, Z, sep="\t", decimal=","), "One",
+                 heads("1,000000E-2", "0,0E+0"), NAMES, decimal=",")  # fmt: skip
+LVM_MULTI = lvm(
+    rows(T, U, T, Z, sep=","), "Multi", heads(), ["X_Value", "drive", "X_Value", "sensor"], sep=","
+)
+LVM_RATES = lvm(
+    "".join(f"\t{u:.9g}\t" + (f"{Z[2 * k]:.9g}" if k < K // 2 else "") + "\n"
+            for k, u in enumerate(U)),
+    "No", heads(second="2.000000E-2"), NAMES,
+)  # fmt: skip
+LVM_SEGMENTS = lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), "One", heads(), NAMES, repeat=2)
+
+# --- workbooks ---
+
+
+def workbook(*sheets, engine="xlsxbook"):
+    def write(path):
+        from openpyxl import Workbook
+
+        book = Workbook()
+        book.remove(book.worksheets[0])
+        for name, lines in sheets:
+            sheet = book.create_sheet(name)
+            for line in lines:
+                sheet.append(list(line))
+        book.save(path)
+
+    return write
+
+
+def numbers(*columns):
+    return [[float(v) for v in row] for row in zip(*columns, strict=True)]
+
+
+HEADED = [["t_s", "u_V", "z_um"], *numbers(T, U, Z)]
+UNITS_ROW = [["Messung 7"], ["Operator", "lab"], ["Rate (Hz)", 100], [],
+             ["Zeit", "Spannung", "Weg"], ["s", "V", "µm"], *numbers(T, U, Z)]  # fmt: skip
+NOON = datetime.datetime(2024, 3, 1, 12)
+DATED = [["Datum", "u_V", "z_um"],
+         *[[NOON + datetime.timedelta(milliseconds=10 * k), *row]
+           for k, row in enumerate(numbers(U, Z))]]  # fmt: skip
+
+
+def with_macros(path):
+    workbook(("Sheet1", HEADED))(path)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("xl/vbaProject.bin", b"\0" * 100)
+
+
+def protected(path):
+    """The container that Office writes for a workbook with a password, by its beginning."""
+    entry = "EncryptedPackage".encode("utf-16-le")
+    path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504) + entry + bytes(2000))
+
+
+# --- HDF5, MATLAB, TDMS, NumPy, Arrow ---
+
+
+def hdf5(build, **options):
+    def write(path):
+        import h5py
+
+        with h5py.File(path, "w", **options) as file:
+            build(file)
+
+    return write
+
+
+def own_layout(file):
+    group = file.create_group("run_1")
+    for name, values, unit in (("t", T, "s"), ("u", U, "V"), ("z", Z, "um")):
+        group[name] = values
+        group[name].attrs["units"] = unit
+    file["about/comment"] = np.array([b"a text"])
+
+
+def with_rate(file):
+    file["drive"], file["sensor"] = U, Z
+    file["drive"].attrs.update(unit="V", sample_rate=100.0)
+    file["sensor"].attrs.update(unit="um", sample_rate=100.0)
+
+
+def two_rates(file):
+    file["drive"], file["sensor"] = U, Z[::2]
+    file["drive"].attrs.update(unit="V", dt=0.01)
+    file["sensor"].attrs.update(unit="um", dt=0.02)
+
+
+def compound(file):
+    table = np.zeros(K, dtype=[("t_s", "f8"), ("u_V", "f4"), ("z_um", "f8")])
+    table["t_s"], table["u_V"], table["z_um"] = T, U, Z
+    file["table"] = table
+
+
+def matlab_73(path):
+    """As MATLAB writes -v7.3: a block of 512 bytes before the HDF5, matrices transposed."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in (("t", T), ("run/u", U), ("run/z", Z)):
+            file[name] = values[None, :]
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        file["note"] = np.array([[65, 66]], dtype="u2")
+        file["note"].attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def tdms(*channels, stamp=True):
+    def write(path):
+        from nptdms import ChannelObject, TdmsWriter
+
+        objects = [
+            ChannelObject(group, name, values, properties=properties)
+            for group, name, values, properties in channels
+        ]
+        with TdmsWriter(str(path)) as writer:
+            writer.write_segment(objects)
+
+    return write
+
+
+def wave(step, unit):
+    return {"wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit}
+
+
+TDMS_ONE = tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z, wave(0.01, "um")))
+
+
+def tdms_with_broken_index(path):
+    TDMS_ONE(path)
+    path.with_suffix(".tdms_index").write_bytes(b"TDSh" + bytes(range(200)))
+
+
+def broken_tdms(path):
+    TDMS_ONE(path)
+    content = bytearray(path.read_bytes())
+    content[30:60] = b"\xff" * 30  # the index of objects in the file itself
+    path.write_bytes(content)
+
+
+def matlab(**arrays):
+    return lambda path: savemat(path, arrays)
+
+
+def frame():
+    return pd.DataFrame({"t_s": T, "u_V": U, "z_um": Z})
+
+
+def saved(array):
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def savez(**arrays):
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def zipped(**members):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name.replace("__csv", ".csv"), content)
+    return file.getvalue()
+
+
+CSV = "t_s,u_V,z_um\n" + rows(T, U, Z)
+GERMAN = "Zeit [s];Spannung [V];Weg [µm]\n" + rows(T, U, Z, sep=";", decimal=",")
+LONG_HEADER = "".join(f"# line {k} of a long protocol\nNote {k}: text\n" for k in range(300))
+
+
+def grouped(values, thousands, decimal):
+    return [f"{v:,.4f}".translate({44: thousands, 46: decimal}) for v in values]
+
+
+def thousands_csv(thousands, decimal, sep, quote=""):
+    columns = [grouped(values, thousands, decimal) for values in (1000 * T, 1000 * U, 1000 * Z)]
+    lines = [sep.join(quote + cell + quote for cell in row) for row in zip(*columns, strict=True)]
+    return sep.join(["t_ms", "u_mV", "z_nm"]) + "\n" + "\n".join(lines) + "\n"
+
+
+def times_of_day():
+    return "Time;u_V;z_um\n" + "".join(
+        f"23:59:59.{10 * k:03d};{u:.9g};{z:.9g}\n"
+        if k < 100 else f"00:00:00.{10 * (k - 100):03d};{u:.9g};{z:.9g}\n"
+        for k, (u, z) in enumerate(zip(U, Z, strict=True))
+    )  # fmt: skip
+
+
+OPENED = {
+    "tektronix_mso.csv": Case(TEKTRONIX_MSO + rows(T, U, Z), CHANNELS),
+    "tektronix_mso_crlf.csv": Case((TEKTRONIX_MSO + rows(T, U, Z)).replace("\n", "\r\n"), CHANNELS),
+    "tektronix_mso5.csv": Case(TEKTRONIX_MSO5 + rows(T, U, Z), CHANNELS),
+    "rigol_ds1000e.csv": Case(RIGOL_E + rows(T, U, Z, end=","), CHANNELS, units=("V", "V")),
+    "rigol_ds1000z.csv": Case(
+        RIGOL_Z + rows(np.arange(K), U, Z, end=","), {"input": "CH1 (Volt)", "output": "CH2 (Volt)"}
+    ),
+    "rigol_ds1000z_by_number.csv": Case(
+        RIGOL_Z + rows(np.arange(K), U, Z, end=","), {"input": "1", "output": "2"}
+    ),
+    "rigol_mso5000.csv": Case(RIGOL_5 + rows(T, U, Z, end=",,"), SECOND, units=("V", "V")),
+    "rigol_mso5000_short.csv": Case(
+        RIGOL_5_SHORT + rows(U, Z, end=",,"), {"input": "CH1(V)", "output": "CH2(V)"}
+    ),
+    "keysight_infiniivision.csv": Case(KEYSIGHT + rows(T, U, Z), SECOND, units=("V", "V")),
+    "keysight_infiniium.csv": Case(
+        INFINIIUM + rows(U, Z), {"input": "Channel 1", "output": "Channel 2"}, units=("V", "V")
+    ),
+    "keysight_infiniium_xy.tsv": Case(
+        INFINIIUM.replace(",", "\t") + rows(T, U, Z, sep="\t"),
+        {"input": "Channel 1", "output": "Channel 2"},
+    ),
+    "lecroy.csv": Case(LECROY + rows(T, U, Z), {"input": "Ampl", "output": "Ampl1"}),
+    "picoscope.csv": Case(PICO + rows(1000 * T, U, Z), SECOND, units=("V", "mV")),
+    "picoscope_by_unit.csv": Case(PICO + rows(1000 * T, U, Z), {"input": "V", "output": "mV"}),
+    "picoscope.txt": Case(
+        PICO.replace(",", "\t") + rows(1000 * T, U, Z, sep="\t"), SECOND, units=("V", "mV")
+    ),
+    "picoscope.mat": Case(
+        matlab(A=U, B=Z, Tstart=0.0, Tinterval=0.01, Length=float(K)), {"input": "A", "output": "B"}
+    ),
+    "siglent.csv": Case(SIGLENT + rows(T, U, Z), SECOND),
+    "rohde_schwarz.csv": Case(ROHDE + rows(T, U, Z), SECOND, units=("V", "V")),
+    "hioki.csv": Case(HIOKI + rows(T, U, Z), SECOND),
+    "labview.lvm": Case(LVM_ONE, {"input": "drive", "output": "sensor"}, units=("V", "um")),
+    "labview_no_x.lvm": Case(LVM_NO, units=("V", "um")),
+    "labview_german.lvm": Case(LVM_GERMAN, units=("V", "um")),
+    "labview_multi.lvm": Case(LVM_MULTI, units=("V", "um")),
+    "labview_rates.lvm": Case(
+        LVM_RATES, units=("V", "um"), told=("interpolated",), samples=K - 1, tolerance=2e-2
+    ),
+    "labview.tdms": Case(TDMS_ONE, units=("V", "um"), tolerance=1e-12),
+    "labview_groups.tdms": Case(
+        tdms(("a", "u", U, wave(0.01, "V")), ("b", "z", Z, wave(0.01, "um"))),
+        {"input": "a/u", "output": "b/z"}, tolerance=1e-12,
+    ),
+    "labview_rates.tdms": Case(
+        tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z[::2], wave(0.02, "um"))),
+        told=("sensor (50 Hz) interpolated", "drive (100 Hz)"), samples=K - 1, tolerance=2e-2,
+    ),
+    "labview_broken_index.tdms": Case(tdms_with_broken_index, tolerance=1e-12),
+    "stage.xlsx": Case(workbook(("Sheet1", HEADED)), tolerance=1e-12),
+    "protocol.xlsx": Case(workbook(("Tabelle1", UNITS_ROW)), units=("V", "µm"), tolerance=1e-12),
+    "dated.xlsx": Case(workbook(("Sheet1", DATED)), tolerance=1e-12),
+    "two_sheets.xlsx": Case(
+        workbook(("About", [["Operator", "lab"], ["Rate", 1]]), ("Data", HEADED)),
+        told=("of 2 sheets, 'Data' was read",), tolerance=1e-12,
+    ),
+    "no_names.xlsx": Case(workbook(("Sheet1", HEADED[1:])), BY_NUMBER, tolerance=1e-12),
+    "no_time.xlsx": Case(
+        workbook(("Sheet1", [["Sample rate [Hz]", 100], ["u_V", "z_um"], *numbers(U, Z)])),
+        told=("Sample rate [Hz]: 10 ms between two rows",), tolerance=1e-12,
+    ),
+    "workbook.csv": Case(workbook(("Sheet1", HEADED)), tolerance=1e-12),  # by its beginning
+    "own_layout.h5": Case(hdf5(own_layout), units=("V", "um"), tolerance=1e-12),
+    "by_path.h5": Case(
+        hdf5(own_layout), {"input": "run_1/u", "output": "run_1/z"}, tolerance=1e-12
+    ),
+    "rate.hdf5": Case(hdf5(with_rate), units=("V", "um"), tolerance=1e-12),
+    "two_rates.h5": Case(
+        hdf5(two_rates), told=("interpolated",), samples=K - 1, tolerance=2e-2, units=("V", "um")
+    ),
+    "compound.h5": Case(hdf5(compound), SECOND, tolerance=1e-6),
+    "version_73.mat": Case(matlab_73, tolerance=1e-12),
+    "vectors.mat": Case(matlab(t_s=T, u_V=U, z_um=Z), tolerance=1e-12),
+    "structure.mat": Case(
+        matlab(run={"t": T, "u": U, "z": Z}), {"input": "run.u", "output": "run.z"}, tolerance=1e-12
+    ),
+    "matrix.mat": Case(matlab(data=np.column_stack([T, U, Z])), BY_NUMBER, tolerance=1e-12),
+    "matrix_of_rows.mat": Case(
+        matlab(data=np.stack([T, U, Z])), BY_NUMBER, told=("its rows are the channels",),
+        tolerance=1e-12,
+    ),
+    "matrix.npy": Case(saved(np.column_stack([T, U, Z])), BY_NUMBER, tolerance=1e-12),
+    "matrix_with_rate.npy": Case(
+        saved(np.column_stack([U, Z])), {"rate": 100.0, "input": "1", "output": "2"}
+    ),
+    "structured.npy": Case(saved(frame().to_records(index=False)), tolerance=1e-12),
+    "arrays.npz": Case(savez(t_s=T, u_V=U, z_um=Z), tolerance=1e-12),
+    "matrix.npz": Case(
+        savez(t=T, both=np.column_stack([U, Z])), {"input": "both 1", "output": "both 2"}
+    ),
+    "frame.parquet": Case(lambda path: frame().to_parquet(path), tolerance=1e-12),
+    "frame.feather": Case(lambda path: frame().to_feather(path), tolerance=1e-12),
+    "plain.csv": Case(CSV),
+    "plain.csv.gz": Case(gzip.compress(CSV.encode())),
+    "plain.zip": Case(zipped(plain__csv=CSV)),
+    "frame.feather.gz": Case(lambda path: frame().to_feather(path) or path.write_bytes(
+        gzip.compress(path.read_bytes()))),
+    "labview.lvm.gz": Case(gzip.compress(LVM_ONE.encode()), units=("V", "um")),
+    "mac.zip": Case(zipped(**{"run.csv": CSV, "__MACOSX/._run.csv": "x"})),
+    "utf_16.txt": Case(GERMAN.encode("utf-16"), units=("V", "µm")),
+    "utf_16_without_mark.txt": Case(GERMAN.encode("utf-16-le"), units=("V", "µm")),
+    "latin_1.csv": Case(GERMAN.encode("latin-1"), units=("V", "µm"), told=("Windows-1252",)),
+    "german.csv": Case(GERMAN, units=("V", "µm")),
+    "byte_order_mark.csv": Case("\ufeff" + CSV),
+    "long_header.csv": Case(LONG_HEADER + CSV),
+    "long_header_short_table.txt": Case(LONG_HEADER + CSV.replace(",", "\t")),
+    "thousands_english.csv": Case(
+        thousands_csv(ord(","), ord("."), ",", '"'), told=("between groups",), tolerance=1e-1
+    ),
+    "thousands_german.csv": Case(
+        thousands_csv(ord("."), ord(","), ";"), told=("between groups",), tolerance=1e-1
+    ),
+    "thousands_swiss.csv": Case(
+        thousands_csv(ord("'"), ord("."), ";"), told=("between groups",), tolerance=1e-1
+    ),
+    "thousands_si.csv": Case(
+        thousands_csv(0xA0, ord(","), ";"), told=("between groups",), tolerance=1e-1
+    ),
+    "rate_in_comment.csv": Case(
+        "# Sample rate: 0.1 kHz\nu_V,z_um\n" + rows(U, Z), told=("10 ms between two rows",)
+    ),
+    "interval_above.csv": Case(
+        "Logger 7\nSampling interval (ms);10\nChannels;2\nu_V;z_um\n" + rows(U, Z, sep=";"),
+        told=("10 ms between two rows",),
+    ),
+    "rate_german.csv": Case(
+        "Abtastrate;100 Hz\nSpannung [V];Weg [µm]\n" + rows(U, Z, sep=";", decimal=","),
+        told=("Abtastrate: 10 ms",),
+    ),
+    "time_of_day.csv": Case(times_of_day(), told=("run past midnight|behind midnight",)),
+    "units_row.csv": Case("t,u,z\ns,V,um\n" + rows(T, U, Z), units=("V", "um")),
+    "unit_words.csv": Case("time,drive,sensor\nSeconds,Volts,Micro\n" .replace("Micro", "um")
+                           + rows(T, U, Z), units=("V", "um")),
+    "unequal_rates.csv": Case(
+        "t_s,u_V,z_um\n" + "".join(
+            f"{t:.9g},{u:.9g}," + (f"{z:.9g}" if k % 2 == 0 else "") + "\n"
+            for k, (t, u, z) in enumerate(zip(T, U, Z, strict=True))
+        ),
+    ),
+}  # fmt: skip
+
+
+def put(path, content):
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@pytest.mark.parametrize("name", OPENED)
+def test_opened_right(tmp_path, name):
+    for needed in ("openpyxl", "h5py", "nptdms", "python_calamine", "pyarrow"):
+        pytest.importorskip(needed)
+    case = OPENED[name]
+    put(tmp_path / name, case.content)
+    told = []
+    record = pj.Record.load(tmp_path / name, announce=told.append, **case.options)
+    scale = 1000.0 if "thousands" in name else 1.0
+    count = case.samples
+    if "segments" not in name:
+        assert len(record) == count
+        measured = record.measured
+        np.testing.assert_allclose(record.input, scale * U[:count], atol=case.tolerance)
+        np.testing.assert_allclose(
+            record.output[measured], scale * Z[:count][measured], atol=case.tolerance
+        )
+    np.testing.assert_allclose(np.diff(record.time), case.step, rtol=1e-4)
+    if case.units:
+        assert (record.input_unit, record.output_unit) == case.units
+    for words in case.told:
+        assert any(any(word in line for word in words.split("|")) for line in told), told
+
+
+def test_segments_of_labview_follow_each_other(tmp_path):
+    path = tmp_path / "segments.lvm"
+    path.write_text(LVM_SEGMENTS)
+    told = []
+    record = pj.Record.load(path, announce=told.append)
+    np.testing.assert_allclose(record.input, np.tile(U[:60], 2), atol=1e-6)
+    np.testing.assert_allclose(record.time[60] - record.time[0], 2.0, atol=1e-6)
+    assert any("2 segments" in line for line in told)
+
+
+def test_a_tds_file_has_one_channel(tmp_path):
+    path = tmp_path / "F0000CH1.CSV"
+    path.write_text(tds())
+    record = pj.Record.load(path, input="CH1", need_output=False)
+    np.testing.assert_allclose(record.input, U, atol=1e-5)
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+    assert record.input_unit == "V"
+
+
+BOMB = gzip.compress(b"0,0,0\n" * 20_000_000)
+WIDE = ",".join(f"c{k}" for k in range(1_000_000))
+
+REFUSED = {
+    "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
+    "macros_renamed.xlsx": Case(with_macros, refused=("has macros",)),
+    "password.xlsx": Case(protected, refused=("protected by a password", "save it without")),
+    "empty.xlsx": Case(workbook(("Sheet1", [])), refused=("no sheet holds a table",)),
+    "text.xlsx": Case(
+        workbook(("Sheet1", [["t_s", "u_V", "z_um"], *[["x", "y", "w"]] * 5])),
+        refused=("t_s", "is text|is not a number"),
+    ),
+    "broken.xlsx": Case(b"PK\x03\x04" + bytes(1000), refused=("not a readable workbook", "CSV")),
+    "broken.tdms": Case(broken_tdms, refused=("not a readable TDMS", "defragment")),
+    "cut.tdms": Case(b"TDSm" + bytes(20), refused=("TDMS|no channels",)),
+    "cut.h5": Case(b"\x89HDF\r\n\x1a\n" + bytes(300), refused=("not a readable HDF5",)),
+    "no_vectors.h5": Case(hdf5(lambda file: file.create_group("a")), refused=("no vectors",)),
+    "many.zip": Case(
+        zipped(**{f"run_{k}.csv": CSV for k in range(9)}), refused=("holds 9 files", "unpack it")
+    ),
+    "none.zip": Case(zipped(), refused=("ZIP|no file|empty",)),
+    "bomb.csv.gz": Case(BOMB, refused=("unpack to", "no record is compressed so far")),
+    "bomb.zip": Case(zipped(a__csv=b"0,0,0\n" * 20_000_000), refused=("no record is compressed",)),
+    "bomb.xlsx": Case(
+        zipped(**{"[Content_Types].xml": b" " * 100_000_000}), refused=("no record is compressed",)
+    ),
+    "twice.csv.gz": Case(gzip.compress(gzip.compress(CSV.encode())), refused=("gzip twice",)),
+    "cut.csv.gz": Case(gzip.compress(CSV.encode())[:200], refused=("not a readable gzip",)),
+    "packed.csv.bz2": Case(bz2.compress(CSV.encode()), refused=("binary", "give a CSV")),
+    "two_times.csv": Case(
+        "t1_s,u_V,t2_s,z_um\n" + rows(T, U, T + 0.004, Z),
+        refused=("t1_s, t2_s may each be the time", "--time"),
+    ),
+    "million_columns.csv": Case(WIDE + "\n" + "1," * 999_999 + "1\n", refused=("1,000,000 col",)),
+    "mixed.csv": Case(
+        CSV + "broken here,and,there\n" + rows(T + 2, U, Z), refused=("row 122", "remove the row")
+    ),
+    "mixed_thousands.csv": Case(
+        "t_s;u_V;z_um\n0;1.234,5;1\n1;2.5,1;2\n2;3,5;1\n3;1,5;1\n", refused=("row 3", "'2.5,1'")
+    ),
+    "two_channels_in_volts.csv": Case(
+        TEKTRONIX_MSO.replace("TIME", "Time") + rows(T, U, Z), refused=("--input",)
+    ),
+    "one_channel.csv": Case(tds(), refused=("output", "--output")),
+    "picture.npy": Case(saved(np.zeros((50, 50))), refused=("no vectors",)),
+    "objects.npy": Case(lambda path: np.save(path, np.array([{}], object), allow_pickle=True),
+                        refused=("not a readable NPY",)),
+    "matrix_unasked.mat": Case(
+        matlab(data=np.column_stack([T, U, Z])), refused=("--time 1 --input 2 --output 3",)
+    ),
+    "number_beyond.csv": Case(CSV, {"input": "7"}, refused=("no column '7'", "t_s, u_V, z_um")),
+    "unit_of_two.csv": Case(
+        "t_s,u_V,v_V,z_um\n" + rows(T, U, U, Z), {"input": "V"}, refused=("u_V, v_V", "unit 'V'")
+    ),
+    "no_second_header.lvm": Case("LabVIEW Measurement\t\n***End_of_Header***\n1\t2\n",
+                                 refused=("no second ***End_of_Header***", "CSV")),
+    "no_rows.lvm": Case(lvm("", "One", heads(), NAMES), refused=("no samples below",)),
+    "not_together.tdms": Case(
+        tdms(("r", "u", U, wave(0.01, "V")),
+             ("r", "z", Z[:50], {**wave(0.02, "um"), "wf_start_offset": 60.0})),
+        refused=("not recorded at the same time",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_with_what_leads_on(tmp_path, name):
+    for needed in ("openpyxl", "h5py", "nptdms", "python_calamine", "pyarrow"):
+        pytest.importorskip(needed)
+    case = REFUSED[name]
+    put(tmp_path / name, case.content)
+    begun = clock.perf_counter()
+    with pytest.raises(pj.InputError) as caught:
+        pj.Record.load(tmp_path / name, **case.options)
+    message = str(caught.value)
+    assert name in message
+    assert "\n" not in message
+    assert len(message) < 600
+    for words in case.refused:
+        assert any(word in message for word in words.split("|")), message
+    assert clock.perf_counter() - begun < 10
+
+
+def test_there_are_more_than_sixty_kinds():
+    assert len(OPENED) + len(REFUSED) > 60
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "package"),
+    [
+        ("a.xlsx", "python_calamine", "python-calamine"),
+        ("a.h5", "h5py", "h5py"),
+        ("a.tdms", "nptdms", "npTDMS"),
+        ("a.feather", "pyarrow", "pyarrow"),
+        ("a.parquet", "pyarrow", "pyarrow"),
+    ],
+)
+def test_a_missing_library_is_named_with_the_extra(tmp_path, monkeypatch, name, module, package):
+    contents = {
+        "xlsx": workbook(("Sheet1", HEADED)),
+        "h5": b"\x89HDF\r\n\x1a\n",
+        "tdms": b"TDSm",
+        "feather": b"ARROW1",
+        "parquet": b"PAR1",
+    }
+    put(tmp_path / name, contents[name.split(".")[1]])
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(pj.InputError, match=rf"{package}.*pip install 'preisach_jax\[files\]'"):
+        pj.Record.load(tmp_path / name)
+
+
+@pytest.mark.parametrize("end", ["\n", ""])
+@pytest.mark.parametrize("sep", [",", ";", "\t", " "])
+def test_a_long_regular_file_is_read_as_line_by_line(tmp_path, monkeypatch, sep, end):
+    from preisach_jax.record import delimited
+
+    count = 20_000
+    signal = np.random.default_rng(1).normal(size=(3, count))
+    text = sep.join(["t_s", "u_V", "z_um"]) + "\n" + rows(*signal, sep=sep, form="{:.15g}")
+    text = text.rstrip("\n") + end
+    fast = delimited.read_delimited(text, "long.csv")
+    assert delimited._regular(text, "long.csv") is not None
+    slow = delimited._table(text.split("\n"), "long.csv")
+    assert list(fast.columns) == list(slow.columns)
+    for name, values in slow.columns.items():
+        np.testing.assert_array_equal(fast.columns[name], values)
+    np.testing.assert_array_equal(fast.rows, slow.rows)
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ("1,2", "row 15001: 2 field(s)"),
+        ("14999,x,3", "row 15001: 'x' is not a number"),
+        ("1,2,3,4", "row 15001: 4 field(s)"),
+    ],
+)
+def test_an_irregular_row_of_a_long_file_is_named(tmp_path, row, expected):
+    lines = CSV.splitlines()[:1] + [f"{k},{k % 7},{k % 5}" for k in range(20_000)]
+    lines[15_000] = row
+    path = tmp_path / "long.csv"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(pj.InputError) as caught:
+        pj.Record.load(path)
+    assert expected in str(caught.value)

@@ -1,0 +1,261 @@
+"""The first look at a record: what is planted in it is found, and what it cannot tell is said."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import preisach_jax as pj
+from preisach_jax.cli import main
+from preisach_jax.effects import library
+from preisach_jax.look import look
+from preisach_jax.look.drawing import braille, extremes
+from preisach_jax.look.prospects import judged_effects
+from preisach_jax.look.stretches import band_decades, noise_rms, period, resolution, rests, strokes
+
+STEP = 0.001
+UNITS = {"input": "V", "output": "um"}
+
+
+def path(*parts):
+    """Ramps `(to, seconds)` from 0 on, and rests where the level stays."""
+    levels = [0.0]
+    for level, seconds in parts:
+        count = round(seconds / STEP)
+        levels += np.linspace(levels[-1], level, count + 1)[1:].tolist()
+    return np.array(levels)
+
+
+def record_of(u, noise=0.0, **changes):
+    t = STEP * np.arange(len(u))
+    z = u**1.1 + noise * np.random.default_rng(0).normal(size=len(u))
+    arrays = {"time": t, "input": u, "output": z} | changes
+    return pj.Record.from_arrays(**arrays, units=UNITS, name="stage.csv")
+
+
+LOOPS = path(*[(10, 0.5), (0, 0.5)] * 5)
+HOLDS = path(
+    (4, 0.1), (4, 0.05), (8, 0.1), (8, 0.5), (10, 0.1), (10, 2), (6, 0.1), (6, 0.05), (3, 0.1),
+    (3, 0.5), (0, 0.1), (0, 2),
+)  # fmt: skip
+RATES = path(*[(10, 2), (0, 2)], *[(10, 0.2), (0, 0.2)] * 3, *[(10, 0.02), (0, 0.02)] * 3)
+MINOR = path(
+    (3, 0.3), (1, 0.2), (3, 0.2), (6, 0.3), (4, 0.2), (6, 0.2), (9, 0.3), (7, 0.2), (9, 0.2), (0, 1)
+)
+
+
+def grade(found, effect):
+    return next(each.grade for each in found.prospects if each.effect == effect)
+
+
+def test_planted_rests_are_found_where_they_are():
+    found = look(record_of(HOLDS, 1e-3)).excitation.rests
+    assert [round(rest.level) for rest in found] == [4, 8, 10, 6, 3, 0]
+    np.testing.assert_allclose(
+        [rest.length_s for rest in found], [0.05, 0.5, 2, 0.05, 0.5, 2], atol=0.01
+    )
+
+
+def test_a_slow_ramp_is_no_rest():
+    assert rests(record_of(path((1, 5.0), (10, 0.1), (0, 0.1)))) == []
+
+
+def test_turns_and_rates_are_those_that_were_played():
+    excitation = look(record_of(RATES)).excitation
+    assert len(excitation.turns) == 13
+    slowest, fastest = excitation.rates
+    assert slowest == pytest.approx(5.0, rel=0.1)
+    assert fastest == pytest.approx(500.0, rel=0.1)
+    assert excitation.decades == pytest.approx(2.0, abs=0.1)
+    assert look(record_of(LOOPS)).excitation.repeats() == 5
+
+
+@given(st.floats(1e-4, 1e-1), st.integers(0, 99))
+def test_noise_is_measured_on_a_smooth_course(sigma, seed):
+    course = 5 * np.sin(np.arange(4000) / 500)
+    values = course + sigma * np.random.default_rng(seed).normal(size=4000)
+    assert noise_rms(values) == pytest.approx(sigma, rel=0.1)
+
+
+def test_spikes_of_a_course_do_not_count_as_noise():
+    values = np.sin(np.arange(4000) / 500)
+    values[::200] += 50
+    assert noise_rms(values) < 1e-4
+
+
+@pytest.mark.parametrize("step", [0.01, 0.003, 2.0])
+def test_the_step_of_a_converter_is_found(step):
+    fine = 40 * np.sin(np.arange(5000) / 300)
+    assert resolution(step * np.round(fine / step)) == pytest.approx(step)
+    assert resolution(fine) == 0.0
+
+
+def test_planted_spikes_stuck_and_clipped_stretches_are_found():
+    u = LOOPS.copy()
+    z = u**1.1
+    z[[700, 2300]] += [5.0, -5.0]
+    z[3100:3200] = z[3100]
+    top = 0.9 * z[np.arange(len(z)) < 700].max()
+    found = look(record_of(u, output=np.minimum(z, top)))
+    assert {700, 2300} >= set(found.output_spikes.tolist()) >= {2300}
+    assert any(abs(each.begin_s - 3.1) < 0.01 for each in found.stuck)
+    assert len(found.clipped) == 5
+    assert all(each.level == pytest.approx(top) for each in found.clipped)
+
+
+def test_a_sound_record_has_no_blemish():
+    for u in (LOOPS, HOLDS, RATES, MINOR):
+        found = look(record_of(u, 1e-3))
+        assert not len(found.output_spikes)
+        assert not len(found.input_spikes)
+        assert found.stuck == ()
+        assert found.clipped == ()
+
+
+@pytest.mark.parametrize(
+    ("u", "well", "not_at_all"),
+    [
+        (LOOPS, {"drift", "ageing", "hum"}, {"creep", "delay", "moving"}),
+        (HOLDS, {"creep"}, {"ageing", "moving"}),
+        (RATES, {"rate_dependence", "delay", "input_lag"}, {"operator_creep"} - {"operator_creep"}),
+        (MINOR, {"moving"}, {"creep", "ageing"}),
+    ],
+)
+def test_what_a_record_can_tell_follows_from_what_it_holds(u, well, not_at_all):
+    found = look(record_of(u))
+    assert well <= set(found.can_tell)
+    assert not_at_all <= set(found.cannot_tell)
+    for each in found.prospects:
+        assert each.grade == "well" or each.remedy or each.effect == "output_nonlinearity"
+
+
+def test_the_stage_that_shows_everything_is_said_to():
+    stage = pj.simulate_stage(0, 24.0, [], 2000.0)
+    record = pj.Record.from_arrays(stage.time, stage.input, stage.output, units=UNITS)
+    found = look(record)
+    assert {"creep", "drift", "delay", "resonance", "moving"} <= set(found.can_tell)
+    assert found.excitation.noise == pytest.approx(stage.truth["noise_um"], rel=0.3) if (
+        "noise_um" in stage.truth
+    ) else True  # fmt: skip
+
+
+def test_an_auxiliary_column_that_goes_with_the_input_tells_little():
+    load = np.random.default_rng(1).normal(size=len(LOOPS))
+    for values, expected in ((load, "well"), (2 * LOOPS, "poorly"), (0 * load, "not at all")):
+        assert grade(look(record_of(LOOPS, aux={"load": values})), "aux:load") == expected
+
+
+def test_every_effect_of_the_library_is_judged():
+    own = {name for name in library() if not name.startswith("aux:")}
+    assert set(judged_effects()) >= own
+
+
+def test_a_period_is_found_and_noise_has_none():
+    noise = np.random.default_rng(0).normal(size=1000)
+    assert period(np.tile(noise, 3)) == 1000
+    assert period(noise) is None
+    assert band_decades(noise) > 1.5
+    assert band_decades(np.sin(2 * np.pi * np.arange(1000) / 50)) < 0.1
+
+
+def test_strokes_leave_out_gaps():
+    u = LOOPS
+    keep = np.ones(len(u), bool)
+    keep[1100:1400] = False
+    record = pj.Record.from_arrays(STEP * np.arange(len(u))[keep], u[keep], u[keep] ** 1.1)
+    excitation = look(record).excitation
+    assert len(excitation.strokes) == 9
+    assert len(strokes(record, excitation.turns, [])) == 9
+
+
+@given(st.lists(st.floats(-10, 10), min_size=8, max_size=60))
+def test_a_picture_reaches_both_ends_and_a_slow_count_agrees(values):
+    time, z = np.arange(float(len(values))), np.array(values)
+    _, low, high = extremes(time, z, 4)
+    edges = np.linspace(time[0], time[-1], 5)
+    for k in range(4):
+        last = time <= edges[k + 1] if k == 3 else time < edges[k + 1]
+        inside = z[(time >= edges[k]) & last]
+        assert (low[k], high[k]) == (inside.min(), inside.max())
+    lines = braille(time, z, 10, 3)
+    assert len(lines) == 3
+    assert all(len(line) <= 10 for line in lines)
+    if np.ptp(z) > 0:
+        assert lines[0].strip("\u2800")
+        assert lines[-1].strip("\u2800")
+
+
+@pytest.fixture(scope="module")
+def stage_csv(tmp_path_factory):
+    file = tmp_path_factory.mktemp("look") / "stage.csv"
+    u = np.concatenate([LOOPS, HOLDS])
+    t = STEP * np.arange(len(u))
+    np.savetxt(
+        file, np.column_stack([t, u, u**1.1]), header="t_s,u_V,z_um", delimiter=",", comments=""
+    )
+    return file
+
+
+def test_the_command_shows_columns_reasons_and_a_picture(stage_csv, capsys):
+    assert main(["look", str(stage_csv)]) == 0
+    out = capsys.readouterr().out
+    for words in ("u_V", "by its name", "reversals", "rests", "shows well", "to record next"):
+        assert words in out
+    assert any(0x2800 < ord(sign) < 0x2900 for sign in out)
+
+
+def test_the_json_holds_what_is_shown_and_the_figure_is_drawn(stage_csv, tmp_path, capsys):
+    figure = tmp_path / "look.png"
+    assert main(["look", str(stage_csv), "--json", "--plot", str(figure)]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["channels"]["input"] == {"column": "u_V", "unit": "V"}
+    assert content["input"]["reversals"] == 11
+    assert len(content["input"]["holds"]) == 6
+    assert [each["role"] for each in content["columns"]] == ["time", "input", "output"]
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path, capsys):
+    file = tmp_path / "two.csv"
+    t = np.arange(100.0)
+    np.savetxt(
+        file, np.column_stack([t, t % 7, t % 5]), header="t,CH1,CH2", delimiter=",", comments=""
+    )
+    assert main(["look", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "CH1" in out
+    assert "--input" in out
+    assert main(["look", str(file), "--input", "2", "--output", "3", "-q"]) == 0
+    assert capsys.readouterr().out.startswith("shows well:")
+
+
+def test_a_mistake_is_one_line_and_no_figure_is_written(stage_csv, tmp_path, capsys):
+    for words in (
+        [str(tmp_path / "none.csv")],
+        [str(stage_csv), "--input", "9"],
+        [str(stage_csv), "--plot", str(tmp_path / "look.txt")],
+    ):
+        assert main(["look", *words]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_looking_loads_no_jax(stage_csv):
+    code = (
+        "import sys; from preisach_jax.cli import main; "
+        f"main(['look', {str(stage_csv)!r}, '-q']); print('jax' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.split()[-1] == "False"
+
+
+def test_the_figure_of_a_look_is_that_of_its_method():
+    figure = look(record_of(HOLDS, 1e-3)).plot()
+    assert len(figure.axes) == 3

@@ -5,6 +5,8 @@ on the line α - β = 2 r and is g' there (M. Brokate, J. Sprekels, Hysteresis a
 Springer 1996, ch. 2), so for g that falls and rises the density has both signs.
 """
 
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -87,7 +89,7 @@ def test_a_model_of_both_signs_is_saved_and_loaded(fitted, tmp_path):
 
 
 def test_its_density_is_drawn_with_its_signs(fitted):
-    mesh = density(fitted.model).axes[0].collections[0]
+    mesh: Any = density(fitted.model).axes[0].collections[0]
     assert mesh.norm.vmin == -mesh.norm.vmax < 0
     assert mesh.get_cmap() == mpl.colormaps["PuOr"]
     drawn = np.ma.compressed(mesh.get_array())

@@ -1,6 +1,7 @@
 """What the excitation of a record can tell is asked before an effect is named."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_a_drive_of_many_rates_has_no_lines():
     assert InputSurvey(TIME, np.sin(TIME**2)).lines_hz == ()
 
 
-def stand_in(effect, values, input_of_time):
+def stand_in(effect, values, input_of_time) -> tuple[Any, Any, str]:
     problem = SimpleNamespace(
         cache={("input survey",): InputSurvey(TIME, input_of_time)},
     )

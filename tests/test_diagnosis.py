@@ -26,10 +26,12 @@ HALF = 8_000
 LEVELS = 13  # those of the search for starts, so that most is compiled once
 EFFECTS = (None, "creep", "input_lag", "delay", "drift", "ageing", "aux")
 QUICK = ("output_lag", "slew_limit", "resonance", "hum")
-CASES = [(effect, SEEDS[0], None, RATE_HZ) for effect in (None, "creep")]
-CASES += [("rate_dependence", SEEDS[0], None, FINE_HZ), ("creep", SEEDS[1], None, FINE_HZ)]
-CASES += [(effect, SEEDS[0], LEVELS, RATE_HZ) for effect in (*EFFECTS[2:], *QUICK)]
-CASES += [(effect, SEEDS[1], LEVELS, RATE_HZ) for effect in EFFECTS if effect != "creep"]
+MORE_CASES = [(effect, SEEDS[0], None, RATE_HZ) for effect in (None, "creep")]
+MORE_CASES += [("rate_dependence", SEEDS[0], None, FINE_HZ), ("creep", SEEDS[1], None, FINE_HZ)]
+MORE_CASES += [(effect, SEEDS[1], LEVELS, RATE_HZ) for effect in EFFECTS[2:]]
+CASES = [(effect, SEEDS[0], LEVELS, RATE_HZ) for effect in (*EFFECTS[2:], *QUICK)]
+CASES += [(None, SEEDS[1], LEVELS, RATE_HZ)]
+CASES += [pytest.param(*case, marks=pytest.mark.campaign) for case in MORE_CASES]
 
 
 def hidden(effect, seed, rate_hz=RATE_HZ, **options):
@@ -93,9 +95,10 @@ def test_names_nothing_where_nothing_is_hidden(options):
         assert any(candidate.effect.startswith("aux:") for candidate in found.candidates)
 
 
-def test_an_effect_outside_the_library_is_not_called_adequate():
+@pytest.mark.parametrize("levels", [25, pytest.param(None, marks=pytest.mark.campaign)])
+def test_an_effect_outside_the_library_is_not_called_adequate(levels):
     _, whole = hidden("stick_slip", 205, FINE_HZ)
-    found = pj.diagnose(whole.part(0, identified(whole)))
+    found = pj.diagnose(whole.part(0, identified(whole)), levels=levels)
     assert found.verdict in ("unexplained", "partly_explained")
     assert "%" in found.located
     assert found.next_experiment is not None
@@ -214,12 +217,13 @@ def test_slow_waves_are_no_name_for_a_zero_that_jumps(moves, seed, effects, verd
     assert (found.effects, found.verdict) == (effects, verdict)
 
 
-def test_the_bundled_curves_age_or_drift_and_do_not_hum():
+@pytest.mark.parametrize("levels", [20, pytest.param(None, marks=pytest.mark.campaign)])
+def test_the_bundled_curves_age_or_drift_and_do_not_hum(levels):
     """The grid's error repeats with each curve and makes a comb of lines; none of them is a hum."""
     path = resources.files("preisach_jax") / "bundled" / "conventional_example.forc"
     with resources.as_file(path) as file:
         record = pj.Record.load(file)
-    found = pj.diagnose(record, ("drift", "hum", "ageing"))
+    found = pj.diagnose(record, ("drift", "hum", "ageing"), levels=levels)
     assert found.effects == ("ageing",)
     assert set(found.findings[0].family) == {"ageing", "drift"}
     assert found.verdict == "explained"
@@ -333,9 +337,16 @@ def growing_loops(creep_share, seed, count=4000, rate_hz=250.0):
     return pj.Record.from_arrays(time, drive, output)
 
 
-@pytest.mark.parametrize(("creep_share", "effects"), [(0.03, ("creep",)), (0.0, ())])
-def test_a_creep_in_growing_loops_is_not_taken_for_a_lag(creep_share, effects):
-    found = pj.diagnose(growing_loops(creep_share, 203), ["creep", "input_lag"])
+@pytest.mark.parametrize(
+    ("creep_share", "effects", "levels"),
+    [
+        (0.03, ("creep",), 25),
+        (0.0, (), None),
+        pytest.param(0.03, ("creep",), None, marks=pytest.mark.campaign),
+    ],
+)
+def test_a_creep_in_growing_loops_is_not_taken_for_a_lag(creep_share, effects, levels):
+    found = pj.diagnose(growing_loops(creep_share, 203), ["creep", "input_lag"], levels=levels)
     assert found.effects == effects
     assert [finding.family for finding in found.findings] == [(name,) for name in effects]
 

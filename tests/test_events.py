@@ -188,9 +188,13 @@ def test_gradient_through_the_recursion_matches_finite_differences(x64):
 # --- the forms of the filter ---
 
 
-@pytest.mark.parametrize("kind", sorted(paths(0)))
-@pytest.mark.parametrize("step_size", [1.0, 0.3])
-@pytest.mark.parametrize("passes", [1, 3])
+@pytest.mark.parametrize(
+    ("kind", "step_size", "passes"),
+    [
+        *((kind, step_size, 3) for kind in sorted(paths(0)) for step_size in (1.0, 0.3)),
+        ("mixed", 1.0, 1),  # of each number of passes the last one is compiled in the same way
+    ],
+)
 def test_a_run_over_events_is_the_scan_of_steps(kind, step_size, passes, precision, tolerance):
     x = paths(6)[kind].astype(precision)
     rng = np.random.default_rng(7)

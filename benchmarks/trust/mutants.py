@@ -176,21 +176,12 @@ def tried(mutant: Mutant, package: Path) -> dict[str, str | int | float]:
     original = path.read_text(encoding="utf-8")
     path.write_text(mutant.source, encoding="utf-8")
     begin = time.perf_counter()
-    words = ["-q", "-x", "-p", "no:cacheprovider", "--no-header", "--tb=line"]
-    tests = [str(package / "tests" / name) for name in TESTS[mutant.module]]
-    environment = os.environ | {"PYTHONPATH": str(package), "PYTHONDONTWRITEBYTECODE": "1"}
-    environment.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".jax_cache"))
+    outcome, by = "survived", ""
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", *words, *tests],
-            cwd=package, env=environment, capture_output=True, text=True, check=False,
-            timeout=MOST_SECONDS,
-        )  # fmt: skip
-        outcome = {0: "survived", 1: "noticed", 2: "noticed"}.get(done.returncode, "not run")
-        failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        by = failed[0].split(" ", 2)[1].removeprefix("tests/") if failed else ""
-    except subprocess.TimeoutExpired:
-        outcome, by = "noticed", "no end within the time"
+        for name in TESTS[mutant.module]:
+            outcome, by = _outcome(package, name)
+            if outcome != "survived":
+                break
     finally:
         path.write_text(original, encoding="utf-8")
     seconds = round(time.perf_counter() - begin, 1)
@@ -198,6 +189,24 @@ def tried(mutant: Mutant, package: Path) -> dict[str, str | int | float]:
         "module": mutant.module, "line": mutant.line, "change": mutant.change,
         "outcome": outcome, "by": by, "seconds": seconds,
     }  # fmt: skip
+
+
+def _outcome(package: Path, name: str) -> tuple[str, str]:
+    """What a file of tests says of the copy, and the test that notices a change of it."""
+    words = ["-q", "-x", "-p", "no:cacheprovider", "--no-header", "--tb=line"]
+    environment = os.environ | {"PYTHONPATH": str(package), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".jax_cache"))
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", *words, str(package / "tests" / name)],
+            cwd=package, env=environment, capture_output=True, text=True, check=False,
+            timeout=MOST_SECONDS,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return "noticed", "no end within the time"
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    by = failed[0].split(" ", 2)[1].removeprefix("tests/") if failed else ""
+    return {0: "survived", 1: "noticed", 2: "noticed"}.get(done.returncode, "not run"), by
 
 
 def copied(folder: Path) -> Path:

@@ -68,10 +68,12 @@ CAMPAIGNS = {
         needs="atheris",
     ),
     "soak": Campaign(
-        "Filters run for 10⁷ samples.", ("benchmarks/trust/soak.py", "--samples", "1e7")
+        "Filters run for 10⁷ samples.",
+        ("benchmarks/trust/soak.py", "--samples", "1e7", "--out", "build/soak.json"),
     ),
     "spoiled": Campaign(
-        "Spoiled records are judged as clean ones are.", ("benchmarks/trust/corruption.py",)
+        "Spoiled records are judged as clean ones are.",
+        ("benchmarks/trust/corruption.py", "--out", "build/spoiled"),
     ),
     "blind": Campaign(
         "The diagnosis names what is hidden in development records.",

@@ -13,7 +13,7 @@ help:
 	@echo "make demo    diagnose the bundled measurement and a simulated stage"
 	@echo "make app     open the interactive page"
 	@echo "make test    run the tests"
-	@echo "make campaigns  run what proves rather than protects: hours"
+	@echo "make campaigns   run what proves rather than protects, for hours"
 	@echo "make lint    check format, lint and types"
 	@echo "make docs    build the documentation into build/site"
 	@echo "make bench   measure speed"

@@ -109,7 +109,7 @@ def test_spoiled_records_have_spikes_and_holes():
 
 @pytest.mark.parametrize("module", mutants.TESTS)
 def test_drawn_changes_can_be_run_and_change_one_place(module):
-    source = (ROOT / "preisach_jax" / module).read_text(encoding="utf-8")
+    source = (mutants.PACKAGE / module).read_text(encoding="utf-8")
     found = mutants.drawn(module)
     assert len(found) > 5
     for mutant in found:

@@ -21,7 +21,8 @@ from hypothesis import settings
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 # The first example of a test often compiles, so a deadline an example would measure the compiler.
-settings.register_profile("tests", deadline=None, derandomize=True, max_examples=30)
+EXAMPLES = int(os.environ.get("PREISACH_EXAMPLES", "30"))  # a campaign asks for more
+settings.register_profile("tests", deadline=None, derandomize=True, max_examples=EXAMPLES)
 settings.load_profile("tests")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

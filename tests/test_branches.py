@@ -87,11 +87,15 @@ def test_turning_points_leave_the_named_memory_behind(plane, hysteron, initial, 
 
 @pytest.mark.parametrize("hysteron", ["relay", "ramp"])
 @pytest.mark.parametrize("kind", sorted(paths(0)))
-@pytest.mark.parametrize("initial", INITIAL)
+@pytest.mark.parametrize(
+    ("initial", "precision"),
+    [*((initial, "float64") for initial in INITIAL), ("low", "float32")],
+    indirect=["precision"],
+)
 def test_the_output_along_branches_is_that_of_all_states(
     kind, initial, hysteron, precision, tolerance
 ):
-    for seed, plane in enumerate(PLANES):
+    for seed, plane in enumerate(PLANES if precision == "float64" else PLANES[2:]):
         x = paths(seed)[kind].astype(precision)
         weights = np.random.default_rng(4).uniform(0, 1, plane.cells).astype(precision)
         dense = simulate(plane, weights, x, hysteron, initial, form="dense")

@@ -231,7 +231,7 @@ COLOUR = re.compile(r"\x1b\[[\d;]*?(?:3[0-8]|4[0-8]|9[0-7])[\d;]*m")
 
 @pytest.mark.usefixtures("inside")
 def test_colour_is_for_terminals_and_not_if_it_is_unwanted():
-    words = ["fit", "stage.csv", "--effects", "drift", "--levels", "4", "--out", "m.json"]
+    words = ["fit", "stage.csv", "--levels", "4", "--out", "m.json"]
     assert COLOUR.search(shown_on_a_terminal(words))  # the bar
     assert not COLOUR.search(shown_on_a_terminal(words, NO_COLOR="1"))
     done = subprocess.run([*COMMAND, *words], capture_output=True, check=True)

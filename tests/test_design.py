@@ -217,6 +217,7 @@ def test_the_plan_separates_what_it_promises_on_an_actuator_that_creeps(plan):
     assert play(plan, "creep", "drift") > max(SUFFICIENT, 0.5 * promised)
 
 
+@pytest.mark.campaign
 def test_the_plan_separates_what_it_promises_on_an_actuator_that_lags():
     record = answer("delay", world.excitation("poor", 8.0, RATE_HZ, 2))
     alike = [pj.fit(record, (name,), levels=13).model for name in ("delay", "input_lag")]

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from preisach_jax.errors import InputError
 from preisach_jax.events import (
+    EVENTS_TO_REFRESH,
     adapt_over_events,
     events_and_states,
     flat_index,
+    relays_between,
     room_for_events,
     switching_events,
 )
@@ -186,9 +188,13 @@ def test_gradient_through_the_recursion_matches_finite_differences(x64):
 # --- the forms of the filter ---
 
 
-@pytest.mark.parametrize("kind", sorted(paths(0)))
-@pytest.mark.parametrize("step_size", [1.0, 0.3])
-@pytest.mark.parametrize("passes", [1, 3])
+@pytest.mark.parametrize(
+    ("kind", "step_size", "passes"),
+    [
+        *((kind, step_size, 3) for kind in sorted(paths(0)) for step_size in (1.0, 0.3)),
+        ("mixed", 1.0, 1),  # of each number of passes the last one is compiled in the same way
+    ],
+)
 def test_a_run_over_events_is_the_scan_of_steps(kind, step_size, passes, precision, tolerance):
     x = paths(6)[kind].astype(precision)
     rng = np.random.default_rng(7)
@@ -212,6 +218,38 @@ def test_a_run_over_a_resting_input_learns_nothing():
     result = AdaptiveFilter(PLANE).run(np.full(9, 2.2), np.arange(9.0), form="event")
     np.testing.assert_array_equal(result.error, np.arange(9.0))
     assert not np.any(result.switched)
+
+
+@pytest.mark.parametrize(("levels", "count"), [(60, 400), (4, 2500)])
+def test_outputs_of_many_events_are_those_of_the_scan(levels, count, x64):
+    """Beyond `EVENTS_TO_REFRESH` they begin afresh, from the relays that are on there."""
+    rng = np.random.default_rng(8)
+    plane = Plane(levels=levels, low=0.0, high=6.0)
+    turns = rng.uniform(0.0, 6.0, count)
+    x = np.interp(np.arange(10 * count) / 10, np.arange(count), turns)
+    z = x + np.sin(3 * x) + rng.normal(0, 0.1, len(x))
+    start = rng.uniform(0, 1, plane.cells)
+    filt = AdaptiveFilter(plane, initial_weight=start)
+    found = events_and_states(plane, jnp.asarray(x))[0]
+    assert np.count_nonzero(found.area) > 3 * EVENTS_TO_REFRESH
+    event, dense = (filt.run(x, z, form=form) for form in ("event", "dense"))
+    np.testing.assert_allclose(event.output, dense.output, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(event.weights, dense.weights, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("levels", [3, 6, 25])
+def test_sums_begin_afresh_from_the_relays_that_are_on(levels, x64):
+    rng = np.random.default_rng(levels)
+    plane = Plane(levels=levels, low=0.0, high=6.0)
+    x = rng.uniform(0.0, 6.0, 4000)  # each sample is an event, or nearly
+    found = events_and_states(plane, jnp.asarray(x))[0]
+    first, lowest = relays_between(plane, jnp.asarray(x), found)
+    assert len(first) >= 2
+    states = np.asarray(relays(plane, x)).astype(bool)
+    for event, row in zip(first, lowest, strict=True):
+        sample = int(found.sample[event])
+        before = states[sample - 1]
+        np.testing.assert_array_equal(plane.beta_index < row[plane.alpha_index], before)
 
 
 @pytest.mark.parametrize("seed", range(3))

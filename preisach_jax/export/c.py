@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import jinja2
 import numpy as np
 
-from preisach_jax.export.description import Description, Part
+from preisach_jax.export.account import differences, jumps, sizes
+from preisach_jax.export.description import Description, Part, describe, left_out
+from preisach_jax.export.selftest import self_test
+from preisach_jax.model import Model
 
 NUMBERS_A_LINE = 4
 
@@ -25,6 +27,12 @@ def reals(values: Sequence[float]) -> str:
     """The lines of an initialiser."""
     rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
     return ",\n".join("    " + ", ".join(real(value) for value in row) for row in rows)
+
+
+def plain(values: Sequence[float]) -> str:
+    """The lines of an initialiser of doubles."""
+    rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
+    return ",\n".join("    " + ", ".join(repr(float(value)) for value in row) for row in rows)
 
 
 def comment(text: str) -> str:
@@ -43,7 +51,9 @@ def environment() -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701  what is written is C
     )
-    made.filters |= {"real": real, "reals": reals, "comment": comment}
+    made.filters |= {
+        "real": real, "reals": reals, "plain": plain, "number": repr, "comment": comment,
+    }  # fmt: skip
     return made
 
 
@@ -152,6 +162,31 @@ def sources(model: Description) -> dict[str, str]:
     return {name: made.get_template(f"{name}.j2").render(content) for name in names}
 
 
-def written(model: Description, folder: Path) -> dict[Path, bytes]:
-    """Files of the C export by path."""
-    return {folder / name: text.encode() for name, text in sources(model).items()}
+def files(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> dict[str, str]:
+    """All files of the C export, by name.
+
+    Arguments:
+        model: the model.
+        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        without: names of effects that are left out.
+
+    Returns:
+        Header, source, self test, Makefile and README.
+
+    Raises:
+        InputError: if the model cannot be written in C; the message names what stands against it.
+    """
+    described = describe(model, rate_hz, without)
+    content = view(described)
+    test = self_test(left_out(model, without), described)
+    content |= {
+        "test": test,
+        "size": sizes(described),
+        "jumps": jumps(described),
+        "differences": differences(described),
+        "parts_said": [part for part in described.parts if part.said],
+    }
+    made = environment()
+    names = ("preisach_test.c", "Makefile", "README.md")
+    others = {name: made.get_template(f"{name}.j2").render(content) for name in names}
+    return sources(described) | others

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, SensorEffect
+from preisach_jax.effects.base import Effect, OutputEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
@@ -127,11 +127,7 @@ def describe(model: Model, rate_hz: float | None = None, without: Sequence[str] 
         InputError: if the rate is not positive, an effect to leave out is not in the model, or an
             effect is not one of the built-in library.
     """
-    names = [effect.name for effect in model.effects]
-    for name in without:
-        if name not in names:
-            have = ", ".join(names) or "none"
-            raise InputError(f"there is no effect {name!r} to leave out (in the model: {have})")
+    model = left_out(model, without)
     if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the sampling rate is {rate_hz} Hz: give a positive number")
     step_s = model.origin.step_s if rate_hz is None else 1 / rate_hz
@@ -139,7 +135,6 @@ def describe(model: Model, rate_hz: float | None = None, without: Sequence[str] 
     parts = tuple(
         _part(model, effect, place, own.get(effect.name, ()), step_s)
         for place, effect in model.chain.stations
-        if effect.name not in without
     )
     plane, weights = model.plane, np.asarray(model.weights, dtype=float)
     reach = RANGE_TOLERANCE * (plane.high - plane.low)
@@ -161,6 +156,36 @@ def describe(model: Model, rate_hz: float | None = None, without: Sequence[str] 
         model.rms_validation,
         plane.low - reach,
         plane.high + reach,
+    )
+
+
+def left_out(model: Model, without: Sequence[str]) -> Model:
+    """The model without some of its effects.
+
+    Arguments:
+        model: the model.
+        without: names of the effects that are left out.
+
+    Returns:
+        The model of the others, with their numbers as they were.
+
+    Raises:
+        InputError: if one of the effects is not in the model.
+    """
+    names = [effect.name for effect in model.effects]
+    for name in without:
+        if name not in names:
+            have = ", ".join(names) or "none"
+            raise InputError(f"there is no effect {name!r} to leave out (in the model: {have})")
+    if not without:
+        return model
+    linear = zip(model.chain.coefficients, model.coefficients.added.tolist(), strict=True)
+    added = [value for (name, _), value in linear if name not in without]
+    effects = tuple(effect for effect in model.effects if effect.name not in without)
+    return replace(
+        model,
+        chain=model.chain.with_effects(effects),
+        coefficients=replace(model.coefficients, added=np.array(added)),
     )
 
 
@@ -200,7 +225,7 @@ def _part(
     kind, numbers_of = law
     values = dict(model.values[effect.name])
     said = ", ".join(
-        f"{name} = {estimate.value:.6g} {estimate.unit}".rstrip()
+        f"{name} = {estimate.value:.6g} {estimate.unit.removeprefix('1')}".rstrip()
         for name, estimate in model.parameters[effect.name].items()
         if not (isinstance(effect, OutputEffect) and name in _free(effect))
     )

@@ -49,6 +49,7 @@ LAYERS = [
     "chain",
     "reduction",
     "model",
+    "export",
     "identify",
     "signature",
     "confidence",
@@ -61,7 +62,7 @@ LAYERS = [
     "cli",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
-LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
+LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report"), ("model", "export")}
 
 # The simulated world shares no code with the models that are to explain it.
 WORLD = {

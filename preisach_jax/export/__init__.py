@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from preisach_jax.export.c import files
+from preisach_jax.export.fmu import fmu, fmu_name
 from preisach_jax.files import check_folder, write_files
 from preisach_jax.model import Model
 
-__all__ = ["export_c"]
+__all__ = ["export_c", "export_fmu"]
 
 
 def export_c(
@@ -44,3 +45,33 @@ def export_c(
     check_folder(folder)
     contents = files(model, rate_hz, without)
     return write_files({folder / name: text.encode() for name, text in contents.items()})
+
+
+def export_fmu(
+    model: Model, folder: Path | str, rate_hz: float | None = None, without: Sequence[str] = ()
+) -> list[Path]:
+    """Write a model as an FMU of FMI 3.0 for co-simulation.
+
+    Its inputs and its output are named as the columns of the record, with their units. It takes a
+    sample in at each multiple of the sample interval, whatever the communication step; see
+    `sources/fmi3_functions.c` in it.
+
+    Arguments:
+        model: the model.
+        folder: where to; it is made if it does not exist.
+        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        without: names of effects that are left out.
+
+    Returns:
+        The file, named after the record.
+
+    Raises:
+        InputError: if the model cannot be written in C, there is no C compiler, or the folder
+            cannot be written to; then nothing was.
+
+    Example:
+        >>> export_fmu(model, "simulation")  # doctest: +SKIP
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    return write_files({folder / fmu_name(model): fmu(model, rate_hz, without)})

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -54,6 +54,9 @@ from preisach_jax.schema import (
     whole,
 )
 from preisach_jax.upgrade import upgraded
+
+if TYPE_CHECKING:
+    from control import NonlinearIOSystem
 
 FORMAT = "preisach_jax model"
 FORMAT_VERSION = 3
@@ -401,6 +404,32 @@ class Model:
             "noise": self.noise,
             "discretisation": self.discretisation,
         }
+
+    def to_control(
+        self, rate_hz: float | None = None, without: Sequence[str] = (), name: str | None = None
+    ) -> NonlinearIOSystem:
+        """This model as a discrete system of python-control (`pip install preisach_jax[control]`).
+
+        Arguments:
+            rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+            without: names of effects that are left out.
+            name: name of the system; by default that of the record.
+
+        Returns:
+            A `control.NonlinearIOSystem`: inputs and output named as the columns of the record, the
+            sample interval as `dt`. Initial states of zero are those before the first sample.
+
+        Raises:
+            InputError: if python-control is not installed, an effect has no law sample by sample,
+                or the rate is not positive.
+
+        Example:
+            >>> model.to_control(rate_hz=1000.0).dt  # doctest: +SKIP
+            0.001
+        """
+        from preisach_jax.export.control import to_control
+
+        return to_control(self, rate_hz, without, name)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; an older file stays whole until the new one is.

@@ -1,6 +1,7 @@
 """Models of every effect with drawn parameters, and their C code, compiled and called."""
 
 import ctypes
+import itertools
 import shutil
 import subprocess
 from pathlib import Path
@@ -23,6 +24,7 @@ from preisach_jax.record import Record
 
 STEP_S = 1 / 512  # so that times and their differences are exact
 LOW, HIGH = -2.0, 8.0
+NUMBERS = itertools.count()
 GCC = shutil.which("gcc")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic"]
 needs_compiler = pytest.mark.skipif(GCC is None, reason="no gcc here")
@@ -178,9 +180,12 @@ class Compiled:
         self.folder = Path(folder)
         for name, text in self.texts.items():
             (self.folder / name).write_text(text)
-        aux = "".join(f", (preisach_real)aux[{i} * n + k]" for i in range(len(model.columns["aux"])))
+        aux = "".join(
+            f", (preisach_real)aux[{i} * n + k]" for i in range(len(model.columns["aux"]))
+        )
         (self.folder / "runner.c").write_text(RUNNER.replace(" AUX", aux))
-        library = self.folder / "model.so"
+        # Of two libraries of one name the second would be the first.
+        library = self.folder / f"model_{next(NUMBERS)}.so"
         # -O1 compiles in half the time of -O2
         done = subprocess.run(
             [GCC, *STRICT, "-O1", "-fPIC", "-shared", *options, "preisach_model.c", "runner.c",

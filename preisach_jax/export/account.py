@@ -120,7 +120,9 @@ def sizes(model: Description) -> dict[str, Any]:
     return {
         "state": lean + 2 * cells + sums + diagonal + 1,
         "lean": lean,
-        "constants": max(cells, sums + diagonal) + coefficients + levels * (model.hysteron == "relay"),
+        "constants": max(cells, sums + diagonal)
+        + coefficients
+        + levels * (model.hysteron == "relay"),
         "stack": 2 * (effects + 16) + levels + 30,
         "step_moves": corners,
         "step_flops": 4 * OUTPUT_BELOW + 40 + 10 * (rate is not None),

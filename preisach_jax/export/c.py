@@ -38,7 +38,9 @@ def plain(values: Sequence[float]) -> str:
 def comment(text: str) -> str:
     """A text that ends no comment and begins none, in characters that every compiler reads."""
     plain = text.encode("ascii", "replace").decode()
-    return re.sub(r"[^ -~]", " ", plain).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    return (
+        re.sub(r"[^ -~]", " ", plain).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    )
 
 
 def environment() -> jinja2.Environment:
@@ -49,7 +51,7 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701  what is written is C
+        autoescape=False,
     )
     made.filters |= {
         "real": real, "reals": reals, "plain": plain, "number": repr, "comment": comment,
@@ -83,7 +85,7 @@ def view(model: Description) -> dict[str, Any]:
     separate = rate is not None and not rate.numbers["reversible"]
     rows, columns = np.tril_indices(model.levels)
     off = np.where((rows == columns) & separate, 0.0, model.weights)
-    outputs = [part for part in model.at("output")]
+    outputs = model.at("output")
     auxiliaries = [_with_column(model, part) for part in model.parts if part.kind == "auxiliary"]
     used = {each["column"].identifier for each in auxiliaries}
     by_name = {each["name"]: each for each in auxiliaries}
@@ -162,7 +164,9 @@ def sources(model: Description) -> dict[str, str]:
     return {name: made.get_template(f"{name}.j2").render(content) for name in names}
 
 
-def files(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> dict[str, str]:
+def files(
+    model: Model, rate_hz: float | None = None, without: Sequence[str] = ()
+) -> dict[str, str]:
     """All files of the C export, by name.
 
     Arguments:

@@ -112,7 +112,9 @@ class Description:
         return [part for part in self.parts if part.place == place]
 
 
-def describe(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> Description:
+def describe(
+    model: Model, rate_hz: float | None = None, without: Sequence[str] = ()
+) -> Description:
     """Describe a model in discrete time.
 
     Arguments:
@@ -212,9 +214,7 @@ def _columns(names: Sequence[str], units: Mapping[str, str]) -> tuple[Column, ..
     return tuple(columns)
 
 
-def _part(
-    model: Model, effect: Effect, place: str, own: tuple[float, ...], step_s: float
-) -> Part:
+def _part(model: Model, effect: Effect, place: str, own: tuple[float, ...], step_s: float) -> Part:
     law = _LAWS.get(type(effect))
     if law is None:
         raise InputError(

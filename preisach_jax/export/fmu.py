@@ -154,9 +154,7 @@ def _texts(model: Description, time_name: str) -> dict[str, str]:
         ),
         "absent": [(name, _parameters(text)) for name, text in _ABSENT.items()],
     }
-    code["fmi3_functions.c"] = (
-        environment().get_template("fmi3_functions.c.j2").render(content)
-    )
+    code["fmi3_functions.c"] = environment().get_template("fmi3_functions.c.j2").render(content)
     xml = environment().overlay(autoescape=True)
     described = {
         "modelDescription.xml": xml.get_template("modelDescription.xml.j2").render(content),

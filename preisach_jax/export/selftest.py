@@ -57,7 +57,9 @@ def self_test(model: Model, described: Description) -> dict[str, Any]:
     # A clock that `predict` takes for the beginning of a record that continues none.
     first = start if start <= 0 <= stop + (stop - start) else 0.0
     time = first + np.arange(count) * described.step_s
-    expected = model.predict(Record.from_arrays(time, drive, np.full(count, np.nan), aux=aux)).output
+    expected = model.predict(
+        Record.from_arrays(time, drive, np.full(count, np.nan), aux=aux)
+    ).output
     reach = float(np.ptp(expected)) or 1.0
     rate, ahead = described.part("rate_dependence"), looks_ahead(described)
     bent = len(described.at("input")) > 1 and described.part("input_lag") is not None

@@ -21,7 +21,7 @@ def test_the_response_is_that_of_predict(control):
     system = model.to_control()
     u, load = wild(300, 3), smooth(300, 4, 0.0, 1.0)
     time = np.arange(len(u)) * STEP_S
-    found = control.input_output_response(system, time, np.stack([u, load])).outputs
+    found = np.ravel(control.input_output_response(system, time, np.stack([u, load])).outputs)
     expected = predicted(model, u, [load])
     np.testing.assert_allclose(found[1:], expected[1:], rtol=0, atol=1e-12 * np.ptp(expected))
     assert system.input_labels == ["u", "load_N"]

@@ -33,8 +33,8 @@ from preisach_jax.signals import bernoulli_ramp
 HERE = Path(__file__).parent
 EFFECTS = (
     "creep operator_creep reptation input_lag slew_limit input_quantisation rate_corners "
-    "rate_corners_all rate_smooth eddy_currents moving output_lag delay resonance drift drift_waves "
-    "hum ageing output_nonlinearity ripples output_quantisation aux:load_N"
+    "rate_corners_all rate_smooth eddy_currents moving output_lag delay resonance drift "
+    "drift_waves hum ageing output_nonlinearity ripples output_quantisation aux:load_N"
 ).split()
 EXCLUSIVE = ({"rate_corners", "rate_corners_all", "rate_smooth"}, {"drift", "drift_waves"},
              {"output_nonlinearity", "ripples"})  # fmt: skip

@@ -179,6 +179,7 @@ def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
         expected = np.array([online(*sample) for sample in zip(u, z, strict=True)])
         compiled = Compiled(model, tmp_path)
         np.testing.assert_allclose(compiled.adapt(u, z) - model.offset, expected, atol=1e-11)
+        assert online.state is not None
         np.testing.assert_allclose(compiled.weights, online.state.weights, atol=1e-11)
         assert np.abs(compiled.weights - model.weights).max() > 0.01
 

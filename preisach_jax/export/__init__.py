@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from preisach_jax.export.c import files
-from preisach_jax.export.fmu import fmu, fmu_name
+from preisach_jax.export.fmu import fmu_archive, fmu_name
 from preisach_jax.files import check_folder, write_files
 from preisach_jax.model import Model
 
@@ -74,4 +74,4 @@ def export_fmu(
     """
     folder = Path(folder)
     check_folder(folder)
-    return write_files({folder / fmu_name(model): fmu(model, rate_hz, without)})
+    return write_files({folder / fmu_name(model): fmu_archive(model, rate_hz, without)})

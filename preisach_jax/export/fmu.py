@@ -78,7 +78,7 @@ _ABSENT: dict[str, str] = {
 """Functions of the standard that a co-simulation of real numbers does not have."""
 
 
-def fmu(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> bytes:
+def fmu_archive(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> bytes:
     """The content of an FMU: description, sources and this platform's binary.
 
     Arguments:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import export
 import growth
 import page
 import peers
@@ -16,6 +17,7 @@ BENCHMARKS = {
     "sweep": sweep.main,
     "streaming": streaming.main,
     "relays": relays.main,
+    "export": export.main,
     "growth": growth.main,
     "page": page.main,
     "peers": peers.main,

@@ -50,6 +50,7 @@ LAYERS = [
     "chain",
     "reduction",
     "model",
+    "export",
     "identify",
     "signature",
     "confidence",
@@ -63,7 +64,13 @@ LAYERS = [
     "__main__",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
-LATE = {("fit", "plot"), ("look", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
+LATE = {
+    ("fit", "plot"),
+    ("look", "plot"),
+    ("diagnosis", "plot"),
+    ("diagnosis", "report"),
+    ("model", "export"),
+}
 
 # The simulated world shares no code with the models that are to explain it.
 WORLD = {

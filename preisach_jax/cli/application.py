@@ -15,6 +15,7 @@ from typer.main import get_command
 from preisach_jax.cli import commands, demonstration, paper
 from preisach_jax.cli.compare import compare
 from preisach_jax.cli.design import design
+from preisach_jax.cli.export import export
 from preisach_jax.cli.fleet import fleet
 from preisach_jax.cli.interruption import INTERRUPTED
 from preisach_jax.cli.look import look
@@ -36,6 +37,7 @@ _COMMANDS: tuple[Callable[..., Any], ...] = (
     compare,
     design,
     commands.predict,
+    export,
     commands.simulate,
     commands.effects,
     fleet,

@@ -1,0 +1,196 @@
+"""A model as C99: the files of `preisach export --to c`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from preisach_jax.export.account import differences, jumps, sizes
+from preisach_jax.export.description import Description, Part, describe, left_out
+from preisach_jax.export.selftest import self_test
+from preisach_jax.model import Model
+
+NUMBERS_A_LINE = 4
+
+
+def real(value: float) -> str:
+    """A number as C writes it, to the last bit."""
+    return f"REAL({float(value)!r})"
+
+
+def reals(values: Sequence[float]) -> str:
+    """The lines of an initialiser."""
+    rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
+    return ",\n".join("    " + ", ".join(real(value) for value in row) for row in rows)
+
+
+def plain(values: Sequence[float]) -> str:
+    """The lines of an initialiser of doubles."""
+    rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
+    return ",\n".join("    " + ", ".join(repr(float(value)) for value in row) for row in rows)
+
+
+def comment(text: str) -> str:
+    """A text that ends no comment and begins none, in characters that every compiler reads."""
+    plain = text.encode("ascii", "replace").decode()
+    return (
+        re.sub(r"[^ -~]", " ", plain).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    )
+
+
+def environment() -> jinja2.Environment:
+    """The templates of the export."""
+    made = jinja2.Environment(
+        loader=jinja2.PackageLoader("preisach_jax", "export/templates"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    made.filters |= {
+        "real": real, "reals": reals, "plain": plain, "number": repr, "comment": comment,
+    }  # fmt: skip
+    return made
+
+
+def sums_below(weights: np.ndarray, levels: int) -> np.ndarray:
+    """Sums of the weights below each corner of the plane's grid.
+
+    Arguments:
+        weights: (cells,) weights, in the order of the plane.
+        levels: levels of the plane.
+
+    Returns:
+        ((levels + 1)(levels + 2)/2,) sums over the first i rows and j ≤ i columns, i outer.
+
+    Example:
+        >>> sums_below(np.array([1.0, 2.0, 4.0]), 2).tolist()
+        [0.0, 0.0, 1.0, 0.0, 3.0, 7.0]
+    """
+    plane = np.zeros((levels + 1, levels + 1))
+    rows, columns = np.tril_indices(levels)
+    plane[rows + 1, columns + 1] = weights
+    return plane.cumsum(axis=1).cumsum(axis=0)[np.tril_indices(levels + 1)]
+
+
+def view(model: Description) -> dict[str, Any]:
+    """What the templates are filled with."""
+    rate = model.part("rate_dependence")
+    separate = rate is not None and not rate.numbers["reversible"]
+    rows, columns = np.tril_indices(model.levels)
+    off = np.where((rows == columns) & separate, 0.0, model.weights)
+    outputs = model.at("output")
+    auxiliaries = [_with_column(model, part) for part in model.parts if part.kind == "auxiliary"]
+    used = {each["column"].identifier for each in auxiliaries}
+    by_name = {each["name"]: each for each in auxiliaries}
+    feedback = [p for p in model.at("hysterons") if p.kind in ("eddy_currents", "moving")]
+    low_passes = {"input_lag", "creep", "output_lag", "auxiliary"}
+    kinds = {part.kind for part in model.parts}
+    single = {
+        kind: model.part(kind)
+        for kind in (
+            "input_lag", "slew_limit", "creep", "output_lag", "delay", "resonance", "ageing",
+            "drift", "hum", "reptation", "operator_creep",
+        )
+    }  # fmt: skip
+    aux = [column.identifier for column in model.aux]
+    diagonal = np.append(0.0, np.cumsum(model.weights[rows == columns]))
+    return single | {
+        "model": model,
+        "pi": math.pi,
+        "effect_names": ", ".join(part.name for part in model.parts),
+        "rate_dependence": rate,
+        "widens": rate is not None,
+        "separate_diagonal": separate,
+        "speed_held": rate is not None and bool(rate.numbers["reversible"]),
+        "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
+        "keeps_reversible": separate,
+        "feedback": feedback,
+        "low_passes": bool(kinds & low_passes),
+        "timed": bool(kinds & {"ageing", "drift", "hum"}),
+        "sensor_map": model.part("output_nonlinearity"),
+        "inputs": model.at("input"),
+        "outputs": outputs,
+        "led_outputs": bool(kinds & {"output_lag", "delay", "resonance"}),
+        "led_output": "output_lag" in kinds,
+        "led_input": "input_lag" in kinds,
+        "sensors": model.at("sensor"),
+        "auxiliaries": auxiliaries,
+        "added": [by_name.get(part.name, part) for part in model.at("sum")],
+        "unused_aux": [column for column in model.aux if column.identifier not in used],
+        "aux_parameters": "".join(f", preisach_real {name}" for name in aux),
+        "aux_reals": "".join(f", real {name}" for name in aux),
+        "aux_pointers": "".join(f", real *{name}" for name in aux),
+        "aux_arguments": "".join(f", {name}" for name in aux),
+        "aux_addresses": "".join(f", &{name}" for name in aux),
+        "aux_first": "".join(f", s->{name}" for name in aux),
+        "sums": sums_below(off, model.levels).tolist(),
+        "diagonal": diagonal.tolist(),
+        "thresholds": ((np.arange(model.levels) + 0.5) * (1.0 / model.levels)).tolist(),
+    }
+
+
+def _with_column(model: Description, part: Part) -> dict[str, Any]:
+    """An auxiliary effect with its column."""
+    name = part.name.removeprefix("aux:")
+    column = next(column for column in model.aux if column.name == name)
+    return {
+        "kind": part.kind,
+        "name": part.name,
+        "identifier": column.identifier,
+        "column": column,
+        "numbers": part.numbers,
+        "said": part.said,
+    }
+
+
+def sources(model: Description) -> dict[str, str]:
+    """Header and source of a model, by file name.
+
+    Arguments:
+        model: the description of the model in discrete time.
+
+    Returns:
+        Texts of `preisach_model.h` and `preisach_model.c`.
+    """
+    made, content = environment(), view(model)
+    names = ("preisach_model.h", "preisach_model.c")
+    return {name: made.get_template(f"{name}.j2").render(content) for name in names}
+
+
+def files(
+    model: Model, rate_hz: float | None = None, without: Sequence[str] = ()
+) -> dict[str, str]:
+    """All files of the C export, by name.
+
+    Arguments:
+        model: the model.
+        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        without: names of effects that are left out.
+
+    Returns:
+        Header, source, self test, Makefile and README.
+
+    Raises:
+        InputError: if the model cannot be written in C; the message names what stands against it.
+    """
+    described = describe(model, rate_hz, without)
+    content = view(described)
+    test = self_test(left_out(model, without), described)
+    content |= {
+        "test": test,
+        "size": sizes(described),
+        "jumps": jumps(described),
+        "differences": differences(described),
+        "parts_said": [part for part in described.parts if part.said],
+    }
+    made = environment()
+    names = ("preisach_test.c", "Makefile", "README.md")
+    others = {name: made.get_template(f"{name}.j2").render(content) for name in names}
+    return sources(described) | others

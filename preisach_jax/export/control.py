@@ -1,0 +1,95 @@
+"""A model as a system of python-control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.export.description import Description, describe
+from preisach_jax.export.stepper import State, advance, start
+from preisach_jax.model import Model
+
+if TYPE_CHECKING:
+    from control import NonlinearIOSystem
+
+
+def to_control(
+    model: Model, rate_hz: float | None = None, without: Sequence[str] = (), name: str | None = None
+) -> NonlinearIOSystem:
+    """A model as a discrete `control.NonlinearIOSystem`.
+
+    Its inputs are the input and the auxiliary columns of the record, by their names there, its
+    output the output, and its states those of the hysterons (the lowest and the highest possible
+    one, as the start is unknown) and of the effects. Initial states of zero are those before the
+    first sample: from them the output is that of `Model.predict` for a record that continues none.
+
+    Arguments:
+        model: the model.
+        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        without: names of effects that are left out.
+        name: name of the system; by default that of the record.
+
+    Returns:
+        The system; its `dt` is the sample interval.
+
+    Raises:
+        InputError: if python-control is not installed, an effect has no law sample by sample, or
+            the rate is not positive.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model.to_control().dt  # doctest: +SKIP
+        0.01
+    """
+    try:
+        import control
+    except ImportError:
+        raise InputError(
+            "python-control is not installed: pip install 'preisach_jax[control]'"
+        ) from None
+    described = describe(model, rate_hz, without)
+    layout = start(described)
+
+    def output(t: float, x: Any, u: Any, params: Any) -> float:
+        del t, params
+        return advance(described, _unpacked(layout, x), np.atleast_1d(u))[1]
+
+    def update(t: float, x: Any, u: Any, params: Any) -> np.ndarray:
+        del t, params
+        return _packed(layout, advance(described, _unpacked(layout, x), np.atleast_1d(u))[0])
+
+    return control.NonlinearIOSystem(
+        update,
+        output,
+        inputs=[column.name for column in (described.input, *described.aux)],
+        outputs=[described.output.name],
+        states=_labels(layout),
+        dt=described.step_s,
+        name=name or _name(described),
+    )
+
+
+def _name(described: Description) -> str:
+    plain = "".join(c if c.isalnum() else "_" for c in described.record)
+    return plain or "preisach"
+
+
+def _labels(layout: State) -> list[str]:
+    return [f"{name}[{k}]" for name, values in layout.items() for k in range(len(values))]
+
+
+def _packed(layout: State, state: State) -> np.ndarray:
+    """States as one vector that is zero before the first sample."""
+    return np.concatenate([state[name] - before for name, before in layout.items()])
+
+
+def _unpacked(layout: State, vector: np.ndarray) -> State:
+    ends = np.cumsum([len(before) for before in layout.values()])
+    parts = np.split(np.asarray(vector, dtype=float), ends[:-1])
+    return {name: part + before for part, (name, before) in zip(parts, layout.items(), strict=True)}

@@ -1,0 +1,234 @@
+"""Models of every effect with drawn parameters, and their C code, compiled and called."""
+
+import ctypes
+import itertools
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.effects import BUILT_IN
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import Survey
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
+from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.export.c import sources
+from preisach_jax.export.description import describe
+from preisach_jax.model import Model, Origin, ParameterEstimate
+from preisach_jax.plane import Plane
+from preisach_jax.record import Record
+
+STEP_S = 1 / 512  # so that times and their differences are exact
+LOW, HIGH = -2.0, 8.0
+NUMBERS = itertools.count()
+GCC = shutil.which("gcc") or ""
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic"]
+needs_compiler = pytest.mark.skipif(not GCC, reason="no gcc here")
+
+RUNNER = """
+#include "preisach_model.h"
+#include <stddef.h>
+size_t size_of_state(void);
+size_t size_of_state(void) { return sizeof(preisach_state); }
+void begin(preisach_state *s);
+void begin(preisach_state *s) { preisach_init(s); }
+void run(preisach_state *s, long n, int kind, const double *u, const double *aux, const double *z,
+         double *out);
+void run(preisach_state *s, long n, int kind, const double *u, const double *aux, const double *z,
+         double *out)
+{
+    long k;
+    (void)aux;
+    for (k = 0; k < n; k++) {
+        preisach_real value = (preisach_real)u[k];
+        out[k] = kind == 0   ? (double)preisach_step(s, value AUX)
+                 : kind == 1 ? (double)preisach_inverse_step(s, value AUX)
+                             : (double)preisach_adapt_step(s, value AUX, (preisach_real)z[k]);
+    }
+}
+double output_of_state(const preisach_state *s);
+double output_of_state(const preisach_state *s) { return (double)s->output; }
+long refused(const preisach_state *s);
+long refused(const preisach_state *s) { return (long)s->refused; }
+void weights(const preisach_state *s, double *w);
+void weights(const preisach_state *s, double *w)
+{
+    int i;
+    for (i = 0; i < PREISACH_CELLS; i++) w[i] = (double)s->weights[i];
+}
+"""
+
+
+def smooth(samples, seed=0, low=LOW, high=HIGH):
+    """A sum of sines that is scaled to a range."""
+    t = np.arange(samples) * STEP_S
+    rng = np.random.default_rng(seed)
+    sines = [a * np.sin(2 * np.pi * f * t + p)
+             for a, f, p in zip(rng.uniform(0.3, 1, 4), rng.uniform(0.2, 3, 4),
+                                rng.uniform(0, 6, 4), strict=True)]  # fmt: skip
+    total = np.sum(sines, axis=0)
+    return low + (high - low) * (total - total.min()) / np.ptp(total)
+
+
+def wild(samples, seed=0, low=LOW, high=HIGH):
+    """Moves of all sizes, holds, decaying swings and jumps."""
+    rng = np.random.default_rng(seed)
+    course, at = [], 0.5 * (low + high)
+    while sum(map(len, course)) < samples:
+        kind, count = rng.integers(5), int(rng.integers(5, 60))
+        if kind == 0:
+            to = rng.uniform(low, high)
+            part = np.linspace(at, to, count)
+        elif kind == 1:
+            part = np.full(count, at)
+        elif kind == 2:
+            decay = rng.uniform(0.8, 0.99) ** np.arange(count)
+            part = at + 0.5 * min(at - low, high - at) * decay * (-1.0) ** np.arange(count)
+        elif kind == 3:
+            part = np.clip(at + np.cumsum(rng.normal(size=count)) * 0.02, low, high)
+        else:
+            part = rng.uniform(low, high, 3)
+        course.append(part)
+        at = part[-1]
+    return np.clip(np.concatenate(course)[:samples], low, high)
+
+
+def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1):
+    """A model of some effects, named as in the library or as `FORMS` has them."""
+    rng = np.random.default_rng(seed)
+    u = smooth(2048, seed)
+    z = 3.0 * (u - LOW) / (HIGH - LOW) + 0.3 * np.sin(u)
+    time = np.arange(len(u)) * STEP_S
+    survey = Survey(float(time[-1]), STEP_S, time, u, z, 0.1 * rng.normal(size=len(u)))
+    effects = tuple(_bound(name, survey) for name in names)
+    plane = Plane(levels=levels, low=LOW, high=HIGH)
+    chain = Chain(plane, effects, hysteron, polarity)
+    values = {}
+    for effect in effects:
+        values[effect.name] = own = {}
+        for parameter in effect.parameters():
+            inside = 10 ** rng.uniform(-0.5, 0.5) * np.median(parameter.start)
+            if parameter.name in ("loss", "a") or parameter.name.startswith("c_"):
+                inside = rng.uniform(0.01, 0.1)
+            own[parameter.name] = float(np.clip(inside, parameter.low, parameter.high))
+        if effect.name == "delay":
+            own["delay_s"] = float(rng.uniform(0.3, 6.3)) * STEP_S
+        if effect.name == "slew_limit":
+            own["slew"] = 0.3 * getattr(effect, "slew_high")  # noqa: B009
+        if effect.name == "resonance":
+            own |= {"f_hz": 40.0, "zeta": 0.05}
+        if effect.name == "input_quantisation":
+            own["step"] = 0.13
+        if effect.name == "rate_dependence":
+            own["coefficient"] = 0.3
+    weights = polarity * rng.uniform(0.0, 0.1, plane.cells)
+    added = []
+    for effect_name, parameter in chain.coefficients:
+        size = 0.02 if "ripple" not in parameter.name else 0.0003
+        added.append(rng.uniform(-size, size) if parameter.amount else 5.0)
+        del effect_name
+    aux = [effect.column for effect in effects if isinstance(effect, Auxiliary)]
+    record = Record.from_arrays(time, u, z, aux={name: smooth(len(u), 7) for name in aux})
+    parameters = {effect.name: {} for effect in effects}
+    for effect in effects:
+        for parameter in effect.parameters():
+            value = values[effect.name][parameter.name]
+            parameters[effect.name][parameter.name] = _estimate(value, parameter.unit)
+    for (name, parameter), value in zip(chain.coefficients, added, strict=True):
+        parameters[name][parameter.name] = _estimate(value, parameter.unit)
+    return Model(
+        chain, values, Coefficients(weights, 0.3 * weights, 0.25, np.array(added)), parameters,
+        np.ones(plane.cells, bool),
+        {"time": "t", "input": "u", "output": "z", "aux": aux},
+        {"input": "V", "output": "um"}, Origin.of(record), 0.01,
+    )  # fmt: skip
+
+
+def _estimate(value, unit):
+    return ParameterEstimate(float(value), -np.inf, np.inf, unit)
+
+
+FORMS = {
+    "drift_waves": lambda survey: Drift(horizon_s=survey.duration_s, waves=6),
+    "rate_smooth": lambda survey: RateDependence(40.0, HIGH - LOW, False, False),
+    "rate_corners": lambda survey: RateDependence(40.0, HIGH - LOW, False, True),
+    "rate_corners_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, True),
+    "rate_smooth_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, False),
+    "ripples": lambda survey: OutputNonlinearity(0.25, 4.0, 24),
+    "aux:load_N": lambda survey: Auxiliary("load_N", "N", STEP_S / 10, 1.0),
+    "aux:heat": lambda survey: Auxiliary("heat", "K", STEP_S / 10, 1.0),
+}
+
+
+def _bound(name, survey):
+    if name in FORMS:
+        return FORMS[name](survey)
+    kinds = {kind().name: kind for kind in BUILT_IN}
+    return kinds[name]().bound_to(survey)
+
+
+class Compiled:
+    """C code of a model as a library, and one state of it."""
+
+    def __init__(self, model, folder, *options, rate_hz=None, without=()):
+        self.model = model
+        self.texts = sources(describe(model, rate_hz, without))
+        self.folder = Path(folder)
+        for name, text in self.texts.items():
+            (self.folder / name).write_text(text)
+        aux = "".join(
+            f", (preisach_real)aux[{i} * n + k]" for i in range(len(model.columns["aux"]))
+        )
+        (self.folder / "runner.c").write_text(RUNNER.replace(" AUX", aux))
+        # Of two libraries of one name the second would be the first.
+        library = self.folder / f"model_{next(NUMBERS)}.so"
+        # -O1 compiles in half the time of -O2
+        done = subprocess.run(
+            [GCC, *STRICT, "-O1", "-fPIC", "-shared", *options, "preisach_model.c", "runner.c",
+             "-o", str(library), "-lm"],
+            cwd=self.folder, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr[:3000]
+        self.library = ctypes.CDLL(str(library))
+        self.library.size_of_state.restype = ctypes.c_size_t
+        self.library.output_of_state.restype = ctypes.c_double
+        self.library.refused.restype = ctypes.c_long
+        self.state = ctypes.create_string_buffer(self.library.size_of_state())
+        self.begin()
+
+    def begin(self):
+        self.library.begin(self.state)
+
+    def __call__(self, u, aux=(), kind=0, z=None):
+        u = np.ascontiguousarray(u, float)
+        stacked = np.ascontiguousarray(np.stack(aux) if len(aux) else np.zeros((1, len(u))), float)
+        z = np.ascontiguousarray(np.zeros_like(u) if z is None else z, float)
+        out = np.empty_like(u)
+        pointers = [each.ctypes.data_as(ctypes.c_void_p) for each in (u, stacked, z, out)]
+        self.library.run(self.state, ctypes.c_long(len(u)), kind, *pointers)
+        return out
+
+    def inverse(self, wanted, aux=()):
+        return self(wanted, aux, kind=1)
+
+    def adapt(self, u, z, aux=()):
+        return self(u, aux, kind=2, z=z)
+
+    @property
+    def weights(self):
+        found = np.empty(self.model.plane.cells)
+        self.library.weights(self.state, found.ctypes.data_as(ctypes.c_void_p))
+        return found
+
+
+def predicted(model, u, aux=()):
+    """What `Model.predict` says to a record at the model's rate that continues none."""
+    names = model.columns["aux"]
+    time = np.arange(len(u)) * model.origin.step_s
+    blank = np.full(len(u), np.nan)
+    columns = dict(zip(names, aux, strict=True))
+    return model.predict(Record.from_arrays(time, u, blank, aux=columns)).output

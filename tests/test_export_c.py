@@ -1,0 +1,355 @@
+"""Generated C is the model: its outputs, its inverse, its learning, and its way with nonsense."""
+
+import json
+import subprocess
+
+import jax
+import numpy as np
+import pytest
+from exported import (
+    GCC,
+    HIGH,
+    LOW,
+    STEP_S,
+    STRICT,
+    Compiled,
+    drawn,
+    needs_compiler,
+    predicted,
+    smooth,
+    wild,
+)
+
+from preisach_jax.chain import Chain
+from preisach_jax.cli.application import run
+from preisach_jax.effects.base import AddedEffect, Parameter
+from preisach_jax.errors import InputError
+from preisach_jax.export import export_c
+from preisach_jax.export.c import comment, files, sums_below
+from preisach_jax.export.description import describe
+from preisach_jax.export.stepper import advance, start
+from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.model import Model, exactly_summable
+from preisach_jax.online import OnlineFilter
+
+pytestmark = needs_compiler
+
+EVERYTHING = (
+    "creep input_quantisation aux:load_N aux:heat drift hum ageing output_lag output_nonlinearity "
+    "delay resonance slew_limit rate_corners_all reptation operator_creep moving"
+).split()
+# Together they hold every effect and every form whose law looks at no sample to come.
+CHAINS = [
+    [], ["creep", "output_lag"], ["slew_limit", "resonance"], ["delay", "hum"],
+    ["moving", "ageing"], ["eddy_currents", "drift"], ["reptation", "drift_waves"],
+    ["operator_creep", "aux:load_N"], ["rate_corners", "output_nonlinearity"],
+    ["rate_corners_all", "eddy_currents", "moving"], ["ripples"], EVERYTHING,
+]  # fmt: skip
+JUMPING = [["input_quantisation"], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
+
+
+def ident(names):
+    return "+".join(names)[:40] or "plain"
+
+
+def columns(model, samples):
+    return [smooth(samples, 9, 0.0, 1.0) + k for k, _ in enumerate(model.columns["aux"])]
+
+
+def first_of(names):
+    """At the first sample the code does not know the speed that the second one tells."""
+    return int(any(name.startswith("rate") for name in names))
+
+
+@pytest.mark.parametrize("names", CHAINS + JUMPING, ids=ident)
+def test_the_output_is_that_of_predict(names, tmp_path):
+    for hysteron in ("ramp", "relay") if names in ([], JUMPING[0], JUMPING[2]) else ("ramp",):
+        model = drawn(names, seed=len(names), hysteron=hysteron)
+        compiled = Compiled(model, tmp_path)
+        u = np.concatenate([wild(1500, 1), smooth(500, 2)])
+        aux = columns(model, len(u))
+        expected = predicted(model, u, aux)[first_of(names) :]
+        found = compiled(u, aux)[first_of(names) :]
+        assert np.ptp(expected) > 0.1
+        if hysteron == "relay":
+            assert np.array_equal(found, expected)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("names", [[], ["creep", "moving", "drift"]], ids=ident)
+def test_an_output_that_falls_as_the_input_rises(names, tmp_path):
+    model = drawn(names, polarity=-1)
+    compiled, u = Compiled(model, tmp_path), wild(1000, 3)
+    expected = predicted(model, u)
+    np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12 * np.ptp(expected))
+    wanted = compiled_again(compiled, smooth(500, 4, LOW + 1, HIGH - 1))
+    drive = compiled.inverse(wanted)
+    np.testing.assert_allclose(predicted(model, drive), wanted, rtol=0, atol=1e-12)
+
+
+def compiled_again(compiled, u, aux=()):
+    """Outputs from the beginning, after which the state begins again."""
+    compiled.begin()
+    outputs = compiled(u, aux)
+    compiled.begin()
+    return outputs
+
+
+@pytest.mark.parametrize(
+    "names", [["input_lag", "reptation"], ["rate_smooth", "ripples"]], ids=ident
+)
+def test_laws_that_look_ahead_in_predict_are_causal_here(names, tmp_path):
+    """The oracle is the law written out sample by sample; `predict` is near on smooth inputs."""
+    model = drawn(names)
+    described, compiled = describe(model), Compiled(model, tmp_path)
+    u, state, oracle = wild(300, 2), start(describe(model)), []
+    for value in u:
+        state, output = advance(described, state, np.array([value]))
+        oracle.append(output)
+    np.testing.assert_allclose(compiled(u), oracle, rtol=0, atol=1e-12)
+    slow = smooth(1500, 3)
+    expected = predicted(model, slow)
+    missed = np.abs(compiled_again(compiled, slow) - expected)[1:]
+    assert missed.max() < 1e-3 * np.ptp(expected)
+
+
+def test_float_is_within_its_rounding(tmp_path):
+    names = ["creep", "aux:load_N", "drift", "delay", "slew_limit", "reptation", "hum"]
+    model = drawn(names, levels=20)
+    u = np.concatenate([wild(1500, 4), smooth(500, 5)]).astype(np.float32).astype(float)
+    aux = [each.astype(np.float32).astype(float) for each in columns(model, len(u))]
+    expected = predicted(model, u, aux)
+    found = Compiled(model, tmp_path, "-DPREISACH_FLOAT")(u, aux)
+    assert np.abs(found - expected).max() < 1e-5 * np.ptp(expected)
+    assert np.abs(found - expected).max() > 1e-9  # it is float
+
+
+def test_nested_loops_inside_one_cell_are_remembered_in_a_state_of_fixed_size(tmp_path):
+    """Thousands of ever smaller loops, and then back out through all of them."""
+    model = drawn([], levels=5)
+    shrinking = 0.999 ** np.arange(4000)
+    centre, swing = 0.47 * (LOW + HIGH), 4.0 * shrinking * (-1.0) ** np.arange(4000)
+    u = np.clip(np.concatenate([centre + swing, centre - swing[::-7], [centre]]), LOW, HIGH)
+    compiled = Compiled(model, tmp_path, "-fsanitize=undefined", "-fno-sanitize-recover")
+    expected = predicted(model, u)
+    np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["creep", "drift", "aux:load_N", "output_nonlinearity"],
+        ["moving", "ageing", "operator_creep"],
+    ],
+    ids=ident,
+)
+def test_the_inverse_drives_the_model_along_what_is_wanted(names, tmp_path):
+    model = drawn(names)
+    compiled = Compiled(model, tmp_path)
+    aux = columns(model, 800)
+    wanted = compiled_again(compiled, smooth(800, 3, LOW + 1, HIGH - 1), aux)
+    drive = compiled.inverse(wanted, aux)
+    np.testing.assert_allclose(predicted(model, drive, aux), wanted, rtol=0, atol=1e-11)
+
+
+def test_the_inverse_leads_lags_and_keeps_to_the_plane(tmp_path):
+    model = drawn(["input_lag", "output_lag"])
+    compiled = Compiled(model, tmp_path)
+    t = np.arange(2000) * STEP_S
+    wanted = 0.25 + float(model.weights.sum()) * (0.5 - 0.3 * np.cos(2 * np.pi * t))
+    drive = compiled.inverse(wanted)
+    missed = np.abs(predicted(model, drive) - wanted)[100:]
+    unled = np.abs(predicted(model, Compiled(drawn([]), tmp_path).inverse(wanted)) - wanted)[100:]
+    assert missed.max() < 5e-3 * np.ptp(wanted) < unled.max()
+    compiled.begin()
+    beyond = compiled.inverse(np.where(t % 0.4 < 0.2, 1e6, -1e6))
+    assert beyond.min() == LOW
+    assert beyond.max() == HIGH
+
+
+@pytest.mark.parametrize("hysteron", ["ramp", "relay"])
+def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
+    with jax.enable_x64(True):
+        model, true = (drawn([], seed, hysteron=hysteron) for seed in (0, 1))
+        u = np.concatenate([[LOW], wild(1200, 3)])  # from saturated low nothing is unknown
+        z = predicted(true, u).copy()
+        z[40:60] = np.nan
+        filt = AdaptiveFilter(model.plane, hysteron, initial_weight=model.weights)
+        online = OnlineFilter(filt)
+        expected = np.array([online(*sample) for sample in zip(u, z, strict=True)])
+        compiled = Compiled(model, tmp_path)
+        np.testing.assert_allclose(compiled.adapt(u, z) - model.offset, expected, atol=1e-11)
+        assert online.state is not None
+        np.testing.assert_allclose(compiled.weights, online.state.weights, atol=1e-11)
+        assert np.abs(compiled.weights - model.weights).max() > 0.01
+
+
+FUZZ = """
+#include "preisach_model.h"
+#include <math.h>
+#include <stdio.h>
+static preisach_state s;
+static unsigned long random_state = 1;
+static double uniform(void)
+{
+    random_state = (random_state * 1103515245ul + 12345ul) & 0x7ffffffful;
+    return (double)random_state / 2147483648.0;
+}
+static double odd(void)
+{
+    double r = uniform();
+    if (r < 0.03) return NAN;
+    if (r < 0.06) return INFINITY;
+    if (r < 0.09) return -1e300;
+    if (r < 0.12) return 1e-310;
+    if (r < 0.5) return -2.0 + 10.0 * uniform();
+    return 3.0 + 0.01 * uniform();
+}
+int main(void)
+{
+    long k;
+    preisach_init(&s);
+    for (k = 0; k < 8000; k++) {
+        double r = uniform();
+        preisach_real out = r < 0.7   ? preisach_step(&s, (preisach_real)odd() AUX)
+                            : r < 0.9 ? preisach_inverse_step(&s, (preisach_real)odd() AUX)
+                                      : preisach_step(&s, (preisach_real)NAN AUX);
+        if (!(fabs((double)out) < 1e4) || s.count > PREISACH_CORNERS || s.refused == 0) {
+            printf("%ld %g %d\\n", k, (double)out, s.count);
+            if (k > 100) return 1;
+        }
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("names", [["rate_smooth", "eddy_currents", "delay", "ripples"]], ids=ident)
+@pytest.mark.parametrize("precision", ["-DPREISACH_DOUBLE", "-DPREISACH_FLOAT"])
+def test_sanitizers_find_nothing_in_a_fuzzed_run(names, precision, tmp_path):
+    model = drawn(names)
+    for name, text in files(model).items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "fuzz.c").write_text(FUZZ.replace(" AUX", ""))
+    flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
+    for program in ("fuzz.c", "preisach_test.c"):
+        built = subprocess.run(
+            [GCC, "-std=c99", *flags, "-o", "program", program, "preisach_model.c", "-lm"],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert built.returncode == 0, built.stderr[:2000]
+        done = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout[-500:] + done.stderr[:2000]
+
+
+def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
+    model = drawn(["creep", "aux:load_N"], levels=6)
+    model.save(tmp_path / "model.json")
+    out = tmp_path / "controller"
+    words = [
+        "export",
+        str(tmp_path / "model.json"),
+        "--to",
+        "c",
+        "--out",
+        str(out),
+        "--rate",
+        "1000",
+    ]
+    assert run(words) == 0
+    assert "self test" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == [
+        "Makefile", "README.md", "preisach_model.c", "preisach_model.h", "preisach_test.c",
+    ]  # fmt: skip
+    assert "0.001 s (1000 Hz)" in (out / "README.md").read_text()
+    made = subprocess.run(["make", "-C", out], capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stdout + made.stderr
+    assert made.stdout.count("passed") == 2
+    wrong = (out / "preisach_test.c").read_text().replace("- expected[k])", "- expected[k] - 0.01)")
+    (out / "preisach_test.c").write_text(wrong)
+    made = subprocess.run(["make", "-C", out], capture_output=True, text=True, check=False)
+    assert made.returncode != 0
+    assert "FAILED" in made.stdout
+    assert run([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rate_hz"] == 1000.0
+
+
+def test_without_learning_the_tables_are_constant(tmp_path):
+    model = drawn(["rate_corners"])
+    for name, text in files(model).items():
+        (tmp_path / name).write_text(text)
+    subprocess.run(
+        [GCC, *STRICT, "-DPREISACH_NO_ADAPT", "-o", "test", "preisach_test.c", "preisach_model.c",
+         "-lm"], cwd=tmp_path, check=True,
+    )  # fmt: skip
+    done = subprocess.run([tmp_path / "test"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert int(done.stdout.split()[0]) < 8 * 150
+
+
+class Own(AddedEffect):
+    """An effect that no template knows."""
+
+    name = "own"
+
+    def parameters(self):
+        return ()
+
+    def coefficients(self):
+        return (Parameter("amount", "um", -1.0, 1.0),)
+
+
+def test_what_cannot_be_exported_is_told_in_one_line(tmp_path, capsys):
+    model = drawn(["creep"])
+    own = Chain(model.plane, (Own(),))
+    held = {"own": {}}
+    foreign = Model(
+        own, held, model.coefficients, held, model.visited, model.columns, model.units,
+        model.origin, 0.1,
+    )  # fmt: skip
+    foreign.coefficients.added.resize(1, refcheck=False)
+    with pytest.raises(InputError, match=r"'own' is not of the built-in library.*--without own"):
+        export_c(foreign, tmp_path / "none")
+    slow = drawn(["delay"])
+    with pytest.raises(InputError, match=r"samples at 1e.09 Hz.*--without delay"):
+        export_c(slow, tmp_path / "none", rate_hz=1e9)
+    model.save(tmp_path / "model.json")
+    for words, message in (
+        (["--to", "c", "--rate", "-5"], "-5.0 Hz: give a positive number"),
+        (["--to", "rust"], "--to is 'rust'; give one of c, fmu"),
+        (
+            ["--to", "c", "--without", "drift"],
+            "no effect 'drift' to leave out (in the model: creep)",
+        ),
+    ):
+        out = ["--out", str(tmp_path / "none")]
+        assert run(["export", str(tmp_path / "model.json"), *words, *out]) == 2
+        captured = capsys.readouterr()
+        assert message in captured.err
+        assert captured.err.count("\n") == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_an_effect_can_be_left_out(tmp_path):
+    model, names = drawn(["creep", "aux:load_N", "drift"]), ["aux:load_N"]
+    compiled = Compiled(model, tmp_path, without=["creep", "drift"])
+    assert "creep" not in compiled.texts["preisach_model.c"].replace("creep is", "")
+    u, aux = wild(300, 1), [smooth(300, 2)]
+    alone = compiled(u, aux)
+    both = Compiled(model, tmp_path, without=names)(u, aux)
+    assert np.abs(alone - both).max() > 1e-3
+    assert np.abs(alone - compiled_again(compiled, u, [0 * aux[0]])).max() > 1e-4
+
+
+def test_texts_of_a_record_end_no_comment():
+    assert comment("a */ b /* c \\ µ\n") == "a * / b / * c / ? "
+
+
+def test_sums_of_weights_that_can_be_summed_exactly():
+    weights = np.random.default_rng(0).uniform(0.0, 1.0, 703)
+    exact = exactly_summable(weights)
+    np.testing.assert_allclose(exact, weights, rtol=0, atol=1e-12)
+    orders = [np.random.default_rng(seed).permutation(703) for seed in range(20)]
+    assert len({float(np.cumsum(exact[order])[-1]) for order in orders}) == 1
+    assert len({float(np.cumsum(weights[order])[-1]) for order in orders}) > 1
+    assert sums_below(exact, 37)[-1] == exact.sum()

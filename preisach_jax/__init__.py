@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from preisach_jax.compensation import Compensation, compensate
     from preisach_jax.diagnosis import Diagnosis, diagnose
     from preisach_jax.diagnosis.design import Design, design
     from preisach_jax.diagnosis.exploration import Exploration, explore
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AdaptiveFilter",
     "AddedEffect",
+    "Compensation",
     "Design",
     "Diagnosis",
     "Effect",
@@ -70,6 +72,7 @@ __all__ = [
     "Sweep",
     "WeightEffect",
     "compare_recursions",
+    "compensate",
     "design",
     "diagnose",
     "effects",
@@ -85,6 +88,7 @@ __all__ = [
 _HOMES = {
     "AdaptiveFilter": "filter",
     "AddedEffect": "effects.base",
+    "Compensation": "compensation",
     "Design": "diagnosis.design",
     "Diagnosis": "diagnosis",
     "Effect": "effects.base",
@@ -109,6 +113,7 @@ _HOMES = {
     "Sweep": "sweep",
     "WeightEffect": "effects.base",
     "compare_recursions": "recursion",
+    "compensate": "compensation",
     "design": "diagnosis.design",
     "diagnose": "diagnosis",
     "effects": "effects",

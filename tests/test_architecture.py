@@ -49,6 +49,7 @@ LAYERS = [
     "chain",
     "reduction",
     "model",
+    "compensation",
     "identify",
     "signature",
     "confidence",

@@ -13,6 +13,7 @@ import typer
 from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
+from preisach_jax.cli.compensation import compensate
 from preisach_jax.cli.design import design
 from preisach_jax.cli.fleet import fleet
 from preisach_jax.cli.interruption import INTERRUPTED
@@ -33,6 +34,7 @@ _COMMANDS: tuple[Callable[..., Any], ...] = (
     commands.compare,
     design,
     commands.predict,
+    compensate,
     commands.simulate,
     commands.effects,
     fleet,

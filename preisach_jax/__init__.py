@@ -13,7 +13,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from preisach_jax.compensation import Compensation, compensate
+    from preisach_jax.compensation import (
+        Compensation,
+        Loop,
+        OnlineInverse,
+        compensate,
+        simulate_loop,
+    )
     from preisach_jax.diagnosis import Diagnosis, diagnose
     from preisach_jax.diagnosis.design import Design, design
     from preisach_jax.diagnosis.exploration import Exploration, explore
@@ -57,8 +63,10 @@ __all__ = [
     "HysteresisEffect",
     "InputEffect",
     "InputError",
+    "Loop",
     "Model",
     "OnlineFilter",
+    "OnlineInverse",
     "OutputEffect",
     "Parameter",
     "ParameterEstimate",
@@ -81,6 +89,7 @@ __all__ = [
     "fleet_to_folder",
     "run_fleet",
     "simulate",
+    "simulate_loop",
     "simulate_stage",
     "sweep",
 ]
@@ -98,8 +107,10 @@ _HOMES = {
     "HysteresisEffect": "effects.base",
     "InputEffect": "effects.base",
     "InputError": "errors",
+    "Loop": "compensation",
     "Model": "model",
     "OnlineFilter": "online",
+    "OnlineInverse": "compensation",
     "OutputEffect": "effects.base",
     "Parameter": "effects.base",
     "ParameterEstimate": "model",
@@ -122,6 +133,7 @@ _HOMES = {
     "fleet_to_folder": "fleet",
     "run_fleet": "fleet",
     "simulate": "filter",
+    "simulate_loop": "compensation",
     "simulate_stage": "plant",
     "sweep": "sweep",
 }

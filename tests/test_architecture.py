@@ -62,7 +62,7 @@ LAYERS = [
     "cli",
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
-LATE = {("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
+LATE = {("compensation", "plot"), ("fit", "plot"), ("diagnosis", "plot"), ("diagnosis", "report")}
 
 # The simulated world shares no code with the models that are to explain it.
 WORLD = {

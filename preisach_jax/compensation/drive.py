@@ -36,8 +36,8 @@ class Compensation:
         wanted: the wanted output, in its unit.
         expected: the output that the model expects of the drive.
         low, high: its 95 % band.
-        reachable: bool: whether the expected output is the wanted one, to the model's held-out
-            RMS error, with all effects that can be inverted.
+        reachable: bool: whether the wanted output lies in the 95 % band of what the model expects,
+            1.96 times its held-out RMS error, with all effects that can be inverted.
         notes: a sentence for everything that the owner must know.
     """
 
@@ -95,7 +95,7 @@ def compensate(
         (True, True)
     """
     _check_course(model, wanted)
-    allowed, notes = _limits_of(model, limits, slew)
+    allowed, notes = limits_of(model, limits, slew)
     aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, Auxiliary)}
     wanted = _with_aux(wanted, aux)
     with jax.enable_x64(True):
@@ -103,7 +103,7 @@ def compensate(
         forward = Forward.of(model, past, aux)
         aim = forward.before_sensor(wanted.output)
         stroke = float(np.abs(model.weights).sum())
-        good = max(model.rms_validation, REACHED * stroke)
+        good = max(1.96 * model.rms_validation, REACHED * stroke)
         found = Search(forward, aim, allowed, good).found()
         prediction = model.predict(past.record(found.drive, aux))
     rows = slice(-len(aim), None)
@@ -166,9 +166,14 @@ def _more(found: np.ndarray, things: str) -> str:
     return f"{len(found):,} such {things}" if len(found) > 1 else "the only one"
 
 
-def _limits_of(
+def limits_of(
     model: Model, limits: Sequence[float] | None, slew: float | None
 ) -> tuple[Limits, list[str]]:
+    """Limits inside the plane, and a sentence where they reached beyond it.
+
+    Raises:
+        InputError: the limits or the slew are none.
+    """
     plane, unit = model.plane, pretty_unit(model.units.get("input", ""))
     low, high, notes = plane.low, plane.high, list[str]()
     if limits is not None:

@@ -34,6 +34,9 @@ PATIENCE = 4
 NEIGHBOURS = 41
 """Rows whose greatest error says whether that of the middle one gets smaller."""
 
+BELL = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9
+"""Mean over neighbours by which corrections of a widened operator are smoothed."""
+
 INPUT_PASSES = 8
 """Passes in which what acts on the input is inverted by itself."""
 
@@ -130,24 +133,40 @@ class Search:
             left = np.where(blocked, 0.0, error)
             if self._is_enough(left) or tries > PATIENCE:
                 break
+            seeks = count < WIDENING_PASSES and (self._widens or bool(first_run.any()))
             forced = np.where(cut, self._positions(course.seen), np.nan)
             # What does not get smaller cannot be had there, and is no longer asked for.
             around = _greatest_nearby(np.abs(left))
-            stays = (around > self._close) & (around > 0.8 * before)
+            stays = (around > self._close) & (around > 0.8 * before) & (not seeks)
             trust, before = np.where(stays, trust / 2, np.minimum(1.0, 1.5 * trust)), around
             learnt = trust * self._behind(left) / gain
+            if self._operator.relays:
+                learnt = learnt - (aim - first_run - given)  # what no step of a relay gives
             actual = self._sign * course.hysteresis
-            if count < WIDENING_PASSES and (self._widens or first_run.any()):
+            if seeks:
                 # The model's own widening replaces the one that was assumed; of the error, only
                 # what that does not explain is learnt.
                 learnt = np.where(blocked, 0.0, learnt + actual - given - first_run)
-                widening = (widening + course.widening) / 2
+                kernel = self._kernel(course)
+                widening = (widening + _smoothed(course.widening, kernel)) / 2
                 first_run = self._sign * course.first_run
             elif self._widens:
-                learnt = np.convolve(np.pad(learnt / 2, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
+                learnt = _smoothed(_against_widening(learnt, self._steepness(course)), BELL)
             aim = aim + learnt
         assert best is not None
         return best
+
+    def _kernel(self, course: Course) -> np.ndarray:
+        """Weights of a mean over so many rows that the widening follows the drive slowly enough."""
+        box = np.ones(1 + int(np.ceil(2 * self._steepness(course))))
+        return np.convolve(box, box) / len(box) ** 2
+
+    def _steepness(self, course: Course) -> float:
+        """Widening over the move of the input in a row, of a usual one."""
+        moves = np.abs(np.diff(course.path))
+        moving = moves > 0.1 * moves.max(initial=0.0)
+        ratio = course.widening[1:][moving] / moves[moving]
+        return min(float(np.median(ratio)), 20.0) if moving.any() else 0.0
 
     def _is_enough(self, left: np.ndarray) -> bool:
         worst, rms = np.abs(left).max(), np.sqrt(np.mean(left**2))
@@ -266,6 +285,23 @@ def limited(drive: np.ndarray, dt: np.ndarray, limits: Limits, last: float) -> n
         place = min(max(value, place - most), place + most)
         kept[k] = place
     return kept
+
+
+def _against_widening(error: np.ndarray, steep: float) -> np.ndarray:
+    r"""What an error asks of the input where a move m of a row widens thresholds by steep times m.
+
+    The thresholds see \(1 - g (1 - z^{-1})\) of the input, which no causal filter inverts beyond
+    g = 1; its regularised inverse looks ahead.
+    """
+    count = 1 << (2 * len(error)).bit_length()
+    turn = np.exp(-2j * np.pi * np.arange(count // 2 + 1) / count)
+    passed = 1 - steep * (1 - turn)
+    inverse = np.conj(passed) / (np.abs(passed) ** 2 + 0.1)
+    return np.fft.irfft(np.fft.rfft(error, count) * inverse, count)[: len(error)]
+
+
+def _smoothed(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    return np.convolve(np.pad(values, len(kernel) // 2, mode="edge"), kernel, "valid")
 
 
 def _greatest_nearby(values: np.ndarray) -> np.ndarray:

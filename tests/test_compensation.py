@@ -1,0 +1,386 @@
+"""A drive that was found for a course gives it back, through every effect and in all limits."""
+
+import jax
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.eddy_currents import EddyCurrents
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.moving import Moving
+from preisach_jax.effects.operator_creep import OperatorCreep
+from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
+from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.reptation import Reptation
+from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.model import Model, Origin, ParameterEstimate
+from preisach_jax.plane import Plane
+
+RATE = 1000.0
+PLANE = Plane(levels=11, low=0.0, high=10.0)
+UNITS = {"input": "V", "output": "um"}
+GOOD = 0.005  # held-out error of these models, of a stroke of 20
+
+
+def played(seconds=2.0, **aux):
+    """A record whose input has been through its range and ends in the middle of a small loop."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    u = 5 - 5 * np.cos(np.pi * t * (1 + t))
+    u[-500:] = 4 + 2 * np.cos(np.pi * np.arange(500) / 250)
+    u[-700:-500] = np.linspace(u[-701], u[-500], 200)
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    units = UNITS | dict.fromkeys(columns, "N")
+    return pj.Record.from_arrays(t, u, 2 * u, aux=columns, units=units, name="stage.csv")
+
+
+def model_of(*effects, hysteron="ramp", sign=1, record=None, memory=0.0):
+    """A model with given numbers: `(effect, values of its parameters, coefficients)` each."""
+    rng = np.random.default_rng(1)
+    weights = rng.uniform(0.1, 1.0, PLANE.cells)
+    weights *= sign * 20 / weights.sum()
+    kinds = tuple(effect for effect, _, _ in effects)
+    chain = Chain(PLANE, kinds, hysteron, sign)
+    values = {effect.name: own for effect, own, _ in effects}
+    added = {effect.name: list(own) for effect, _, own in effects}
+    record = played() if record is None else record
+    parameters = {
+        effect.name: {
+            name: ParameterEstimate(value, value, value, "")
+            for name, value in (*own.items(), *coefficients_of(effect, added[effect.name]))
+        }
+        for effect, own, _ in effects
+    }
+    order = list(dict.fromkeys(effect for effect, _ in chain.coefficients))
+    return Model(
+        chain,
+        values,
+        Coefficients(
+            weights, memory * weights, 1.5, np.array([x for name in order for x in added[name]])
+        ),
+        parameters,
+        np.ones(PLANE.cells, bool),
+        {"time": "t_s", "input": "u_V", "output": "z_um", "aux": sorted(record.aux)},
+        {"time": "s"} | UNITS,
+        Origin.of(record),
+        GOOD,
+    )
+
+
+def slow_ramps(path, weights):
+    """Output of ramps that were off, each followed by itself in Python's own arithmetic."""
+    width = PLANE.delta_x
+    states = [0.0] * PLANE.cells
+    output = []
+    for x in np.asarray(path).tolist():
+        for k, (i, j) in enumerate(zip(PLANE.alpha_index, PLANE.beta_index, strict=True)):
+            rises = min(max(x / width - i, 0.0), 1.0)
+            falls = min(max(x / width - j, 0.0), 1.0)
+            states[k] = min(falls, max(states[k], rises))
+        output.append(sum(w * y for w, y in zip(weights.tolist(), states, strict=True)))
+    return np.array(output)
+
+
+def coefficients_of(effect, values):
+    return zip(
+        [each.name for each in getattr(effect, "coefficients", tuple)()], values, strict=True
+    )
+
+
+def resting_output(model, **aux):
+    """The output when the drive has stayed for a while where the record ended."""
+    t = model.origin.stop_s + np.arange(1, 1001) / RATE
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    u = np.full(len(t), model.origin.history[1, -1])
+    return model.predict(pj.Record.from_arrays(t, u, u, aux=columns, units=UNITS)).output
+
+
+def course(model, seconds=1.0, height=5.0, begin=None, **aux):
+    """A smooth course of loops that begins at rest where the stage is."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    start = resting_output(model, **aux)[: len(t)] if begin is None else begin
+    blend = np.clip(t / 0.3, 0, 1)
+    blend = blend**2 * (3 - 2 * blend)
+    loops = 12 + height * np.sin(2 * np.pi * 2 * t) * np.cos(np.pi * t)
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    units = UNITS | dict.fromkeys(columns, "N")
+    return pj.Record.from_arrays(
+        t, 0 * t, start + (loops - start) * blend, aux=columns, units=units, name="wanted.csv"
+    )
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("memory", [0.0, 0.4])
+def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
+    model = model_of(sign=sign, memory=memory)
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / RATE
+    low, high = sorted((1.5, 1.5 + 20 * sign))
+    z = rng.uniform(low, high, len(t))  # a turning point in every row
+    z[100:150] = z[100]
+    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z))
+    assert found.reachable.all()
+    assert not found.notes
+    np.testing.assert_allclose(found.expected, z, atol=1e-11)
+    assert np.ptp(found.drive[100:150]) < 1e-12
+
+
+def test_the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one_by_one():
+    record = played(0.8)
+    model, rng = model_of(record=record), np.random.default_rng(6)
+    z = 1.5 + rng.uniform(2, 18, 30)
+    t = np.arange(len(z)) / RATE
+    past = record
+    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=past)
+    whole = np.concatenate([past.input, found.drive])
+    given = slow_ramps(whole, model.weights)[-len(z) :]
+    np.testing.assert_allclose(1.5 + given, z, atol=1e-10)
+
+
+def test_relays_come_as_near_as_their_steps_are():
+    model = model_of(hysteron="relay")
+    wanted = course(model, begin=1.5)
+    found = pj.compensate(model, wanted)
+    missed = np.abs(found.expected - wanted.output)
+    rows = np.bincount(PLANE.alpha_index, model.weights)
+    assert missed.max() < rows.max()
+    assert np.median(missed) < rows.max() / 4
+    # No other place between two thresholds would have been nearer in the first rows.
+    with jax.enable_x64(True):
+        for k in (100, 200, 300):
+            before = np.concatenate([played().input, found.drive[:k]])
+            others = [
+                1.5
+                + np.asarray(pj.simulate(PLANE, model.weights, np.append(before, x), "relay"))[-1]
+                for x in np.linspace(0, 10, 12)
+            ]
+            assert missed[k] <= np.abs(others - wanted.output[k]).min() + 1e-9
+
+
+EFFECTS = {
+    "creep": (Creep(tau_s=(0.05, 0.5)), {"c_1": 0.05, "c_2": 0.08}, (0.1, -0.2)),
+    "input_lag": (InputLag(), {"tau_s": 0.004}, ()),
+    "output_lag": (OutputLag(), {"tau_s": 0.004}, ()),
+    "delay": (Delay(), {"delay_s": 0.0033}, ()),
+    "resonance": (Resonance(), {"f_hz": 90.0, "zeta": 0.03}, ()),
+    "slew_limit": (SlewLimit(), {"slew": 500.0}, ()),
+    "rate_dependence": (
+        RateDependence(reference_per_s=100.0, range_u=10.0),
+        {"coefficient": 0.15, "exponent": 0.9},
+        (),
+    ),
+    "moving": (Moving(low_u=0.0, range_u=10.0, range_z=20.0), {"a": 0.1}, ()),
+    "eddy_currents": (EddyCurrents(range_u=10.0, speed_z=100.0), {"k": 0.004}, ()),
+    "drift": (Drift(horizon_s=2.0), {"tau_s": 1.0}, (0.4,)),
+    "hum": (Hum(harmonics=1), {"f_hz": 50.0}, (0.05, -0.03)),
+    "ageing": (Ageing(horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
+    "operator_creep": (OperatorCreep(range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
+    "reptation": (Reptation(10.0), {"path": 30.0}, (0.05,) * len(Reptation().coefficients())),
+    "output_nonlinearity": (OutputNonlinearity(1.5, 20.0), {}, (0.3, -0.2)),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_course_comes_back_through_every_effect(name):
+    model = model_of(EFFECTS[name])
+    wanted = course(model)
+    found = pj.compensate(model, wanted)
+    error = np.abs(found.expected - wanted.output)
+    assert found.reachable.all(), found.notes
+    assert error.max() < GOOD
+    assert np.sqrt(np.mean(error**2)) < GOOD / 10
+    # Without the effect in the inverse the same course is missed.
+    plain = pj.compensate(model_of(), wanted).drive
+    t = model.origin.stop_s + (1 + np.arange(len(plain))) / RATE
+    missed = model.predict(pj.Record.from_arrays(t, plain, plain)).output - wanted.output
+    if name != "slew_limit":  # which does nothing to a drive as slow as this one
+        assert np.abs(missed).max() > 5 * GOOD
+
+
+def test_several_effects_are_inverted_together_beside_an_auxiliary_column():
+    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
+    names = ("creep", "input_lag", "drift", "resonance", "output_nonlinearity")
+    record = played(load_N=2.0)
+    model = model_of(*(EFFECTS[name] for name in names), load, record=record)
+    smooth = course(model, load_N=2.0)
+    moves = 2 + np.sin(8 * smooth.time)
+    wanted = pj.Record.from_arrays(
+        smooth.time, smooth.input, smooth.output, aux={"load_N": moves}, units=UNITS
+    )
+    found = pj.compensate(model, wanted)
+    assert found.reachable.mean() > 0.99
+    error = (found.expected - wanted.output)[found.reachable]
+    assert np.sqrt(np.mean(error**2)) < GOOD / 3
+
+
+def test_limits_and_slew_are_kept_and_rows_that_they_cost_are_told():
+    model = model_of()
+    wanted = course(model, height=6.0)
+    found = pj.compensate(model, wanted, limits=(3.0, 7.0), slew=60.0)
+    assert found.drive.min() >= 3.0
+    assert found.drive.max() <= 7.0
+    before = np.concatenate([[model.origin.history[1, -1]], found.drive[:-1]])
+    assert np.abs(found.drive - before).max() <= 60.0 / RATE * (1 + 1e-9)
+    off = np.abs(found.expected - wanted.output) > GOOD
+    assert 0 < off.sum() < len(off)
+    np.testing.assert_array_equal(~found.reachable, off)
+    assert f"{off.sum():,} of {len(off):,} rows" in found.notes[0]
+
+
+def test_beyond_the_stroke_the_drive_stays_at_the_end_and_the_course_is_found_again():
+    model = model_of(EFFECTS["creep"])
+    wanted = course(model, height=18.0)
+    found = pj.compensate(model, wanted)
+    above = wanted.output > 24.0
+    assert above.any()
+    assert not found.reachable[above].any()
+    assert (found.drive[above] == 10.0).all()
+    assert found.reachable.mean() > 0.4
+    error = (found.expected - wanted.output)[found.reachable]
+    assert np.abs(error).max() <= GOOD
+
+
+def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():
+    model = model_of(EFFECTS["input_lag"])
+    smooth = course(model)
+    jump = smooth.output + 4.0 * (smooth.time > 0.8)
+    wanted = pj.Record.from_arrays(smooth.time, smooth.input, jump, units=UNITS)
+    found = pj.compensate(model, wanted)
+    assert not found.reachable[799:803].all()
+    assert found.reachable[:700].all()
+    assert found.reachable[950:].all()
+
+
+def test_the_memory_is_that_of_what_was_played_before():
+    model = model_of()
+    wanted = course(model, begin=13.0)
+    t = np.arange(1000) / RATE
+    other = pj.Record.from_arrays(t, np.where(t < 0.5, 20 * t, 10 - 8 * (t - 0.5)), 0 * t)
+    by_default, after_other = (pj.compensate(model, wanted, after=a) for a in (None, other))
+    assert np.abs(by_default.drive - after_other.drive)[:200].max() > 0.05
+    for found, past in ((by_default, played()), (after_other, other)):
+        drive = np.concatenate([past.input, found.drive])
+        with jax.enable_x64(True):
+            given = pj.simulate(PLANE, model.weights, drive, hysteron="ramp")
+        # The other record has been to the upper end, so that nothing of its start is left.
+        expected = 1.5 + np.asarray(given)[-len(found.drive) :]
+        np.testing.assert_allclose(expected, wanted.output, atol=1e-9)
+
+
+def test_an_unknown_memory_widens_the_band_as_in_a_prediction():
+    model = model_of()
+    t = np.arange(100) / RATE
+    small = pj.Record.from_arrays(t, 5 + np.sin(9 * t), 0 * t)
+    found = pj.compensate(model, course(model, begin=11.0, height=1.0), after=small)
+    width = found.high - found.low
+    assert width[0] > 4 * GOOD
+    assert (np.diff(width) <= 1e-12).all()
+
+
+def test_the_clock_of_the_course_goes_on_where_it_can():
+    model = model_of(EFFECTS["drift"], EFFECTS["hum"])
+    wanted = course(model)
+    shifted = pj.Record.from_arrays(
+        wanted.time + model.origin.stop_s + 1 / RATE, wanted.input, wanted.output
+    )
+    here, there = pj.compensate(model, wanted), pj.compensate(model, shifted)
+    np.testing.assert_allclose(here.drive, there.drive, atol=1e-6)
+    late = pj.Record.from_arrays(wanted.time + 10.0, wanted.input, wanted.output)
+    assert np.abs(pj.compensate(model, late).drive - here.drive).max() > 0.01
+    prediction = model.predict(
+        pj.Record.from_arrays(shifted.time, there.drive, there.drive, units=UNITS)
+    )
+    np.testing.assert_allclose(there.expected, prediction.output, atol=1e-9)
+    np.testing.assert_allclose(there.low, prediction.low, atol=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.3, 4.0])
+def test_a_course_at_another_rate_is_followed_and_told(step):
+    model = model_of(EFFECTS["creep"])
+    t = np.arange(300) * step / RATE
+    rest = resting_output(model)[0]
+    wanted = pj.Record.from_arrays(t, 0 * t, rest + 3 * (1 - np.cos(2 * np.pi * t / t[-1])))
+    found = pj.compensate(model, wanted)
+    assert found.reachable.mean() > 0.98
+    assert any(f"{step:.3g} times" in note for note in found.notes)
+
+
+def test_steps_of_converters_are_left_out_by_name_and_figure():
+    quantised = (
+        (InputQuantisation(), {"step": 0.05}, ()),
+        (OutputQuantisation(0.02), {"step": 0.02}, ()),
+    )
+    model = model_of(*quantised)
+    found = pj.compensate(model, course(model))
+    assert found.reachable.all()
+    (note,) = found.notes
+    assert "input_quantisation and output_quantisation" in note
+    assert "RMS error of" in note
+    on_lattice = found.expected / 0.02
+    np.testing.assert_allclose(on_lattice, np.round(on_lattice), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"z": np.nan}, "wanted output is missing in row 8"),
+        ({"t": 1.0}, "gap of 1.001 s behind row 7"),
+        ({"unit": "mm"}, "its unit is mm, and the model was identified in µm"),
+        ({"limits": (3.0, 2.0)}, "the lower one first"),
+        ({"limits": (11.0, 12.0)}, "outside the range 0 to 10 V"),
+        ({"slew": 0.0}, "slew is 0"),
+    ],
+)
+def test_bad_courses_are_refused_in_one_line(change, message):
+    model = model_of()
+    t, u, z = np.arange(100) / RATE, np.zeros(100), np.full(100, 5.0)
+    z[7:] = change.get("z", 5.0)
+    t[7:] += change.get("t", 0.0)
+    wanted = pj.Record.from_arrays(t, u, z, units=UNITS | {"output": change.get("unit", "um")})
+    options = {name: value for name, value in change.items() if name in ("limits", "slew")}
+    with pytest.raises(pj.InputError, match=message) as refusal:
+        pj.compensate(model, wanted, **options)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_auxiliary_column_is_asked_for_by_name():
+    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
+    model = model_of(load, record=played(load_N=2.0))
+    wanted = course(model_of())
+    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
+        pj.compensate(model, wanted)
+    loaded = course(model, load_N=2.0)
+    with pytest.raises(pj.InputError, match=r"stage\.csv: the model needs the auxiliary column"):
+        pj.compensate(model, loaded, after=played())
+
+
+def test_a_branch_is_inverted_as_bisection_does_it():
+    """The found position is that of a bisection through the slow operator."""
+    model, rng = model_of(), np.random.default_rng(3)
+    path = rng.uniform(0, 10, 12)
+    with jax.enable_x64(True):
+        operator = Operator.of(PLANE, model.weights, 0 * model.weights, False, False)
+        past = np.asarray(path / PLANE.delta_x)
+        state = follow(operator, past, 0 * past)
+        for aim in rng.uniform(0, 20, 2):
+            one = np.array([aim])
+            free = Bounds(0 * one, 0 * one + 11, one + np.inf, one * np.nan)
+            (position,), (output,) = inverse(operator, state, one, 0 * one, free)
+            low, high = 0.0, 10.0
+            for _ in range(34):
+                middle = (low + high) / 2
+                given = slow_ramps(np.append(path, middle), model.weights)[-1]
+                low, high = (middle, high) if given < aim else (low, middle)
+            assert abs(position * PLANE.delta_x - low) < 1e-9
+            assert abs(output - aim) < 1e-12

@@ -6,7 +6,6 @@ contract of an effect.  `left_out` names them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from preisach_jax.chain import sensed
 from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.search import Limits
+from preisach_jax.compensation.series import Series
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -36,12 +36,6 @@ from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.slew_limit import SlewLimit
-
-PASSED = 0.25
-"""Share of a step that effects must have passed at the sample by which a lead is reckoned."""
-
-MOST_AHEAD = 8
-"""Samples to which a lead looks ahead along the straight line on which the course runs."""
 
 USUAL_PER_S = 20.0
 """Ranges of the input a second at which it is reckoned over how many samples a speed is taken."""
@@ -125,7 +119,15 @@ class Causal:
     @property
     def leads(self) -> tuple[int, int]:
         """Samples that leads look ahead, for the effects of the input and of the output."""
-        return self._ahead(self._before), self._ahead(self._behind)
+        return self._in_front.ahead(), self._after.ahead()
+
+    @property
+    def _in_front(self) -> Series:
+        return Series(tuple(self._before), self.forward.values, self.step_s)
+
+    @property
+    def _after(self) -> Series:
+        return Series(tuple(self._behind), self.forward.values, self.step_s)
 
     def operator(self) -> Operator:
         """The operator with the model's own weights."""
@@ -152,11 +154,11 @@ class Causal:
         seen = (whole.seen[:count] - chain.plane.low) / unit
         path = jnp.clip(jnp.asarray(seen), 0.0, chain.plane.levels)
         states, position = follow(operator, path, jnp.asarray(whole.widening[:count] / unit))
-        before, _ = self._ran(self._before, signals.input[:count], dt)
+        before, _ = self._in_front.ran(signals.input[:count], dt)
         signal = jnp.asarray(whole.hysteresis[:count])
         for effect in chain.at(WeightEffect):
             signal = signal * effect.gain(self.forward.values[effect.name], signals)[:count]
-        behind, aim = self._ran(self._behind, signal, dt)
+        behind, aim = self._after.ran(signal, dt)
         aux = [
             jax.lax.scan(
                 lambda lag, now, e=effect: (
@@ -184,74 +186,6 @@ class Causal:
             jnp.stack(aux) if aux else jnp.zeros((0, 2)),
             jnp.zeros(()),
         )
-
-    def _ran(
-        self, effects: Sequence[InputEffect | OutputEffect], signal: Array, dt: Array
-    ) -> tuple[tuple[Any, ...], Array]:
-        """States of effects after a signal, and the signal behind them."""
-        ends: list[Any] = []
-        for effect in effects:
-            own = self.forward.values[effect.name]
-
-            def advance(
-                state: Any, now: tuple[Array, Array], e: Any = effect, v: Any = own
-            ) -> tuple[Any, Array]:
-                return e.step(v, state, *now)
-
-            end, signal = jax.lax.scan(advance, effect.init(own, signal[0]), (signal, dt))
-            ends.append(end)
-        return tuple(ends), signal
-
-    def _passed(
-        self,
-        effects: Sequence[InputEffect | OutputEffect],
-        states: tuple[Any, ...],
-        value: Array,
-    ) -> tuple[tuple[Any, ...], Array]:
-        """States of effects after one more sample, and what comes out of them."""
-        new: list[Any] = []
-        dt = jnp.asarray(self.step_s)
-        for effect, state in zip(effects, states, strict=True):
-            state, value = effect.step(self.forward.values[effect.name], state, value, dt)
-            new.append(state)
-        return tuple(new), value
-
-    def _ahead(self, effects: Sequence[InputEffect | OutputEffect]) -> int:
-        """Samples ahead at which effects have passed enough of a straight course."""
-        states = tuple(e.init(self.forward.values[e.name], jnp.zeros(())) for e in effects)
-        for ahead in range(MOST_AHEAD):
-            states, out = self._passed(effects, states, jnp.asarray(ahead + 1.0))
-            if float(out) >= PASSED * (ahead + 1):
-                return ahead
-        return MOST_AHEAD
-
-    def _led(
-        self,
-        effects: Sequence[InputEffect | OutputEffect],
-        states: tuple[Any, ...],
-        before: Array,
-        aims: tuple[Array, Array],
-        ahead: int,
-    ) -> Array:
-        """What must go into effects for a course to come out of them.
-
-        Without a lag it is exact.  With one, the line on which the course runs is hit as nearly as
-        a straight input can, from now to some samples ahead: least squares.
-        """
-        if not effects:
-            return aims[1]
-
-        def outputs(now: Array) -> Array:
-            at, out = states, list[Array]()
-            for j in range(ahead + 1):
-                at, value = self._passed(effects, at, before + (j + 1) * (now - before))
-                out.append(value)
-            return jnp.stack(out)
-
-        none = outputs(before)
-        slope = outputs(before + 1.0) - none
-        line = aims[1] + jnp.arange(ahead + 1) * (aims[1] - aims[0])
-        return before + slope @ (line - none) / (slope @ slope)
 
     def _lag(self, effect: Auxiliary) -> Array:
         return jnp.asarray(self.forward.values[effect.name]["tau_s"])
@@ -316,7 +250,7 @@ class Causal:
         lags = self._aux_after(state, aux)
         beside = self._beside(time, lags) + state.follow
         aim = self._before_sensor(wanted) - beside
-        signal = self._led(self._behind, state.behind, state.signal, (state.aim, aim), ahead[1])
+        signal = self._after.led(state.behind, state.signal, (state.aim, aim), ahead[1])
         gain = chain.polarity * self._gain(time)
         operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
 
@@ -342,7 +276,7 @@ class Causal:
         move = (state.path[-1] - state.path[0]) / (len(state.path) - 1)
         line = state.path[-1] + move * jnp.arange(-2.0, 1.0)
         path = found(self._widening(line))
-        drive = self._led(self._before, state.before, state.drive, (state.path[-1], path), ahead[0])
+        drive = self._in_front.led(state.before, state.drive, (state.path[-1], path), ahead[0])
         reach = self._slew * self.step_s
         drive = jnp.clip(drive, self.limits.low, self.limits.high)
         drive = jnp.clip(drive, state.drive - reach, state.drive + reach)
@@ -369,7 +303,7 @@ class Causal:
         operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
         reach = self._slew * self.step_s
         driven = jnp.clip(drive, state.drive - reach, state.drive + reach)
-        before, path = self._passed(self._before, state.before, driven)
+        before, path = self._in_front.passed(state.before, driven)
         width = self._widening(jnp.stack([*state.path[-2:], path])) / unit
         pair = jnp.stack([state.path[-1], path])
 
@@ -388,7 +322,7 @@ class Causal:
         position = place(output)
         output, states = operator.moved(state.states, position, width)
         signal = chain.polarity * self._gain(time) * output
-        behind, value = self._passed(self._behind, state.behind, signal)
+        behind, value = self._after.passed(state.behind, signal)
         reading = self._reading(value + self._beside(time, lags) + state.follow)
         new = state._replace(
             time=time,

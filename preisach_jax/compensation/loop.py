@@ -107,14 +107,25 @@ def simulated_stage(model: Model, rate_hz: float, after: Record | None = None) -
         state = causal.start()
         step: Callable[[CausalState, Array], tuple[CausalState, Array]] = jax.jit(causal.played)
 
-    def play(drive: float, given: Mapping[str, float]) -> float:
-        nonlocal state
-        with jax.enable_x64(True):
-            sample = np.array([drive, *(given[name] for name in columns)])
-            state, reading = step(state, jnp.asarray(sample))
-            return float(reading)
+    return _Played(step, state, columns)
 
-    return play
+
+class _Played:
+    """A stage that keeps its state between two samples."""
+
+    def __init__(
+        self,
+        step: Callable[[CausalState, Array], tuple[CausalState, Array]],
+        state: CausalState,
+        columns: list[str],
+    ):
+        self._step, self._state, self._columns = step, state, columns
+
+    def __call__(self, drive: float, aux: Mapping[str, float]) -> float:
+        with jax.enable_x64(True):
+            sample = np.array([drive, *(aux[name] for name in self._columns)])
+            self._state, reading = self._step(self._state, jnp.asarray(sample))
+            return float(reading)
 
 
 def of_control(system: Any) -> Controller:

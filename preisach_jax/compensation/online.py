@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -230,14 +231,17 @@ class OnlineInverse:
                 step_size=about["step_size"],
                 follow_s=math.inf if about["follow_s"] is None else about["follow_s"],
             )
-            state = (inverse._state, inverse._learning)
-            old: list[Any] = jax.tree.leaves(state)
-            kind: Any = jax.tree.structure(state)
+            places = iter(range(sys.maxsize))
+
+            def kept(old: Array) -> Array:
+                leaf = stored[f"leaf.{next(places)}"]
+                if leaf.shape != old.shape:
+                    raise ValueError("its state is that of another model")
+                return jnp.asarray(leaf)
+
             with jax.enable_x64(True):
-                leaves = [jnp.asarray(stored[f"leaf.{i}"]) for i in range(len(old))]
-            if [leaf.shape for leaf in leaves] != [leaf.shape for leaf in old]:
-                raise ValueError("its state is that of another model")
-            inverse._state, inverse._learning = jax.tree.unflatten(kind, leaves)
+                state = (inverse._state, inverse._learning)
+                inverse._state, inverse._learning = jax.tree.map(kept, state)
             inverse.drive, inverse.expected = stored["last"].tolist()
         return inverse
 

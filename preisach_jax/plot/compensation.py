@@ -43,13 +43,14 @@ def draw_loop(loop: Loop) -> Figure:
     errors.set_ylim(bottom=factor * 0.1 * max(min(rms.values()), 1e-6 * max(rms.values())))
     errors.set(xlabel="time (s)", ylabel=f"error ({unit})".replace(" ()", ""))
     errors.set_title("Largest error around each instant")
+    errors.set_ylim(top=40 * errors.get_ylim()[1])
     errors.legend(ncols=2, loc="upper right")
     bars = axes["bars"]
     places = np.arange(len(rms))[::-1]
     values = factor * np.array(list(rms.values()))
     bars.barh(places, values, color=COLOURS, height=0.6)
     bars.set_xscale("log")
-    bars.set_xlim(values.min() / 3, values.max() * 12)
+    bars.set_xlim(values.min() / 3, values.max() * 60)
     bars.set_yticks(places, list(rms))
     bars.grid(visible=False, axis="y")
     for place, name, value in zip(places, rms, values, strict=True):
@@ -85,7 +86,7 @@ def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "")
         )  # fmt: skip
     output.legend(loc="upper right")
     drive.plot(found.time, found.drive, color=FLOOR)
-    drive.set(xlabel="time", ylabel=f"drive ({input_unit})".replace(" ()", ""))
+    drive.set(xlabel="time, as in the file", ylabel=f"drive ({input_unit})".replace(" ()", ""))
     return figure
 
 

@@ -13,6 +13,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from preisach_jax.compensation import (
+        Compensation,
+        Loop,
+        OnlineInverse,
+        compensate,
+        simulate_loop,
+    )
     from preisach_jax.diagnosis import Diagnosis, diagnose
     from preisach_jax.diagnosis.design import Design, design
     from preisach_jax.diagnosis.exploration import Exploration, explore
@@ -47,6 +54,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AdaptiveFilter",
     "AddedEffect",
+    "Compensation",
     "Design",
     "Diagnosis",
     "Effect",
@@ -57,8 +65,10 @@ __all__ = [
     "InputEffect",
     "InputError",
     "Look",
+    "Loop",
     "Model",
     "OnlineFilter",
+    "OnlineInverse",
     "OutputEffect",
     "Parameter",
     "ParameterEstimate",
@@ -72,6 +82,7 @@ __all__ = [
     "Sweep",
     "WeightEffect",
     "compare_recursions",
+    "compensate",
     "design",
     "diagnose",
     "effects",
@@ -81,6 +92,7 @@ __all__ = [
     "look",
     "run_fleet",
     "simulate",
+    "simulate_loop",
     "simulate_stage",
     "sweep",
 ]
@@ -88,6 +100,7 @@ __all__ = [
 _HOMES = {
     "AdaptiveFilter": "filter",
     "AddedEffect": "effects.base",
+    "Compensation": "compensation",
     "Design": "diagnosis.design",
     "Diagnosis": "diagnosis",
     "Effect": "effects.base",
@@ -98,8 +111,10 @@ _HOMES = {
     "InputEffect": "effects.base",
     "InputError": "errors",
     "Look": "look",
+    "Loop": "compensation",
     "Model": "model",
     "OnlineFilter": "online",
+    "OnlineInverse": "compensation",
     "OutputEffect": "effects.base",
     "Parameter": "effects.base",
     "ParameterEstimate": "model",
@@ -113,6 +128,7 @@ _HOMES = {
     "Sweep": "sweep",
     "WeightEffect": "effects.base",
     "compare_recursions": "recursion",
+    "compensate": "compensation",
     "design": "diagnosis.design",
     "diagnose": "diagnosis",
     "effects": "effects",
@@ -122,6 +138,7 @@ _HOMES = {
     "look": "look",
     "run_fleet": "fleet",
     "simulate": "filter",
+    "simulate_loop": "compensation",
     "simulate_stage": "plant",
     "sweep": "sweep",
 }

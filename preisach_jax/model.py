@@ -29,7 +29,7 @@ from preisach_jax.chain import (
 )
 from preisach_jax.effects import BUILT_IN, library
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import Effect, OutputEffect
+from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hysteron import HYSTERONS
@@ -260,9 +260,9 @@ class Model:
         """
         self._check(record)
         sure = np.zeros(len(record.time))
-        if self._begins_with_origin(record):
+        if self.begins_with_origin(record):
             output, gap = self.simulate(record), sure
-        elif self._follows_origin(record):
+        elif self.follows_origin(record):
             output, gap = self._continue(record), sure
         else:
             output, gap = self._from_unknown_memory(record)
@@ -304,11 +304,13 @@ class Model:
                     f"the model was identified in {own}; convert the column, or fit a model to it"
                 )
 
-    def _begins_with_origin(self, record: Record) -> bool:
+    def begins_with_origin(self, record: Record) -> bool:
+        """Whether a record begins with the one that was identified."""
         rows = self.origin.rows
         return len(record.time) >= rows and record.inputs_digest(rows) == self.origin.inputs_sha256
 
-    def _follows_origin(self, record: Record) -> bool:
+    def follows_origin(self, record: Record) -> bool:
+        """Whether a record's clock starts where that of the one that was identified stopped."""
         pause = record.time[0] - self.origin.stop_s
         return 0 < pause <= 10 * self.origin.step_s
 
@@ -334,32 +336,45 @@ class Model:
         first = float(record.time[0])
         return start if start <= first <= stop + (stop - start) else first
 
+    def unknown_start(self, record: Record) -> tuple[Signals, Coefficients]:
+        """What drives the model along a record that continues none, and with which coefficients.
+
+        Arguments:
+            record: the record.
+
+        Returns:
+            The signals, and the coefficients with the memory that the record states, or with the
+            middle of what an unknown memory leaves open.
+        """
+        signals = signals_of(record, self._drift_origin_s(record))
+        weights = self.weights
+        if self.chain.hysteron == "relay":
+            weights = exactly_summable(weights)
+        stated = record.initial_memory
+        if stated == "free":
+            start = np.full(len(weights), 0.5)
+        else:
+            start = stated_start(self.chain, drive(self.chain, self.values, signals), stated)
+        # What the past of the first record has left says nothing about this one's.
+        lasting = np.array([each.amount for _, each in self.chain.coefficients], dtype=bool)
+        added = np.where(lasting, self.coefficients.added, 0.0)
+        return signals, replace(
+            self.coefficients,
+            weights=weights,
+            memory=weights * start,
+            added=added,
+            first_run=np.zeros(0),
+        )
+
     def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
         """Output from the middle of what memory leaves open, and half the width of that."""
         with jax.enable_x64(True):
-            signals = signals_of(record, self._drift_origin_s(record))
-            weights = self.weights
-            if self.chain.hysteron == "relay":
-                weights = exactly_summable(weights)
-            stated = record.initial_memory
-            if stated == "free":
-                start = np.full(len(weights), 0.5)
-            else:
-                start = stated_start(self.chain, drive(self.chain, self.values, signals), stated)
-            # What the past of the first record has left says nothing about this one's.
-            lasting = np.array([each.amount for _, each in self.chain.coefficients], dtype=bool)
-            added = np.where(lasting, self.coefficients.added, 0.0)
-            coefficients = replace(
-                self.coefficients,
-                weights=weights,
-                memory=weights * start,
-                added=added,
-                first_run=np.zeros(0),
-            )
+            signals, coefficients = self.unknown_start(record)
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
-            if stated != "free":
+            if record.initial_memory != "free":
                 return np.asarray(output), np.zeros(len(record.time))
+            weights = coefficients.weights
             lowest = replace(coefficients, memory=np.zeros_like(weights))
             gap = jnp.abs(middle - hysteresis_output(self.chain, self.values, signals, lowest))
             # The operator lies between all hysterons off and all on.

@@ -51,6 +51,7 @@ LAYERS = [
     "reduction",
     "model",
     "export",
+    "compensation",
     "identify",
     "signature",
     "confidence",
@@ -65,6 +66,7 @@ LAYERS = [
 ]
 # Methods that users expect on a result, and that only pass it on to a higher layer when called.
 LATE = {
+    ("compensation", "plot"),
     ("fit", "plot"),
     ("look", "plot"),
     ("diagnosis", "plot"),

@@ -14,6 +14,7 @@ from typer.main import get_command
 
 from preisach_jax.cli import commands, demonstration, paper
 from preisach_jax.cli.compare import compare
+from preisach_jax.cli.compensation import compensate
 from preisach_jax.cli.design import design
 from preisach_jax.cli.export import export
 from preisach_jax.cli.fleet import fleet
@@ -38,6 +39,7 @@ _COMMANDS: tuple[Callable[..., Any], ...] = (
     design,
     commands.predict,
     export,
+    compensate,
     commands.simulate,
     commands.effects,
     fleet,

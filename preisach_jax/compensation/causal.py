@@ -1,0 +1,361 @@
+"""A model and its inverse from one sample to the next, with a state of fixed size.
+
+What needs to look ahead is not in them: a delay, and added effects whose memory is no part of the
+contract of an effect.  `left_out` names them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from preisach_jax.chain import sensed
+from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse_step
+from preisach_jax.compensation.forward import Forward
+from preisach_jax.compensation.search import Limits
+from preisach_jax.compensation.series import Series
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    OutputEffect,
+    Signals,
+    WeightEffect,
+    low_pass_step,
+)
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.slew_limit import SlewLimit
+
+USUAL_PER_S = 20.0
+"""Ranges of the input a second at which it is reckoned over how many samples a speed is taken."""
+
+
+class CausalState(NamedTuple):
+    """Everything that a sample leaves to the next one.
+
+    Attributes:
+        time: s since the origin of the model's effects.
+        weights: (2, levels, levels) those of the operator.
+        states: (2, levels, levels) of the hysterons.
+        position: of the hysterons' input.
+        path: (sample,) input behind the effects of the input, in the last samples.
+        drive: the last input.
+        before: states of the effects of the input.
+        hysteresis: (2,) last outputs of the operator, rising with the input.
+        behind: states of the effects of the output.
+        signal: the last signal in front of these.
+        aim: the last course behind these.
+        aux: (column, 2) lags of auxiliary columns.
+        follow: what the measured output was last found to differ by.
+    """
+
+    time: Array
+    weights: Array
+    states: Array
+    position: Array
+    path: Array
+    drive: Array
+    before: tuple[Any, ...]
+    hysteresis: Array
+    behind: tuple[Any, ...]
+    signal: Array
+    aim: Array
+    aux: Array
+    follow: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Causal:
+    """The numbers of a model at one sampling rate, and its two steps.
+
+    Arguments:
+        forward: the model behind its past.
+        step_s: time between two samples, in s.
+        limits: of the drive.
+    """
+
+    forward: Forward
+    step_s: float
+    limits: Limits
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the model's effects that the steps do not hold."""
+        kept = {e.name for e in (*self._before, *self._behind, *self._aux, *self._timed)}
+        chain = self.forward.chain
+        others = [*chain.at(InputEffect), *chain.at(OutputEffect), *chain.at(AddedEffect)]
+        names = [e.name for e in others if e.name not in kept and not isinstance(e, SlewLimit)]
+        converters = [e.name for e, _ in self.forward.sensors if isinstance(e, OutputQuantisation)]
+        return (*names, *converters)
+
+    @property
+    def _before(self) -> list[InputEffect]:
+        kinds = (SlewLimit, InputQuantisation)
+        return [e for e in self.forward.chain.at(InputEffect) if not isinstance(e, kinds)]
+
+    @property
+    def _behind(self) -> list[OutputEffect]:
+        return [e for e in self.forward.chain.at(OutputEffect) if not isinstance(e, Delay)]
+
+    @property
+    def _aux(self) -> list[Auxiliary]:
+        return [e for e in self.forward.chain.at(AddedEffect) if isinstance(e, Auxiliary)]
+
+    @property
+    def _timed(self) -> list[AddedEffect]:
+        return [e for e in self.forward.chain.at(AddedEffect) if isinstance(e, Drift | Hum)]
+
+    @property
+    def leads(self) -> tuple[int, int]:
+        """Samples that leads look ahead, for the effects of the input and of the output."""
+        return self._in_front.ahead(), self._after.ahead()
+
+    @property
+    def _in_front(self) -> Series:
+        return Series(tuple(self._before), self.forward.values, self.step_s)
+
+    @property
+    def _after(self) -> Series:
+        return Series(tuple(self._behind), self.forward.values, self.step_s)
+
+    def operator(self) -> Operator:
+        """The operator with the model's own weights."""
+        chain, own = self.forward.chain, self.forward.coefficients
+        inside = chain.at(HysteresisEffect)
+        widens = any(type(e).widening is not HysteresisEffect.widening for e in inside)
+        return Operator.of(
+            chain.plane,
+            chain.polarity * own.weights,
+            chain.polarity * own.memory,
+            chain.hysteron == "relay",
+            not widens or any(e.widens_reversible for e in inside),
+        )
+
+    def start(self) -> CausalState:
+        """The state after the past of `forward`."""
+        rest = np.full(1, self.forward.past.last_input)
+        whole = self.forward.whole(rest)
+        count = self.forward.past.count
+        signals = self.forward.signals(rest)
+        time, dt = signals.time[:count], jnp.diff(signals.time[:count], prepend=signals.time[:1])
+        operator, chain = self.operator(), self.forward.chain
+        unit = (chain.plane.high - chain.plane.low) / chain.plane.levels
+        seen = (whole.seen[:count] - chain.plane.low) / unit
+        path = jnp.clip(jnp.asarray(seen), 0.0, chain.plane.levels)
+        states, position = follow(operator, path, jnp.asarray(whole.widening[:count] / unit))
+        before, _ = self._in_front.ran(signals.input[:count], dt)
+        signal = jnp.asarray(whole.hysteresis[:count])
+        for effect in chain.at(WeightEffect):
+            signal = signal * effect.gain(self.forward.values[effect.name], signals)[:count]
+        behind, aim = self._after.ran(signal, dt)
+        aux = [
+            jax.lax.scan(
+                lambda lag, now, e=effect: (
+                    low_pass_step(lag, now[0], now[1], self._lag(e)),
+                    None,
+                ),
+                jnp.stack([signals.aux[effect.column][0]] * 2),
+                (signals.aux[effect.column][:count], dt),
+            )[0]
+            for effect in self._aux
+        ]
+        last = chain.polarity * whole.hysteresis[count - 1]
+        return CausalState(
+            time[-1],
+            operator.weights,
+            states,
+            position,
+            jnp.full(self._samples_of_speed, whole.path[count - 1]),
+            jnp.asarray(self.forward.past.last_input),
+            before,
+            jnp.full(2, last),
+            behind,
+            signal[-1],
+            aim[-1],
+            jnp.stack(aux) if aux else jnp.zeros((0, 2)),
+            jnp.zeros(()),
+        )
+
+    def _lag(self, effect: Auxiliary) -> Array:
+        return jnp.asarray(self.forward.values[effect.name]["tau_s"])
+
+    def _gain(self, time: Array) -> Array:
+        signals = self._at(time)
+        gain = jnp.ones(())
+        for effect in self.forward.chain.at(WeightEffect):
+            gain = gain * effect.gain(self.forward.values[effect.name], signals)[0]
+        return gain
+
+    def _at(self, time: Array) -> Signals:
+        return Signals(time[None], jnp.zeros(1), {})
+
+    def _beside(self, time: Array, aux: Array) -> Array:
+        """What adds to the output at a time: offset, drift, hum, auxiliary columns, free parts."""
+        chain, own = self.forward.chain, self.forward.coefficients
+        value, at = jnp.asarray(own.offset), 0
+        lags = dict(zip([e.name for e in self._aux], aux, strict=True))
+        timed = {e.name for e in self._timed}
+        for effect in [*chain.at(AddedEffect), *chain.at(OutputEffect)]:
+            stop = at + len(effect.coefficients())
+            share = jnp.asarray(own.added[at:stop])
+            at = stop
+            if effect.name in lags:
+                value = value + share[0] * lags[effect.name][0]
+            elif isinstance(effect, OutputEffect):
+                value = value + effect.free_response(self._at(time))[0] @ share
+            elif effect.name in timed:
+                columns = effect.columns(self.forward.values[effect.name], self._at(time))
+                value = value + columns[0] @ share
+        return value
+
+    def _aux_after(self, state: CausalState, aux: Array) -> Array:
+        rows = [
+            low_pass_step(lag, now, jnp.asarray(self.step_s), self._lag(e))
+            for e, lag, now in zip(self._aux, state.aux, aux, strict=True)
+        ]
+        return jnp.stack(rows) if rows else state.aux
+
+    def _widening(self, path: Array) -> Array:
+        """Widening at the last of three values of the input, by its speed to there."""
+        time, width = self.step_s * jnp.arange(3.0), jnp.zeros(())
+        for effect in self.forward.chain.at(HysteresisEffect):
+            own = self.forward.values[effect.name]
+            width = width + effect.widening(own, path, time)[-1]
+        return width
+
+    def _seen(self, path: Array, hysteresis: Array) -> Array:
+        time = jnp.asarray([0.0, self.step_s])
+        for effect in self.forward.chain.at(HysteresisEffect):
+            path = effect.fed_back(self.forward.values[effect.name], path, hysteresis, time)
+        return path[-1]
+
+    def inverse(
+        self, state: CausalState, wanted: Array, aux: Array, ahead: tuple[int, int]
+    ) -> tuple[CausalState, tuple[Array, Array]]:
+        """The drive for one more wanted reading, and the reading that the model expects of it."""
+        chain, past = self.forward.chain, state
+        plane, time = chain.plane, state.time + self.step_s
+        unit = (plane.high - plane.low) / plane.levels
+        lags = self._aux_after(state, aux)
+        beside = self._beside(time, lags) + state.follow
+        aim = self._before_sensor(wanted) - beside
+        signal = self._after.led(state.behind, state.signal, (state.aim, aim), ahead[1])
+        gain = chain.polarity * self._gain(time)
+        operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
+
+        def found(width: Array) -> Array:
+            target = signal / gain
+            output = jnp.stack([state.hysteresis[1], target])
+            ends = jnp.asarray([self.limits.low, self.limits.high])
+            both = jnp.stack([self._seen(jnp.stack([past.path[-1], e]), output) for e in ends])
+            low, high = jnp.clip((both - plane.low) / unit, 0.0, plane.levels)
+            step = jnp.asarray(np.inf if chain.feeds_back else self._slew * self.step_s / unit)
+            bounds = Bounds(low, high, step, jnp.asarray(np.nan))
+            _, (position, given) = inverse_step(
+                operator, (state.states, state.position), target, width / unit, bounds
+            )
+            seen = plane.low + unit * position
+            output = jnp.stack([state.hysteresis[1], given])
+            none = self._seen(jnp.stack([past.path[-1], jnp.zeros(())]), output)
+            slope = self._seen(jnp.stack([past.path[-1], jnp.ones(())]), output) - none
+            return (seen - none) / slope
+
+        # A widening that grows faster than the input itself would chase it: its speed is that of
+        # some samples that are known.
+        move = (state.path[-1] - state.path[0]) / (len(state.path) - 1)
+        line = state.path[-1] + move * jnp.arange(-2.0, 1.0)
+        path = found(self._widening(line))
+        drive = self._in_front.led(state.before, state.drive, (state.path[-1], path), ahead[0])
+        reach = self._slew * self.step_s
+        drive = jnp.clip(drive, self.limits.low, self.limits.high)
+        drive = jnp.clip(drive, state.drive - reach, state.drive + reach)
+        new, expected = self.step(state, drive, lags)
+        return new._replace(aim=aim), (drive, expected)
+
+    @property
+    def _samples_of_speed(self) -> int:
+        plane = self.forward.chain.plane
+        move = USUAL_PER_S * (plane.high - plane.low) * self.step_s
+        steep = float(self._widening(move * jnp.arange(3.0))) / move
+        return 3 + int(np.ceil(4 * steep))
+
+    @property
+    def _slew(self) -> float:
+        own = [self.forward.values[e.name]["slew"] for e in self.forward.chain.at(SlewLimit)]
+        return min([self.limits.slew, *own])
+
+    def step(self, state: CausalState, drive: Array, lags: Array) -> tuple[CausalState, Array]:
+        """The state after a drive has been played, and the reading that the model expects."""
+        chain = self.forward.chain
+        plane, time = chain.plane, state.time + self.step_s
+        unit = (plane.high - plane.low) / plane.levels
+        operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
+        reach = self._slew * self.step_s
+        driven = jnp.clip(drive, state.drive - reach, state.drive + reach)
+        before, path = self._in_front.passed(state.before, driven)
+        width = self._widening(jnp.stack([*state.path[-2:], path])) / unit
+        pair = jnp.stack([state.path[-1], path])
+
+        def place(output: Array) -> Array:
+            seen = self._seen(pair, jnp.stack([state.hysteresis[1], output]))
+            return jnp.clip((seen - plane.low) / unit, 0.0, plane.levels)
+
+        def moved(output: Array) -> Array:
+            return operator.moved(state.states, place(output), width)[0]
+
+        output = state.hysteresis[1]
+        if chain.feeds_back:  # secant steps: what is fed back agrees with itself
+            for _ in range(6):
+                given, slope = jax.jvp(moved, (output,), (jnp.ones_like(output),))
+                output = output + (given - output) / jnp.maximum(1 - slope, 0.2)
+        position = place(output)
+        output, states = operator.moved(state.states, position, width)
+        signal = chain.polarity * self._gain(time) * output
+        behind, value = self._after.passed(state.behind, signal)
+        reading = self._reading(value + self._beside(time, lags) + state.follow)
+        new = state._replace(
+            time=time,
+            states=states,
+            position=position,
+            path=jnp.stack([*state.path[1:], path]),
+            drive=driven,
+            before=before,
+            hysteresis=jnp.stack([state.hysteresis[1], output]),
+            behind=behind,
+            signal=signal,
+            aim=value,
+            aux=lags,
+        )
+        return new, reading
+
+    def played(self, state: CausalState, sample: Array) -> tuple[CausalState, Array]:
+        """The state after a sample of drive and auxiliary columns, and the reading there."""
+        return self.step(state, sample[0], self._aux_after(state, sample[1:]))
+
+    def _before_sensor(self, reading: Array) -> Array:
+        for effect, share in reversed(self.forward.sensors):
+            columns = effect.columns(self.forward.values[effect.name], reading[None])
+            reading = reading - (columns @ jnp.asarray(share))[0]
+        return reading
+
+    def _reading(self, value: Array) -> Array:
+        kept: tuple[Effect, ...] = tuple(
+            e for e, _ in self.forward.sensors if not isinstance(e, OutputQuantisation)
+        )
+        if not kept:
+            return value
+        shares = [s for e, s in self.forward.sensors if not isinstance(e, OutputQuantisation)]
+        chain = self.forward.chain.with_effects(kept)
+        own = replace(self.forward.coefficients, added=np.concatenate(shares))
+        return sensed(chain, self.forward.values, value[None], own)[0]

@@ -1,0 +1,232 @@
+"""The input that makes a stage follow a wanted output."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from preisach_jax.compensation.forward import Forward
+from preisach_jax.compensation.past import past_of
+from preisach_jax.compensation.search import Limits, Search
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.errors import InputError
+from preisach_jax.model import Model
+from preisach_jax.quantity import pretty_unit, quantity
+from preisach_jax.record import Record
+
+GAP_STEPS = 5.0
+"""A step this many times the usual one is a gap in the course."""
+
+REACHED = 1e-6
+"""Share of the stroke within which an output counts as reached, however exact the model is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """A drive, and what it makes of the stage, `(time,)` each.
+
+    Attributes:
+        time: time of the wanted course, as in its file.
+        drive: the input, in its unit.
+        wanted: the wanted output, in its unit.
+        expected: the output that the model expects of the drive.
+        low, high: its 95 % band.
+        reachable: bool: whether the wanted output lies in the 95 % band of what the model expects,
+            1.96 times its held-out RMS error, with all effects that can be inverted.
+        notes: a sentence for everything that the owner must know.
+    """
+
+    time: np.ndarray
+    drive: np.ndarray
+    wanted: np.ndarray
+    expected: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    reachable: np.ndarray
+    notes: tuple[str, ...]
+
+
+def compensate(
+    model: Model,
+    wanted: Record,
+    *,
+    after: Record | None = None,
+    limits: Sequence[float] | None = None,
+    slew: float | None = None,
+) -> Compensation:
+    r"""Find the input that makes the output follow a wanted course, through all effects.
+
+    The chain is inverted in its order: what adds to the output is subtracted, what filters it led,
+    the operator inverted along its monotone branches, and what acts on the input led.  The drive
+    is exact for the model, to a small part of its held-out error, wherever the limits, the slew and
+    the speed of the effects let it be; elsewhere it comes as near as it can, and `reachable` says
+    so.
+
+    Arguments:
+        model: the model.
+        wanted: the course as its output, with time and the auxiliary columns that the model needs;
+            its input is not used.
+        after: what was played before, from which the memory of the stage comes; by default the
+            record on which the model was identified.  Where the clock of the course does not go on
+            from it, the course follows by one time step.
+        limits: lowest and highest value of the drive, by default the range of the plane.
+        slew: greatest rate of the drive, in its unit per s; by default unlimited.
+
+    Returns:
+        The drive.
+
+    Raises:
+        InputError: the course has no number in a row, or a gap, or another unit than the model; an
+            auxiliary column is missing; or the limits or the slew are none.
+
+    Example:
+        >>> import preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> z = 6 + 2 * np.sin(t)
+        >>> course = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z))
+        >>> bool(np.allclose(course.expected, z, atol=1e-6)), bool(course.reachable.all())
+        (True, True)
+    """
+    _check_course(model, wanted)
+    allowed, notes = limits_of(model, limits, slew)
+    aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, Auxiliary)}
+    wanted = _with_aux(wanted, aux)
+    with jax.enable_x64(True):
+        past = past_of(model, wanted, after)
+        forward = Forward.of(model, past, aux)
+        aim = forward.before_sensor(wanted.output)
+        stroke = float(np.abs(model.weights).sum())
+        good = max(1.96 * model.rms_validation, REACHED * stroke)
+        found = Search(forward, aim, allowed, good).found()
+        prediction = model.predict(past.record(found.drive, aux))
+    rows = slice(-len(aim), None)
+    expected = prediction.output[rows]
+    reachable = np.abs(found.output - aim) <= good
+    notes += _notes(model, wanted, reachable, found.output - aim, expected)
+    return Compensation(
+        wanted.time_values,
+        found.drive,
+        wanted.output,
+        expected,
+        prediction.low[rows],
+        prediction.high[rows],
+        reachable,
+        tuple(notes),
+    )
+
+
+def _with_aux(wanted: Record, aux: dict[str, np.ndarray]) -> Record:
+    """The course with the auxiliary columns of the model alone."""
+    if set(aux) == set(wanted.aux):
+        return wanted
+    return replace(wanted, aux=aux)
+
+
+def _check_course(model: Model, wanted: Record) -> None:
+    bad = np.flatnonzero(~np.isfinite(wanted.output))
+    if len(bad):
+        raise InputError(
+            f"{wanted.name}: the wanted output is missing in row {bad[0] + 1} "
+            f"({_more(bad, 'rows')}); fill it in"
+        )
+    for role in ("output", *wanted.aux):
+        own, given = (
+            pretty_unit(units) for units in (model.units.get(role, ""), wanted.channels[role].unit)
+        )
+        if own and given and own != given:
+            raise InputError(
+                f"{wanted.name}, column {wanted.channels[role].name}: its unit is {given}, and the "
+                f"model was identified in {own}; convert the column"
+            )
+    for effect in model.effects:
+        if isinstance(effect, Auxiliary) and effect.column not in wanted.aux:
+            raise InputError(
+                f"{wanted.name}: the model needs the auxiliary column {effect.column!r}, as it "
+                "will run along the course; add it"
+            )
+    steps = np.diff(wanted.time)
+    gaps = np.flatnonzero(steps > GAP_STEPS * np.median(steps))
+    if len(gaps):
+        row = int(gaps[0])
+        raise InputError(
+            f"{wanted.name}: there is a gap of {quantity(float(steps[row]), 's')} behind row "
+            f"{row + 1}, where the usual step is {quantity(float(np.median(steps)), 's')} "
+            f"({_more(gaps, 'gaps')}); the course must say what is wanted there: fill in its rows"
+        )
+
+
+def _more(found: np.ndarray, things: str) -> str:
+    return f"{len(found):,} such {things}" if len(found) > 1 else "the only one"
+
+
+def limits_of(
+    model: Model, limits: Sequence[float] | None, slew: float | None
+) -> tuple[Limits, list[str]]:
+    """Limits inside the plane, and a sentence where they reached beyond it.
+
+    Raises:
+        InputError: the limits or the slew are none.
+    """
+    plane, unit = model.plane, pretty_unit(model.units.get("input", ""))
+    low, high, notes = plane.low, plane.high, list[str]()
+    if limits is not None:
+        if len(limits) != 2 or not limits[0] < limits[1] or not np.all(np.isfinite(limits)):
+            raise InputError(
+                f"the limits are {','.join(f'{limit:g}' for limit in limits)}; give two numbers, "
+                "the lower one first"
+            )
+        low, high = max(low, float(limits[0])), min(high, float(limits[1]))
+        if not low < high:
+            raise InputError(
+                f"the limits {limits[0]:g} to {limits[1]:g} {unit} lie outside the range "
+                f"{plane.low:g} to {plane.high:g} {unit} on which the model was identified; give "
+                "limits in it, or identify a model on a record that covers them"
+            )
+        if limits[0] < plane.low or limits[1] > plane.high:
+            notes.append(
+                f"the limits reach beyond the range {plane.low:g} to {plane.high:g} {unit} on "
+                "which the model was identified, and the drive stays in it"
+            )
+    if slew is not None and not slew > 0:
+        raise InputError(f"the slew is {slew:g}; give a rate above 0, in {unit or 'units'} per s")
+    return Limits(low, high, np.inf if slew is None else float(slew)), notes
+
+
+def _notes(
+    model: Model, wanted: Record, reachable: np.ndarray, error: np.ndarray, expected: np.ndarray
+) -> list[str]:
+    unit, notes = model.units.get("output", ""), list[str]()
+    lost = int((~reachable).sum())
+    if lost:
+        row = int(np.argmax(np.abs(error)))
+        first = int(np.argmin(reachable))
+        notes.append(
+            f"the wanted output cannot be reached in {lost:,} of {len(reachable):,} rows, first in "
+            f"row {first + 1}, by up to {quantity(float(np.abs(error[row])), unit)} (row {row + 1})"
+            ": there the drive comes as near as it can, and reachable is 0"
+        )
+    left = [e.name for e in model.effects if isinstance(e, InputQuantisation | OutputQuantisation)]
+    if left:
+        off = (
+            float(np.sqrt(np.mean((expected - wanted.output)[reachable] ** 2)))
+            if reachable.any()
+            else 0.0
+        )
+        notes.append(
+            f"{' and '.join(left)} cannot be inverted and left out; that means an RMS error of "
+            f"{quantity(off, unit)} where the course can be reached"
+        )
+    ratio = wanted.step_s / model.origin.step_s
+    if not 0.5 <= ratio <= 2:
+        notes.append(
+            f"the median time step of the course is {ratio:.3g} times that of the record on which "
+            "the model was identified; the band does not allow for that"
+        )
+    return notes

@@ -1,0 +1,281 @@
+"""The inverse for a running machine: one wanted sample in, one drive sample out."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from preisach_jax.compensation.causal import Causal, CausalState
+from preisach_jax.compensation.drive import limits_of
+from preisach_jax.compensation.forward import Forward
+from preisach_jax.compensation.past import past_of
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.base import Effect
+from preisach_jax.errors import InputError
+from preisach_jax.files import read_arrays, write_arrays
+from preisach_jax.model import Model
+from preisach_jax.record import Record
+
+FORMAT = 1
+
+_Carried = tuple[CausalState, "Learning"]
+_Compiled = Callable[[_Carried, np.ndarray], tuple[CausalState, "Learning", Array]]
+
+LEAST_SWITCHED = 0.25
+"""Hysterons, squared, that must have switched between two updates of the weights."""
+
+
+class Learning(NamedTuple):
+    """What an update of the weights refers to.
+
+    Attributes:
+        states: (2, levels, levels) states at the last update.
+        error: difference of measured and expected reading there; NaN before the first.
+    """
+
+    states: Array
+    error: Array
+
+
+class OnlineInverse:
+    r"""The inverse of a model for a running machine: one wanted sample in, one drive sample out.
+
+    The chain of the model is inverted in its order at each sample, with the state of all its
+    effects: what adds to the output is subtracted, creep and reversible parts are exact, and lags
+    and modes are led along the straight line on which the course runs.  A delay is left out, as
+    that would take samples that are still to come; `left_out` names it and others.
+
+    With a measured output beside it, the weights go on learning by the rule of the adaptive
+    filter, eq. (7) to (11) with the increments of what model and stage differ by,
+    \(R \leftarrow R + \mu\, e\, s / s^2\), and stay at zero or above; and what is left is followed
+    as a slow change of the output, such as a creep or a drift that the model does not know.
+
+    Arguments:
+        model: the model.
+        rate_hz: sampling rate of the machine.
+        limits: lowest and highest value of the drive, by default the range of the plane.
+        slew: greatest rate of the drive, in its unit per s; by default unlimited.
+        after: what was played before; by default the record on which the model was identified.
+        step_size: μ, from 0, which leaves the weights, to 1.
+        follow_s: time constant in s with which slow changes are followed; infinite for never.
+
+    Raises:
+        InputError: the rate, the limits, the slew, the step size or the time constant is none.
+
+    Example:
+        >>> import preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> inverse = OnlineInverse(model, rate_hz=100.0)
+        >>> drive = inverse(6.0)
+        >>> 3 < drive < 7, round(inverse.expected, 6), inverse.reached
+        (True, 6.0, True)
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        rate_hz: float,
+        limits: Sequence[float] | None = None,
+        *,
+        slew: float | None = None,
+        after: Record | None = None,
+        step_size: float = 0.1,
+        follow_s: float = 1.0,
+    ):
+        if not 0 < rate_hz < math.inf:
+            raise InputError(f"rate_hz is {rate_hz}: give the sampling rate in Hz, above 0")
+        if not 0 <= step_size <= 1:
+            raise InputError(f"step_size is {step_size}: give a number from 0 to 1")
+        if not follow_s > 0:
+            raise InputError(f"follow_s is {follow_s}: give a time in s above 0")
+        self._model, self._rate, self._step_size = model, float(rate_hz), float(step_size)
+        self._limits, self._follow_s = limits_of(model, limits, slew)[0], float(follow_s)
+        self._aux_columns = [e.column for e in model.effects if isinstance(e, Auxiliary)]
+        with jax.enable_x64(True):
+            self._causal = self._begun(after)
+            ahead = self._causal.leads
+            self._state = self._causal.start()
+            self._learning = Learning(self._state.states, jnp.asarray(jnp.nan))
+            step = partial(_step, self._causal, ahead, self._step_size, self._share)
+            self._step: _Compiled = jax.jit(step)
+        self.expected = self.drive = math.nan
+        self.reached = True
+        self._good = max(1.96 * model.rms_validation, 1e-6 * float(np.abs(model.weights).sum()))
+
+    def _begun(self, after: Record | None) -> Causal:
+        time = np.arange(2) / self._rate
+        aux = {
+            name: np.full(2, 0.0 if after is None else after.aux[name][-1])
+            for name in self._aux_columns
+        }
+        one = Record.from_arrays(time, 0 * time, 0 * time, aux=aux)
+        past = past_of(self._model, one, after)
+        past = replace(past, time=past.time[:1])
+        return Causal(
+            Forward.of(self._model, past, {k: v[:1] for k, v in aux.items()}),
+            1 / self._rate,
+            self._limits,
+        )
+
+    @property
+    def _share(self) -> float:
+        return -math.expm1(-1 / (self._rate * self._follow_s))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of effects that are not inverted from sample to sample."""
+        return self._causal.left_out
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(cells,) weights of the operator as they have been learnt, in output units."""
+        plane = self._model.plane
+        whole = np.asarray(self._state.weights).sum(axis=0)
+        return self._model.chain.polarity * whole[plane.alpha_index, plane.beta_index]
+
+    def __call__(
+        self,
+        wanted: float,
+        measured: float = math.nan,
+        aux: Mapping[str, float] | None = None,
+    ) -> float:
+        """The drive for one more sample.
+
+        Arguments:
+            wanted: wanted output at this sample, in its unit.
+            measured: measured output at the sample before, which the last drive has made; NaN
+                where there is none.
+            aux: auxiliary columns that the model needs, at this sample.
+
+        Returns:
+            The drive, in its unit.  `expected` is the output that the model expects of it, and
+            `reached` whether that is the wanted one to the model's held-out error.
+
+        Raises:
+            InputError: a value is missing or not finite; the state is then as before.
+        """
+        if not math.isfinite(wanted):
+            raise InputError(f"the wanted output is {wanted}: give a finite number")
+        if math.isinf(measured):
+            raise InputError(f"the measured output is {measured}: give NaN where it is missing")
+        given = aux or {}
+        for name in self._aux_columns:
+            if not math.isfinite(given.get(name, math.nan)):
+                raise InputError(
+                    f"the model needs the auxiliary column {name!r}: give aux={{{name!r}: ...}}"
+                )
+        sample = np.array([wanted, measured, self.expected, *(given[n] for n in self._aux_columns)])
+        with jax.enable_x64(True):
+            self._state, self._learning, out = self._step((self._state, self._learning), sample)
+            self.drive, self.expected = np.asarray(out).tolist()
+        self.reached = abs(self.expected - wanted) <= self._good
+        return self.drive
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write model and state to a file; an existing one is replaced in one go.
+
+        Arguments:
+            path: the file, NumPy's `.npz` format whatever its name.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        about = {
+            "format": FORMAT,
+            "model": self._model.to_json(),
+            "rate_hz": self._rate,
+            "limits": [self._limits.low, self._limits.high],
+            "slew": None if math.isinf(self._limits.slew) else self._limits.slew,
+            "step_size": self._step_size,
+            "follow_s": None if math.isinf(self._follow_s) else self._follow_s,
+        }
+        leaves: list[Any] = jax.tree.leaves((self._state, self._learning))
+        arrays = {f"leaf.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+        arrays["last"] = np.array([self.drive, self.expected])
+        write_arrays(Path(path), about, arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], effects: Iterable[Effect] = ()) -> OnlineInverse:
+        """Read what `save` wrote.
+
+        Arguments:
+            path: the file.
+            effects: effects of one's own that the model holds.
+
+        Returns:
+            An inverse that goes on as the saved one would have.
+
+        Raises:
+            InputError: the file is missing, broken, or written by a newer version.
+        """
+        remedy = "give a file that `save` wrote"
+        with read_arrays(Path(path), FORMAT, "a saved inverse", remedy) as (about, stored):
+            inverse = cls(
+                Model.from_json(about["model"], effects),
+                about["rate_hz"],
+                about["limits"],
+                slew=about["slew"],
+                step_size=about["step_size"],
+                follow_s=math.inf if about["follow_s"] is None else about["follow_s"],
+            )
+            places = iter(range(sys.maxsize))
+
+            def kept(old: Array) -> Array:
+                leaf = stored[f"leaf.{next(places)}"]
+                if leaf.shape != old.shape:
+                    raise ValueError("its state is that of another model")
+                return jnp.asarray(leaf)
+
+            with jax.enable_x64(True):
+                state = (inverse._state, inverse._learning)
+                inverse._state, inverse._learning = jax.tree.map(kept, state)
+            inverse.drive, inverse.expected = stored["last"].tolist()
+        return inverse
+
+
+def _step(
+    causal: Causal,
+    ahead: tuple[int, int],
+    step_size: float,
+    share: float,
+    carried: tuple[CausalState, Learning],
+    sample: Array,
+) -> tuple[CausalState, Learning, Array]:
+    """Learn from what was measured, and find the next drive."""
+    state, learning = carried
+    wanted, error = sample[0], sample[1] - sample[2]
+    switched = state.states - learning.states
+    size = jnp.sum(switched**2) / 2
+    told = jnp.isfinite(error)
+    grown = error - learning.error
+    learns = told & jnp.isfinite(grown) & (size >= LEAST_SWITCHED)
+    polarity = causal.forward.chain.polarity
+    rise = step_size * polarity * jnp.where(learns, grown, 0.0) / jnp.maximum(size, LEAST_SWITCHED)
+    # Both starts share what is learnt: after the first reversals their states are the same.
+    changed = jnp.maximum(
+        state.weights + rise * switched * jnp.asarray([1.0, 0.0])[:, None, None], 0.0
+    )
+    weights = jnp.where(learns, changed, state.weights)
+    renews = learns | (told & ~jnp.isfinite(learning.error))
+    learning = Learning(
+        jnp.where(renews, state.states, learning.states), jnp.where(renews, error, learning.error)
+    )
+    follow = state.follow + share * jnp.where(told, error, 0.0)
+    # The course that is expected moves with what was learnt, and so does what errors refer to.
+    learning = learning._replace(error=learning.error - (follow - state.follow))
+    state = state._replace(weights=weights, follow=follow)
+    state, out = causal.inverse(state, wanted, sample[3:], ahead)
+    return state, learning, jnp.stack(out)

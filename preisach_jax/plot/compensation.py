@@ -1,0 +1,106 @@
+"""Tracking with more and more of a model's inverse: its error over time, and as a waterfall."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from preisach_jax.compensation import Compensation, Loop
+from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE
+from preisach_jax.quantity import quantity, scaled
+
+COLOURS = (MEASURED, "#E69F00", BEFORE, AFTER)
+LINES = ("-", "--", "-.", "-")
+
+BEGIN = 0.1
+"""Share of the course that is taken for its beginning, and not counted."""
+
+
+@mpl.rc_context(STYLE)
+def draw_loop(loop: Loop) -> Figure:
+    """The course, the errors over time on a logarithmic scale, and their RMS.
+
+    Arguments:
+        loop: readings along the course.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
+    axes: Any = figure.subplot_mosaic([["course", "bars"], ["errors", "bars"]], width_ratios=(3, 2))
+    begin = BEGIN * float(loop.time[-1] - loop.time[0])
+    rms = loop.errors(begin)
+    factor, unit = scaled(max(rms.values()), loop.unit)
+    _course(axes["course"], loop.time, loop.wanted, loop.unit)
+    errors = axes["errors"]
+    for (name, reading), colour, line in zip(loop.readings.items(), COLOURS, LINES, strict=True):
+        time, error = _envelope(loop.time, np.abs(reading - loop.wanted))
+        floor = np.maximum(error, 1e-4 * min(rms.values()) + 1e-12)
+        errors.semilogy(time, factor * floor, line, color=colour, label=name)
+    errors.set_ylim(bottom=factor * 0.1 * max(min(rms.values()), 1e-6 * max(rms.values())))
+    errors.set(xlabel="time (s)", ylabel=f"error ({unit})".replace(" ()", ""))
+    errors.set_title("Largest error around each instant")
+    errors.set_ylim(top=40 * errors.get_ylim()[1])
+    errors.legend(ncols=2, loc="upper right")
+    bars = axes["bars"]
+    places = np.arange(len(rms))[::-1]
+    values = factor * np.array(list(rms.values()))
+    bars.barh(places, values, color=COLOURS, height=0.6)
+    bars.set_xscale("log")
+    bars.set_xlim(values.min() / 3, values.max() * 60)
+    bars.set_yticks(places, list(rms))
+    bars.grid(visible=False, axis="y")
+    for place, name, value in zip(places, rms, values, strict=True):
+        bars.annotate(
+            quantity(rms[name], loop.unit, 3), (value, place), (4, 0),
+            textcoords="offset points", va="center",
+        )  # fmt: skip
+    bars.set(xlabel=f"RMS tracking error ({unit})".replace(" ()", ""))
+    bars.set_title("What each step leaves")
+    return figure
+
+
+@mpl.rc_context(STYLE)
+def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "") -> Figure:
+    """The drive, and wanted and expected output with the rows that cannot be reached.
+
+    Arguments:
+        found: the drive.
+        unit, input_unit: units of output and input.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    output, drive = figure.subplots(2, 1, sharex=True)
+    _course(output, found.time, found.wanted, unit)
+    output.plot(found.time, found.expected, "--", color=AFTER, label="expected")
+    lost = np.flatnonzero(np.diff(np.concatenate([[False], ~found.reachable, [False]])))
+    for i, (first, last) in enumerate(lost.reshape(-1, 2).tolist()):
+        output.axvspan(
+            found.time[first], found.time[min(last, len(found.time) - 1)], color=REFUSED, alpha=0.5,
+            lw=0, label="not reachable" if i == 0 else None,
+        )  # fmt: skip
+    output.legend(loc="upper right")
+    drive.plot(found.time, found.drive, color=FLOOR)
+    drive.set(xlabel="time, as in the file", ylabel=f"drive ({input_unit})".replace(" ()", ""))
+    return figure
+
+
+def _course(axes: Any, time: np.ndarray, wanted: np.ndarray, unit: str) -> None:
+    axes.plot(time, wanted, color=MEASURED, label="wanted")
+    axes.set(ylabel=f"output ({scaled(0.0, unit)[1]})".replace(" ()", ""))
+    axes.set_title("Wanted output")
+
+
+def _envelope(
+    time: np.ndarray, values: np.ndarray, bins: int = 200
+) -> tuple[np.ndarray, np.ndarray]:
+    """Greatest value in each of some stretches of time."""
+    starts = np.unique(
+        np.linspace(0, len(values), min(bins, len(values)), endpoint=False, dtype=int)
+    )
+    return time[starts], np.maximum.reduceat(values, starts)

@@ -1,0 +1,123 @@
+"""Models with given numbers, and courses for them, that tests of compensation share."""
+
+import numpy as np
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.eddy_currents import EddyCurrents
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.moving import Moving
+from preisach_jax.effects.operator_creep import OperatorCreep
+from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
+from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.reptation import Reptation
+from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.model import Model, Origin, ParameterEstimate
+from preisach_jax.plane import Plane
+
+RATE = 1000.0
+PLANE = Plane(levels=11, low=0.0, high=10.0)
+UNITS = {"input": "V", "output": "um"}
+GOOD = 0.005  # held-out error of these models, of a stroke of 20
+
+
+def played(seconds=2.0, **aux):
+    """A record whose input has been through its range and ends in the middle of a small loop."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    u = 5 - 5 * np.cos(np.pi * t * (1 + t))
+    u[-500:] = 4 + 2 * np.cos(np.pi * np.arange(500) / 250)
+    u[-700:-500] = np.linspace(u[-701], u[-500], 200)
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    units = UNITS | dict.fromkeys(columns, "N")
+    return pj.Record.from_arrays(t, u, 2 * u, aux=columns, units=units, name="stage.csv")
+
+
+def model_of(*effects, hysteron="ramp", sign=1, record=None, memory=0.0):
+    """A model with given numbers: `(effect, values of its parameters, coefficients)` each."""
+    rng = np.random.default_rng(1)
+    weights = rng.uniform(0.1, 1.0, PLANE.cells)
+    weights *= sign * 20 / weights.sum()
+    kinds = tuple(effect for effect, _, _ in effects)
+    chain = Chain(PLANE, kinds, hysteron, sign)
+    values = {effect.name: own for effect, own, _ in effects}
+    added = {effect.name: list(own) for effect, _, own in effects}
+    record = played() if record is None else record
+    parameters = {
+        effect.name: {
+            name: ParameterEstimate(value, value, value, "")
+            for name, value in (*own.items(), *coefficients_of(effect, added[effect.name]))
+        }
+        for effect, own, _ in effects
+    }
+    order = list(dict.fromkeys(effect for effect, _ in chain.coefficients))
+    return Model(
+        chain,
+        values,
+        Coefficients(
+            weights, memory * weights, 1.5, np.array([x for name in order for x in added[name]])
+        ),
+        parameters,
+        np.ones(PLANE.cells, bool),
+        {"time": "t_s", "input": "u_V", "output": "z_um", "aux": sorted(record.aux)},
+        {"time": "s"} | UNITS,
+        Origin.of(record),
+        GOOD,
+    )
+
+
+def coefficients_of(effect, values):
+    return zip(
+        [each.name for each in getattr(effect, "coefficients", tuple)()], values, strict=True
+    )
+
+
+def resting_output(model, **aux):
+    """The output when the drive has stayed for a while where the record ended."""
+    t = model.origin.stop_s + np.arange(1, 1001) / RATE
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    u = np.full(len(t), model.origin.history[1, -1])
+    return model.predict(pj.Record.from_arrays(t, u, u, aux=columns, units=UNITS)).output
+
+
+def course(model, seconds=1.0, height=5.0, begin=None, **aux):
+    """A smooth course of loops that begins at rest where the stage is."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    start = resting_output(model, **aux)[: len(t)] if begin is None else begin
+    blend = np.clip(t / 0.3, 0, 1)
+    blend = blend**2 * (3 - 2 * blend)
+    loops = 12 + height * np.sin(2 * np.pi * 2 * t) * np.cos(np.pi * t)
+    columns = {name: np.full(len(t), value) for name, value in aux.items()}
+    units = UNITS | dict.fromkeys(columns, "N")
+    return pj.Record.from_arrays(
+        t, 0 * t, start + (loops - start) * blend, aux=columns, units=units, name="wanted.csv"
+    )
+
+
+EFFECTS = {
+    "creep": (Creep(tau_s=(0.05, 0.5)), {"c_1": 0.05, "c_2": 0.08}, (0.1, -0.2)),
+    "input_lag": (InputLag(), {"tau_s": 0.004}, ()),
+    "output_lag": (OutputLag(), {"tau_s": 0.004}, ()),
+    "delay": (Delay(), {"delay_s": 0.0033}, ()),
+    "resonance": (Resonance(), {"f_hz": 90.0, "zeta": 0.03}, ()),
+    "slew_limit": (SlewLimit(), {"slew": 500.0}, ()),
+    "rate_dependence": (
+        RateDependence(reference_per_s=100.0, range_u=10.0),
+        {"coefficient": 0.15, "exponent": 0.9},
+        (),
+    ),
+    "moving": (Moving(low_u=0.0, range_u=10.0, range_z=20.0), {"a": 0.1}, ()),
+    "eddy_currents": (EddyCurrents(range_u=10.0, speed_z=100.0), {"k": 0.004}, ()),
+    "drift": (Drift(horizon_s=2.0), {"tau_s": 1.0}, (0.4,)),
+    "hum": (Hum(harmonics=1), {"f_hz": 50.0}, (0.05, -0.03)),
+    "ageing": (Ageing(horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
+    "operator_creep": (OperatorCreep(range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
+    "reptation": (Reptation(10.0), {"path": 30.0}, (0.05,) * len(Reptation().coefficients())),
+    "output_nonlinearity": (OutputNonlinearity(1.5, 20.0), {}, (0.3, -0.2)),
+}

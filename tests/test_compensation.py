@@ -1,0 +1,269 @@
+"""A drive that was found for a course gives it back, through every effect and in all limits."""
+
+import jax
+import numpy as np
+import pytest
+from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
+
+import preisach_jax as pj
+from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.output_quantisation import OutputQuantisation
+
+
+def slow_ramps(path, weights):
+    """Output of ramps that were off, each followed by itself in Python's own arithmetic."""
+    width = PLANE.delta_x
+    states = [0.0] * PLANE.cells
+    output = []
+    for x in np.asarray(path).tolist():
+        for k, (i, j) in enumerate(zip(PLANE.alpha_index, PLANE.beta_index, strict=True)):
+            rises = min(max(x / width - i, 0.0), 1.0)
+            falls = min(max(x / width - j, 0.0), 1.0)
+            states[k] = min(falls, max(states[k], rises))
+        output.append(sum(w * y for w, y in zip(weights.tolist(), states, strict=True)))
+    return np.array(output)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("memory", [0.0, 0.4])
+def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
+    model = model_of(sign=sign, memory=memory)
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / RATE
+    low, high = sorted((1.5, 1.5 + 20 * sign))
+    z = rng.uniform(low, high, len(t))  # a turning point in every row
+    z[100:150] = z[100]
+    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z))
+    assert found.reachable.all()
+    assert not found.notes
+    np.testing.assert_allclose(found.expected, z, atol=1e-11)
+    assert np.ptp(found.drive[100:150]) < 1e-12
+
+
+def test_the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one_by_one():
+    record = played(0.8)
+    model, rng = model_of(record=record), np.random.default_rng(6)
+    z = 1.5 + rng.uniform(2, 18, 30)
+    t = np.arange(len(z)) / RATE
+    past = record
+    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=past)
+    whole = np.concatenate([past.input, found.drive])
+    given = slow_ramps(whole, model.weights)[-len(z) :]
+    np.testing.assert_allclose(1.5 + given, z, atol=1e-10)
+
+
+def test_relays_come_as_near_as_their_steps_are():
+    model = model_of(hysteron="relay")
+    wanted = course(model, begin=1.5)
+    found = pj.compensate(model, wanted)
+    missed = np.abs(found.expected - wanted.output)
+    rows = np.bincount(PLANE.alpha_index, model.weights)
+    assert missed.max() < rows.max()
+    assert np.median(missed) < rows.max() / 4
+    # No other place between two thresholds would have been nearer in the first rows.
+    with jax.enable_x64(True):
+        for k in (100, 200, 300):
+            before = np.concatenate([played().input, found.drive[:k]])
+            others = [
+                1.5
+                + np.asarray(pj.simulate(PLANE, model.weights, np.append(before, x), "relay"))[-1]
+                for x in np.linspace(0, 10, 12)
+            ]
+            assert missed[k] <= np.abs(others - wanted.output[k]).min() + 1e-9
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_course_comes_back_through_every_effect(name):
+    model = model_of(EFFECTS[name])
+    wanted = course(model)
+    found = pj.compensate(model, wanted)
+    error = np.abs(found.expected - wanted.output)
+    assert found.reachable.all(), found.notes
+    assert error.max() < GOOD
+    assert np.sqrt(np.mean(error**2)) < GOOD / 10
+    # Without the effect in the inverse the same course is missed.
+    plain = pj.compensate(model_of(), wanted).drive
+    t = model.origin.stop_s + (1 + np.arange(len(plain))) / RATE
+    missed = model.predict(pj.Record.from_arrays(t, plain, plain)).output - wanted.output
+    if name != "slew_limit":  # which does nothing to a drive as slow as this one
+        assert np.abs(missed).max() > 5 * GOOD
+
+
+def test_several_effects_are_inverted_together_beside_an_auxiliary_column():
+    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
+    names = ("creep", "input_lag", "drift", "resonance", "output_nonlinearity")
+    record = played(load_N=2.0)
+    model = model_of(*(EFFECTS[name] for name in names), load, record=record)
+    smooth = course(model, load_N=2.0)
+    moves = 2 + np.sin(8 * smooth.time)
+    wanted = pj.Record.from_arrays(
+        smooth.time, smooth.input, smooth.output, aux={"load_N": moves}, units=UNITS
+    )
+    found = pj.compensate(model, wanted)
+    assert found.reachable.mean() > 0.99
+    error = (found.expected - wanted.output)[found.reachable]
+    assert np.sqrt(np.mean(error**2)) < GOOD / 3
+
+
+def test_limits_and_slew_are_kept_and_rows_that_they_cost_are_told():
+    model = model_of()
+    wanted = course(model, height=6.0)
+    found = pj.compensate(model, wanted, limits=(3.0, 7.0), slew=60.0)
+    assert found.drive.min() >= 3.0
+    assert found.drive.max() <= 7.0
+    before = np.concatenate([[model.origin.history[1, -1]], found.drive[:-1]])
+    assert np.abs(found.drive - before).max() <= 60.0 / RATE * (1 + 1e-9)
+    off = np.abs(found.expected - wanted.output) > GOOD
+    assert 0 < off.sum() < len(off)
+    np.testing.assert_array_equal(~found.reachable, off)
+    assert f"{off.sum():,} of {len(off):,} rows" in found.notes[0]
+
+
+def test_beyond_the_stroke_the_drive_stays_at_the_end_and_the_course_is_found_again():
+    model = model_of(EFFECTS["creep"])
+    wanted = course(model, height=18.0)
+    found = pj.compensate(model, wanted)
+    above = wanted.output > 24.0
+    assert above.any()
+    assert not found.reachable[above].any()
+    assert (found.drive[above] == 10.0).all()
+    assert found.reachable.mean() > 0.4
+    error = (found.expected - wanted.output)[found.reachable]
+    assert np.abs(error).max() <= GOOD
+
+
+def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():
+    model = model_of(EFFECTS["input_lag"])
+    smooth = course(model)
+    jump = smooth.output + 4.0 * (smooth.time > 0.8)
+    wanted = pj.Record.from_arrays(smooth.time, smooth.input, jump, units=UNITS)
+    found = pj.compensate(model, wanted)
+    assert not found.reachable[799:803].all()
+    assert found.reachable[:700].all()
+    assert found.reachable[950:].all()
+
+
+def test_the_memory_is_that_of_what_was_played_before():
+    model = model_of()
+    wanted = course(model, begin=13.0)
+    t = np.arange(1000) / RATE
+    other = pj.Record.from_arrays(t, np.where(t < 0.5, 20 * t, 10 - 8 * (t - 0.5)), 0 * t)
+    by_default, after_other = (pj.compensate(model, wanted, after=a) for a in (None, other))
+    assert np.abs(by_default.drive - after_other.drive)[:200].max() > 0.05
+    for found, past in ((by_default, played()), (after_other, other)):
+        drive = np.concatenate([past.input, found.drive])
+        with jax.enable_x64(True):
+            given = pj.simulate(PLANE, model.weights, drive, hysteron="ramp")
+        # The other record has been to the upper end, so that nothing of its start is left.
+        expected = 1.5 + np.asarray(given)[-len(found.drive) :]
+        np.testing.assert_allclose(expected, wanted.output, atol=1e-9)
+
+
+def test_an_unknown_memory_widens_the_band_as_in_a_prediction():
+    model = model_of()
+    t = np.arange(100) / RATE
+    small = pj.Record.from_arrays(t, 5 + np.sin(9 * t), 0 * t)
+    found = pj.compensate(model, course(model, begin=11.0, height=1.0), after=small)
+    width = found.high - found.low
+    assert width[0] > 4 * GOOD
+    assert (np.diff(width) <= 1e-12).all()
+
+
+def test_the_clock_of_the_course_goes_on_where_it_can():
+    model = model_of(EFFECTS["drift"], EFFECTS["hum"])
+    wanted = course(model)
+    shifted = pj.Record.from_arrays(
+        wanted.time + model.origin.stop_s + 1 / RATE, wanted.input, wanted.output
+    )
+    here, there = pj.compensate(model, wanted), pj.compensate(model, shifted)
+    np.testing.assert_allclose(here.drive, there.drive, atol=1e-6)
+    late = pj.Record.from_arrays(wanted.time + 10.0, wanted.input, wanted.output)
+    assert np.abs(pj.compensate(model, late).drive - here.drive).max() > 0.01
+    prediction = model.predict(
+        pj.Record.from_arrays(shifted.time, there.drive, there.drive, units=UNITS)
+    )
+    np.testing.assert_allclose(there.expected, prediction.output, atol=1e-9)
+    np.testing.assert_allclose(there.low, prediction.low, atol=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.3, 4.0])
+def test_a_course_at_another_rate_is_followed_and_told(step):
+    model = model_of(EFFECTS["creep"])
+    t = np.arange(300) * step / RATE
+    rest = resting_output(model)[0]
+    wanted = pj.Record.from_arrays(t, 0 * t, rest + 3 * (1 - np.cos(2 * np.pi * t / t[-1])))
+    found = pj.compensate(model, wanted)
+    assert found.reachable.mean() > 0.98
+    assert any(f"{step:.3g} times" in note for note in found.notes)
+
+
+def test_steps_of_converters_are_left_out_by_name_and_figure():
+    quantised = (
+        (InputQuantisation(), {"step": 0.05}, ()),
+        (OutputQuantisation(0.02), {"step": 0.02}, ()),
+    )
+    model = model_of(*quantised)
+    found = pj.compensate(model, course(model))
+    assert found.reachable.all()
+    (note,) = found.notes
+    assert "input_quantisation and output_quantisation" in note
+    assert "RMS error of" in note
+    on_lattice = found.expected / 0.02
+    np.testing.assert_allclose(on_lattice, np.round(on_lattice), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"z": np.nan}, "wanted output is missing in row 8"),
+        ({"t": 1.0}, "gap of 1.001 s behind row 7"),
+        ({"unit": "mm"}, "its unit is mm, and the model was identified in µm"),
+        ({"limits": (3.0, 2.0)}, "the lower one first"),
+        ({"limits": (11.0, 12.0)}, "outside the range 0 to 10 V"),
+        ({"slew": 0.0}, "slew is 0"),
+    ],
+)
+def test_bad_courses_are_refused_in_one_line(change, message):
+    model = model_of()
+    t, u, z = np.arange(100) / RATE, np.zeros(100), np.full(100, 5.0)
+    z[7:] = change.get("z", 5.0)
+    t[7:] += change.get("t", 0.0)
+    wanted = pj.Record.from_arrays(t, u, z, units=UNITS | {"output": change.get("unit", "um")})
+    options = {name: value for name, value in change.items() if name in ("limits", "slew")}
+    with pytest.raises(pj.InputError, match=message) as refusal:
+        pj.compensate(model, wanted, **options)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_auxiliary_column_is_asked_for_by_name():
+    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
+    model = model_of(load, record=played(load_N=2.0))
+    wanted = course(model_of())
+    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
+        pj.compensate(model, wanted)
+    loaded = course(model, load_N=2.0)
+    with pytest.raises(pj.InputError, match=r"stage\.csv: the model needs the auxiliary column"):
+        pj.compensate(model, loaded, after=played())
+
+
+def test_a_branch_is_inverted_as_bisection_does_it():
+    """The found position is that of a bisection through the slow operator."""
+    model, rng = model_of(), np.random.default_rng(3)
+    path = rng.uniform(0, 10, 12)
+    with jax.enable_x64(True):
+        operator = Operator.of(PLANE, model.weights, 0 * model.weights, False, False)
+        past = np.asarray(path / PLANE.delta_x)
+        state = follow(operator, past, 0 * past)
+        for aim in rng.uniform(0, 20, 2):
+            one = np.array([aim])
+            free = Bounds(0 * one, 0 * one + 11, one + np.inf, one * np.nan)
+            (position,), (output,) = inverse(operator, state, one, 0 * one, free)
+            low, high = 0.0, 10.0
+            for _ in range(34):
+                middle = (low + high) / 2
+                given = slow_ramps(np.append(path, middle), model.weights)[-1]
+                low, high = (middle, high) if given < aim else (low, middle)
+            assert abs(position * PLANE.delta_x - low) < 1e-9
+            assert abs(output - aim) < 1e-12

@@ -1,0 +1,190 @@
+"""The inverse of a running machine, and the loop around it."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+from drivable import EFFECTS, GOOD, RATE, UNITS, course, model_of, played
+
+import preisach_jax as pj
+from preisach_jax.compensation.loop import ProportionalIntegral, simulated_stage
+from preisach_jax.effects.auxiliary import Auxiliary
+
+
+def driven(inverse, wanted):
+    return np.array([inverse(z) for z in wanted.output.tolist()])
+
+
+def reading_of(model, drive):
+    """What `predict` says of a drive that goes on from the record of the fit."""
+    t = model.origin.stop_s + (1 + np.arange(len(drive))) / RATE
+    return model.predict(pj.Record.from_arrays(t, drive, drive, units=UNITS)).output
+
+
+EXACT = ("creep", "drift", "hum", "ageing", "moving", "eddy_currents", "output_nonlinearity")
+LED = {"input_lag": 3.0, "output_lag": 5.0, "resonance": 3.0, "rate_dependence": 10.0}
+"""Errors in held-out ones that a causal lead may leave on this course."""
+
+
+@pytest.mark.parametrize("name", [*EXACT, *LED])
+def test_the_drive_of_one_sample_after_the_other_gives_the_course(name):
+    model = model_of(EFFECTS[name])
+    wanted = course(model)
+    inverse = pj.OnlineInverse(model, RATE)
+    assert inverse.left_out == ()
+    drive = driven(inverse, wanted)
+    error = np.abs(reading_of(model, drive) - wanted.output)[50:]
+    assert error.max() < (1e-9 if name in EXACT else LED[name] * GOOD)
+
+
+def test_for_hysteresis_alone_it_is_the_drive_of_the_whole_course():
+    model = model_of()
+    wanted = course(model)
+    whole = pj.compensate(model, wanted).drive
+    np.testing.assert_allclose(driven(pj.OnlineInverse(model, RATE), wanted), whole, atol=1e-9)
+
+
+def test_effects_that_would_look_ahead_are_named():
+    model = model_of(EFFECTS["delay"], EFFECTS["operator_creep"], EFFECTS["reptation"])
+    left = pj.OnlineInverse(model, RATE).left_out
+    assert sorted(left) == ["delay", "operator_creep", "reptation"]
+
+
+def test_limits_are_kept_and_what_they_cost_is_told():
+    model = model_of()
+    inverse = pj.OnlineInverse(model, RATE, (4.0, 6.0), slew=50.0)
+    drive, told = [], []
+    for z in course(model).output.tolist():
+        drive.append(inverse(z))
+        told.append(abs(inverse.expected - z) <= 1.96 * GOOD)
+        assert inverse.reached == told[-1]
+    steps = np.abs(np.diff([model.origin.history[1, -1], *drive]))
+    assert min(drive) >= 4.0
+    assert max(drive) <= 6.0
+    assert steps.max() <= 50.0 / RATE * (1 + 1e-9)
+    assert 0 < np.mean(told) < 1
+
+
+def test_a_saved_inverse_goes_on_as_it_would_have(tmp_path):
+    model = model_of(EFFECTS["creep"], EFFECTS["input_lag"])
+    z = course(model).output.tolist()
+    inverse = pj.OnlineInverse(model, RATE, (0.0, 9.0), step_size=0.2)
+    for k in range(200):
+        inverse(z[k], z[k - 1] + 0.01 if k else math.nan)
+    inverse.save(tmp_path / "state.npz")
+    other = pj.OnlineInverse.load(tmp_path / "state.npz")
+    for k in range(200, 260):
+        assert other(z[k], z[k - 1]) == inverse(z[k], z[k - 1])
+    np.testing.assert_array_equal(other.weights, inverse.weights)
+    (tmp_path / "half.npz").write_bytes((tmp_path / "state.npz").read_bytes()[:500])
+    with pytest.raises(pj.InputError, match="cannot be read as a saved inverse"):
+        pj.OnlineInverse.load(tmp_path / "half.npz")
+
+
+def test_with_a_measured_output_it_learns_the_stage_that_there_is():
+    """The stage has other weights than the model, and its zero drifts away."""
+    model, rng = model_of(), np.random.default_rng(4)
+    factors = np.exp(0.15 * rng.normal(size=model.plane.cells))
+    with jax.enable_x64(True):
+        past = played().input
+
+        def stage(drive, k):
+            given = pj.simulate(model.plane, model.weights * factors, np.append(past, drive))
+            return 1.5 + np.asarray(given)[len(past) :] + 0.0002 * k
+
+    t = np.arange(1500) / RATE
+    z = 11 + 6 * np.sin(2 * np.pi * 4 * t)
+
+    def errors(learns):
+        inverse = pj.OnlineInverse(model, RATE, step_size=0.3, follow_s=0.02)
+        drive, last = [], math.nan
+        readings = np.empty(len(z))
+        for block in range(0, len(z), 50):  # the slow stage is asked some samples at a time
+            for k in range(block, block + 50):
+                drive.append(inverse(z[k], last if learns else math.nan))
+                readings[k] = stage(np.array(drive), np.arange(k + 1))[-1] if learns else 0.0
+                last = readings[k]
+        if not learns:
+            readings = stage(np.array(drive), np.arange(len(z)))
+        return (readings - z)[-500:]
+
+    learnt, blind = errors(True), errors(False)
+    assert np.sqrt(np.mean(learnt**2)) < 0.3 * np.sqrt(np.mean(blind**2))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda inverse: inverse(math.nan), "wanted output is nan"),
+        (lambda inverse: inverse(5.0, math.inf), "measured output is inf"),
+    ],
+)
+def test_a_bad_sample_is_refused_and_the_state_is_as_before(call, message):
+    model = model_of(EFFECTS["creep"])
+    inverse, other = (pj.OnlineInverse(model, RATE) for _ in range(2))
+    with pytest.raises(pj.InputError, match=message):
+        call(inverse)
+    assert inverse(5.0) == other(5.0)
+
+
+def test_bad_options_are_refused():
+    model = model_of()
+    for options, message in (
+        ({"rate_hz": 0.0}, "rate_hz is 0"),
+        ({"rate_hz": RATE, "step_size": 2.0}, "step_size is 2"),
+        ({"rate_hz": RATE, "follow_s": 0.0}, "follow_s is 0"),
+        ({"rate_hz": RATE, "limits": (2.0, 1.0)}, "lower one first"),
+    ):
+        with pytest.raises(pj.InputError, match=message):
+            pj.OnlineInverse(model, **options)
+    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
+    inverse = pj.OnlineInverse(model_of(load, record=played(load_N=2.0)), RATE)
+    with pytest.raises(pj.InputError, match="auxiliary column 'load_N'"):
+        inverse(5.0)
+    assert math.isfinite(inverse(5.0, aux={"load_N": 2.0}))
+
+
+def test_a_simulated_stage_reads_what_the_model_predicts():
+    model = model_of(EFFECTS["creep"], EFFECTS["moving"], EFFECTS["output_nonlinearity"])
+    drive = 4 + 3 * np.sin(np.arange(300) / 30)
+    stage = simulated_stage(model, RATE)
+    np.testing.assert_allclose([stage(u, {}) for u in drive], reading_of(model, drive), atol=1e-6)
+
+
+def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control():
+    model = model_of(EFFECTS["creep"], EFFECTS["drift"])
+    wanted = course(model, seconds=0.6)
+    alone = pj.simulate_loop(model, wanted)
+    errors = list(alone.errors(0.1).values())
+    assert list(alone.readings) == [
+        "no compensation",
+        "affine map",
+        "hysteresis only",
+        "all effects",
+    ]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1e-9
+    controlled = pj.simulate_loop(
+        model, wanted, controller=lambda: ProportionalIntegral(0.2, 40.0, RATE)
+    ).errors(0.1)
+    assert controlled["no compensation"] < errors[0] / 2
+    assert controlled["hysteresis only"] < errors[2] / 2
+    figure = alone.plot()
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert len(texts) == 4
+
+
+def test_a_system_of_python_control_closes_the_loop():
+    control = pytest.importorskip("control")
+    model = model_of()
+    wanted = course(model, seconds=0.3)
+
+    def system():
+        # The PI of the other controller as a transfer function.
+        return control.tf([0.2 + 0.04, -0.2], [1.0, -1.0], 1 / RATE)
+
+    theirs = pj.simulate_loop(model, wanted, controller=system)
+    own = pj.simulate_loop(model, wanted, controller=lambda: ProportionalIntegral(0.2, 40.0, RATE))
+    for name, reading in own.readings.items():
+        np.testing.assert_allclose(theirs.readings[name], reading, atol=1e-9)

@@ -376,35 +376,6 @@ class SensorEffect(Effect):
         return reading
 
 
-def curvature(
-    signal: Float[Array, " time"], time: Float[Array, " time"]
-) -> Float[Array, " interval"]:
-    r"""Second derivative of a sampled signal in each interval, zero beside a corner.
-
-    Of the divided second differences at both ends the smaller is taken, and zero if their signs
-    differ (the minmod limiter: A. Harten, J. Comput. Phys. 49 (1983) 357-393).  What bends smoothly
-    gets its second derivative, and corners at samples stay corners.
-
-    Arguments:
-        signal: (time,) samples.
-        time: (time,) their times, in s.
-
-    Returns:
-        (time - 1,) second derivative in each interval, per s²; zero in the first and the last.
-
-    Example:
-        >>> import jax.numpy as jnp
-        >>> t = jnp.arange(6.0)
-        >>> curvature(t**2, t).tolist(), curvature(jnp.abs(t - 3), t).tolist()
-        ([0.0, 2.0, 2.0, 2.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0])
-    """
-    dt = jnp.diff(time)
-    bend = 2 * jnp.diff(jnp.diff(signal) / dt) / (dt[1:] + dt[:-1])
-    left, right = bend[:-1], bend[1:]
-    smaller = jnp.where(jnp.abs(left) < jnp.abs(right), left, right)
-    return jnp.pad(jnp.where(left * right > 0, smaller, 0.0), 1)
-
-
 def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
     r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
 

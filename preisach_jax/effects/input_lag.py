@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import InputEffect, Values, curvature
+from preisach_jax.effects.base import InputEffect, Values
 from preisach_jax.effects.first_order import FirstOrderLag
 
 
@@ -50,8 +50,14 @@ class InputLag(FirstOrderLag, InputEffect):
         self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
-        # with its chord a twelfth of (curvature x step²), by which the ends are moved.
+        # with its chord a twelfth of (curvature x step²), by which the ends are moved.  Of the last
+        # two curvatures the smaller is taken, and none if their signs differ, so that corners stay
+        # corners (the minmod limiter: A. Harten, J. Comput. Phys. 49 (1983) 357-393).
         dt = jnp.diff(time)
-        sagitta = jnp.pad(curvature(signal, time) * dt**2 / 12, 1, mode="edge")
-        smaller = jnp.where(jnp.abs(sagitta[1:]) < jnp.abs(sagitta[:-1]), sagitta[1:], sagitta[:-1])
-        return super().apply(values, signal - smaller, time)
+        dt = jnp.concatenate([dt[:1], dt]) if len(time) > 1 else jnp.ones_like(time)
+        speed = jnp.diff(signal, prepend=signal[:1]) / dt
+        bend = jnp.diff(speed, prepend=0.0) * dt
+        last = jnp.pad(bend, (1, 0))[:-1]
+        smaller = jnp.where(jnp.abs(bend) < jnp.abs(last), bend, last)
+        smaller = jnp.where(bend * last > 0, smaller, 0.0)
+        return super().apply(values, signal - smaller / 12, time)

@@ -16,36 +16,14 @@ def jumps(model: Description) -> bool:
     return model.hysteron == "relay" or any(part.kind in rounding for part in model.parts)
 
 
-def looks_ahead(model: Description) -> list[Part]:
-    """The parts whose law in `Model.predict` uses samples that are still to come."""
-    rate, lag = model.part("rate_dependence"), model.part("input_lag")
-    smooth = rate is not None and not rate.numbers["corners"]
-    return [part for part, ahead in ((lag, lag is not None), (rate, smooth)) if part and ahead]
-
-
 def differences(model: Description) -> list[str]:
     """Sentences on where the code differs from `Model.predict`, which knows the whole record."""
-    said: list[str] = []
-    if model.part("input_lag"):
-        said.append(
-            "`Model.predict` corrects the lag of the input by the curvature around a sample, for "
-            "which it looks two samples ahead; this code takes the curvature of the samples "
-            "before. Where the input is straight between samples both are the same; else they "
-            "differ by the third difference of the input over 8."
-        )
-    rate = model.part("rate_dependence")
-    if rate is not None:
-        if not rate.numbers["corners"]:
-            said.append(
-                "`Model.predict` takes the speed of the input from the samples before and after; "
-                "this code from the last three. The speeds differ by two thirds of the third "
-                "difference of the input."
-            )
-        said.append(
-            "The speed at the first sample is known at the second one: the first output has no "
-            "widening of the thresholds, and from the second on it is as if it had."
-        )
-    return said
+    if model.part("rate_dependence") is None:
+        return []
+    return [
+        "The speed at the first sample is known at the second one: the first output has no "
+        "widening of the thresholds, and from the second on it is as if it had."
+    ]
 
 
 def _numbers_of_effects(model: Description) -> int:

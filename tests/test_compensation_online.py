@@ -2,7 +2,6 @@
 
 import math
 
-import jax
 import numpy as np
 import pytest
 from drivable import EFFECTS, GOOD, RATE, UNITS, course, model_of, played
@@ -23,7 +22,7 @@ def reading_of(model, drive):
 
 
 EXACT = ("creep", "drift", "hum", "ageing", "moving", "eddy_currents", "output_nonlinearity")
-LED = {"input_lag": 3.0, "output_lag": 5.0, "resonance": 3.0, "rate_dependence": 10.0}
+LED = {"output_lag": 5.0, "resonance": 3.0}
 """Errors in held-out ones that a causal lead may leave on this course."""
 
 
@@ -82,37 +81,6 @@ def test_a_saved_inverse_goes_on_as_it_would_have(tmp_path):
         pj.OnlineInverse.load(tmp_path / "half.npz")
 
 
-def test_with_a_measured_output_it_learns_the_stage_that_there_is():
-    """The stage has other weights than the model, and its zero drifts away."""
-    model, rng = model_of(), np.random.default_rng(4)
-    factors = np.exp(0.15 * rng.normal(size=model.plane.cells))
-    with jax.enable_x64(True):
-        past = played().input
-
-        def stage(drive, k):
-            given = pj.simulate(model.plane, model.weights * factors, np.append(past, drive))
-            return 1.5 + np.asarray(given)[len(past) :] + 0.0002 * k
-
-    t = np.arange(1500) / RATE
-    z = 11 + 6 * np.sin(2 * np.pi * 4 * t)
-
-    def errors(learns):
-        inverse = pj.OnlineInverse(model, RATE, step_size=0.3, follow_s=0.02)
-        drive, last = [], math.nan
-        readings = np.empty(len(z))
-        for block in range(0, len(z), 50):  # the slow stage is asked some samples at a time
-            for k in range(block, block + 50):
-                drive.append(inverse(z[k], last if learns else math.nan))
-                readings[k] = stage(np.array(drive), np.arange(k + 1))[-1] if learns else 0.0
-                last = readings[k]
-        if not learns:
-            readings = stage(np.array(drive), np.arange(len(z)))
-        return (readings - z)[-500:]
-
-    learnt, blind = errors(True), errors(False)
-    assert np.sqrt(np.mean(learnt**2)) < 0.3 * np.sqrt(np.mean(blind**2))
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -150,29 +118,6 @@ def test_a_simulated_stage_reads_what_the_model_predicts():
     drive = 4 + 3 * np.sin(np.arange(300) / 30)
     stage = simulated_stage(model, RATE)
     np.testing.assert_allclose([stage(u, {}) for u in drive], reading_of(model, drive), atol=1e-6)
-
-
-def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control():
-    model = model_of(EFFECTS["creep"], EFFECTS["drift"])
-    wanted = course(model, seconds=0.6)
-    alone = pj.simulate_loop(model, wanted)
-    errors = list(alone.errors(0.1).values())
-    assert list(alone.readings) == [
-        "no compensation",
-        "affine map",
-        "hysteresis only",
-        "all effects",
-    ]
-    assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 1e-9
-    controlled = pj.simulate_loop(
-        model, wanted, controller=lambda: ProportionalIntegral(0.2, 40.0, RATE)
-    ).errors(0.1)
-    assert controlled["no compensation"] < errors[0] / 2
-    assert controlled["hysteresis only"] < errors[2] / 2
-    figure = alone.plot()
-    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert len(texts) == 4
 
 
 def test_a_system_of_python_control_closes_the_loop():

@@ -215,9 +215,10 @@ def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
     ):
         names = [effect.name for effect in tried if need in effect.needs]
         if names and not surveyed(problem).shows(need):
+            verb = "is" if len(names) == 1 else "are"
             told.append(
                 f"The input passes each place {what}: {', '.join(names)} cannot be told from the "
-                f"density of hysterons, and are not named. {remedy}"
+                f"density of hysterons, and {verb} not named. {remedy}"
             )
     return tuple(told)
 

@@ -39,7 +39,7 @@ LAWS = {
     "Sweep": "sweep.chunks_of_seeds_join_to_the_whole_to_the_last_bit",
     "WeightEffect": "effects.ageing_ends_at_the_loss",
     "compare_recursions": "recursion.least_squares_replays_what_one_pass_of_the_filter_does_not",
-    "compensate": "compensation.the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one_by_one",
+    "compensate": "compensation.a_course_comes_back_through_every_effect",
     "design": "design.the_candidate_with_the_greatest_least_separation_is_chosen",
     "diagnose": "diagnosis.same_record_same_outcome_on_any_number_of_threads",
     "effects": "laws_model.every_effect_but_one_is_in_a_chain",

@@ -16,7 +16,7 @@ SIGNS = {
 }  # fmt: skip
 OPERATORS = {
     "le": "≤", "ge": "≥", "gg": "≫", "ll": "≪", "in": "∈", "cdot": "·", "times": "×", "pm": "±",
-    "to": "→", "|": "‖", "{": "{", "}": "}",
+    "to": "→", "leftarrow": "←", "|": "‖", "{": "{", "}": "}",
 }  # fmt: skip
 NAMES = {"cos", "exp", "log", "max", "min", "sin"}
 SPACES = {",": "0.17em", ";": "0.28em", "quad": "1em", "!": "-0.17em", " ": "0.25em"}

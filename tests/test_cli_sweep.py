@@ -220,5 +220,5 @@ def test_figures_that_do_not_exist(tmp_path, capsys):
 def test_the_help_lists_both_commands(capsys):
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
-    assert "sweep     Measure how the residual error grows with noise" in shown
-    assert "figures   Draw the figures of the paper, and those that go further." in shown
+    assert "sweep       Measure how the residual error grows with noise" in shown
+    assert "figures     Draw the figures of the paper, and those that go further." in shown

@@ -1,6 +1,7 @@
 """A drive that was found for a course gives it back, through every effect and in all limits."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
@@ -254,11 +255,11 @@ def test_a_branch_is_inverted_as_bisection_does_it():
     path = rng.uniform(0, 10, 12)
     with jax.enable_x64(True):
         operator = Operator.of(PLANE, model.weights, 0 * model.weights, False, False)
-        past = np.asarray(path / PLANE.delta_x)
+        past = jnp.asarray(path / PLANE.delta_x)
         state = follow(operator, past, 0 * past)
         for aim in rng.uniform(0, 20, 2):
-            one = np.array([aim])
-            free = Bounds(0 * one, 0 * one + 11, one + np.inf, one * np.nan)
+            one = jnp.array([aim])
+            free = Bounds(0 * one, 0 * one + 11, one + jnp.inf, one * jnp.nan)
             (position,), (output,) = inverse(operator, state, one, 0 * one, free)
             low, high = 0.0, 10.0
             for _ in range(34):

@@ -1,6 +1,7 @@
 """The inverse of a running machine, and the loop around it."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,12 +99,13 @@ def test_a_bad_sample_is_refused_and_the_state_is_as_before(call, message):
 
 def test_bad_options_are_refused():
     model = model_of()
-    for options, message in (
+    bad: tuple[tuple[dict[str, Any], str], ...] = (
         ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"rate_hz": RATE, "step_size": 2.0}, "step_size is 2"),
         ({"rate_hz": RATE, "follow_s": 0.0}, "follow_s is 0"),
         ({"rate_hz": RATE, "limits": (2.0, 1.0)}, "lower one first"),
-    ):
+    )
+    for options, message in bad:
         with pytest.raises(pj.InputError, match=message):
             pj.OnlineInverse(model, **options)
     load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))

@@ -56,7 +56,7 @@ def test_an_error_that_grows_by_more_than_half_is_hopeless():
 def echoing(lag):
     """White noise of variance 1 and 0.9 of the value that many samples before."""
     white = np.random.default_rng(3).normal(size=40_000)
-    return signal.lfilter([1.0], [1.0, *np.zeros(lag - 1), -0.9], white)
+    return np.asarray(signal.lfilter([1.0], [1.0, *np.zeros(lag - 1), -0.9], white))
 
 
 def test_residuals_are_whitened_by_twenty_lags():
@@ -235,7 +235,8 @@ def judging(monkeypatch):
             trials, best, after = judged(UNIT, now, [trial], lambda text: None)
             (told,) = trials
             assert not isinstance(told, NotFitted)
-            return told.objection, None if best is None else best.point.name, after.name
+            named: Any = (best and best.point, after)
+            return told.objection, *(each and each.name for each in named)
 
     one = Judging()
     monkeypatch.setattr(judgement, "compare", one.compare)

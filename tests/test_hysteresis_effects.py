@@ -175,16 +175,17 @@ def test_an_input_that_turns_smoothly_rests_at_its_turns(precision, tolerance):
     time, path = wandering(seed=7, start=6.0)
     got = SMOOTH.widening(RATE_VALUES, jnp.asarray(path), jnp.asarray(time))
     assert got.dtype == precision
-    inner = [
-        abs(after - before) / (end - begin)
-        for (begin, end), (before, after) in zip(
-            zip(time, time[2:], strict=False), zip(path, path[2:], strict=False), strict=True
-        )
+    steps = [end - begin for begin, end in pairwise(time)]
+    rates = [(y - x) / dt for (x, y), dt in zip(pairwise(path), steps, strict=True)]
+    # The parabola through three samples has, at the last one, this derivative.
+    slopes = [rates[0], rates[0]] + [
+        rate + (rate - last) * dt / (dt + last_dt)
+        for (last, rate), (last_dt, dt) in zip(pairwise(rates), pairwise(steps), strict=True)
     ]
-    expected = [0.7 * (rate / 150.0) ** 0.6 for rate in (inner[0], *inner, inner[-1])]
+    expected = [0.7 * (abs(slope) / 150.0) ** 0.6 for slope in slopes]
     np.testing.assert_allclose(got, expected, rtol=0, atol=20 * tolerance)
-    corner = SMOOTH.widening(RATE_VALUES, jnp.array([0.0, 1.0, 0.0]), jnp.arange(3.0))
-    assert corner[1] == 0
+    turn = SMOOTH.widening(RATE_VALUES, jnp.array([4.0, 1.0, 0.0, 1.0]), jnp.arange(4.0))
+    assert turn[2] == 0
 
 
 def test_the_reversible_part_has_no_thresholds_to_move(x64):
@@ -204,14 +205,15 @@ def test_the_reversible_part_has_no_thresholds_to_move(x64):
 @pytest.mark.parametrize("with_corners", [True, False])
 def test_the_form_of_rate_dependence_is_found(x64, with_reversible, with_corners):
     """A stage of plays, one of them without a width, pushed through the form that is hidden."""
-    time, path = np.arange(6000) / 500, np.empty(6000)
+    time = np.arange(6000) / 500
     rates = np.repeat([0.5, 4.0, 1.0, 8.0, 2.0, 16.0], 1000)
-    path = 6 - 6 * np.asarray(signal.sawtooth(np.cumsum(rates) / 250, 0.5))  # pyright: ignore
-    slope = np.diff(path) * 500
+    phase = np.cumsum(rates) / 250
     if with_corners:
+        path = 6 - 6 * np.asarray(signal.sawtooth(phase, 0.5))  # pyright: ignore
+        slope = np.diff(path) * 500
         speed = np.abs(np.concatenate([slope[:1], slope]))
     else:
-        speed = np.abs(np.concatenate([slope[:1], (slope[1:] + slope[:-1]) / 2, slope[-1:]]))
+        path, speed = 6 - 6 * np.cos(phase), np.abs(12 * rates * np.sin(phase))
     delta, total = 0.4 * (speed / 150.0) ** 0.6, 0.0
     for radius in (0.0, 0.5, 1.0, 1.5, 2.0):
         own = radius + delta * (with_reversible or radius > 0)

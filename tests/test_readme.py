@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from preisach_jax.cli import application
@@ -69,5 +70,7 @@ def test_the_python_blocks_run_in_order_as_they_are_written(tmp_path, monkeypatc
 
 def test_the_commands_named_are_there():
     named = set(re.findall(r"preisach ([a-z]+)\b", README.read_text(encoding="utf-8")))
-    commands = set(get_command(application.build()).commands)
+    group = get_command(application.build())
+    assert isinstance(group, TyperGroup)
+    commands = set(group.commands)
     assert {"diagnose", "predict", "compare", "fit", "simulate", "effects"} <= named <= commands

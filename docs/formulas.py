@@ -11,7 +11,7 @@ from html import escape, unescape
 
 SIGNS = {
     "alpha": "α", "beta": "β", "delta": "δ", "Delta": "Δ", "ell": "ℓ", "lambda": "λ",
-    "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
+    "mu": "μ", "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
     "theta": "θ", "zeta": "ζ", "partial": "∂", "top": "⊤", "infty": "∞",
 }  # fmt: skip
 OPERATORS = {

@@ -211,6 +211,7 @@ def judging(monkeypatch):
     class Judging:
         def __init__(self):
             self.plain = stand_in("plain", 3.0, 1e-2)
+            self.contradiction = ""
             self.same_as = set()  # pairs (simple, rich) between which nothing speaks for the rich
             self.compared = []
             self.refined = []
@@ -239,6 +240,7 @@ def judging(monkeypatch):
             return told.objection, *(each and each.name for each in named)
 
     one = Judging()
+    monkeypatch.setattr(judgement, "implausible", lambda problem, point, name: one.contradiction)
     monkeypatch.setattr(judgement, "compare", one.compare)
     monkeypatch.setattr(judgement, "at_levels", one.at_levels)
     monkeypatch.setattr(judgement, "evaluate", one.evaluate)
@@ -249,6 +251,12 @@ def judging(monkeypatch):
 
 BY_THE_PRIOR = "with the same smoothness of the density the model does as well without it"
 BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
+
+
+def test_an_effect_whose_parameters_contradict_it_is_refused_whatever_it_gains(judging):
+    judging.contradiction = "its f_hz lies at the lower bound of the search"
+    assert judging.judge(gain=0.99) == (judging.contradiction, None, "now")
+    assert judging.compared == judging.refined == []
 
 
 def test_an_effect_that_does_no_more_than_its_smoothness_is_refused_and_that_is_kept(judging):

@@ -23,7 +23,7 @@ COLUMNS = ("t", "u", "z_expected", "z_low", "z_high", "reachable")
 
 @command(
     "preisach compensate model.json wanted.csv --out drive.csv",
-    "preisach compensate model.json wanted.csv --out drive.csv --limits 0,60 --slew 2000",
+    "preisach compensate model.json wanted.csv --out drive.csv --limits 0,60",
     "preisach compensate model.json wanted.csv --out drive.csv --after played.csv",
 )
 def compensate(

@@ -17,7 +17,7 @@ KINDS = ("c", "fmu")
 
 @command(
     "preisach export model.json --to c --out controller",
-    "preisach export model.json --to c --rate 5000 --without drift --out controller",
+    "preisach export model.json --to c --without drift --out controller",
     "preisach export model.json --to fmu --out simulation",
 )
 def export(

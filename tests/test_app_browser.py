@@ -301,7 +301,7 @@ def test_the_whole_search_runs_before_the_eyes(tab, stage):
     load(tab, stage)
     button(tab, "Find it for me").click()
     tab.locator("ol.ladder li").first.wait_for()
-    tab.locator(".verdict").filter(has_text="explained").wait_for()
+    tab.locator(".verdict").filter(has_text="is found").wait_for()
     assert "+ delay" in rungs(tab)
     keep(tab, "found")
 
@@ -340,9 +340,10 @@ def test_a_brush_lights_up_all_views_at_once(tab, stage):
     assert low < 0.0
     assert 75.0 < high < 80.0
     # A drag of the mouse over the view of time chooses rows as well.
-    tab.mouse.move(1050, 250)
+    left, top, right, bottom = max(tab.evaluate(FIGURE_BOXES), key=lambda box: (box[0], -box[1]))
+    tab.mouse.move(0.7 * left + 0.3 * right, 0.5 * (top + bottom))
     tab.mouse.down()
-    tab.mouse.move(1110, 300, steps=4)
+    tab.mouse.move(0.4 * left + 0.6 * right, 0.5 * (top + bottom), steps=4)
     tab.mouse.up()
     tab.get_by_text("rows chosen").wait_for()
     keep(tab, "dragged")

@@ -32,13 +32,15 @@ _MAIN = f"""
 :host {{ flex: 1 1 0 !important; min-width: 0 !important; height: 100%;
   overflow-y: auto; padding: 0 0.5rem; }}
 {NARROW} {{ :host {{ display: block !important; width: 100% !important; max-width: 100vw;
-  height: auto !important; overflow: visible; padding: 0; }} }}
+  height: auto !important; overflow: visible; padding: 0 0.6rem;
+  box-sizing: border-box; }} }}
 """
 _SIDE = f"""
 :host {{ flex: 0 0 25rem !important; max-width: 25rem; min-width: 0 !important; height: 100%;
   overflow-y: auto; padding: 0 0.4rem; border-left: 1px solid var(--line); }}
 {NARROW} {{ :host {{ display: block !important; width: 100% !important; max-width: 100vw;
-  height: auto !important; overflow: visible; padding: 0; border-left: 0; }} }}
+  height: auto !important; overflow: visible;
+  padding: 0 0.4rem; box-sizing: border-box; border-left: 0; }} }}
 """
 BLOCK = ":host { display: block !important; height: auto !important; min-width: 0 !important; }"
 _BESIDE = f"""

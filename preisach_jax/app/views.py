@@ -56,6 +56,9 @@ NARROW = "@media (max-width: 999px)"
 GRID = NARROW + " { :host { flex-direction: column !important; } }"
 """Style of figures side by side, which stand below each other on a phone."""
 
+INK = ":host, .bk-slider-title, .bk-clearfix { color: var(--ink); }"
+"""Style of texts beside the figures."""
+
 PLOTS = f"""
 :host {{ flex: 1 1 20rem !important; min-width: 0 !important;
   height: max(540px, calc(100vh - 21rem)) !important; }}
@@ -65,6 +68,18 @@ PLOTS = f"""
 
 CLOUD = 6_000
 """Points of the residual that are drawn; its bands are those of all rows."""
+
+_LABELS = """
+function name_handles(tries) {
+  const view = Bokeh.index.find_one(slider)
+  const handles = view ? view.shadow_el.querySelectorAll(".noUi-handle") : []
+  const names = ["First second of the stretch", "Last second of the stretch"]
+  handles.forEach((handle, place) => handle.setAttribute("aria-label", names[place]))
+  if (handles.length === 0 && tries > 0) setTimeout(() => name_handles(tries - 1), 200)
+}
+name_handles(25)
+"""
+"""Names for the handles of the slider, which a screen reader says."""
 
 AXES = {
     "time": "time",
@@ -115,7 +130,7 @@ class Views:
         self._started = ColumnDataSource({"time": []})
         self.stretch: ColumnDataSource = ColumnDataSource({"first": [], "last": []})
         self.stretch.on_change("data", lambda attr, old, new: self._show_spectrum_of_chosen())
-        self.told: Div = Div(text="", sizing_mode="stretch_width", css_classes=["told"])
+        self.told: Div = Div(text="", sizing_mode="stretch_width", stylesheets=[INK])
         self.loop: Any = self._loop_figure()
         self.time: Any = self._time_figure()
         self.residual: Any = self._residual_figure()
@@ -328,6 +343,7 @@ class Views:
         return RangeSlider(
             title="Stretch of time (s)", start=begin, end=end, value=(begin, end),
             step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
+            stylesheets=[INK],
         )  # fmt: skip
 
     def _show_density(self, model: Model) -> None:
@@ -398,6 +414,7 @@ class Views:
         self.slider.js_on_change("value", linked("slider"))
         # A new step empties what was chosen: the staircase is then that of the last row.
         self._started.js_on_change("data", linked("nothing"))
+        self._started.js_on_change("data", CustomJS(args={"slider": self.slider}, code=_LABELS))
 
 
 def drawn_rows(record: Record) -> np.ndarray:

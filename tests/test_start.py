@@ -50,7 +50,7 @@ def test_the_newest_record_stands_in_the_commands(tmp_path, capsys):
 
 
 def test_a_model_here_is_compared(tmp_path, capsys):
-    stage = pj.simulate_stage(seed=3, seconds=2.0, rate_hz=500.0)
+    stage = pj.simulate_stage(seed=3, seconds=6.0, rate_hz=1000.0)
     stage.save(tmp_path / "stage.csv")
     pj.fit(pj.Record.load(tmp_path / "stage.csv"), levels=5).save(tmp_path / "model.json")
     (tmp_path / "other.json").write_text("{}")

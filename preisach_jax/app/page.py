@@ -14,9 +14,9 @@ from preisach_jax.app.export import exports
 from preisach_jax.app.first import FirstView
 from preisach_jax.app.jobs import Working
 from preisach_jax.app.layout import Layout, beside, card, plots
-from preisach_jax.app.project import SUFFIX, Project, packed, unpacked
-from preisach_jax.app.script import Click, without_detours
-from preisach_jax.app.steps import Walk, repeated, searched, time_line
+from preisach_jax.app.project import SUFFIX, Project, unpacked
+from preisach_jax.app.script import Click
+from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
 from preisach_jax.app.upload import Choice, Upload
 from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
@@ -336,11 +336,7 @@ class Page(Working):
         walk, upload, choice = self._walk, self._upload, self._choice
         if upload is None or choice is None:
             return
-        clicks = without_detours(walk.way) if walk else []
-        step = walk.step if walk else None
-        content = packed(upload.name, upload.path.read_bytes(), choice, clicks, step)
-        name = Path(upload.name).stem + SUFFIX
-        self._layout.project.objects = panels.downloads({name: content})
+        self._layout.project.objects = panels.downloads(saved(upload, choice, walk))
 
     # What is said
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from preisach_jax.app import panels
 from preisach_jax.app.layout import button
-from preisach_jax.app.script import Click
+from preisach_jax.app.project import SUFFIX, packed
+from preisach_jax.app.script import Click, without_detours
+from preisach_jax.app.upload import Choice, Upload
 from preisach_jax.diagnosis import diagnose
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
@@ -115,6 +118,14 @@ def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Wal
     if walk is None:
         raise InputError("the project has no steps; open the record itself")
     return walk
+
+
+def saved(upload: Upload, choice: Choice, walk: Walk | None) -> dict[str, bytes]:
+    """A project of a file and the steps on it, by the name that it is offered under."""
+    clicks = without_detours(walk.way) if walk else []
+    content = upload.path.read_bytes()
+    whole = packed(upload.name, content, choice, clicks, walk.step if walk else None)
+    return {Path(upload.name).stem + SUFFIX: whole}
 
 
 def time_line(walk: Walk | None, show: Callable[[int], None]) -> list[Any]:

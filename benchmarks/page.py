@@ -25,6 +25,7 @@ from preisach_jax.plant import simulate_stage
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
 STAGES = {"27000": (20.0, 1350.0), "100000": (50.0, 2000.0), "1000000": (500.0, 2000.0)}
+PASSES = (("27000", "cold"), ("27000", "warm"), ("100000", "warm"), ("1000000", "warm"))
 RANKED = 200_000
 """Samples up to which the ranking and the first effect are timed, which take minutes beyond."""
 PATIENCE_MS = 600_000
@@ -110,12 +111,7 @@ def main() -> None:
         begun = time.perf_counter()
         with served(folder=folder) as address:
             start = time.perf_counter() - begun
-            for name, label in (
-                ("27000", "cold"),
-                ("27000", "warm"),
-                ("100000", "warm"),
-                ("1000000", "warm"),
-            ):
+            for name, label in PASSES:
                 page = browser.new_page(viewport={"width": 1280, "height": 800})
                 page.set_default_timeout(PATIENCE_MS)
                 page.goto(address)

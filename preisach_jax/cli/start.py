@@ -17,6 +17,7 @@ _MODEL_BYTES = 400
 _NOTHING_HERE = (
     ("preisach demo", "a diagnosis of a measured record that comes with the program"),
     ("preisach simulate --effects creep --out stage.csv", "a record of a simulated stage"),
+    ("preisach diagnose stage.csv", "which effect is missing in it, with a report"),
 )
 
 

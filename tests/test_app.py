@@ -1,6 +1,8 @@
 """The page without a browser: what it keeps of a file, what it computes for its views, its jobs."""
 
 import ast
+import html
+import json
 import re
 import subprocess
 import sys
@@ -17,10 +19,13 @@ import preisach_jax as pj
 pytest.importorskip("panel")
 
 from preisach_jax.app.export import exports
+from preisach_jax.app.first import FirstView, extreme_rows
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
-from preisach_jax.app.panels import CandidateRow, failure, ladder, order_of, table, told
+from preisach_jax.app.panels import CandidateRow, facts, failure, ladder, order_of, table, told
+from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script, without_detours
+from preisach_jax.app.steps import Walk, repeated, time_line
 from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
 from preisach_jax.app.views import AXES, Views, amplitude_spectrum, drawn_rows, plane_course
 
@@ -128,20 +133,22 @@ class TestTexts:
         asked = []
         assert order_of(step, ()) == ["hum"]
         assert order_of(step.before, ()) == ["drift", "hum"]
-        row = CandidateRow("hum", lambda: asked.append("hum"))
-        row.show(None)
-        row.view[1].clicks += 1
+        row = CandidateRow("hum", lambda: asked.append("hum"), lambda *parts: parts)
+        row.show(None, step)
+        row.button.clicks += 1
         assert asked == ["hum"]
 
     def test_a_row_says_why_and_why_not(self, step):
         drift, hum = step.before.candidates()
-        row = CandidateRow("drift", lambda: None)
-        row.show(drift)
-        assert "convincing" in row.view[0].object
-        assert f"takes {100 * drift.gain:.1f} % off" in row.view[0].object
-        row.show(hum)
-        assert "convincing" not in row.view[0].object
-        assert hum.why_not.split(",")[0].lower() in row.view[0].object.lower()
+        row = CandidateRow("drift", lambda: None, lambda *parts: parts)
+        row.show(drift, step.before)
+        assert "convincing" in row.text
+        assert f"takes {100 * drift.gain:.1f} % off" in row.text
+        left, before = (1e3 * rms for rms in (drift.rms_validation, step.before.fit.rms_validation))
+        assert f"would leave {left:.3g} nm of {before:.3g} nm" in row.text
+        row.show(hum, step.before)
+        assert "convincing" not in row.text
+        assert hum.why_not.split(",")[0].lower() in row.text.lower()
 
 
 class TestScript:
@@ -352,12 +359,128 @@ def test_the_package_alone_loads_nothing_of_the_page():
 
 def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(step):
     page = Page()
-    page._go_to(step, [Click("fit", 9), Click("add", effect="drift")])
+    page._go_to(Walk(step, (Click("fit", 9), Click("add", effect="drift"))))
     page._offer({"model.json": b"{}"})  # an export cuts a ranking short, and begins it anew
-    deadline = time.monotonic() + 120
+    wait_for(page)
+    assert [candidate.effect for candidate in page._candidates] == ["hum"]
+    assert len(page._layout.downloads.objects) == 1
+    page.close()
+
+
+def wait_for(page, seconds=120):
+    deadline = time.monotonic() + seconds
     while page._job is not None and time.monotonic() < deadline:
         time.sleep(0.05)
     assert page._job is None
-    assert [candidate.effect for candidate in page._candidates] == ["hum"]
-    assert len(page._downloads.objects) == 1
-    page.close()
+
+
+class TestSteps:
+    def test_a_walk_goes_back_and_on(self, step):
+        walk = Walk(step, (Click("fit", 9), Click("add", effect="drift")))
+        assert walk.step is step
+        back = walk.at(0)
+        assert back.step is step.before
+        assert [click.what for click in without_detours(back.way)] == ["fit"]
+        assert back.at(1).step is step  # what was gone back from is still there
+        on = back.on(step, Click("add", effect="drift"))
+        assert [click.what for click in without_detours(on.way)] == ["fit", "add"]
+
+    def test_the_time_line_names_each_step_with_its_error_and_goes_there(self, step):
+        asked = []
+        _, plain, drift = time_line(Walk(step, ()), asked.append)
+        assert f"{1e3 * step.before.fit.rms_validation:.3g} nm" in plain.label
+        assert "+ drift" in drift.label
+        assert drift.label.endswith("(shown)")
+        plain.clicks += 1
+        assert asked == [0]
+
+    def test_clicks_are_repeated_to_the_same_numbers(self, tmp_path):
+        (tmp_path / "stage.csv").write_bytes(csv(400))
+        record = pj.Record.load(tmp_path / "stage.csv")
+        clicks = [Click("fit", 7), Click("add", effect="hum"), Click("undo"), Click("undo")]
+        again = repeated(record, [*clicks, Click("add", effect="drift")], lambda text, done: None)
+        by_hand = pj.explore(record, levels=7).add("drift")
+        assert again.step.fit.rms_validation == by_hand.fit.rms_validation
+
+    def test_clicks_that_begin_with_no_fit_are_refused(self, step):
+        with pytest.raises(pj.InputError, match="begin with a fit"):
+            repeated(step.record, [Click("add", effect="drift")], lambda text, done: None)
+
+
+class TestProject:
+    choice = Choice("t_s", "u_V", "z_um", (), None, {"input": "V"})
+    clicks = (Click("fit", 9), Click("add", effect="drift"))
+
+    def test_it_comes_back_as_it_was_saved(self, step):
+        content = packed("My stage.csv", csv(), self.choice, self.clicks, step)
+        project = unpacked("x.preisach", content)
+        assert (project.name, project.content) == ("My stage.csv", csv())
+        assert (project.choice, project.clicks) == (self.choice, self.clicks)
+        assert list(project.errors) == [each.fit.rms_validation for each in step.steps]
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            models = sorted(name for name in archive.namelist() if name.startswith("models/"))
+            assert len(models) == 2
+            model = pj.Model.from_json(json.loads(archive.read(models[1])))
+        assert model.rms_validation == step.fit.model.rms_validation
+
+    @pytest.mark.parametrize(
+        ("change", "expected"),
+        [
+            ({"format": 99}, "99"),
+            ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "clicks"),
+            ({"record": "record/other.csv"}, "other.csv"),
+            ({"choice": None}, "no whole project"),
+        ],
+    )  # fmt: skip
+    def test_a_wrong_one_is_refused_by_one_line(self, step, change, expected):
+        content = packed("stage.csv", csv(), self.choice, self.clicks, step)
+        changed = BytesIO()
+        with zipfile.ZipFile(BytesIO(content)) as old, zipfile.ZipFile(changed, "w") as new:
+            for name in old.namelist():
+                told = old.read(name)
+                if name == "project.json":
+                    told = json.dumps({**json.loads(told), **change}).encode()
+                new.writestr(name, told)
+        with pytest.raises(pj.InputError, match=expected):
+            unpacked("x.preisach", changed.getvalue())
+
+    def test_what_is_no_archive_is_refused(self):
+        with pytest.raises(pj.InputError, match="no whole project"):
+            unpacked("x.preisach", b"PK not a ZIP")
+
+    def test_a_name_in_it_leaves_no_folder(self, step):
+        content = packed("../../evil.csv", csv(), self.choice, self.clicks, step)
+        assert unpacked("x.preisach", content).name == "evil.csv"
+
+
+class TestFirstView:
+    def test_of_a_long_record_the_extremes_are_drawn(self):
+        t = np.arange(200_000) / 1e4
+        u = np.sin(2 * np.pi * 20 * t)
+        z = u.copy()
+        u[123_457], z[77_777] = 1.5, -9.0
+        rows = extreme_rows(pj.Record.from_arrays(t, u, z))
+        assert {0, 77_777, 123_457, 199_999} <= set(rows.tolist())
+        assert len(rows) <= 8_002
+        assert np.all(np.diff(rows) > 0)
+
+    def test_it_marks_what_a_look_finds(self):
+        t = np.arange(3000) / 100
+        u = np.abs((t % 4) - 2)
+        u[1000:1200] = u[1000]
+        z = u**1.1
+        z[200] += 30.0
+        record = pj.Record.from_arrays(t, u, z)
+        view, found = FirstView(record), pj.look(record)
+        view.mark(found)
+        assert list(view.spikes["output"].data["x"]) == [2.0]
+        begun = view.rests.data["x0"]
+        assert min(abs(time - 10.0) for time in begun) < 0.1
+
+    def test_facts_are_those_of_look(self, step):
+        found = pj.look(step.record)
+        text = facts(found)
+        for name, value in found.rows():
+            assert f">{name}<" in text
+            assert html.escape(value, quote=False) in html.unescape(text).replace("&", "&amp;")
+        assert EVIL not in text

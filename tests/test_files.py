@@ -747,3 +747,33 @@ def test_an_irregular_row_of_a_long_file_is_named(tmp_path, row, expected):
     with pytest.raises(pj.InputError) as caught:
         pj.Record.load(path)
     assert expected in str(caught.value)
+
+
+def test_a_sheet_is_named_behind_the_workbook(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    pytest.importorskip("python_calamine")
+    book = openpyxl.Workbook()
+    book.remove(book.worksheets[0])
+    for name, factor in (("Long", 1.0), ("Run 2", 2.0)):
+        sheet = book.create_sheet(name)
+        sheet.append(["t_s", "u_V", "z_um"])
+        for k in range(80 if name == "Long" else 60):
+            sheet.append([k / 10, float(k % 9), factor * (k % 9) ** 2])
+    path = tmp_path / "book.xlsx"
+    book.save(path)
+    notes = []
+    whole = pj.Record.load(path, announce=notes.append)
+    assert len(whole) == 80
+    assert any("Run 2" in note and "book.xlsx#NAME" in note for note in notes)
+    second = pj.Record.load(f"{path}#Run 2")
+    assert len(second) == 60
+    assert second.output.max() == 2 * whole.output.max()
+    with pytest.raises(
+        pj.InputError, match=r"no sheet 'Run 3' with a table; give one of Long, Run 2"
+    ):
+        pj.Record.load(f"{path}#Run 3")
+    with pytest.raises(pj.InputError, match="there is no such file"):
+        pj.Record.load(f"{tmp_path / 'other.xlsx'}#Run 2")
+    odd = tmp_path / "a#b.csv"  # a mark in any other name is part of it
+    odd.write_text("t_s,u_V,z_um\n" + "".join(f"{k},{k % 7},{k % 7}\n" for k in range(60)))
+    assert len(pj.Record.load(odd)) == 60

@@ -107,6 +107,17 @@ def test_planted_spikes_stuck_and_clipped_stretches_are_found():
     assert all(each.level == pytest.approx(top) for each in found.clipped)
 
 
+def test_the_peaks_of_a_fast_course_are_no_spikes():
+    # A force that swings over within some samples while the input hardly moves, as dampers do.
+    t = np.arange(4000) / 1000
+    u = np.sin(2 * np.pi * t)
+    burst = sum(np.exp(-(((t - at) / 0.002) ** 2)) for at in (0.25, 0.75, 1.25, 2.75))
+    z = 10 * u + burst
+    z[2000] += 3.0
+    found = pj.look(pj.Record.from_arrays(t, u, z))
+    assert found.output_spikes.tolist() == [2000]
+
+
 def test_a_sound_record_has_no_blemish():
     for u in (LOOPS, HOLDS, RATES, MINOR):
         found = look(record_of(u, 1e-3))

@@ -12,11 +12,14 @@ import pytest
 from stand_ins import make_diagnosis, make_model, make_record
 
 from preisach_jax.diagnosis.comparison import Comparison, ResidualTests, compare
+from preisach_jax.diagnosis.wording import PLAIN
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_file, check_folder, json_bytes, plain_json, write_files
 from preisach_jax.model import Prediction
+from preisach_jax.quantity import quantity
 from preisach_jax.report import write_comparison, write_report
-from preisach_jax.report.content import comparison_sentence
+from preisach_jax.report.content import comparison_sentence, diagnosis_page
+from preisach_jax.report.language import effect_name, verdict_sentence, words
 
 
 class Page(HTMLParser):
@@ -71,7 +74,7 @@ def test_the_files_of_a_report(written):
     names = {path.name for path in folder.iterdir()}
     assert {"report.html", "diagnosis.json", "base.json", "model.json"} <= names
     pictures = {name for name in names if name.endswith(".png")}
-    assert len(pictures) == 7
+    assert len(pictures) == 8
     assert names - pictures == {"report.html", "diagnosis.json", "base.json", "model.json"}
 
 
@@ -80,7 +83,7 @@ def test_the_page_needs_nothing_from_elsewhere(written):
     own = (package_files("preisach_jax.report") / "zoom.js").read_text(encoding="utf-8")
     assert [script.strip() for script in page.scripts] == [own.strip()]
     assert "link" not in page.tags
-    assert page.tags.count("img") == 7
+    assert page.tags.count("img") == 8
     assert all(address.startswith("data:image/svg+xml;base64,") for address in page.addresses)
     source = (folder / "report.html").read_text(encoding="utf-8")
     assert "@import" not in source
@@ -128,6 +131,56 @@ def test_a_page_without_effects(tmp_path):
     assert "No effect was added." in page.text
     assert "Nothing: the question is answered by this record." in page.text
     assert "preisach diagnose" not in page.text
+
+
+def test_the_first_screen_says_verdict_size_and_what_comes_next(written):
+    _, found, page = written
+    stroke = found.base.record.output_range
+    after, before = (
+        100 * rung.rms_validation / stroke for rung in (found.ladder[-1], found.ladder[0])
+    )
+    first = page.text[: page.text.index("The errors")]
+    assert f"{after:.2g} %" in first.replace("\u202f", " ")
+    assert f"{before:.2g} %" in first.replace("\u202f", " ")
+    assert found.sentence in first
+    assert "hold for a minute" in first
+    assert "preisach design . --out next.csv" in first
+    done = make_diagnosis(next_experiment=None)
+    assert "preisach predict model.json" in diagnosis_page(done, None)["next_command"]
+
+
+@pytest.mark.parametrize("verdict", ["adequate", "explained", "partly_explained", "unexplained"])
+def test_a_german_report_has_the_same_numbers(tmp_path, verdict):
+    found = make_diagnosis(verdict)
+    write_report(found, tmp_path, language="de")
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(source)
+    assert '<html lang="de">' in source
+    for text in ("Was fehlt", "Fehlerbilanz", "Der nächste Schritt", "des Hubs"):
+        assert text in page.text, text
+    for text in ("What is missing", "Error budget", "What to do next", "of the stroke"):
+        assert text not in page.text, text
+    rms, unit = found.ladder[-1].rms_validation, found.budget.unit
+    sentence = verdict_sentence(found, "de")
+    assert quantity(rms, unit, 3) in sentence
+    assert sentence in page.text
+
+
+def test_every_word_is_there_in_both_languages():
+    english, german = words("en"), words("de")
+    assert english.keys() == german.keys()
+    assert all(english.values())
+    assert all(german.values())
+    holes = {key: text.count("{}") for key, text in english.items()}
+    assert holes == {key: text.count("{}") for key, text in german.items()}
+    for name in PLAIN:
+        assert effect_name(name, "de") != name, name
+
+
+def test_another_language_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InputError, match="'fr'; give en or de"):
+        write_report(make_diagnosis(), tmp_path / "out", language="fr")
+    assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_diagnosis_json_is_the_contract_and_strict(written):

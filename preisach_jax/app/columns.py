@@ -1,4 +1,4 @@
-"""Choosing columns and units of a file, from a preview with the guess filled in."""
+"""The columns of a file as a row of menus over the plot; each change is taken at once."""
 
 from __future__ import annotations
 
@@ -6,20 +6,26 @@ from collections.abc import Callable
 from typing import Any
 
 import panel as pn
-from markupsafe import Markup
 
 from preisach_jax.app import panels
+from preisach_jax.app.layout import BLOCK, styled
 from preisach_jax.app.upload import Choice, Upload
 
 NO_COLUMN = "(none: sampling rate)"
 
+_CHIPS = """
+:host { min-width: 0 !important; flex-wrap: wrap !important; gap: 0.3rem 0.9rem;
+  align-items: flex-end; }
+"""
+_CHIP = ":host { gap: 0; align-items: flex-end; flex: 0 0 auto; }"
+
 
 class ColumnChoice:
-    """The preview of a file, and menus for its columns.
+    """Menus for the columns of a file and their units, with the guess filled in.
 
     Arguments:
         upload: the file.
-        chosen: called with the choice.
+        chosen: called with the choice at each change that leaves it complete.
         before: what was chosen for this file before, to begin with.
     """
 
@@ -29,52 +35,92 @@ class ColumnChoice:
         self._upload = upload
         self._before = before
         self._chosen = chosen
+        self._last: Choice | None = None
         names = upload.offered()
-        self._roles = {
-            role: pn.widgets.Select(
-                label=title, options=[*extra, *names], value=self._first(role, [*extra, *names]),
-                sizing_mode="stretch_width",
+        self._roles: dict[str, Any] = {}
+        for role, title, extra in (
+            ("time", "Time", [NO_COLUMN]), ("input", "Input", [""]), ("output", "Output", [""])
+        ):  # fmt: skip
+            options = [*extra, *names]
+            menu = pn.widgets.Select(
+                label=title, options=options, value=self._first(role, options), width=130
             )
-            for role, title, extra in (
-                ("time", "Time", [NO_COLUMN]), ("input", "Input", [""]), ("output", "Output", [""])
-            )
-        }  # fmt: skip
+            self._roles[role] = styled(menu)
         self._units = {
-            role: pn.widgets.TextInput(
-                label="Unit",
-                width=110,
-                value=self._first_unit(role),
-                placeholder="such as V, um, ms",
+            role: styled(
+                pn.widgets.TextInput(
+                    label=f"Unit of {role}", width=90, value=self._first_unit(role),
+                    placeholder="such as V",
+                )
             )
             for role in self._roles
-        }
-        self._rate = pn.widgets.FloatInput(
-            label="Sampling rate (Hz), in place of time",
-            value=before.rate if before else None,
-            start=0.0,
-            width=230,
-        )
-        self._aux = pn.widgets.MultiSelect(
-            label="Auxiliary columns (tried as causes; Ctrl-click for several)", size=4,
-            options=names, value=list(before.aux) if before else [],
-            sizing_mode="stretch_width",
+        }  # fmt: skip
+        self._rate = styled(
+            pn.widgets.FloatInput(
+                label="Sampling rate (Hz)", value=before.rate if before else None, start=0.0,
+                width=150, visible=self._roles["time"].value == NO_COLUMN,
+            )
+        )  # fmt: skip
+        self._aux = styled(
+            pn.widgets.MultiSelect(
+                label="Auxiliary columns (Ctrl-click)", size=3, options=names,
+                value=list(before.aux) if before else [], width=190, visible=len(names) > 3,
+            )
         )  # fmt: skip
         for role, menu in self._roles.items():
             menu.param.watch(self._on_menu(role), "value")
-        use = pn.widgets.Button(label="Use these columns", color="primary")
-        use.on_click(self._on_use)
-        self._wrong = panels.pane()
-        head = Markup("<h1>{}</h1><p>{}</p>").format(
-            upload.name,
-            upload.question or "The columns were guessed from names and units: look, and correct.",
+        for field in (*self._units.values(), self._rate, self._aux):
+            field.param.watch(self._on_change, "value")
+        self._told = panels.pane(self._advice())
+        chips = [
+            pn.Row(self._roles[role], self._units[role], width=245, stylesheets=[_CHIP])
+            for role in self._roles
+        ]
+        row = pn.Row(
+            *chips, self._rate, self._aux, sizing_mode="stretch_width", stylesheets=[_CHIPS]
         )
-        self.view: pn.Column = pn.Column(
-            panels.pane(str(head)),
-            panels.pane(panels.table(*upload.first_rows())),
-            *(pn.Row(self._roles[role], self._units[role]) for role in self._roles),
-            self._rate, self._aux, use, self._wrong,
-            sizing_mode="stretch_both", css_classes=["choice"], scroll=True,
+        self.view: Any = pn.Column(
+            row, self._told, sizing_mode="stretch_width", stylesheets=[BLOCK]
+        )
+
+    def choice(self) -> Choice | None:
+        """What is chosen; None while a column is missing."""
+        if self._missing():
+            return None
+        time = self._roles["time"].value
+        rate = self._rate.value if time == NO_COLUMN else None
+        units = {
+            role: field.value.strip()
+            for role, field in self._units.items()
+            if field.value.strip() and not (role == "time" and rate)
+        }
+        return Choice(
+            None if rate else time, self._roles["input"].value, self._roles["output"].value,
+            tuple(self._aux.value), rate, units,
         )  # fmt: skip
+
+    def take(self) -> None:
+        """Hand the choice on, if it is complete and another than before."""
+        choice = self.choice()
+        self._told.object = self._advice()
+        if choice is not None and choice != self._last:
+            self._last = choice
+            self._chosen(choice)
+
+    def _missing(self) -> list[str]:
+        missing = [role for role in ("input", "output") if not self._roles[role].value]
+        if self._roles["time"].value == NO_COLUMN and not self._rate.value:
+            missing.insert(0, "time (or the sampling rate)")
+        return missing
+
+    def _advice(self) -> str:
+        if missing := self._missing():
+            text = f"Choose the column of {' and of '.join(missing)}."
+            question = self._upload.question
+            return panels.doing(f"{question} {text}" if question else text)
+        if self._last is None and self._before is None:
+            return panels.doing("Columns guessed from names and units; change any of them here.")
+        return panels.doing("")
 
     def _first(self, role: str, options: list[str]) -> str:
         before = self._before
@@ -94,35 +140,15 @@ class ColumnChoice:
     def _on_menu(self, role: str) -> Callable[[Any], None]:
         def changed(event: Any) -> None:
             del event
-            self._units[role].value = self._unit(role)
+            self._rate.visible = self._roles["time"].value == NO_COLUMN
+            unit = self._unit(role)
+            if self._units[role].value != unit:
+                self._units[role].value = unit  # which hands the choice on
+            else:
+                self.take()
 
         return changed
 
-    def _on_use(self, event: Any) -> None:
+    def _on_change(self, event: Any) -> None:
         del event
-        named = {role: menu.value for role, menu in self._roles.items()}
-        time = named["time"]
-        rate = self._rate.value if time == NO_COLUMN else None
-        missing = [role for role in ("input", "output") if not named[role]]
-        if time == NO_COLUMN and not rate:
-            missing.insert(0, "time (or the sampling rate)")
-        if missing:
-            text = f"Choose the column of {' and of '.join(missing)}."
-            self._wrong.object = str(panels.mistake(text))
-            return
-        self._wrong.object = ""
-        units = {
-            role: field.value.strip()
-            for role, field in self._units.items()
-            if field.value.strip() and not (role == "time" and rate)
-        }
-        self._chosen(
-            Choice(
-                None if rate else time,
-                named["input"],
-                named["output"],
-                tuple(self._aux.value),
-                rate,
-                units,
-            )
-        )
+        self.take()

@@ -5,8 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import panel as pn
+from markupsafe import Markup
+
+from preisach_jax.app import panels
+from preisach_jax.app.layout import at_once
 from preisach_jax.fit import Progress
 
 SPARSE_S = 0.15
@@ -77,3 +83,72 @@ class Job:
                 report()
 
         self._hand_over(unless_cancelled)
+
+
+class Working:
+    """What a page needs to work on one thing at a time, and to say how far it is.
+
+    Arguments:
+        doing: the pane that says what goes on.
+        message: the pane that says what came of it.
+    """
+
+    def __init__(self, doing: Any, message: Any):
+        self._document = pn.state.curdoc
+        self._doing = doing
+        self._message = message
+        self._job: Job | None = None
+
+    def _refresh(self) -> None:
+        """Show what can be done now."""
+
+    def _failed(self) -> None:
+        """Called when work has failed."""
+
+    def _let_go(self) -> None:
+        """Called when work is given up."""
+
+    def _start(
+        self, what: str, work: Callable[[Progress], Any], done: Callable[[Any], None]
+    ) -> None:
+        """Begin work in place of what is going on; `done` gets its result in the page's thread."""
+        self._stop_job()
+
+        def finished(result: Any) -> None:
+            self._job = None
+            self._say_progress("", 0.0)
+            done(result)
+            self._refresh()
+
+        def failed(error: Exception) -> None:
+            self._stop_job()
+            self._failed()
+            self._say(panels.failure(error))
+            self._refresh()
+
+        self._say_progress(what, 0.0)
+        self._job = Job(
+            work, hand_over=self._hand_over, on_progress=self._say_progress, on_done=finished,
+            on_error=failed,
+        )  # fmt: skip
+        self._refresh()
+
+    def _stop_job(self) -> None:
+        if self._job is not None:
+            self._job.cancel()
+            self._job = None
+            self._say_progress("", 0.0)
+        self._let_go()
+
+    def _hand_over(self, function: Callable[[], None]) -> None:
+        document = self._document
+        if document is None or document.session_context is None:
+            function()  # without a server there is no other thread to hand it to
+        else:
+            document.add_next_tick_callback(partial(at_once, function))
+
+    def _say_progress(self, text: str, done: float) -> None:
+        self._doing.object = panels.progress(text, done)
+
+    def _say(self, text: Markup | str) -> None:
+        self._message.object = str(Markup.escape(text))

@@ -1,4 +1,4 @@
-"""The page: a file, its columns, a fit, four linked views, and what may be missing."""
+"""The page: a file is drawn as it comes, fitted by itself, and what it may lack is compared."""
 
 from __future__ import annotations
 
@@ -6,40 +6,27 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
-import panel as pn
-from markupsafe import Markup
+from typing import Any
 
 from preisach_jax.app import panels
 from preisach_jax.app.columns import ColumnChoice
 from preisach_jax.app.export import exports
-from preisach_jax.app.jobs import Job
+from preisach_jax.app.first import FirstView
+from preisach_jax.app.jobs import Working
+from preisach_jax.app.layout import Layout, beside, card, plots
+from preisach_jax.app.project import SUFFIX, Project, unpacked
 from preisach_jax.app.script import Click
-from preisach_jax.app.upload import MOST_BYTES, Choice, Upload
-from preisach_jax.app.views import AXES, Views, record_view
-from preisach_jax.diagnosis import diagnose
+from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
+from preisach_jax.app.upload import Choice, Upload
+from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
-from preisach_jax.diagnosis.selection import effects_to_try
-from preisach_jax.fit import Fit, Progress
+from preisach_jax.fit import Progress
+from preisach_jax.look import Look, columns_of, look
 from preisach_jax.record import Record
 
-LEVELS = {"25 levels, finer where it pays": 0, "13 levels": 13, "38 levels": 38, "50 levels": 50}
-"""Levels of the plane by what the menu calls them; 0 leaves them to the fit."""
 
-
-class State(NamedTuple):
-    """Where the page is: what a search that is cancelled goes back to."""
-
-    step: Exploration | None
-    clicks: list[Click]
-    found: Diagnosis | None
-    candidates: tuple[Candidate, ...]
-
-
-class Page:
+class Page(Working):
     """One tab of a browser: its file, its model, and the work that goes on for it.
 
     Arguments:
@@ -47,66 +34,38 @@ class Page:
     """
 
     def __init__(self, first: Path | None = None):
-        self._document = pn.state.curdoc
         self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
         self._upload: Upload | None = None
+        self._choosing: ColumnChoice | None = None
         self._choice: Choice | None = None
         self._record: Record | None = None
-        self._step: Exploration | None = None
+        self._first_view: FirstView | None = None
+        self._look: Look | None = None
+        self._notes: list[str] = []
+        self._walk: Walk | None = None
         self._candidates: tuple[Candidate, ...] = ()
-        self._found: Diagnosis | None = None
-        self._clicks: list[Click] = []
+        self._project: Project | None = None
         self._views: Views | None = None
-        self._job: Job | None = None
-        self._before_search: State | None = None
-        self._build()
+        self._before_search: tuple[Walk | None, tuple[Candidate, ...]] | None = None
+        self._rows: dict[str, panels.CandidateRow] = {}
+        # What can be shown in the great part of the page, by what its switch calls it.
+        self._panes: dict[str, Callable[[], list[Any]]] = {
+            "Record": self._record_pane, "Model": self._model_pane
+        }  # fmt: skip
+        self._is_drawn = ""
+        self._layout = Layout(
+            {
+                "drop": self._on_drop, "levels": self._on_levels, "fit": self._on_fit,
+                "find": self._on_find, "undo": self._on_undo, "cancel": self._on_cancel,
+                "axis": self._on_axis, "shown": self._on_shown, "export": self._on_export,
+                "save": self._on_save,
+            }
+        )  # fmt: skip
+        super().__init__(self._layout.doing, self._layout.message)
+        self.view: Any = self._layout.view
         self._refresh()
         if first is not None:
-            self._open(lambda: Upload.at(first))
-
-    def _build(self) -> None:
-        self._dropper = pn.widgets.FileDropper(
-            multiple=False, height=90, max_file_size=f"{MOST_BYTES // 1_000_000}MB", previews=[],
-            sizing_mode="stretch_width", width=None,
-        )  # fmt: skip
-        self._dropper.param.watch(self._on_drop, "value")
-        self._message = panels.pane()
-        self._progress = pn.indicators.Progress(
-            value=0, max=100, sizing_mode="stretch_width", visible=False, bar_color="primary"
-        )
-        self._doing = panels.pane()
-        self._levels = pn.widgets.Select(label="Preisach plane", options=LEVELS, width=250)
-        self._fit = _button("Fit", self._on_fit, "primary")
-        self._find = _button("Find it for me", self._on_find, "success")
-        self._undo = _button("Undo", self._on_undo)
-        self._cancel = _button("Cancel", self._on_cancel)
-        self._other = _button("Other columns", self._on_other_columns)
-        self._axis = pn.widgets.Select(
-            label="Residual against", options={text: key for key, text in AXES.items()}, width=230
-        )
-        self._axis.param.watch(self._on_axis, "value")
-        self._ladder = panels.pane()
-        self._verdict = panels.pane()
-        self._advice = panels.pane()
-        self._rows: dict[str, panels.CandidateRow] = {}
-        self._list = pn.Column(sizing_mode="stretch_width", css_classes=["candidates"])
-        self._prepare = _button("Prepare export", self._on_export)
-        self._downloads = pn.Column(sizing_mode="stretch_width")
-        self._main = pn.Column(sizing_mode="stretch_both", css_classes=["main"])
-        side = pn.Column(
-            panels.pane(panels.heading("1", "Record")),
-            self._dropper, self._other, self._message,
-            panels.pane(panels.heading("2", "Model")),
-            self._levels, pn.Row(self._fit, self._find, self._undo, self._cancel),
-            self._doing, self._progress, self._verdict, self._ladder,
-            panels.pane(panels.heading("3", "What may be missing")),
-            self._advice,
-            self._list,
-            panels.pane(panels.heading("4", "Export")),
-            self._prepare, self._downloads,
-            width=370, sizing_mode="stretch_height", scroll=True, css_classes=["side"],
-        )  # fmt: skip
-        self.view: pn.Row = pn.Row(side, self._main, sizing_mode="stretch_both")
+            self._open(first.name, lambda: Upload.at(first))
 
     def close(self) -> None:
         """Let go of everything when the tab is closed."""
@@ -120,128 +79,214 @@ class Page:
             return
         name, content = list(event.new.items())[-1]
         content = content.encode() if isinstance(content, str) else content
-        self._open(lambda: Upload.of(name, content, Path(self._folder.name)))
+        folder = Path(self._folder.name)
+        if name.lower().endswith(SUFFIX):
+            self._open_project(name, content)
+        else:
+            self._open(name, lambda: Upload.of(name, content, folder))
 
-    def _open(self, read: Callable[[], Upload]) -> None:
+    def _open(self, name: str, read: Callable[[], Upload]) -> None:
         # What was there before is let go only once the file has been read.
-        self._start("reading the file", lambda progress: read(), self._show_columns)
+        self._start(f"reading {name}", lambda progress: read(), self._show_upload)
 
-    def _show_columns(self, upload: Upload) -> None:
-        self._stop_job()
-        self._record = self._step = self._views = self._found = None
-        if upload is not self._upload:
-            self._choice = None
-        self._upload, self._clicks, self._candidates = upload, [], ()
-        self._downloads.objects = []
+    def _open_project(self, name: str, content: bytes) -> None:
+        def read(progress: Progress) -> tuple[Project, Upload]:
+            project = unpacked(name, content)
+            return project, Upload.of(project.name, project.content, Path(self._folder.name))
+
+        def show(both: tuple[Project, Upload]) -> None:
+            self._project, self._choice = both[0], both[0].choice
+            self._show_upload(both[1], both[0].choice)
+
+        self._start(f"opening {name}", read, show)
+
+    def _show_upload(self, upload: Upload, choice: Choice | None = None) -> None:
+        self._upload, self._choice = upload, choice
+        self._layout.await_file(height=56)
+        if choice is None:
+            self._project = None
+        self._forget_record()
         self._say("")
-        choosing = ColumnChoice(upload, self._on_columns, self._choice)
-        self._main.objects = [choosing.view]
+        self._layout.file.object = panels.brand(upload.name)
+        self._choosing = ColumnChoice(upload, self._on_columns, choice)
+        self._layout.chips.objects = [self._choosing.view]
+        self._show_pane("Record")
         self._refresh()
+        self._choosing.take()
 
-    def _on_other_columns(self, event: Any) -> None:
-        del event
-        if self._upload is not None:
-            self._show_columns(self._upload)
+    def _forget_record(self) -> None:
+        self._record = self._walk = self._views = self._first_view = self._look = None
+        self._candidates, self._notes = (), []
+        self._layout.downloads.objects = self._layout.project.objects = []
 
     def _on_columns(self, choice: Choice) -> None:
         upload = self._upload
-        assert upload is not None  # the columns shown are those of an upload
+        assert upload is not None  # the columns are those of an upload
+        if self._project is not None and choice != self._project.choice:
+            self._project = None  # it was of other columns
         notes: list[str] = []
 
         def show(record: Record) -> None:
-            self._record, self._choice, self._clicks = record, choice, []
+            self._forget_record()
+            self._record, self._choice, self._notes = record, choice, notes
             self._say(panels.told(record, notes))
-            self._show_record(record)
-            self._refresh()
+            self._first_view = FirstView(record)
+            self._show_pane("Record")
+            self._examine(record, upload)
 
         work = partial(upload.record, choice, announce=notes.append)
         self._start("reading the columns", lambda progress: work(), show)
 
-    def _show_record(self, record: Record) -> None:
-        self._views = None
-        self._main.objects = [pn.pane.Bokeh(record_view(record), sizing_mode="stretch_both")]
+    def _examine(self, record: Record, upload: Upload) -> None:
+        """Look at the record while its plot stands already, then fit it."""
+        roles = {
+            role if role in ("time", "input", "output") else "aux": channel.name
+            for role, channel in record.channels.items()
+        }
 
-    # Fit, add, undo, find
+        def work(progress: Progress) -> Look:
+            return look(record, columns=columns_of(upload.table, roles), notes=self._notes)
+
+        def show(found: Look) -> None:
+            self._look = found
+            if self._first_view is not None:
+                self._first_view.mark(found)
+            self._show_pane("Record")
+            self._fit()
+
+        self._start("looking at the record", work, show)
+
+    # What stands in the great part of the page
+
+    def _record_pane(self) -> list[Any]:
+        upload, first, found = self._upload, self._first_view, self._look
+        parts = [plots(first.layout)] if first is not None else []
+        if found is not None:
+            parts.append(panels.facts_pane(found))
+        preview = [panels.pane(panels.table(*upload.first_rows()))] if upload is not None else []
+        return [beside(*parts), *preview]
+
+    def _model_pane(self) -> list[Any]:
+        return [beside(plots(self._views.layout))] if self._views is not None else []
+
+    def _show_pane(self, name: str) -> None:
+        """Show one of the panes, drawn anew; its switch follows."""
+        self._is_drawn = name
+        self._layout.shown.options = [
+            each for each in self._panes if each != "Model" or self._walk is not None
+        ]
+        self._layout.shown.value = name
+        self._layout.axis.visible = name == "Model"
+        self._layout.drawn.objects = self._panes[name]()
+        if name == "Model" and self._views is not None:
+            self._hand_over(self._views.begin)
+
+    def _on_shown(self, event: Any) -> None:
+        if event.new != self._is_drawn:
+            self._show_pane(event.new)
+
+    # Fit, add, find, go back
 
     def _on_fit(self, event: Any) -> None:
         del event
-        record, levels = self._record, self._levels.value or None
+        self._fit()
+
+    def _on_levels(self, event: Any) -> None:
+        del event
+        if self._record is not None and self._before_search is None:
+            self._fit()
+
+    def _fit(self) -> None:
+        record, levels = self._record, self._layout.levels.value or None
+        project, self._project = self._project, None
         if record is None:
+            return
+        if project is not None and project.clicks:
+            self._start(
+                "repeating the steps of the project",
+                lambda progress: repeated(record, project.clicks, progress),
+                lambda walk: self._repeated(walk, project),
+            )
             return
         self._start(
             "fitting",
             lambda progress: explore(record, levels=levels, progress=progress),
-            lambda step: self._go_to(step, [Click("fit", levels)]),
+            lambda step: self._go_to(Walk(step, (Click("fit", levels),))),
         )
 
+    def _repeated(self, walk: Walk, project: Project) -> None:
+        self._go_to(walk)
+        errors = [each.fit.rms_validation for each in walk.step.steps]
+        if not panels.agree(errors, project.errors):
+            self._say(panels.mistake(
+                "The repeated steps have other errors than the project that was saved: another "
+                "version of the program or of its libraries computes them now."
+            ))  # fmt: skip
+
     def _on_add(self, name: str) -> None:
-        step = self._step
-        if step is None or name in step.effects or self._before_search:
+        walk = self._walk
+        if walk is None or name in walk.step.effects or self._before_search:
             return  # pressed before the page has shown that it was added
         self._start(
             f"adding {name}",
-            lambda progress: step.add(name, progress),
-            lambda new: self._go_to(new, [*self._clicks, Click("add", effect=name)]),
+            lambda progress: walk.step.add(name, progress),
+            lambda new: self._go_to(walk.on(new, Click("add", effect=name))),
         )
 
     def _on_undo(self, event: Any) -> None:
         del event
-        if self._step is not None and self._step.before is not None:
+        if self._walk is not None and self._walk.step.before is not None:
+            self._back_to(len(self._walk.step.effects) - 1)
+
+    def _back_to(self, place: int) -> None:
+        if self._walk is not None and self._before_search is None:
             self._stop_job()
-            self._go_to(self._step.before, [*self._clicks, Click("undo")])
+            self._go_to(self._walk.at(place))
 
     def _on_find(self, event: Any) -> None:
         del event
-        record, levels = self._record, self._levels.value or None
+        record, levels = self._record, self._layout.levels.value or None
         if record is None:
             return
 
-        tried = effects_to_try(record, None)
-
         def find(progress: Progress) -> tuple[Diagnosis, Exploration]:
-            step: list[Exploration] = []
+            def watch(step: Exploration, candidates: tuple[Candidate, ...]) -> None:
+                self._hand_over(lambda: self._watch(step, candidates))
 
-            def watch(fit: Fit, candidates: tuple[Candidate, ...]) -> None:
-                before = next((s for s in reversed(step) if s.effects == fit.effects[:-1]), None)
-                now = Exploration(fit, tried, before)
-                step.append(now)
-                self._hand_over(lambda: self._watch(now, candidates))
+            return searched(record, levels, watch, progress)
 
-            found = diagnose(record, levels=levels, progress=progress, watch=watch)
-            return found, Exploration.of(found)
-
-        before = State(self._step, self._clicks, self._found, self._candidates)
+        before = (self._walk, self._candidates)
         self._start("searching", find, lambda both: self._found_it(both[0], both[1], levels))
         self._before_search = before
         self._refresh()
 
     def _watch(self, step: Exploration, candidates: tuple[Candidate, ...]) -> None:
         """Show a step of the search while it goes on."""
-        self._step, self._found = step, None
+        self._walk = Walk(step, ())
         last = max((c.step for c in candidates), default=0)
         self._candidates = tuple(c for c in candidates if c.step == last)
         self._show_step()
 
     def _found_it(self, found: Diagnosis, step: Exploration, levels: int | None) -> None:
         self._before_search = None
-        self._candidates = tuple(c for c in found.candidates if c.step == len(found.effects))
-        self._go_to(step, [Click("find", levels)], found)
+        self._go_to(Walk(step, (Click("find", levels),), found))
 
-    def _go_to(
-        self, step: Exploration, clicks: list[Click], found: Diagnosis | None = None
-    ) -> None:
-        self._step, self._clicks, self._found = step, clicks, found
+    def _go_to(self, walk: Walk) -> None:
+        self._walk, found = walk, walk.diagnosis
         if found is None:
-            self._candidates = step.known_candidates
+            self._candidates = walk.step.known_candidates
+        else:
+            self._candidates = tuple(c for c in found.candidates if c.step == len(found.effects))
         self._show_step()
         if not self._candidates:
-            self._rank(step)
+            self._rank(walk.step)
 
     def _rank(self, step: Exploration) -> None:
         """Compare what may be missing, while the step can be looked at."""
 
         def rank(progress: Progress) -> tuple[Candidate, ...]:
             step.budget()
+            self._hand_over(self._refresh)
             return step.candidates(progress)
 
         def show(candidates: tuple[Candidate, ...]) -> None:
@@ -251,16 +296,15 @@ class Page:
         self._start("comparing what may be missing", rank, show)
 
     def _show_step(self) -> None:
-        step = self._step
-        assert step is not None  # called for a step only
-        if self._views is None or self._views.levels != step.fit.model.plane.levels:
-            self._views = Views(step, self._axis.value)
-            drawn = pn.pane.Bokeh(self._views.layout, sizing_mode="stretch_both")
-            self._main.objects = [self._axis, drawn]
+        walk = self._walk
+        assert walk is not None  # called for a step only
+        if self._views is None or self._views.levels != walk.step.fit.model.plane.levels:
+            self._views = Views(walk.step, self._layout.axis.value)
+            self._show_pane("Model")
         else:
-            self._views.show(step)
-        self._hand_over(self._views.begin)
-        self._downloads.objects = []
+            self._views.show(walk.step)
+            self._hand_over(self._views.begin)
+        self._layout.downloads.objects = self._layout.project.objects = []
         self._refresh()
 
     def _on_axis(self, event: Any) -> None:
@@ -268,106 +312,78 @@ class Page:
             self._views.show_axis(event.new)
             self._views.begin()
 
-    # Export
+    # What can be taken away
 
     def _on_export(self, event: Any) -> None:
         del event
-        step, upload, choice = self._step, self._upload, self._choice
-        if step is None or upload is None or choice is None:
+        walk, upload, choice = self._walk, self._upload, self._choice
+        if walk is None or upload is None or choice is None:
             return
-        found, clicks = self._found, list(self._clicks)
 
         def work(progress: Progress) -> dict[str, bytes]:
-            return exports(step, found, upload.name, choice, clicks, progress)
+            return exports(walk.step, walk.diagnosis, upload.name, choice, walk.way, progress)
 
         self._start("writing the report", work, self._offer)
 
     def _offer(self, files: dict[str, bytes]) -> None:
-        self._downloads.objects = panels.downloads(files)
-        if self._step is not None and not self._candidates:
-            self._rank(self._step)  # which the export has cut short
+        self._layout.downloads.objects = panels.downloads(files)
+        if self._walk is not None and not self._candidates:
+            self._rank(self._walk.step)  # which the export has cut short
         self._refresh()
 
-    # Work and what is said
+    def _on_save(self, event: Any) -> None:
+        del event
+        walk, upload, choice = self._walk, self._upload, self._choice
+        if upload is None or choice is None:
+            return
+        self._layout.project.objects = panels.downloads(saved(upload, choice, walk))
 
-    def _start(
-        self, what: str, work: Callable[[Progress], Any], done: Callable[[Any], None]
-    ) -> None:
-        self._stop_job()
+    # What is said
 
-        def finished(result: Any) -> None:
-            self._job = None
-            self._say_progress("", 0.0)
-            done(result)
+    def _failed(self) -> None:
+        self._layout.await_file(150 if self._upload is None else 56)
 
-        def failed(error: Exception) -> None:
-            self._stop_job()
-            self._say(panels.failure(error))
-            self._refresh()
-
-        self._say_progress(what, 0.0)
-        self._job = Job(
-            work, hand_over=self._hand_over, on_progress=self._say_progress, on_done=finished,
-            on_error=failed,
-        )  # fmt: skip
-        self._refresh()
-
-    def _hand_over(self, function: Callable[[], None]) -> None:
-        document = self._document
-        if document is None or document.session_context is None:
-            function()  # without a server there is no other thread to hand it to
-        else:
-            document.add_next_tick_callback(partial(_at_once, function))
-
-    def _stop_job(self) -> None:
-        if self._job is not None:
-            self._job.cancel()
-            self._job = None
-            self._say_progress("", 0.0)
+    def _let_go(self) -> None:
         if self._before_search is not None:
             # A search that is cut short leaves nothing: a half of it can not be repeated.
             before, self._before_search = self._before_search, None
-            self._step, self._clicks, self._found, self._candidates = before
+            self._walk, self._candidates = before
 
     def _on_cancel(self, event: Any) -> None:
         del event
         was_searching = self._before_search is not None
         self._stop_job()
-        if was_searching and self._step is not None:
+        if was_searching and self._walk is not None:
             self._show_step()
-        elif was_searching and self._record is not None:
-            self._show_record(self._record)
+        elif was_searching:
+            self._views = None
+            self._show_pane("Record")
         self._refresh()
-
-    def _say_progress(self, text: str, done: float) -> None:
-        self._progress.visible = bool(text)
-        self._progress.value = int(100 * np.clip(done, 0, 1)) if done > 0 else -1
-        self._doing.object = panels.doing(text)
-
-    def _say(self, text: Markup | str) -> None:
-        self._message.object = str(Markup.escape(text))
 
     def _refresh(self) -> None:
         """What can be pressed now, and what is said of the present step."""
-        step, busy = self._step, self._job is not None
-        self._advice.object = panels.paragraph(self._advise())
+        walk, busy, shown = self._walk, self._job is not None, self._layout
         searching = self._before_search is not None
-        self._fit.disabled = self._find.disabled = self._record is None or searching
-        self._other.visible = self._record is not None
-        self._undo.disabled = step is None or step.before is None or searching
-        self._cancel.disabled = not busy
-        self._prepare.disabled = step is None or searching
-        if step is None:
-            self._ladder.object = self._verdict.object = ""
-            self._list.objects = []
+        has_record = self._record is not None
+        shown.advice.object = panels.paragraph(self._advise())
+        shown.fit.visible = has_record and walk is None and not busy
+        shown.find.disabled = not has_record or searching
+        shown.undo.disabled = walk is None or walk.step.before is None or searching
+        shown.cancel.disabled = not busy
+        shown.prepare.disabled = walk is None or searching
+        shown.save.disabled = not has_record or searching
+        shown.steps.objects = time_line(walk, self._back_to)
+        if walk is None:
+            shown.ladder.object = shown.verdict.object = ""
+            shown.cards.objects = []
             return
-        self._ladder.object = panels.ladder(step, self._found)
-        self._verdict.object = panels.verdict(step, self._found)
-        self._show_candidates(step)
+        shown.ladder.object = panels.ladder(walk.step, walk.diagnosis)
+        shown.verdict.object = panels.verdict(walk.step, walk.diagnosis)
+        self._show_candidates(walk.step)
 
     def _advise(self) -> str:
         """What to do next."""
-        if self._step is not None:
+        if self._walk is not None:
             return "" if self._candidates else panels.NOT_COMPARED
         if self._record is not None:
             return panels.FIT
@@ -375,23 +391,11 @@ class Page:
 
     def _show_candidates(self, step: Exploration) -> None:
         compared = {candidate.effect: candidate for candidate in self._candidates}
-        shown = []
+        shown: list[Any] = []
         for name in panels.order_of(step, self._candidates):
             if name not in self._rows:
-                self._rows[name] = panels.CandidateRow(name, partial(self._on_add, name))
-            self._rows[name].show(compared.get(name))
+                self._rows[name] = panels.CandidateRow(name, partial(self._on_add, name), card)
+            self._rows[name].show(compared.get(name), step)
             shown.append(self._rows[name].view)
-        if shown != self._list.objects:
-            self._list.objects = shown
-
-
-def _button(name: str, clicked: Callable[[Any], None], kind: str = "default") -> Any:
-    button = pn.widgets.Button(label=name, color=kind)
-    button.on_click(lambda event: _at_once(partial(clicked, event)))
-    return button
-
-
-def _at_once(change: Callable[[], None]) -> None:
-    """Send all that changes in one message, so that a tab never shows half of a step."""
-    with pn.io.hold():
-        change()
+        if shown != self._layout.cards.objects:
+            self._layout.cards.objects = shown

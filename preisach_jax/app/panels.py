@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
@@ -15,17 +16,25 @@ from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
-from preisach_jax.quantity import quantity
+from preisach_jax.look import Look
+from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
 DROP = (
-    "Drop a file above, or click to choose one: CSV, MicroMag .forc, NPZ, MAT or Parquet. It stays "
-    "on this machine."
+    "Drop a file above, or click to choose one: CSV and other texts, Excel, LabVIEW, HDF5, MAT, "
+    "NPZ, Parquet, Feather, MicroMag .forc, or a saved .preisach project. It stays on this machine."
 )
-CHOOSE = "Look at the columns, then press Use these columns."
-FIT = "Press Fit: the plain hysteresis model comes first, then what it lacks is compared."
+CHOOSE = "Choose the columns above: the record is drawn and fitted as soon as they are known."
+FIT = "The plain hysteresis model comes first, then the effects it may lack are compared."
 NOT_COMPARED = "Nothing was compared yet: any effect can be added."
+
+
+FACTS = """
+:host { flex: 0 1 24rem !important; }
+@media (max-width: 999px) { :host { flex: none !important; width: 100% !important; } }
+"""
+"""Style of the table of facts beside the plot of a record, or below it."""
 
 
 @cache
@@ -39,14 +48,29 @@ def pane(text: str = "") -> Any:
     return pn.pane.HTML(text, sizing_mode="stretch_width", stylesheets=[style()], margin=(2, 8))
 
 
-def heading(number: str, text: str) -> str:
-    """The heading of a part of the side bar."""
-    return str(Markup("<h2><span>{}</span> {}</h2>").format(number, text))
+def brand(name: str) -> str:
+    """The heading of the page, with the file that is open."""
+    text = '<div class="brand"><h1>preisach</h1><span class="file">{}</span></div>'
+    return str(Markup(text).format(name))
+
+
+def heading(text: str) -> str:
+    """The heading of a part of the page."""
+    return str(Markup("<h2>{}</h2>").format(text))
 
 
 def doing(text: str) -> str:
-    """What goes on, where a screen reader hears it."""
-    return str(Markup('<div class="doing" role="status" aria-live="polite">{}</div>').format(text))
+    """A state of affairs, where a screen reader hears it."""
+    return str(Markup('<div class="doing" role="status">{}</div>').format(text))
+
+
+def progress(text: str, done: float) -> str:
+    """What goes on and how far it is; a share of 0 is one that is not known."""
+    if not text:
+        return doing("")
+    share = f'style="width:{100 * min(done, 1.0):.0f}%"' if done > 0 else 'class="waiting"'
+    track = Markup(f'<div class="track" aria-hidden="true"><span {share}></span></div>')
+    return doing(text) + str(track)
 
 
 def failure(error: Exception) -> Markup:
@@ -130,53 +154,81 @@ def _floor(budget: Budget) -> Markup:
 
 
 def verdict(step: Exploration, found: Diagnosis | None) -> str:
-    """What can be said of the present step."""
+    """The error of the present step in large type, and what can be said of it."""
+    rms, unit = step.fit.rms_validation, step.record.output_unit
+    share = 100 * rms / step.record.output_range
+    head, words, is_met = _judgement(step, found)
+    kind = "waiting" if is_met is None else "met" if is_met else "unmet"
+    return str(
+        Markup(
+            '<div class="verdict {}"><div><div class="error-size">{}</div>'
+            '<div class="share">{} % of the stroke, RMS on held-out rows</div></div>'
+            '<div class="words"><b>{}</b>{}</div></div>'
+        ).format(kind, quantity(rms, unit, 3), number(share, 2), head, words)
+    )
+
+
+def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup, bool | None]:
+    """A verdict in a few words, in more, and whether only noise and grid are left."""
+    paragraph = Markup("<p>{}</p>")
     if found is not None:
-        text = Markup("<b>{}</b> ({}). {}").format(headline(found), found.verdict, found.sentence)
-        more: list[str] = []
+        lines = [found.sentence]
         if found.located:
-            more.append(f"What remains: {found.located}.")
+            lines.append(f"What remains: {found.located}.")
         if found.next_experiment:
-            more.append(f"Record next: {found.next_experiment.text}")
-        paragraphs = Markup("").join(Markup("<p>{}</p>").format(line) for line in more)
-        return str(Markup('<div class="verdict"><p>{}</p>{}</div>').format(text, paragraphs))
+            lines.append(f"Record next: {found.next_experiment.text}")
+        words = Markup("").join(paragraph.format(line) for line in lines)
+        return headline(found), words, found.budget.is_met
+    name = model_name(step.effects)
     budget = step.known_budget
     if budget is None:
-        return ""
-    words = (
-        "what remains is noise and the grid of the model"
-        if budget.is_met
-        else f"{quantity(budget.unexplained, budget.unit, 3)} are neither noise nor grid: "
-        "something is missing"
-    )
-    name = model_name(step.effects)
-    return str(Markup('<div class="verdict"><p>{}: {}.</p></div>').format(name, words))
+        return name, paragraph.format("How much of this is noise is being worked out."), None
+    if budget.is_met:
+        head = "Nothing more is missing" if step.effects else "Nothing is missing"
+        return head, paragraph.format(f"{name}: what remains is noise and the grid."), True
+    rest = quantity(budget.unexplained, budget.unit, 3)
+    words = paragraph.format(f"{name}: {rest} of the error are neither noise nor grid.")
+    return "Something is missing", words, False
 
 
 class CandidateRow:
-    """An effect in the list: its name, what speaks for and against it, a button that adds it.
+    """An effect as a card: its name, the error it would leave, what speaks for and against it.
 
-    Rows stay, and only what they say changes: to send new ones at every step would be slow.
+    Cards stay, and only what they say changes: to send new ones at every step would be slow.
 
     Arguments:
         name: the effect.
         add: called when the button is pressed.
+        framed: makes a card of a text and a button.
     """
 
-    def __init__(self, name: str, add: Callable[[], None]):
+    def __init__(self, name: str, add: Callable[[], None], framed: Callable[[Any, Any], Any]):
         self._name = name
         self._text = pane()
-        self._button = pn.widgets.Button(
-            label="Add", width=60, description=f"Add {name} to the model and refit"
+        self.button: Any = pn.widgets.Button(
+            label=f"Add {name}", stylesheets=[style()], margin=(2, 8)
         )
-        self._button.on_click(lambda event: add())
-        self.view: Any = pn.Row(self._text, self._button, sizing_mode="stretch_width")
+        self.button.on_click(_ignoring(add))
+        self.view: Any = framed(self._text, self.button)
 
-    def show(self, candidate: Candidate | None) -> None:
-        """Say what came of comparing it, or nothing if it was not compared."""
+    @property
+    def text(self) -> str:
+        """What the card says, as HTML."""
+        return self._text.object
+
+    def show(self, candidate: Candidate | None, step: Exploration) -> None:
+        """Say what came of comparing it beside a step, or nothing if it was not compared."""
         convincing = candidate is not None and not candidate.why_not
-        self._text.object = str(_candidate(self._name, candidate, convincing))
-        self._button.color = "primary" if convincing else "default"
+        self._text.object = str(_candidate(self._name, candidate, step))
+        self.button.color = "primary" if convincing else "default"
+
+
+def _ignoring(called: Callable[[], None]) -> Callable[[Any], None]:
+    def on_event(event: Any) -> None:
+        del event
+        called()
+
+    return on_event
 
 
 def order_of(step: Exploration, compared: Sequence[Candidate]) -> list[str]:
@@ -186,20 +238,62 @@ def order_of(step: Exploration, compared: Sequence[Candidate]) -> list[str]:
     return names + [effect.name for effect in step.left if effect.name not in names]
 
 
-def _candidate(name: str, candidate: Candidate | None, convincing: bool) -> Markup:
+def _candidate(name: str, candidate: Candidate | None, step: Exploration) -> Markup:
     parts = [Markup("<b>{}</b>").format(name)]
-    if convincing:
+    if candidate is not None and not candidate.why_not:
         parts.append(Markup(' <span class="mark">convincing</span>'))
-    if candidate is not None:
-        share = 100 * min(max(candidate.gain, 0.0), 1.0)
-        bar = '<span class="gain"><span style="width:{:.0f}%"></span></span>'
-        parts.append(Markup(bar).format(share))
     if plain(name) != name:
         parts.append(Markup("<p>{}</p>").format(plain(name)))
     if candidate is not None:
-        parts.append(Markup('<p class="evidence">{}</p>').format(evidence_in_words(candidate)))
-    kind = "candidate convincing" if convincing else "candidate"
-    return Markup('<div class="{}">{}</div>').format(kind, Markup("").join(parts))
+        before, after = step.fit.rms_validation, candidate.rms_validation
+        if math.isfinite(after):
+            unit = step.record.output_unit
+            left = 100 * min(after / before, 1.0)
+            parts.append(
+                Markup(
+                    '<p class="leaves">would leave {} of {}</p><span class="gain" '
+                    'aria-hidden="true"><span style="width:{:.0f}%"></span></span>'
+                ).format(quantity(after, unit, 3), quantity(before, unit, 3), left)
+            )
+        parts.append(
+            Markup("<details><summary>Evidence on {}</summary><p>{}</p></details>").format(
+                name, evidence_in_words(candidate)
+            )
+        )
+    return Markup('<div class="candidate">{}</div>').format(Markup("").join(parts))
+
+
+def facts(found: Look) -> str:
+    """What a look at a record finds, in a table, and what the record can tell."""
+    rows = [*found.rows(), ("shows well", ", ".join(found.can_tell) or "no effect")]
+    poorly = [each.effect for each in found.prospects if each.grade == "poorly"]
+    if poorly:
+        rows.append(("shows poorly", ", ".join(poorly)))
+    if found.cannot_tell:
+        rows.append(("says nothing of", ", ".join(found.cannot_tell)))
+    rows += [("to record next", text) for text in found.record_next()[:3]]
+    body = Markup("").join(
+        Markup('<tr><th scope="row">{}</th><td>{}</td></tr>').format(*line) for line in rows
+    )
+    return str(Markup('<table class="facts">{}</table>').format(body))
+
+
+def facts_pane(found: Look) -> Any:
+    """The facts of a look, as wide as a third of the window."""
+    shown = pane(facts(found))
+    shown.stylesheets = [*shown.stylesheets, FACTS]
+    return shown
+
+
+def agree(errors: Sequence[float], saved: Sequence[float]) -> bool:
+    """Whether the errors of repeated steps are those that were saved, but for rounding.
+
+    Example:
+        >>> agree([1.0, 0.5], [1.0, 0.5 + 1e-9]), agree([1.0], [1.0, 0.5])
+        (True, False)
+    """
+    pairs = zip(errors, saved, strict=False)
+    return len(errors) == len(saved) and all(math.isclose(a, b, rel_tol=1e-3) for a, b in pairs)
 
 
 def downloads(files: Mapping[str, bytes]) -> list[Any]:

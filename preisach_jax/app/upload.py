@@ -51,12 +51,14 @@ class Upload:
 
     Attributes:
         name: what the file was called, as it came.
+        path: where it lies.
         table: its columns.
         guess: the column of each role, None where names and units do not tell.
         question: why the guess is not whole; empty if it is.
     """
 
     name: str
+    path: Path
     table: Table
     guess: Mapping[str, str | None]
     question: str
@@ -87,7 +89,7 @@ class Upload:
         """Read a file of this machine; messages call it by its name, not by where it lies."""
         name = name or path.name
         table = read_table(path, name).with_clocks()
-        return Upload(name, table, *_guessed(table))
+        return Upload(name, path, table, *_guessed(table))
 
     @property
     def columns(self) -> tuple[str, ...]:

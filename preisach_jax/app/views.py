@@ -47,8 +47,39 @@ CHOSEN = "#CC79A7"
 MOST_ROWS = 100_000
 """Rows that are drawn; of a longer record every so-manyth, the extremes of the input kept."""
 
+DRAWING = ":host { filter: var(--plots); }"
+"""Style of a figure: dark mode turns its light and dark over and keeps its hues."""
+
+NARROW = "@media (max-width: 999px)"
+"""The window is a phone's or a tablet's: one column, which scrolls as a whole."""
+
+GRID = NARROW + " { :host { flex-direction: column !important; } }"
+"""Style of figures side by side, which stand below each other on a phone."""
+
+INK = ":host, .bk-slider-title, .bk-clearfix { color: var(--ink); }"
+"""Style of texts beside the figures."""
+
+PLOTS = f"""
+:host {{ flex: 1 1 20rem !important; min-width: 0 !important;
+  height: max(540px, calc(100vh - 21rem)) !important; }}
+{NARROW} {{ :host {{ width: 100% !important; height: 1180px !important; }} }}
+"""
+"""Style of all figures together: they fill what the window leaves."""
+
 CLOUD = 6_000
 """Points of the residual that are drawn; its bands are those of all rows."""
+
+_LABELS = """
+function name_handles(tries) {
+  const view = Bokeh.index.find_one(slider)
+  const handles = view ? view.shadow_el.querySelectorAll(".noUi-handle") : []
+  const names = ["First second of the stretch", "Last second of the stretch"]
+  handles.forEach((handle, place) => handle.setAttribute("aria-label", names[place]))
+  if (handles.length === 0 && tries > 0) setTimeout(() => name_handles(tries - 1), 200)
+}
+name_handles(25)
+"""
+"""Names for the handles of the slider, which a screen reader says."""
 
 AXES = {
     "time": "time",
@@ -99,7 +130,7 @@ class Views:
         self._started = ColumnDataSource({"time": []})
         self.stretch: ColumnDataSource = ColumnDataSource({"first": [], "last": []})
         self.stretch.on_change("data", lambda attr, old, new: self._show_spectrum_of_chosen())
-        self.told: Div = Div(text="", sizing_mode="stretch_width", css_classes=["told"])
+        self.told: Div = Div(text="", sizing_mode="stretch_width", stylesheets=[INK])
         self.loop: Any = self._loop_figure()
         self.time: Any = self._time_figure()
         self.residual: Any = self._residual_figure()
@@ -117,8 +148,10 @@ class Views:
         self._link(step.fit.model)
         left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
         right = column(self.time, self.plane, sizing_mode="stretch_both")
-        grid = row(left, right, sizing_mode="stretch_both")
-        self.layout: Column = column(self.slider, self.told, grid, sizing_mode="stretch_both")
+        grid = row(left, right, sizing_mode="stretch_both", stylesheets=[GRID])
+        self.layout: Column = column(
+            self.slider, self.told, grid, sizing_mode="stretch_both", stylesheets=[PLOTS]
+        )
 
     def begin(self) -> None:
         """Let the browser draw what depends on nothing that was brushed."""
@@ -172,7 +205,7 @@ class Views:
         }  # fmt: skip
         for name, values in (("plain", plain), ("residual", residual)):
             self.bins[name].data = _bins(position, np.asarray(values))
-        self.residual.xaxis.axis_label = _unformatted(axis.label)
+        self.residual.xaxis.axis_label = unformatted(axis.label)
         limit = 1.1 * float(np.nanquantile(np.abs(plain), 0.995))
         _span(self.residual.x_range, *_limits(position))
         _span(self.residual.y_range, -limit, limit)
@@ -206,9 +239,9 @@ class Views:
 
     def _figure(self, title: str, x: str, y: str, **options: Any) -> Any:
         drawn: Any = figure(
-            title=title, x_axis_label=_unformatted(x), y_axis_label=_unformatted(y),
+            title=title, x_axis_label=unformatted(x), y_axis_label=unformatted(y),
             tools="pan,wheel_zoom,box_zoom,reset,save", sizing_mode="stretch_both",
-            min_width=280, min_height=240, **options,
+            min_width=240, min_height=240, stylesheets=[DRAWING], **options,
         )  # fmt: skip
         brush = BoxSelectTool(dimensions="width" if title == "Time" else "both")
         brush.description = "Choose rows"
@@ -310,6 +343,7 @@ class Views:
         return RangeSlider(
             title="Stretch of time (s)", start=begin, end=end, value=(begin, end),
             step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
+            stylesheets=[INK],
         )  # fmt: skip
 
     def _show_density(self, model: Model) -> None:
@@ -328,7 +362,7 @@ class Views:
         self._mapper.update(
             palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
         )
-        self.plane.title.text = _unformatted(with_unit("Preisach plane: density", unit))
+        self.plane.title.text = unformatted(with_unit("Preisach plane: density", unit))
 
     def _show_spectra(self) -> None:
         if not self.spectrum.visible:
@@ -380,33 +414,7 @@ class Views:
         self.slider.js_on_change("value", linked("slider"))
         # A new step empties what was chosen: the staircase is then that of the last row.
         self._started.js_on_change("data", linked("nothing"))
-
-
-def record_view(record: Record) -> Any:
-    """A record as it was measured: its loop, and its course over time.
-
-    Arguments:
-        record: the measurement.
-
-    Returns:
-        The Bokeh object to show.
-    """
-    axes, rows = record_axes(record), drawn_rows(record)
-    source = ColumnDataSource({key: axis.values[rows] for key, axis in axes.items()})
-    drawn: dict[str, Any] = {}
-    for title, x, y in (
-        ("Loop", "input", "output"), ("Output", "time", "output"), ("Input", "time", "input")
-    ):  # fmt: skip
-        drawn[title] = figure(
-            title=title, x_axis_label=_unformatted(axes[x].label),
-            y_axis_label=_unformatted(axes[y].label), sizing_mode="stretch_both",
-            tools="pan,wheel_zoom,box_zoom,reset,save", min_height=200,
-        )  # fmt: skip
-        drawn[title].line(x, y, source=source, color=MEASURED, width=1.5)
-        drawn[title].toolbar.logo = None
-    drawn["Input"].x_range = drawn["Output"].x_range
-    courses = column(drawn["Output"], drawn["Input"], sizing_mode="stretch_both")
-    return row(drawn["Loop"], courses, sizing_mode="stretch_both")
+        self._started.js_on_change("data", CustomJS(args={"slider": self.slider}, code=_LABELS))
 
 
 def drawn_rows(record: Record) -> np.ndarray:
@@ -500,6 +508,6 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
     return low - 0.03 * (high - low), high + 0.03 * (high - low)
 
 
-def _unformatted(text: str) -> str:
+def unformatted(text: str) -> str:
     """A text of which nothing is taken for a formula: Bokeh's begin with two dollar signs."""
     return text.replace("$$", "$ $").replace("\\(", "( ").replace("\\[", "[ ")

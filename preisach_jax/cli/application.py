@@ -23,6 +23,7 @@ from preisach_jax.cli.look import look
 from preisach_jax.cli.page import app
 from preisach_jax.cli.resumable import Interrupted
 from preisach_jax.cli.shared import EXAMPLES
+from preisach_jax.cli.start import start
 from preisach_jax.errors import InputError
 
 OK, FAILURE, USER_MISTAKE = 0, 1, 2
@@ -96,11 +97,13 @@ def run(words: list[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
+    if not words:
+        return start()
     try:
         command = get_command(build())
         context = {"command": shlex.join(["preisach", *words])}
         code = command.main(
-            words or ["--help"], prog_name="preisach", standalone_mode=False, obj=context
+            words, prog_name="preisach", standalone_mode=False, obj=context
         )
     except InputError as error:
         return _complain(str(error), USER_MISTAKE)

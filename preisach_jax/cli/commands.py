@@ -69,6 +69,7 @@ def common(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
+    "preisach diagnose stage.csv --language de",
     "preisach diagnose stage.csv --json > found.json",
     fits=True,
 )
@@ -94,13 +95,18 @@ def diagnose(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
+    language: Annotated[
+        str, typer.Option(metavar="de|en", help="of the report: German or English")
+    ] = "en",
 ) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
     from preisach_jax.diagnosis import diagnose as run
     from preisach_jax.files import check_folder
     from preisach_jax.report import write_report
+    from preisach_jax.report.language import check_language
 
     check_folder(report)
+    check_language(language)
     names = effect_names(effects)
     check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
@@ -112,7 +118,7 @@ def diagnose(
     with screen.progress() as show:
         found = run(record, names or None, levels, tolerance=tolerance, progress=show)
         show("writing the report", 0.97)
-        write_report(found, report, command=context.obj["command"])
+        write_report(found, report, command=context.obj["command"], language=language)
     screen.show_diagnosis(found)
     screen.say(f"\nReport: {report / 'report.html'}")
     return found.to_json()

@@ -28,6 +28,9 @@ MOST_COLUMNS = 40
 SPIKE_SHARE = 0.3
 """Share of a spike's height that the samples beside it must have to be part of it."""
 
+SHARPER = 2.0
+"""Times the steps of the course just before and after a spike that it rises and falls by."""
+
 UNEVEN = 0.05
 """Jitter, as a share of the step, from which on it is told."""
 
@@ -189,6 +192,7 @@ def look(
     turning = stretches.turns(clean.bridged(of_input))
     alone = isolated_spikes(clean, smooth) & ~_at_turns(clean, turning)
     alone &= _as_high_as_beside(np.abs(course - smooth), alone)
+    alone = _sharper_than_around(course, alone)
     clean = clean.without(alone).bridged(of_input)
     still = stretches.rests(clean)
     excitation = Excitation(
@@ -249,6 +253,22 @@ def _as_high_as_beside(height: np.ndarray, found: np.ndarray) -> np.ndarray:
     """
     beside = scipy.ndimage.maximum_filter1d(np.where(found, height, 0.0), 2 * WINDOW + 1)
     return height > SPIKE_SHARE * np.asarray(beside)
+
+
+def _sharper_than_around(course: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """(K,) bool: of the stretches found, those that begin and end with a jump.
+
+    The peak of a fast course rises over some samples, of which its step is one among equals.
+    """
+    kept = np.zeros_like(found)
+    edges = np.flatnonzero(np.diff(found.astype(int), prepend=0, append=0))
+    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if start < 2 or stop > len(course) - 2:
+            continue
+        before, into = np.abs(np.diff(course[start - 2 : start + 1]))
+        out, after = np.abs(np.diff(course[stop - 1 : stop + 2]))
+        kept[start:stop] = into > SHARPER * before and out > SHARPER * after
+    return kept
 
 
 def _at_turns(record: Record, turning: np.ndarray) -> np.ndarray:

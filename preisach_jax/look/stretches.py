@@ -178,13 +178,16 @@ def strokes(record: Record, turning: np.ndarray, still: list[Stretch]) -> list[S
     resting = {rest.start for rest in still}
     gaps = np.array([row for row, _ in record.gaps], dtype=int)
     places = sorted(ends)
+    # Each is a pass over the whole record: once, and not for every stroke.
+    least, counts = STROKE * record.input_range, np.concatenate([[0], np.cumsum(record.measured)])
     found: list[Stroke] = []
     for start, stop in pairwise(places):
         move = record.input[stop] - record.input[start]
         seconds = record.time[stop] - record.time[start]
         broken = np.any((gaps > start) & (gaps <= stop))
-        is_seen = stop - start >= STROKE_SAMPLES and record.measured[start:stop].mean() > 0.5
-        is_great = abs(move) >= STROKE * record.input_range
+        seen = (counts[stop] - counts[start]) / (stop - start)
+        is_seen = stop - start >= STROKE_SAMPLES and seen > 0.5
+        is_great = abs(move) >= least
         if start not in resting and is_great and is_seen and not broken:
             first, last = float(record.input[start]), float(record.input[stop])
             found.append(Stroke(start, stop, first, last, float(abs(move) / seconds)))

@@ -13,6 +13,7 @@ from preisach_jax.plot.diagnosis import (
     residual_tests,
     residuals,
     waterfall,
+    where_it_errs_most,
     worst_stretch,
 )
 from preisach_jax.plot.forc import forc_diagram
@@ -53,5 +54,6 @@ __all__ = [
     "residuals",
     "svg",
     "waterfall",
+    "where_it_errs_most",
     "worst_stretch",
 ]

@@ -179,6 +179,32 @@ def measured_and_model(traces: Traces) -> Figure:
 
 
 @mpl.rc_context(STYLE)
+def where_it_errs_most(traces: Traces, words: Mapping[str, str] | None = None) -> Figure:
+    """Measured output and models over the stretch of the greatest error, and what they leave.
+
+    Arguments:
+        traces: one or two simulations of a record.
+        words: other words for `"measured"`, `"held out"`, `"residual"`, `"time"` and the names of
+            the traces, as in another language.
+
+    Returns:
+        The figure, wide and low, for the first screen of a report.
+    """
+    words = words or {}
+    figure = Figure(figsize=(8.2, 4.1), layout="constrained")
+    upper, lower = figure.subplots(2, 1, height_ratios=[1.3, 1], sharex=True)
+    rows = worst_stretch(traces)
+    _course(upper, traces, rows, "output")
+    _course(lower, traces, rows, "residual")
+    upper.set_xlabel("")
+    lower.set_xlabel(f"{words.get('time', 'time')} (s)")
+    label = lower.get_ylabel()
+    lower.set_ylabel(label.replace("residual", words.get("residual", "residual")))
+    _legend(figure, traces, measured=True, words=words)
+    return figure
+
+
+@mpl.rc_context(STYLE)
 def loop(traces: Traces) -> Figure:
     """Output against input: the whole record as measured, and with models where they err most.
 
@@ -598,13 +624,16 @@ def _legend(
     measured: bool,
     more: Sequence[Patch] = (),
     held_out: bool = True,
+    words: Mapping[str, str] | None = None,
 ) -> None:
-    first = _first(traces)
-    handles = [Patch(color=MEASURED, label="measured")] if measured else []
+    first, words = _first(traces), words or {}
+    said = words.get("measured", "measured")
+    handles = [Patch(color=MEASURED, label=said)] if measured else []
     for name, trace in traces.items():
-        text = _plain(name) if measured is False or len(traces) > 1 else "model"
+        text = _plain(words.get(name, name)) if measured is False or len(traces) > 1 else "model"
         handles.append(Patch(color=colour(trace), label=text))
     if held_out and not first.validation[first.record.measured].all():
-        handles.append(Patch(color=HELD_OUT, alpha=0.4, label="held out from identification"))
+        said = words.get("held out", "held out from identification")
+        handles.append(Patch(color=HELD_OUT, alpha=0.4, label=said))
     handles += more
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))

@@ -14,6 +14,7 @@ from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode
 from preisach_jax.record.readers import BINARY, NPZ, TEXT, WORKBOOK
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
+from preisach_jax.record.readers.workbook import SHEET, read_workbook
 from preisach_jax.record.table import Table
 
 MAX_TEXT_BYTES = 2**29
@@ -26,6 +27,7 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
     Arguments:
         path: a file of any kind in `preisach_jax.record.readers`, known by how it begins, else by
             its ending; packed by gzip or ZIP or not; anything else is delimiter-separated text.
+            Behind the name of a workbook may stand # and the name of a sheet: `"book.xlsx#Run 2"`.
         source: the file as the user named it, where that is not its path.
 
     Returns:
@@ -35,8 +37,10 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
         InputError: there is no such file, it cannot be read, or it holds no table.
     """
     source = str(path) if source is None else source
-    path = Path(path)
+    path, sheet = _without_sheet(Path(path))
     _check_file(path, source)
+    if sheet is not None:
+        return read_workbook(path, source.removesuffix(f"{SHEET}{sheet}"), sheet)
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -51,6 +55,15 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
         raise InputError(
             f"{source}: cannot be read ({error.strerror}); check its permissions"
         ) from None
+
+
+def _without_sheet(path: Path) -> tuple[Path, str | None]:
+    """A workbook and the sheet that is named behind it; of any other path itself, and None."""
+    name, mark, sheet = path.name.rpartition(SHEET)
+    book = path.with_name(name) if name else path
+    if mark and sheet and book.suffix.lower() in WORKBOOK.suffixes and not path.exists():
+        return book, sheet
+    return path, None
 
 
 def _read(path: Path, head: bytes, source: str) -> Table:

@@ -12,6 +12,7 @@ import jinja2
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, json_bytes, write_files
 from preisach_jax.report.content import comparison_page, diagnosis_page
+from preisach_jax.report.language import words
 from preisach_jax.report.several import several_page
 
 if TYPE_CHECKING:
@@ -23,13 +24,16 @@ if TYPE_CHECKING:
 __all__ = ["comparisons_json", "write_comparison", "write_comparisons", "write_report"]
 
 
-def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) -> list[Path]:
+def write_report(
+    found: Diagnosis, folder: Path, *, command: str | None = None, language: str = "en"
+) -> list[Path]:
     """Write the report of a diagnosis.
 
     Arguments:
         found: the diagnosis.
         folder: where to; it is made if it does not exist.
         command: the command line that made it, for the page.
+        language: of headings, verdict and first figure: `"en"` or `"de"`.
 
     Returns:
         The files: `report.html`, `diagnosis.json`, `base.json` (the model without effects),
@@ -37,15 +41,18 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
         in place of the effect that was named), and the figures as PNG.
 
     Raises:
-        InputError: if the folder cannot be written to; then nothing was.
+        InputError: if the folder cannot be written to, or the language is unknown; then nothing
+            was written.
 
     Example:
         >>> write_report(found, Path("report"))  # doctest: +SKIP
     """
     folder = Path(folder)
     check_folder(folder)
+    page = diagnosis_page(found, command, language)
     traces = plot.before_and_after(found)
     figures = {
+        "worst": plot.where_it_errs_most(traces, _figure_words(found, language)),
         "waterfall": plot.waterfall(found),
         "measured_and_model": plot.measured_and_model(traces),
         "loop": plot.loop(traces),
@@ -54,7 +61,6 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
         "density": plot.density(found.model),
         "candidates": plot.candidates(found),
     }
-    page = diagnosis_page(found, command)
     files = {
         "report.html": _rendered("report.html.j2", page, figures),
         "diagnosis.json": json_bytes(found.to_json()),
@@ -64,6 +70,15 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
     for name, model in found.alternatives.items():
         files[f"alternatives/{file_name(name)}.json"] = json_bytes(model.to_json())
     return _write(folder, files, figures)
+
+
+def _figure_words(found: Diagnosis, language: str) -> dict[str, str]:
+    t, effects = words(language), " + ".join(found.effects)
+    return {
+        "measured": t["measured"], "held out": t["held_out"], "residual": t["residual"],
+        "time": t["time"], "without effects": t["without"], f"with {effects}":
+        f"{t['with']} {effects}",
+    }  # fmt: skip
 
 
 def write_comparison(

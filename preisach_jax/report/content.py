@@ -13,13 +13,17 @@ import jax
 
 from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
-from preisach_jax.diagnosis.wording import plain
 from preisach_jax.identify import BLOCKS, FOLDS
 from preisach_jax.quantity import number, quantity, scaled
+from preisach_jax.report.language import (
+    effect_name,
+    verdict_headline,
+    verdict_sentence,
+    words,
+)
 from preisach_jax.rows import (
     budget_rows,
     finding_parameters,
-    headline,
     ladder_rows,
     limit_rows,
     model_rows,
@@ -44,12 +48,13 @@ REFERENCES = (
 )
 
 
-def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
+def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") -> dict[str, Any]:
     """All that the page of a diagnosis says.
 
     Arguments:
         found: the diagnosis.
         command: the command line that made it.
+        language: of the headings and the verdict, one of `LANGUAGES`.
 
     Returns:
         Texts and tables by name.
@@ -58,13 +63,17 @@ def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
     return {
         "title": record.name,
         "verdict": found.verdict,
-        "headline": headline(found),
-        "sentence": found.sentence,
+        "language": language,
+        "t": words(language),
+        "headline": verdict_headline(found, language),
+        "sentence": verdict_sentence(found, language),
+        "size": _size(found),
         "effects": found.effects,
         "ladder": ladder_rows(found),
-        "findings": [_finding(finding, found.model) for finding in found.findings],
+        "findings": [_finding(each, found.model, language) for each in found.findings],
         "families": [f.family for f in found.findings if len(f.family) > 1],
         "next_experiment": found.next_experiment,
+        "next_command": _next_command(found),
         "located": found.located,
         "notes": found.notes,
         "limits": limit_rows(found),
@@ -194,7 +203,28 @@ def test_rows(comparison: Comparison) -> list[tuple[str, str, str]]:
     ]
 
 
-def _finding(finding: Finding, model: Model) -> dict[str, Any]:
+def _size(found: Diagnosis) -> dict[str, str]:
+    """What is left of the error, and what it was, in per cent of the stroke and in its unit."""
+    record, ladder = found.base.record, found.ladder
+    stroke, unit = record.output_range, record.output_unit
+    share, before_share = (
+        number(100 * rung.rms_validation / stroke, 2) for rung in (ladder[-1], ladder[0])
+    )
+    rms, before = (quantity(rung.rms_validation, unit, 3) for rung in (ladder[-1], ladder[0]))
+    has_more = len(ladder) > 1
+    return {
+        "share": share, "rms": rms, "before": before if has_more else "",
+        "before_share": before_share,
+    }  # fmt: skip
+
+
+def _next_command(found: Diagnosis) -> str:
+    if found.next_experiment is not None:
+        return "preisach design . --out next.csv"
+    return "preisach predict model.json next.csv --out predicted.csv"
+
+
+def _finding(finding: Finding, model: Model, language: str) -> dict[str, Any]:
     known: dict[str, Effect] = {effect.name: effect for effect in model.effects}
     effect = known[finding.effect]
     unit = model.units.get("output", "")
@@ -202,7 +232,7 @@ def _finding(finding: Finding, model: Model) -> dict[str, Any]:
     numbers = finding.evidence
     return {
         "effect": finding.effect,
-        "plain": plain(finding.effect),
+        "plain": effect_name(finding.effect, language),
         "family": finding.family,
         "parameters": finding_parameters(finding),
         "meanings": _meanings(effect),

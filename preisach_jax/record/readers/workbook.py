@@ -25,23 +25,27 @@ OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
 _MACROS = ("xl/vbaProject.bin", "xl/macrosheets")
+SHEET = "#"
+"""Stands between the name of a workbook and that of a sheet in it."""
+
 _REMEDY = "open it in the spreadsheet program and save it again, or save the sheet as CSV"
 _COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
-def read_workbook(path: Path, source: str) -> Table:
-    """Read the sheet with the most rows; needs the optional package python-calamine.
+def read_workbook(path: Path, source: str, sheet: str | None = None) -> Table:
+    """Read one sheet; needs the optional package python-calamine.
 
     Arguments:
         path: the file.
         source: the file as the user named it.
+        sheet: the sheet's name, None for the one with the most rows.
 
     Returns:
         The table; a row of it is the row of the sheet.
 
     Raises:
         InputError: python-calamine is not installed, the workbook is protected by a password, has
-            macros, is broken, or no sheet holds a table.
+            macros, is broken, no sheet holds a table, or there is no such sheet.
     """
     _check_harmless(path, source)
     calamine = library("python_calamine", "python-calamine", "workbooks", source)
@@ -56,11 +60,19 @@ def read_workbook(path: Path, source: str) -> Table:
     filled = {name: rows for name, rows in sheets.items() if len(rows) > 1}
     if not filled:
         raise InputError(f"{source}: no sheet holds a table; give names above columns of numbers")
-    name = max(filled, key=lambda each: len(filled[each]))
+    if sheet is not None and sheet not in filled:
+        raise InputError(
+            f"{source}: there is no sheet {sheet!r} with a table; give one of {', '.join(filled)}"
+        )
+    name = sheet or max(filled, key=lambda each: len(filled[each]))
     table = _table_of_sheet(filled[name], f"{source}, sheet {name}", source)
-    if len(filled) == 1:
+    if len(filled) == 1 or sheet is not None:
         return table
-    note = f"{source}: of {len(filled)} sheets, {name!r} was read, which has the most rows"
+    others = ", ".join(each for each in filled if each != name)
+    note = (
+        f"{source}: of {len(filled)} sheets, {name!r} was read, which has the most rows; for "
+        f"another ({others}) put its name behind the file's: {Path(source).name}{SHEET}NAME"
+    )
     return replace(table, notes=(note, *table.notes))
 
 

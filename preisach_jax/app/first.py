@@ -1,0 +1,113 @@
+"""The first view: the record as it was measured, and what a look at it finds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.layouts import column, row
+from bokeh.models import ColumnDataSource
+from bokeh.plotting import figure
+
+from preisach_jax.app.views import DRAWING, GRID, PLOTS, unformatted
+from preisach_jax.look import Look
+from preisach_jax.plot.axes import record_axes
+from preisach_jax.plot.style import BEFORE, HELD_OUT, MEASURED
+from preisach_jax.record import Record
+
+STRETCHES = 2_000
+"""Stretches of time of which the extremes are drawn, where a record has more rows."""
+
+MOST_MARKED = 100
+"""Rests that are shaded."""
+
+
+class FirstView:
+    """Loop, output and input of a record, in which a look marks what it found.
+
+    Arguments:
+        record: the measurement.
+
+    Attributes:
+        layout: the Bokeh object to show.
+        spikes: where the marks of spikes stand, by `"input"` and `"output"`.
+        rests: from when to when the input rests.
+    """
+
+    def __init__(self, record: Record):
+        self._record = record
+        self._axes = record_axes(record)
+        rows = extreme_rows(record)
+        source = ColumnDataSource({key: axis.values[rows] for key, axis in self._axes.items()})
+        self.spikes = {name: ColumnDataSource({"x": [], "y": []}) for name in ("input", "output")}
+        self.rests = ColumnDataSource({"x0": [], "x1": []})
+        self._loop = self._figure("Loop", "input", "output", source)
+        self._output = self._figure("Output", "time", "output", source)
+        self._input = self._figure("Input", "time", "input", source)
+        self._input.x_range = self._output.x_range
+        for name, drawn in (("output", self._output), ("input", self._input)):
+            drawn.vstrip(
+                "x0", "x1", source=self.rests, color=HELD_OUT, alpha=0.25, level="underlay"
+            )
+            drawn.scatter(
+                "x", "y", source=self.spikes[name], marker="x", size=10, color=BEFORE, line_width=2
+            )
+        courses = column(self._output, self._input, sizing_mode="stretch_both")
+        self.layout: Any = row(
+            courses, self._loop, sizing_mode="stretch_both", stylesheets=[PLOTS, GRID]
+        )
+
+    def mark(self, found: Look) -> None:
+        """Shade the rests and mark the spikes that a look found."""
+        rests = found.excitation.rests[:MOST_MARKED]
+        self.rests.data = {
+            "x0": [rest.begin_s for rest in rests],
+            "x1": [rest.begin_s + rest.length_s for rest in rests],
+        }
+        for name, rows in (("input", found.input_spikes), ("output", found.output_spikes)):
+            self.spikes[name].data = {
+                "x": self._axes["time"].values[rows], "y": self._axes[name].values[rows]
+            }  # fmt: skip
+
+    def _figure(self, title: str, x: str, y: str, source: Any) -> Any:
+        drawn: Any = figure(
+            title=title, x_axis_label=unformatted(self._axes[x].label),
+            y_axis_label=unformatted(self._axes[y].label), sizing_mode="stretch_both",
+            tools="pan,box_zoom,wheel_zoom,reset,save", min_height=220, min_width=240,
+            output_backend="canvas", stylesheets=[DRAWING],
+        )  # fmt: skip
+        drawn.line(x, y, source=source, color=MEASURED, width=1.5)
+        drawn.toolbar.logo = None
+        return drawn
+
+
+def extreme_rows(record: Record, stretches: int = STRETCHES) -> np.ndarray:
+    """Rows of a record to draw: all, or the extremes of input and output in many stretches.
+
+    Arguments:
+        record: the measurement.
+        stretches: how many equal stretches of rows, where the record has more than 4 times as many.
+
+    Returns:
+        (row,) increasing rows, the first and the last among them.
+
+    Example:
+        >>> t = np.arange(1000.0)
+        >>> u = np.where(t == 123, 5.0, np.sin(t))
+        >>> rows = extreme_rows(Record.from_arrays(t, u, u), 20)
+        >>> len(rows) < 90, 123 in rows
+        (True, True)
+    """
+    count = len(record)
+    if count <= 4 * stretches:
+        return np.arange(count)
+    chosen = [np.array([0, count - 1])]
+    for values in (record.input, record.output):
+        width = -(-count // stretches)
+        filled = np.full(width * stretches, np.nan)
+        filled[:count] = values
+        table = filled.reshape(stretches, width)
+        some = np.flatnonzero(np.isfinite(table).any(axis=1))
+        for pick in (np.nanargmin, np.nanargmax):
+            chosen.append(some * width + pick(table[some], axis=1))
+    return np.unique(np.concatenate(chosen))

@@ -1,0 +1,175 @@
+"""The widgets of the page and where they stand, at every width of the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import panel as pn
+
+from preisach_jax.app import panels
+from preisach_jax.app.upload import MOST_BYTES
+from preisach_jax.app.views import AXES, NARROW
+
+LEVELS = {"25 levels, finer where it pays": 0, "13 levels": 13, "38 levels": 38, "50 levels": 50}
+"""Levels of the plane by what the menu calls them; 0 leaves them to the fit."""
+
+_DARK = """
+const root = document.documentElement
+root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark"
+"""
+
+_HEAD = """
+:host { min-width: 0 !important; gap: 0.3rem; padding: 0.3rem 0.8rem; align-items: center;
+  flex-wrap: wrap !important; border-bottom: 1px solid var(--line); }
+"""
+_BODY = f"""
+:host {{ min-width: 0 !important; height: calc(100vh - 3.6rem) !important; align-items: stretch; }}
+{NARROW} {{ :host {{ display: block !important; height: auto !important; }} }}
+"""
+_MAIN = f"""
+:host {{ flex: 1 1 0 !important; min-width: 0 !important; height: 100%;
+  overflow-y: auto; padding: 0 0.5rem; }}
+{NARROW} {{ :host {{ display: block !important; width: 100% !important; max-width: 100vw;
+  height: auto !important; overflow: visible; padding: 0 0.6rem;
+  box-sizing: border-box; }} }}
+"""
+_SIDE = f"""
+:host {{ flex: 0 0 25rem !important; max-width: 25rem; min-width: 0 !important; height: 100%;
+  overflow-y: auto; padding: 0 0.4rem; border-left: 1px solid var(--line); }}
+{NARROW} {{ :host {{ display: block !important; width: 100% !important; max-width: 100vw;
+  height: auto !important; overflow: visible;
+  padding: 0 0.4rem; box-sizing: border-box; border-left: 0; }} }}
+"""
+BLOCK = ":host { display: block !important; height: auto !important; min-width: 0 !important; }"
+_BESIDE = f"""
+:host {{ min-width: 0 !important; gap: 0.6rem; align-items: flex-start; }}
+{NARROW} {{ :host {{ display: block !important; height: auto !important; }} }}
+"""
+WRAP = ":host { flex-wrap: wrap !important; gap: 0.4rem; min-width: 0 !important; }"
+_CARD = ":host { border: 1px solid var(--line); border-radius: 8px; padding: 0.3rem 0.4rem; " \
+    "margin: 0.25rem 0.4rem; background: var(--paper); }"  # fmt: skip
+
+
+class Layout:
+    """All that the page shows, without what it does.
+
+    Arguments:
+        on: what is called for each gesture, by name.
+
+    Attributes:
+        view: the whole page.
+    """
+
+    def __init__(self, on: dict[str, Callable[..., None]]):
+        self._on_drop = on["drop"]
+        self.dropper = pn.Column(sizing_mode="stretch_width", css_classes=["dropper"])
+        self.await_file(height=150)
+        self.message = panels.pane()
+        self.doing = panels.pane()
+        self.file = panels.pane(panels.brand(""))
+        self.verdict = panels.pane()
+        self.chips = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
+        self.steps = pn.Row(sizing_mode="stretch_width", stylesheets=[WRAP])
+        self.levels = styled(pn.widgets.Select(label="Preisach plane", options=LEVELS, width=250))
+        self.levels.param.watch(on["levels"], "value")
+        self.fit = button("Fit", on["fit"], "primary")
+        self.find = button("Find it for me", on["find"], "primary")
+        self.undo = button("Undo", on["undo"])
+        self.cancel = button("Cancel", on["cancel"])
+        self.dark = styled(pn.widgets.Button(label="Dark or light", color="default"))
+        self.dark.js_on_click(code=_DARK)
+        self.save = button("Save project", on["save"])
+        self.axis = styled(
+            pn.widgets.Select(
+                label="Residual against",
+                options={text: key for key, text in AXES.items()},
+                width=230,
+            )
+        )
+        self.axis.param.watch(on["axis"], "value")
+        self.shown = styled(
+            pn.widgets.RadioButtonGroup(label="View", options=["Record"], value="Record")
+        )
+        self.shown.param.watch(on["shown"], "value")
+        self.ladder = panels.pane()
+        self.advice = panels.pane()
+        self.cards = pn.Column(sizing_mode="stretch_width")
+        self.prepare = button("Prepare export", on["export"])
+        self.downloads = pn.Column(sizing_mode="stretch_width")
+        self.project = pn.Column(sizing_mode="stretch_width")
+        self.drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
+        self.view: Any = self._arranged()
+
+    def await_file(self, height: int) -> None:
+        """Make room for the next file: the widget keeps showing the last one otherwise."""
+        dropper = pn.widgets.FileDropper(
+            multiple=False, height=height, max_file_size=f"{MOST_BYTES // 1_000_000}MB",
+            previews=[], sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
+        )  # fmt: skip
+        dropper.param.watch(self._on_drop, "value")
+        self.dropper.objects = [dropper]
+
+    def _arranged(self) -> Any:
+        head = pn.Row(
+            self.file, self.save, self.dark, sizing_mode="stretch_width", stylesheets=[_HEAD]
+        )
+        views = pn.Row(self.shown, self.axis, sizing_mode="stretch_width", stylesheets=[WRAP])
+        main = pn.Column(
+            self.dropper, self.message, self.chips, self.verdict, self.doing, self.steps, views,
+            self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
+        )  # fmt: skip
+        buttons = pn.Row(
+            self.fit, self.find, self.undo, self.cancel, sizing_mode="stretch_width",
+            stylesheets=[WRAP],
+        )  # fmt: skip
+        side = pn.Column(
+            panels.pane(panels.heading("What may be missing")),
+            self.advice, buttons, self.cards,
+            panels.pane(panels.heading("The model")),
+            self.ladder, self.levels,
+            panels.pane(panels.heading("Take away")),
+            self.prepare, self.downloads, self.project,
+            stylesheets=[_SIDE],
+        )  # fmt: skip
+        body = pn.Row(main, side, sizing_mode="stretch_both", stylesheets=[_BODY])
+        return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=[BLOCK])
+
+
+def plots(drawn: Any) -> Any:
+    """Figures that fill what the window leaves."""
+    return pn.pane.Bokeh(drawn, sizing_mode="stretch_both")
+
+
+def beside(*parts: Any) -> Any:
+    """Parts side by side, on a phone below each other."""
+    return pn.Row(*parts, sizing_mode="stretch_width", stylesheets=[_BESIDE])
+
+
+def card(*parts: Any) -> Any:
+    """A box with a border around what belongs together."""
+    return pn.Column(*parts, sizing_mode="stretch_width", stylesheets=[_CARD])
+
+
+def styled(widget: Any) -> Any:
+    """A widget in the page's style."""
+    widget.stylesheets = [*widget.stylesheets, panels.style()]
+    return widget
+
+
+def button(name: str, clicked: Callable[[Any], None], kind: str = "default") -> Any:
+    """A button, whose click changes the page in one message."""
+    made = styled(pn.widgets.Button(label=name, color=kind))
+    made.on_click(partial(_clicked, clicked))
+    return made
+
+
+def _clicked(clicked: Callable[[Any], None], event: Any) -> None:
+    at_once(partial(clicked, event))
+
+
+def at_once(change: Callable[[], None]) -> None:
+    """Send all that changes in one message, so that a tab never shows half of a step."""
+    with pn.io.hold():
+        change()

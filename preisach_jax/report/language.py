@@ -1,0 +1,236 @@
+"""The words of the report in English and German, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from preisach_jax.diagnosis.wording import plain
+from preisach_jax.errors import InputError
+from preisach_jax.quantity import number, quantity
+from preisach_jax.rows import headline
+
+if TYPE_CHECKING:
+    from preisach_jax.diagnosis.result import Diagnosis, Finding
+
+LANGUAGES = ("en", "de")
+
+_WORDS: dict[str, tuple[str, str]] = {
+    "diagnosis_of": ("Preisach diagnosis of", "Preisach-Diagnose von"),
+    "of_the_stroke": ("of the stroke", "des Hubs"),
+    "error_left": ("RMS error on held-out rows", "RMS-Fehler auf zurückgehaltenen Zeilen"),
+    "was": ("before", "vorher"),
+    "next": ("What to do next", "Der nächste Schritt"),
+    "record_this": ("Record this, then diagnose again:", "Dies messen und neu diagnostizieren:"),
+    "excitation": (
+        "The excitation, computed for this record:",
+        "Die Anregung dafür, für diese Messung berechnet:",
+    ),
+    "use_model": (
+        "Nothing more needs to be recorded. Predict with the model:",
+        "Es braucht keine weitere Messung. Vorhersage mit dem Modell:",
+    ),
+    "worst": (
+        "The stretch where the error is greatest: output, and what the models leave of it",
+        "Der Abschnitt mit dem größten Fehler: Ausgang, und was die Modelle davon übrig lassen",
+    ),
+    "measured": ("measured", "gemessen"),
+    "held_out": ("held out from identification", "von der Identifikation zurückgehalten"),
+    "residual": ("residual", "Residuum"),
+    "time": ("time", "Zeit"),
+    "without": ("without effects", "ohne Effekte"),
+    "with": ("with", "mit"),
+    "to_know": ("To know before believing it", "Vorab zu wissen"),
+    "errors": ("The errors", "Die Fehler"),
+    "model": ("model", "Modell"),
+    "rms": ("held-out RMS", "RMS, zurückgehalten"),
+    "percent": ("% of stroke", "% des Hubs"),
+    "largest": ("largest", "größter"),
+    "fit": ("fit %", "Fit %"),
+    "whole_course": ("Measured output and model before and after",
+                     "Gemessener Ausgang und Modell, vorher und nachher"),
+    "waterfall": ("Held-out error as effects are added",
+                  "Fehler auf zurückgehaltenen Zeilen, Effekt um Effekt"),
+    "where_fails": ("Where the model fails", "Wo das Modell versagt"),
+    "remains": ("What remains:", "Was bleibt:"),
+    "nothing_remains": (
+        "What remains of the error is within noise and discretisation.",
+        "Was vom Fehler bleibt, liegt innerhalb von Rauschen und Diskretisierung.",
+    ),
+    "loops": ("Measured and modelled loops", "Gemessene und modellierte Schleifen"),
+    "residual_caption": (
+        "A residual that depends on nothing is a band of constant width about zero in each of "
+        "these panels.",
+        "Ein Residuum, das von nichts abhängt, ist in jedem dieser Felder ein Band gleicher Breite "
+        "um null.",
+    ),
+    "tests_caption": (
+        "A residual in which nothing is left stays inside the shaded bands, each in its model's "
+        "colour.",
+        "Ein Residuum, in dem nichts mehr steckt, bleibt in den getönten Bändern, jedes in der "
+        "Farbe seines Modells.",
+    ),
+    "missing": ("What is missing", "Was fehlt"),
+    "none_added": ("No effect was added.", "Es wurde kein Effekt hinzugefügt."),
+    "falls": ("The held-out error falls from {} to {} RMS with it.",
+              "Mit ihm fällt der Fehler auf zurückgehaltenen Zeilen von {} auf {} RMS."),
+    "cannot_tell": ("This record cannot tell it from {}.",
+                    "Diese Messung kann ihn nicht unterscheiden von {}."),
+    "parameter": ("parameter", "Parameter"),
+    "value": ("value and 95 % interval", "Wert und 95-%-Intervall"),
+    "meaning": ("meaning", "Bedeutung"),
+    "seen_as": ("Seen in the residual as", "Im Residuum sichtbar als"),
+    "evidence": ("Evidence", "Belege"),
+    "source": ("Source", "Quelle"),
+    "tried": ("What was tried", "Was versucht wurde"),
+    "tried_alt": ("Effects that were tried, their gain, and why they were added or not",
+                  "Versuchte Effekte, ihr Gewinn, und warum sie aufgenommen wurden oder nicht"),
+    "not_there": ("What is not there", "Was nicht da ist"),
+    "limits": ("Upper limits (95 %) for the effects that were not found.",
+               "Obere Grenzen (95 %) der Effekte, die nicht gefunden wurden."),
+    "record_next": ("What to record next", "Was als Nächstes zu messen ist"),
+    "why": ("Why", "Warum"),
+    "answered": ("Nothing: the question is answered by this record.",
+                 "Nichts: Diese Messung beantwortet die Frage."),
+    "families": ("Families that this record cannot split:",
+                 "Familien, die diese Messung nicht trennt:"),
+    "budget": ("Error budget", "Fehlerbilanz"),
+    "density": ("Density", "Dichte"),
+    "density_caption": (
+        "Weight of each cell over its area. A never visited cell has no data: its weight comes "
+        "from its neighbours alone. The colours go by the square root; the diagonal, which is "
+        "reversible, may lie beyond their scale.",
+        "Gewicht jeder Zelle durch ihre Fläche. Eine nie besuchte Zelle hat keine Daten: Ihr "
+        "Gewicht kommt allein von ihren Nachbarn. Die Farben gehen nach der Quadratwurzel; die "
+        "Diagonale, die reversibel ist, kann über ihre Skala hinausgehen.",
+    ),
+    "method": ("Method", "Verfahren"),
+    "reproduce": ("To reproduce", "Zum Nachrechnen"),
+    "beside": (
+        "Beside this page: the figures as PNG, diagnosis.json, base.json (the model without "
+        "effects) and model.json (the final one).",
+        "Neben dieser Seite: die Bilder als PNG, diagnosis.json, base.json (das Modell ohne "
+        "Effekte) und model.json (das endgültige).",
+    ),
+    "printed": (
+        "This print is a summary; report.html has the tests of the residual, all effects that were "
+        "tried, upper limits, the density and the method besides.",
+        "Dieser Ausdruck ist eine Zusammenfassung; report.html hat außerdem die Tests des "
+        "Residuums, alle versuchten Effekte, obere Grenzen, die Dichte und das Verfahren.",
+    ),
+    "figure": ("Figure, enlarged", "Bild, vergrößert"),
+    "close": ("Close", "Schließen"),
+}  # fmt: skip
+
+_HEADLINES_DE = {
+    "adequate": "Es fehlt nichts",
+    "explained": "Der fehlende Effekt ist gefunden",
+    "partly_explained": "Ein Effekt ist gefunden, und etwas bleibt",
+    "unexplained": "Etwas fehlt, und nichts von dem Versuchten erklärt es",
+}
+
+_EFFECTS_DE = {
+    "creep": "Kriechen (der Ausgang läuft weiter, wenn der Eingang steht)",
+    "operator_creep": "Kriechen mit Schwelle",
+    "reptation": "Reptation (das Gedächtnis verblasst mit dem Weg des Eingangs)",
+    "drift": "eine Drift der Messung, die nicht vom Eingang abhängt",
+    "delay": "eine reine Totzeit zwischen Eingang und gemessenem Ausgang",
+    "input_lag": "eine Verzögerung des Antriebs (erster Ordnung)",
+    "output_lag": "eine Verzögerung des Sensors (erster Ordnung)",
+    "slew_limit": "eine Grenze der Geschwindigkeit des Antriebs",
+    "rate_dependence": "Ratenabhängigkeit (je schneller der Eingang, desto breiter die Schleife)",
+    "resonance": "eine Resonanz der Mechanik",
+    "hum": "ein Netzbrumm oder eine andere feste Linie im Messsignal",
+    "ageing": "Alterung (die Schleife schrumpft mit der Zeit)",
+    "moving": "Rückwirkung des Ausgangs auf das Material (bewegtes Modell)",
+    "eddy_currents": "Wirbelströme (die Geschwindigkeit des Ausgangs wirkt zurück)",
+    "output_nonlinearity": "ein Sensor, der die Schleife als Ganzes verbiegt",
+    "input_quantisation": "grobe Stufen des Wandlers im Antrieb",
+    "viscosity": "Dämpfung (eine Kraft, die mit der Geschwindigkeit des Eingangs geht)",
+    "leakage": "Leckage der Messung (sie vergisst langsame Signale)",
+    "log_rate": "Ratenabhängigkeit mit dem Logarithmus der Geschwindigkeit",
+    "restoring_force": "eine Mechanik um die Hysterese herum (Masse, Dämpfung, Feder)",
+    "output_quantisation": "grobe Stufen des Wandlers im Sensor",
+}
+
+
+def check_language(language: str) -> str:
+    """The language, if it is one of `LANGUAGES`.
+
+    Raises:
+        InputError: it is another.
+
+    Example:
+        >>> check_language("de")
+        'de'
+    """
+    if language not in LANGUAGES:
+        raise InputError(f"the language is {language!r}; give {' or '.join(LANGUAGES)}")
+    return language
+
+
+def words(language: str) -> Mapping[str, str]:
+    """The words of the templates in a language, by key."""
+    place = LANGUAGES.index(check_language(language))
+    return MappingProxyType({key: texts[place] for key, texts in _WORDS.items()})
+
+
+def effect_name(effect: str, language: str) -> str:
+    """An effect in the words of a language."""
+    if language == "en":
+        return plain(effect)
+    if effect.startswith("aux:"):
+        return f"der Einfluss von {effect.removeprefix('aux:')}"
+    return _EFFECTS_DE.get(effect, plain(effect))
+
+
+def verdict_headline(found: Diagnosis, language: str) -> str:
+    """The verdict in a few words of a language."""
+    if language == "en":
+        return headline(found)
+    several = len(found.effects) > 1 and found.verdict == "explained"
+    return "Die fehlenden Effekte sind gefunden" if several else _HEADLINES_DE[found.verdict]
+
+
+def verdict_sentence(found: Diagnosis, language: str) -> str:
+    """The verdict in one sentence of a language."""
+    if language == "en":
+        return found.sentence
+    budget, stroke = found.budget, found.base.record.output_range
+    first, last = (
+        f"{quantity(rung.rms_validation, budget.unit, 3)} RMS "
+        f"({number(100 * rung.rms_validation / stroke, 2)} % des Hubs)"
+        for rung in (found.ladder[0], found.ladder[-1])
+    )
+    left = quantity(budget.unexplained, budget.unit, 3)
+    rest = "Rauschen und das Gitter des Modells"
+    if not budget.is_met:
+        rest += f", und {left} innerhalb der Toleranz"
+    if found.verdict == "adequate":
+        return (
+            "Es fehlt nichts: Das reine Hysteresemodell sagt den Ausgang auf "
+            f"{last} voraus; das ist {rest}."
+        )
+    if found.verdict == "unexplained":
+        return (
+            "Etwas fehlt, aber keiner der versuchten Effekte erklärt es: Vom Fehler von "
+            f"{last} sind {left} weder Rauschen noch Gitter."
+        )
+    named = " und ".join(_with_family(finding) for finding in found.findings)
+    tail = (
+        f"was bleibt, ist {rest}" if found.verdict == "explained"
+        else f"{left} davon sind noch nicht erklärt"
+    )  # fmt: skip
+    return (
+        f"Dem reinen Hysteresemodell fehlt {named}: Damit fällt der Fehler von {first} auf "
+        f"{last}; {tail}."
+    )
+
+
+def _with_family(finding: Finding) -> str:
+    name = effect_name(finding.effect, "de")
+    if len(finding.family) == 1:
+        return name
+    others = " oder ".join(finding.family[1:])
+    return f"{name} (oder {others}, was diese Messung nicht unterscheidet)"

@@ -11,8 +11,8 @@ from html import escape, unescape
 
 SIGNS = {
     "alpha": "α", "beta": "β", "delta": "δ", "Delta": "Δ", "ell": "ℓ", "lambda": "λ",
-    "mu": "μ", "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
-    "theta": "θ", "zeta": "ζ", "partial": "∂", "top": "⊤", "infty": "∞",
+    "mu": "μ", "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ", "sigma": "σ",
+    "tau": "τ", "theta": "θ", "zeta": "ζ", "partial": "∂", "top": "⊤", "infty": "∞",
 }  # fmt: skip
 OPERATORS = {
     "le": "≤", "ge": "≥", "gg": "≫", "ll": "≪", "in": "∈", "cdot": "·", "times": "×", "pm": "±",

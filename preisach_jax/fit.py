@@ -31,9 +31,10 @@ from preisach_jax.identify import (
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.record.faults import faults
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.reduction import FIRST_STRENGTH
-from preisach_jax.rows import chain_rows, error_table, model_line, spikes_lines
+from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line
 from preisach_jax.signature import Projection, Prospect, prospects
 
 if TYPE_CHECKING:
@@ -180,7 +181,7 @@ class Fit:
                     f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
                     f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
                 )
-        return "\n".join([*lines, *(f"  {line}" for line in spikes_lines(self.record))])
+        return "\n".join([*lines, *(f"  {line}" for line in fault_lines(self.record))])
 
     def plot(self) -> Figure:
         """Measured against model, and the residual, as a matplotlib figure."""
@@ -317,7 +318,7 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     Returns:
         The record without its spikes, as it was cut for a search, and the model.
     """
-    record = record.bridged(input_spikes(record))
+    record = record.bridged(input_spikes(record)).masked(faults(record))
     record = record.without(gross_spikes(record))
     for _ in range(MOST_ROUNDS):
         problem = Problem.of(record, SEARCH_ROWS)

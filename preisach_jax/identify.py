@@ -127,6 +127,7 @@ class Problem:
                 time_values=record.time_values[kept],
                 spikes={},
                 input_spikes={},
+                faults=(),
             )
             some = signals_of(record)
             signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))

@@ -197,11 +197,11 @@ def holes(record: Record) -> list[str]:
         row, seconds = max(record.gaps, key=lambda gap: gap[1])
         others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
         found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
-    if unmeasured := int((~record.measured).sum()) - len(record.spikes):
+    if unmeasured := int((~record.measured).sum()) - left_out(record):
         found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
     if record.torn_row is not None:
         found.append(torn_line(record))
-    return [*found, *spikes_lines(record)]
+    return [*found, *fault_lines(record)]
 
 
 def torn_line(record: Record) -> str:
@@ -209,9 +209,32 @@ def torn_line(record: Record) -> str:
     return f"row {record.torn_row:,} was left out: the file ends within it"
 
 
-def spikes_lines(record: Record) -> list[str]:
-    """Which samples were not used because they stand out alone, in words."""
+def left_out(record: Record) -> int:
+    """How many outputs were measured and are not used."""
+    return len(record.spikes) + sum(stop - start for _, start, stop in record.faults)
+
+
+OF_FAULTS = {
+    "stuck": "the output keeps one value while the input moves on",
+    "clipped": "the output is at the end of its sensor's range",
+    "wrapped": "the output's counter has wrapped",
+}
+
+
+def fault_lines(record: Record) -> list[str]:
+    """Which samples were not used: faults of the sensor, and what stands out alone, in words."""
     found: list[str] = []
+    for kind, words in OF_FAULTS.items():
+        rows = [(start, stop) for each, start, stop in record.faults if each == kind]
+        if not rows:
+            continue
+        count = sum(stop - start for start, stop in rows)
+        some = ", ".join(f"{start + 1:,}-{stop:,}" for start, stop in rows[:3])
+        others = f" and {len(rows) - 3:,} other stretches" if len(rows) > 3 else ""
+        found.append(
+            f"{words} in {count:,} samples ({100 * count / len(record.time):.2g} %), which were "
+            f"left out: samples {some}{others}"
+        )
     for what, spikes, done in (
         ("output", record.spikes, "left out"),
         ("input", record.input_spikes, "bridged by lines, as the output does not answer"),

@@ -102,9 +102,7 @@ def _run(words: list[str]) -> int:
     try:
         command = get_command(build())
         context = {"command": shlex.join(["preisach", *words])}
-        code = command.main(
-            words, prog_name="preisach", standalone_mode=False, obj=context
-        )
+        code = command.main(words, prog_name="preisach", standalone_mode=False, obj=context)
     except InputError as error:
         return _complain(str(error), USER_MISTAKE)
     except Interrupted as interruption:

@@ -16,8 +16,9 @@ from preisach_jax.diagnosis.residuals import (
 )
 from preisach_jax.model import Model, Prediction
 from preisach_jax.record import Record
+from preisach_jax.record.faults import faults
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
-from preisach_jax.rows import spikes_lines
+from preisach_jax.rows import fault_lines
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Comparison:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader must know of the record before believing the errors."""
-        return tuple(f"{line}." for line in spikes_lines(self.record))
+        return tuple(f"{line}." for line in fault_lines(self.record))
 
     @property
     def rms(self) -> float:
@@ -138,7 +139,7 @@ def compare(model: Model, record: Record) -> Comparison:
         >>> compare(pj.fit(record, levels=5).model, record).fit_percent > 98
         True
     """
-    record = record.bridged(input_spikes(record))
+    record = record.bridged(input_spikes(record)).masked(faults(record))
     simulated = model.predict(record)
     record = record.without(gross_spikes(record))
     record = record.without(isolated_spikes(record, simulated.output))

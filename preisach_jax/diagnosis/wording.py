@@ -21,7 +21,7 @@ from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import spikes_lines
+from preisach_jax.rows import fault_lines
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
@@ -147,7 +147,7 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             "misses much more. If this is a force recorded against a displacement, exchange input "
             "and output, or record the velocity too."
         )
-    notes += [f"{line}." for line in spikes_lines(record)]
+    notes += [f"{line}." for line in fault_lines(record)]
     turns = len(reversals(record.input))
     if turns < LEAST_REVERSALS:
         notes.append(

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 MIN_MEASURED = 50
 """Fewest measured samples from which a model may be identified."""
 
+LEAST_SOUND = 0.3
+"""Share of the measured samples that faults of a sensor must leave."""
+
 INITIAL_MEMORIES = ("low", "high", "demagnetised", "free")
 """What is known of the state at the first sample; `"free"`: nothing, it is identified."""
 
@@ -71,6 +74,7 @@ class Record:
         time_values: (K,) float64, the time column as in the file, in the file's unit.
         spikes: what was measured at the outputs that `without` left out, by row.
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
+        faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
         torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
 
     Example:
@@ -91,6 +95,7 @@ class Record:
     time_values: np.ndarray
     spikes: Mapping[int, float] = field(default_factory=dict[int, float])
     input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
+    faults: tuple[tuple[str, int, int], ...] = ()
     torn_row: int | None = None
 
     @classmethod
@@ -593,6 +598,39 @@ class Record:
             output=_frozen(np.where(spikes, np.nan, self.output)),
             spikes={**self.spikes, **left_out},
         )
+
+    def masked(self, faults: Sequence[tuple[str, int, int]]) -> Record:
+        """The same measurement without the output of stretches in which its sensor was at fault.
+
+        Arguments:
+            faults: kind, first row, and first row after it, of each stretch.
+
+        Returns:
+            The record with the same digest, its output NaN there, which `faults` remembers; itself
+            if nothing is left out.
+
+        Raises:
+            InputError: if too little of the output is left to identify anything.
+
+        Example:
+            >>> record = Record.from_arrays(np.arange(99.0), np.arange(99.0), np.arange(99.0))
+            >>> int(record.masked([("stuck", 3, 7)]).measured.sum())
+            95
+        """
+        if not faults:
+            return self
+        output = self.output.copy()
+        for _, start, stop in faults:
+            output[start:stop] = np.nan
+        left = int(np.isfinite(output).sum())
+        if left < max(LEAST_SOUND * self.measured.sum(), MIN_MEASURED):
+            kinds = " and ".join(sorted({kind for kind, _, _ in faults}))
+            raise InputError(
+                f"{self.name}, column {self.channels['output'].name}: the sensor is {kinds} in all "
+                f"but {left:,} of its {int(self.measured.sum()):,} readings; record the output "
+                "anew, within the range of its sensor"
+            )
+        return replace(self, output=_frozen(output), faults=(*self.faults, *faults))
 
     def bridged(self, spikes: np.ndarray) -> Record:
         """The same measurement with some inputs replaced by straight lines between the others.

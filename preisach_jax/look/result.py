@@ -17,6 +17,7 @@ from preisach_jax.look.prospects import Excitation, Prospect, prospects, rate_te
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.columns import unit_of, why
+from preisach_jax.record.faults import faults
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.spikes import WINDOW, gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.record.table import Table
@@ -57,7 +58,8 @@ class Look:
         excitation: what its input does: turns, rests, strokes; noise and steps of the readings.
         output_spikes, input_spikes: rows that stand out alone.
         stuck: where the output keeps a value while the input moves on.
-        clipped: where that value is its greatest or least.
+        clipped: where it is at the end of its sensor's range.
+        wrapped: where its counter has wrapped.
         prospects: what the record can tell of each effect.
         columns: the columns of the file, where it was made of one.
         notes: what was guessed and assumed.
@@ -69,6 +71,7 @@ class Look:
     input_spikes: np.ndarray
     stuck: tuple[stretches.Stretch, ...]
     clipped: tuple[stretches.Stretch, ...]
+    wrapped: tuple[stretches.Stretch, ...]
     prospects: tuple[Prospect, ...]
     columns: tuple[ColumnView, ...] = ()
     notes: tuple[str, ...] = ()
@@ -145,6 +148,7 @@ class Look:
                 "spikes": self.output_spikes.tolist(),
                 "stuck": [asdict(each) for each in self.stuck],
                 "clipped": [asdict(each) for each in self.clipped],
+                "wrapped": [asdict(each) for each in self.wrapped],
             },
             "prospects": [asdict(each) for each in self.prospects],
             "can_tell": list(self.can_tell),
@@ -195,6 +199,7 @@ def look(
     alone = _sharper_than_around(course, alone)
     clean = clean.without(alone).bridged(of_input)
     still = stretches.rests(clean)
+    sick = faults(clean)
     excitation = Excitation(
         clean,
         turning,
@@ -209,8 +214,7 @@ def look(
         excitation,
         np.flatnonzero(gross | alone),
         np.flatnonzero(of_input),
-        tuple(stretches.stuck(clean)),
-        tuple(stretches.clipped(clean)),
+        *(stretches.at_fault(clean, kind, sick) for kind in ("stuck", "clipped", "wrapped")),
         prospects(excitation, None if effects is None else tuple(effects)),
         tuple(columns),
         tuple(notes),
@@ -386,7 +390,11 @@ def _readings(found: Look) -> list[tuple[str, str]]:
             some = ", ".join(f"{row + 1:,}" for row in spikes[:3])
             more = f" and {spikes.size - 3:,} more" if spikes.size > 3 else ""
             rows.append((f"spikes of the {name}", f"{spikes.size:,}: sample {some}{more}"))
-    for name, where in (("sticks", found.stuck), ("clipped", found.clipped)):
+    for name, where in (
+        ("sticks", found.stuck),
+        ("clipped", found.clipped),
+        ("wrapped", found.wrapped),
+    ):
         if where:
             longest = max(where, key=lambda each: each.stop - each.start)
             begin, length = (quantity(s, "s", 3) for s in (longest.begin_s, longest.length_s))

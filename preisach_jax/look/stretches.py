@@ -1,8 +1,8 @@
-"""Stretches of a record: rests of the input, strokes, readings that stick or are clipped."""
+"""Stretches of a record: rests of the input, strokes, faults of the sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import scipy
 
 from preisach_jax.record import Record
 from preisach_jax.record.course import reversals
+from preisach_jax.record.faults import Fault, Kind
 
 REST_SAMPLES = 20
 """Samples over which the input must keep still for a rest."""
@@ -26,12 +27,6 @@ STROKE = 0.1
 
 STROKE_SAMPLES = 4
 """Samples that it must have at least, and most of them measured."""
-
-STUCK_SAMPLES = 8
-"""Equal readings in a row, at least, that are no chance."""
-
-STUCK_MOVE = 0.05
-"""Share of its range by which the other signal must move while a reading sticks."""
 
 
 @dataclass(frozen=True)
@@ -228,35 +223,16 @@ def band_decades(values: np.ndarray) -> float:
     return float(np.log10(high / low))
 
 
-def stuck(record: Record) -> list[Stretch]:
-    """Stretches in which the output keeps one value while the input moves on, ends left out.
-
-    Its extreme values are `clipped`; the steps of a coarse converter are none of it.
-    """
-    return _constant(record.time, record.output, record.input, ends=False)
-
-
-def clipped(record: Record) -> list[Stretch]:
-    """Stretches in which the output keeps its greatest or least value while the input moves on."""
-    return _constant(record.time, record.output, record.input, ends=True)
-
-
-def _constant(
-    time: np.ndarray, values: np.ndarray, other: np.ndarray, *, ends: bool
-) -> list[Stretch]:
-    step = resolution(values)
-    starts, stops = runs(np.diff(values) == 0)
-    long = stops - starts >= STUCK_SAMPLES - 1
-    starts, stops = starts[long], stops[long]
-    span = np.nanmax(values) - np.nanmin(values)
-    found: list[Stretch] = []
-    for start, stop in zip(starts, stops + 1, strict=True):
-        level = values[start]
-        at_end = min(abs(level - np.nanmax(values)), abs(level - np.nanmin(values))) == 0
-        moved = np.ptp(other[start:stop])
-        # A coarse converter stays on a step while the input moves by as much as the step means.
-        enough = max(STUCK_MOVE, 4 * step / span) * np.ptp(other)
-        if moved > enough and at_end == ends:
-            seconds = float(time[stop - 1] - time[start])
-            found.append(Stretch(int(start), int(stop), float(time[start]), seconds, float(level)))
-    return found
+def at_fault(record: Record, kind: Kind, found: Iterable[Fault]) -> tuple[Stretch, ...]:
+    """The stretches of one kind of fault, with their times and the first reading of each."""
+    return tuple(
+        Stretch(
+            each.start,
+            each.stop,
+            float(record.time[each.start]),
+            float(record.time[each.stop - 1] - record.time[each.start]),
+            float(record.output[each.start]),
+        )
+        for each in found
+        if each.kind == kind
+    )

@@ -84,11 +84,11 @@ def _course(axes: Axes, found: Look, role: str, shade: str) -> None:
         shown = np.clip(factor * values[spikes], low_end, high_end)
         axes.plot(record.time[spikes], shown, "x", color="black", ms=6, label="spike")
     if role == "output":
-        for k, each in enumerate((*found.clipped, *found.stuck)):
+        for k, each in enumerate((*found.clipped, *found.stuck, *found.wrapped)):
             rows = slice(each.start, each.stop)
             axes.plot(
                 record.time[rows], factor * values[rows], color="black", lw=3, alpha=0.7,
-                solid_capstyle="butt", label="stuck or clipped" if k == 0 else None,
+                solid_capstyle="butt", label="fault of the sensor" if k == 0 else None,
             )  # fmt: skip
     margin = 0.06 * (high_end - low_end)
     axes.set_ylim(low_end - margin, high_end + margin)

@@ -10,6 +10,7 @@ from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.eddy_currents import EddyCurrents
@@ -17,6 +18,8 @@ from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.leakage import Leakage
+from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.effects.operator_creep import OperatorCreep
@@ -51,6 +54,9 @@ BUILT_IN: tuple[type[Effect], ...] = (
     Auxiliary,
     Viscosity,
     Gain,
+    Cross,
+    Leakage,
+    LogRate,
 )
 ENTRY_POINTS = "preisach_jax.effects"
 
@@ -66,10 +72,10 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'eddy_currents', 'gain:COL', 'hum',
-         'input_lag', 'input_quantisation', 'moving', 'operator_creep', 'output_lag',
-         'output_nonlinearity', 'output_quantisation', 'rate_dependence', 'reptation', 'resonance',
-         'slew_limit', 'viscosity']
+        ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents', 'gain:COL',
+         'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate', 'moving',
+         'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
+         'rate_dependence', 'reptation', 'resonance', 'slew_limit', 'viscosity']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]
@@ -92,6 +98,16 @@ def placeholder(name: str) -> str:
     prefix, colon, _ = name.partition(":")
     of_columns = [kind.prefix for kind in OF_COLUMNS]
     return f"{prefix}:COL" if colon and prefix in of_columns else name
+
+
+def column_of(name: str) -> str:
+    """The auxiliary column that an effect is named after; empty if it is of none.
+
+    Example:
+        >>> column_of("gain:current_A"), column_of("creep")
+        ('current_A', '')
+    """
+    return name.partition(":")[2] if placeholder(name) != name else ""
 
 
 def resolve(

@@ -11,7 +11,7 @@ from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Values
 from preisach_jax.effects.of_column import OfColumn
 
 
-class Auxiliary(OfColumn, AddedEffect):
+class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariableOverride]
     r"""An auxiliary signal a(t) added to the output through a lag: \(g\,y,\ \tau\dot y = a - y\).
 
     Arguments:

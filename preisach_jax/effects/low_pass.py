@@ -79,8 +79,8 @@ def smoothed_rate(
 
     Example:
         >>> t = jnp.arange(5.0)
-        >>> smoothed_rate(3 * t, t, jnp.array(0.1)).round(3).tolist()
-        [0.0, 3.0, 3.0, 3.0, 3.0]
+        >>> smoothed_rate(2 * t, t, jnp.array(0.01)).tolist()
+        [0.0, 2.0, 2.0, 2.0, 2.0]
     """
     dt = jnp.diff(time, prepend=time[:1])
     safe_dt = jnp.where(dt > 0, dt, 1.0)

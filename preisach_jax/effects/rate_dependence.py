@@ -86,7 +86,7 @@ class RateDependence(HysteresisEffect):
         bound = self.bound_to(survey)
         forms = ((False, False), (True, True), (True, False), (False, True))
         return tuple(
-            RateDependence(bound.reference_per_s, bound.range_u, reversible, corners)
+            type(self)(bound.reference_per_s, bound.range_u, reversible, corners)
             for reversible, corners in forms
         )
 
@@ -105,6 +105,10 @@ class RateDependence(HysteresisEffect):
             rate = rate + (rate - last_rate) * dt / (dt + last_dt)
         speed = jnp.abs(rate)
         speed = jnp.concatenate([speed[:1], speed]) / self.reference_per_s
+        return self.law(values, speed)
+
+    def law(self, values: Values, speed: Float[Array, " time"]) -> Float[Array, " time"]:
+        """By how much thresholds move outward at a speed over the reference."""
         # A power has no derivative at rest, where there is no widening either.
         moving = speed > 1e-6
         power = jnp.where(moving, speed, 1.0) ** values["exponent"]

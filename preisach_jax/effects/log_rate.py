@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.effects.base import Parameter, Survey, Values
@@ -18,15 +17,15 @@ class LogRate(RateDependence):
     \[ \delta = c\,\log_{10}(1 + |\dot u| / v_0) \]
 
     Arguments:
-        reference_per_s: the speed \(v_0\), in input units per s: that of slow motion in the record;
-            what it is does not matter where the input moves, as the density takes up a constant.
+        reference_per_s: greatest speed of the record, in input units per s, below which \(v_0\) is
+            searched.
         range_u: range of the input; bounds the coefficient c, the widening by a decade of speed.
         with_reversible, with_corners: as for `RateDependence`.
 
     Example:
         >>> t = jnp.arange(4.0)
-        >>> effect = LogRate(reference_per_s=0.25, with_corners=True)
-        >>> effect.widening({"coefficient": 0.5}, 2.25 * t, t).tolist()
+        >>> values = {"coefficient": 0.5, "slow_per_s": 0.25}
+        >>> LogRate(with_corners=True).widening(values, 2.25 * t, t).tolist()
         [0.5, 0.5, 0.5, 0.5]
     """
 
@@ -61,16 +60,23 @@ class LogRate(RateDependence):
                 start=(0.005 * self.range_u,),
                 meaning="widening of each threshold by a decade of the rate",
             ),
+            Parameter(
+                "slow_per_s",
+                "{u}/s",
+                1e-6 * self.reference_per_s,
+                0.03 * self.reference_per_s,
+                start=(3e-4 * self.reference_per_s, 1e-2 * self.reference_per_s),
+                log=True,
+                meaning="speed below which there is no widening",
+                open_ended=True,
+            ),
         )
 
     def bound_to(self, survey: Survey) -> LogRate:
-        if len(survey.time) < 2:
-            return self
-        speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
-        fastest, swing = float(np.quantile(speed, 0.99)), float(np.ptp(survey.input))
-        moving = speed[speed > 1e-3 * fastest]
-        slow = float(np.quantile(moving, 0.05)) if len(moving) else swing / survey.step_s
-        return LogRate(reference_per_s=0.3 * slow or 1.0, range_u=swing)
+        bound = super().bound_to(survey)
+        return LogRate(bound.reference_per_s, bound.range_u)
 
     def law(self, values: Values, speed: Array) -> Array:
-        return values["coefficient"] * jnp.log10(1 + speed)
+        return values["coefficient"] * jnp.log10(
+            1 + speed * (self.reference_per_s / values["slow_per_s"])
+        )

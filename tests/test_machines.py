@@ -120,7 +120,7 @@ def test_cross_is_a_mode_of_another_axis(x64, f, zeta):
 def test_log_rate_widens_by_a_constant_for_a_decade(x64):
     time = np.arange(5.0)
     effect = LogRate(reference_per_s=7.0, range_u=10.0, with_corners=True)
-    values = {"coefficient": 0.3, "slow_per_s": 1e-3}
+    values = {"coefficient": 0.3, "slow_speed": 1e-3}
     widths = [
         float(effect.widening(values, jnp.asarray(rate * time), jnp.asarray(time))[2])
         for rate in (1.0, 10.0, 100.0, 0.0)

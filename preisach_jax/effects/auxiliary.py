@@ -36,7 +36,7 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
         "Springer 2014, ch. 2 and 3"
     )
     signature: ClassVar[str] = "residual that follows the auxiliary column"
-    confused_with: ClassVar[tuple[str, ...]] = ("drift",)
+    confused_with: ClassVar[tuple[str, ...]] = ("drift", "gain:COL", "cross:COL")
     experiment: ClassVar[str] = "change the auxiliary quantity while the input rests"
 
     def parameters(self) -> tuple[Parameter, ...]:

@@ -24,7 +24,7 @@ class LogRate(RateDependence):
 
     Example:
         >>> t = jnp.arange(4.0)
-        >>> values = {"coefficient": 0.5, "slow_per_s": 0.25}
+        >>> values = {"coefficient": 0.5, "slow_speed": 0.25}
         >>> LogRate(with_corners=True).widening(values, 2.25 * t, t).tolist()
         [0.5, 0.5, 0.5, 0.5]
     """
@@ -61,7 +61,7 @@ class LogRate(RateDependence):
                 meaning="widening of each threshold by a decade of the rate",
             ),
             Parameter(
-                "slow_per_s",
+                "slow_speed",
                 "{u}/s",
                 1e-6 * self.reference_per_s,
                 0.03 * self.reference_per_s,
@@ -78,5 +78,5 @@ class LogRate(RateDependence):
 
     def law(self, values: Values, speed: Array) -> Array:
         return values["coefficient"] * jnp.log10(
-            1 + speed * (self.reference_per_s / values["slow_per_s"])
+            1 + speed * (self.reference_per_s / values["slow_speed"])
         )

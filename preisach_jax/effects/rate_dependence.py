@@ -48,7 +48,12 @@ class RateDependence(HysteresisEffect):
         "loops wider at speed on both branches, by a power of the rate below or near one; none "
         "where the input rests, and less at turning points"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit", "eddy_currents")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "input_lag",
+        "slew_limit",
+        "eddy_currents",
+        "log_rate",
+    )
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "

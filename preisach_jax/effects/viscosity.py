@@ -120,12 +120,12 @@ class Viscosity(AddedEffect):
         return (viscous, dry, rise)[: 1 + self.saturates + self.stribeck]
 
     def bound_to(self, survey: Survey) -> Viscosity:
-        if len(survey.time) < 2:
-            return self
-        speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
-        fastest = float(np.quantile(speed, 0.98)) or float(np.ptp(survey.input)) / survey.step_s
         longest = max(min(200 * survey.step_s, survey.duration_s / 50), 8 * survey.step_s)
-        return Viscosity(fastest or 1.0, survey.step_s / 4, longest)
+        fastest = self.fastest
+        if len(survey.time) > 1 and np.ptp(survey.input) > 0:
+            speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
+            fastest = float(np.quantile(speed, 0.98)) or float(np.ptp(survey.input)) / survey.step_s
+        return Viscosity(fastest, survey.step_s / 4, longest)
 
     def variants(self, survey: Survey) -> tuple[Viscosity, ...]:
         bound = self.bound_to(survey)

@@ -34,6 +34,7 @@ from preisach_jax.diagnosis.trial import (
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects import OF_COLUMNS, library, resolve
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.gain import Gain
 from preisach_jax.fit import (
     FINAL_ROWS,
     Fit,
@@ -298,6 +299,8 @@ class _Search:
         others = [
             t for t in trials if isinstance(t, Trial) and t.opens_both_locks and t is not best
         ]
+        # What scales the loop moves it as well: that alone does not make it a rival.
+        others = [t for t in others if any(t.certain) or not isinstance(t.effect, Gain)]
         like_the_best = [o for o in others if alike(self.problem, best.point, o.point)]
         rivals = {o.effect.name: o.point for o in like_the_best}
         self.accepted.append(Named(best, rivals))

@@ -295,7 +295,12 @@ def test_a_scaled_loop_is_compensated_beforehand_and_not_from_sample_to_sample(m
 
 
 def both(effect, **more):
-    settings = {"seconds": 6.0, "rate_hz": 1000.0, "noise_um": 0.0, "encoder_step_um": 0.0} | more
+    settings: dict[str, Any] = {
+        "seconds": 6.0,
+        "rate_hz": 1000.0,
+        "noise_um": 0.0,
+        "encoder_step_um": 0.0,
+    } | more
     hidden, bare = (simulate_stage(3, effects=e, **settings) for e in ((effect,), ()))
     (law,) = hidden.truth["parameters"].values()
     return hidden, bare.output, law

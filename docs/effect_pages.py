@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-from telling import TELLING
+from telling import COLUMNS, TELLING
 
 import preisach_jax as pj
 from preisach_jax.effects.base import Effect, Parameter, Survey
@@ -55,7 +55,7 @@ def page(effect: Effect, others: Mapping[str, Effect]) -> str:
     """
     shown = TELLING[effect.name]
     picture = f"../assets/effects/{file_name(effect.name)}.png"
-    added = effect.name.replace("COL", "load_N")
+    added = COLUMNS.get(effect.name, effect.name)
     only = (
         f"\n!!! note\n    A diagnosis tries it only where it is asked for: "
         f"`--effects {effect.name},...` or `effects=[{effect.name!r}, ...]`.\n"
@@ -162,10 +162,11 @@ def _sentence(text: str) -> str:
 
 
 def _command(name: str) -> str:
-    if name == "aux:COL":
+    if name in COLUMNS:
+        column = COLUMNS[name].partition(":")[2]
         return (
-            "preisach diagnose stage.csv --aux load_N\n"
-            "preisach fit stage.csv --aux load_N --effects aux:load_N --out model.json"
+            f"preisach diagnose stage.csv --aux {column}\n"
+            f"preisach fit stage.csv --aux {column} --effects {COLUMNS[name]} --out model.json"
         )
     return f"preisach fit stage.csv --effects {name} --out model.json"
 

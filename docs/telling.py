@@ -35,9 +35,13 @@ class Telling:
         """How the record was made, in words or as a call."""
         if self.made:
             return self.made
-        hidden = "aux" if name == "aux:COL" else name
+        hidden = name.removesuffix(":COL")
         call = STAGE.format(name=hidden, seed=self.seed, seconds=self.seconds, rate=self.rate_hz)
         return f"The stage is simulated: {call}."
+
+
+COLUMNS = {"aux:COL": "aux:load_N", "gain:COL": "gain:temp_C", "cross:COL": "cross:y_V"}
+"""Effects of a column as they are named in the simulated stage."""
 
 
 TELLING = {
@@ -152,5 +156,30 @@ TELLING = {
         "auxiliary",
         "A residual that follows the auxiliary column, whatever the input does; weights have taken "
         "up a part of it, which bends the line.",
+    ),
+    "viscosity": Telling(
+        "input_rate",
+        "A residual in the direction of motion, greatest at speed and zero at rest and where the "
+        "input turns. Weights have taken up what belongs to the usual rate.",
+    ),
+    "gain:COL": Telling(
+        "output_cold_and_warm",
+        "A residual that grows with the output, with opposite slopes at low and at high values of "
+        "the auxiliary column, and that fades where the output is zero.",
+    ),
+    "cross:COL": Telling(
+        "auxiliary",
+        "A residual that follows the other axis: a cloud about a line, as wide as the mode "
+        "between the axes amplifies and delays what is fast.",
+    ),
+    "leakage": Telling(
+        "since_rest",
+        "Below, each line is a hold: the residual goes back towards the middle of the loop, "
+        "against moves away from there, in proportion to the time at first.",
+    ),
+    "log_rate": Telling(
+        "along_the_move",
+        "In the direction of the move, the residual falls by a constant for each decade of the "
+        "speed: steeply at low speeds, and hardly at high ones.",
     ),
 }

@@ -115,7 +115,8 @@ class Chain(eqx.Module):
     @property
     def coefficients(self) -> list[tuple[str, Parameter]]:
         """Effect and coefficient of each column behind the offset, in order."""
-        linear = [*self.at(AddedEffect), *self.at(OutputEffect), *self.at(SensorEffect)]
+        beside = [*self.at(AddedEffect), *self.at(WeightEffect), *self.at(OutputEffect)]
+        linear = [*beside, *self.at(SensorEffect)]
         return [(effect.name, each) for effect in linear for each in effect.coefficients()]
 
     @property
@@ -352,7 +353,9 @@ def _gain(effect: WeightEffect, values: Values, signals: Signals) -> Array:
 
 
 @_compiled
-def _added_columns(effect: AddedEffect, count: int, values: Values, signals: Signals) -> Array:
+def _added_columns(
+    effect: AddedEffect | WeightEffect, count: int, values: Values, signals: Signals
+) -> Array:
     shape = (*signals.time.shape, count)
     return _expect(effect, "columns", effect.columns(values, signals), shape)
 
@@ -772,8 +775,8 @@ def behind_hysteresis(
         known: those of the `_columns_beside` that need not be computed again.
     """
     signal = hysteresis
-    for effect in chain.at(WeightEffect):
-        signal = signal * _gain(effect, _arrays(values[effect.name]), signals)
+    for factor in _gains(chain, values, signals):
+        signal = signal * factor
     for effect in chain.at(OutputEffect):
         signal = _apply(effect, _arrays(values[effect.name]), signal, signals.time)
     signal = signal + coefficients.offset
@@ -802,18 +805,37 @@ def _columns_beside(
     chain: Chain, values: EffectValues, signals: Signals, known: Mapping[str, jax.Array]
 ) -> dict[str, jax.Array]:
     """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
-    remembering = [effect for effect in chain.at(OutputEffect) if effect.coefficients()]
+    others = [*chain.at(WeightEffect), *chain.at(OutputEffect)]
     beside: dict[str, jax.Array] = {}
-    for effect in (*chain.at(AddedEffect), *remembering):
+    for effect in (*chain.at(AddedEffect), *(other for other in others if other.coefficients())):
         count = len(effect.coefficients())
         if effect.name in known:
             beside[effect.name] = known[effect.name]
-        elif isinstance(effect, AddedEffect):
-            own = _arrays(values[effect.name])
-            beside[effect.name] = _added_columns(effect, count, own, signals)
-        else:
+        elif isinstance(effect, OutputEffect):
             beside[effect.name] = _free_response(effect, count, signals)
+        else:
+            own = _arrays(values[effect.name])
+            columns = _added_columns(effect, count, own, signals)
+            if isinstance(effect, AddedEffect) and effect.scaled:
+                for factor in _gains(chain, values, signals):
+                    columns = columns * factor[:, None]
+            beside[effect.name] = columns
     return beside
+
+
+def _gains(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
+    """Factors of the effects of the weights, `(time,)` each."""
+    return [
+        _gain(effect, _arrays(values[effect.name]), signals) for effect in chain.at(WeightEffect)
+    ]
+
+
+def _unmoved(chain: Chain, beside: Mapping[str, jax.Array], moved: str) -> dict[str, jax.Array]:
+    """Those of the `_columns_beside` that stay while the parameters of an effect move."""
+    gone = {moved}
+    if moved in [effect.name for effect in chain.at(WeightEffect)]:
+        gone |= {effect.name for effect in chain.at(AddedEffect) if effect.scaled}
+    return {name: columns for name, columns in beside.items() if name not in gone}
 
 
 def response(
@@ -845,7 +867,7 @@ def tangents(
     beside = _columns_beside(chain, values, signals, {})
 
     def along(effect: str, names: list[str]) -> np.ndarray:
-        others = {of: known for of, known in beside.items() if of != effect}
+        others = _unmoved(chain, beside, effect)
 
         def output(own: dict[str, Array]) -> Array:
             moved: Mapping[str, Mapping[str, Any]] = {**values, effect: {**values[effect], **own}}
@@ -901,7 +923,7 @@ def responses(
         return np.stack([np.asarray(output) for output in outputs])
     hysteresis = hysteresis_output(chain, values, signals, coefficients)
     others = _columns_beside(chain, {**values, effect: many[0]}, signals, {})
-    others.pop(effect, None)
+    others = _unmoved(chain, others, effect)
 
     def output(own: dict[str, Array]) -> Array:
         moved = cast(EffectValues, {**values, effect: own})
@@ -984,10 +1006,7 @@ def _behind(
     chain: Chain, values: EffectValues, signals: Signals
 ) -> Callable[[np.ndarray], np.ndarray] | None:
     """What the effects of weights and output make of some columns; None if there are none."""
-    gains = [
-        np.asarray(_gain(effect, _arrays(values[effect.name]), signals))
-        for effect in chain.at(WeightEffect)
-    ]
+    gains = [np.asarray(factor) for factor in _gains(chain, values, signals)]
     filters = chain.at(OutputEffect)
     if not gains and not filters:
         return None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from preisach_jax.effects.base import Parameter
+from preisach_jax.effects.base import Parameter, WeightEffect
 from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
 
@@ -175,10 +175,12 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certain
     """
     own = [p for name, p in point.parameters if name == effect]
     amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]
+    # What an effect of the weights moves beside the loop is not what it is named for.
+    scaling = {each.name for each in point.chain.at(WeightEffect)}
     linear_amounts = [
         position
         for position, (name, each) in enumerate(point.chain.coefficients)
-        if name == effect and each.amount
+        if name == effect and each.amount and name not in scaling
     ]
     if not amounts and not linear_amounts:
         return Certainty(alone=True, together=True)

@@ -17,6 +17,7 @@ from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates, with_grid_error
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.identify import (
     VALIDATION,
@@ -233,10 +234,11 @@ def fit(
     """
     chosen = resolve(effects, aux_units(record))
     for name, values in record.aux.items():
-        if np.ptp(values) == 0 and f"aux:{name}" in [effect.name for effect in chosen]:
+        own = [e.name for e in chosen if isinstance(e, OfColumn) and e.column == name]
+        if np.ptp(values) == 0 and own:
             raise InputError(
                 f"{record.name}, column {name}: the auxiliary column is constant "
-                f"({values[0]:g}), so its effect cannot be seen; leave out aux:{name}"
+                f"({values[0]:g}), so its effect cannot be seen; leave out {own[0]}"
             )
     with double_precision():
         return freed_of_spikes(

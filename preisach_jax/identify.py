@@ -153,6 +153,7 @@ class Problem:
             input=self.record.input[rows],
             output=self.record.output[rows],
             residual=point.residual[order] * point.unit,
+            aux={name: values[rows] for name, values in self.record.aux.items()},
         )
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:

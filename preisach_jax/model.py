@@ -27,9 +27,9 @@ from preisach_jax.chain import (
     signals_of,
     stated_start,
 )
-from preisach_jax.effects import BUILT_IN, library
-from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects import BUILT_IN, library, placeholder
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hysteron import HYSTERONS
@@ -286,7 +286,7 @@ class Model:
                 "covers it, or cut these samples out"
             )
         for effect in self.effects:
-            if isinstance(effect, Auxiliary) and effect.column not in record.aux:
+            if isinstance(effect, OfColumn) and effect.column not in record.aux:
                 raise InputError(
                     f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
                     f"load the record with it (--aux {effect.column})"
@@ -656,8 +656,7 @@ def _kinds_of(entries: list[dict[str, Any]], own: Mapping[str, Effect]) -> list[
     kinds: list[Effect] = []
     for entry in entries:
         name = entry["name"]
-        is_column = name.startswith("aux:") and name not in own
-        kind = known.get("aux:COL" if is_column else name)
+        kind = known.get(name if name in own else placeholder(name))
         if kind is None:
             raise InputError(
                 f"the model holds the effect {name!r:.60}, which this library does not know; pass "

@@ -27,6 +27,7 @@ from preisach_jax.effects.base import (
     OutputEffect,
     Parameter,
     SensorEffect,
+    WeightEffect,
 )
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
@@ -250,12 +251,14 @@ def _signatures(
         for values, signature in size_signatures(problem, point, effect):
             yield values, signature[:, None], np.ones(1, dtype=bool)
         return
-    past = np.zeros((len(problem.rows), 0))
-    if isinstance(effect, OutputEffect) and effect.coefficients():
-        past = _columns_alone(problem, point, effect, starts_of(effect)[0])[problem.rows]
-    nonnegative = [each.is_amount for each in amounts] + [False] * past.shape[1]
-    for values, columns in amount_signatures(problem, point, effect):
-        yield values, np.concatenate([columns, past], axis=1), np.array(nonnegative)
+    beside = np.zeros((len(problem.rows), 0))
+    moves = isinstance(effect, OutputEffect | WeightEffect) and bool(effect.coefficients())
+    for position, (values, columns) in enumerate(amount_signatures(problem, point, effect)):
+        # The past of an output effect is the same at all its starts.
+        if moves and (position == 0 or isinstance(effect, WeightEffect)):
+            beside = _columns_alone(problem, point, effect, values)[problem.rows]
+        nonnegative = [each.is_amount for each in amounts] + [False] * beside.shape[1]
+        yield values, np.concatenate([columns, beside], axis=1), np.array(nonnegative)
 
 
 def _values_with(
@@ -275,10 +278,12 @@ def _columns_alone(
     problem: Problem, point: Point, effect: Effect, values: dict[str, float]
 ) -> np.ndarray:
     """What the effect's own coefficients multiply, `(time, column)`."""
-    alone = point.chain.with_effects((effect,))
-    own = {effect.name: values}
+    # What scales the loop may scale its columns as well.
+    scaling = point.chain.at(WeightEffect) if isinstance(effect, AddedEffect) else []
+    alone = point.chain.with_effects((effect, *scaling))
+    own = {**point.values, effect.name: values}
     parts = columns_behind(alone, own, problem.signals, problem.rows, problem.target)
-    return np.concatenate(parts, axis=1)
+    return parts[0]
 
 
 def _with_room(point: Point, effect: Effect) -> tuple[Chain, Coefficients]:

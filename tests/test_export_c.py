@@ -289,7 +289,7 @@ def test_what_cannot_be_exported_is_told_in_one_line(tmp_path, capsys):
         model.origin, 0.1,
     )  # fmt: skip
     foreign.coefficients.added.resize(1, refcheck=False)
-    with pytest.raises(InputError, match=r"'own' is not of the built-in library.*--without own"):
+    with pytest.raises(InputError, match=r"no C code is known for the effect 'own'.*--without own"):
         export_c(foreign, tmp_path / "none")
     slow = drawn(["delay"])
     with pytest.raises(InputError, match=r"samples at 1e.09 Hz.*--without delay"):

@@ -12,6 +12,8 @@ from preisach_jax.chain import PLACES
 from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import SensorEffect, Survey
+from preisach_jax.effects.cross import Cross
+from preisach_jax.effects.gain import Gain
 
 ARRAYS = columns()
 RECORD = pj.Record.from_arrays(
@@ -28,7 +30,8 @@ SURVEY = Survey(
 
 def bound(*names):
     """Effects of the library, bound to the record."""
-    library = pj.effects() | {"aux:load_N": Auxiliary(column="load_N", unit="N")}
+    of_columns = [kind(column="load_N", unit="N") for kind in (Auxiliary, Gain, Cross)]
+    library = pj.effects() | {effect.name: effect for effect in of_columns}
     return tuple(library[name].bound_to(SURVEY) for name in names)
 
 
@@ -38,6 +41,7 @@ CHAINS = {
     "steps": bound("input_quantisation", "operator_creep", "output_nonlinearity",
                    "output_quantisation"),
     "feedback": bound("moving"),
+    "machine": bound("log_rate", "gain:load_N", "viscosity", "leakage", "cross:load_N"),
 }  # fmt: skip
 # A smaller example would be looked for over minutes, and this small chain is none to look through.
 few = settings(max_examples=4, phases=(Phase.generate,))
@@ -47,7 +51,8 @@ every_chain = pytest.mark.parametrize("chain", CHAINS)
 def test_every_effect_but_one_is_in_a_chain():
     """`eddy_currents` takes long and feeds back as `moving` does."""
     tried = {effect.name for effects in CHAINS.values() for effect in effects}
-    assert tried | {"aux:COL", "eddy_currents"} == set(pj.effects()) | {"aux:load_N"}
+    named = {name.replace(":COL", ":load_N") for name in pj.effects()}
+    assert tried | {"eddy_currents"} == named
     for place in PLACES:
         assert any(isinstance(effect, place) for chain in CHAINS.values() for effect in chain)
 
@@ -88,7 +93,7 @@ def test_what_comes_later_changes_nothing_before(chain, data):
     np.testing.assert_allclose(model.simulate(other)[sure], whole[sure], rtol=0, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize("chain", ["input", "output"])
+@pytest.mark.parametrize("chain", ["input", "output", "machine"])
 @few
 @given(data=st.data())
 def test_twice_the_coefficients_are_twice_the_output(chain, data):

@@ -265,7 +265,7 @@ def effects(
     ] = None,
 ) -> Any:
     """List the library of effects, or show all about one."""
-    from preisach_jax.effects import library, resolve
+    from preisach_jax.effects import library, placeholder, resolve
 
     known = library()
     if name is None:
@@ -283,8 +283,7 @@ def effects(
         screen.say(f"\n* tried only if asked for by name (--effects)\n{_UNITS}")
         screen.say("'preisach effects NAME' shows all about one")
         return [_about(effect) for effect in known.values()]
-    if name.startswith("aux:"):
-        name = "aux:COL"
+    name = placeholder(name)
     (effect,) = [known[name]] if name in known else resolve([name], {})
     screen.say(f"{effect.name}: acts on the {_PLACES.get(effect.place, effect.place)}\n")
     screen.say(effect.physics)

@@ -128,4 +128,6 @@ def _wanted(model: Model, path: Path, columns: Columns) -> Record:
 
 def _aux_of(model: Model) -> list[str]:
     """Auxiliary columns that act on the output of a model."""
-    return [e.name.removeprefix("aux:") for e in model.effects if e.name.startswith("aux:")]
+    from preisach_jax.effects.of_column import OfColumn
+
+    return list(dict.fromkeys(e.column for e in model.effects if isinstance(e, OfColumn)))

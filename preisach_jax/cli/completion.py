@@ -11,6 +11,8 @@ EFFECT_NAMES = (
     "hum",
     "input_lag",
     "input_quantisation",
+    "leakage",
+    "log_rate",
     "moving",
     "operator_creep",
     "output_lag",
@@ -20,6 +22,7 @@ EFFECT_NAMES = (
     "reptation",
     "resonance",
     "slew_limit",
+    "viscosity",
 )
 """The built-in effects; to ask the library itself would take seconds at every press of a key."""
 

@@ -81,7 +81,9 @@ class Columns:
 
     def with_effects(self, effects: Sequence[str]) -> Columns:
         """The same with the auxiliary columns that effects are named after."""
-        named = [name.removeprefix("aux:") for name in effects if name.startswith("aux:")]
+        from preisach_jax.effects import column_of
+
+        named = dict.fromkeys(column_of(name) for name in effects if column_of(name))
         return replace(self, aux=[*self.aux, *(name for name in named if name not in self.aux)])
 
     def load(
@@ -129,10 +131,10 @@ def check_choice(effects: Sequence[str], levels: int | None) -> None:
     Raises:
         InputError: if there are not.
     """
-    from preisach_jax.effects import resolve
+    from preisach_jax.effects import column_of, resolve
     from preisach_jax.fit import checked_levels
 
-    columns = [name.removeprefix("aux:") for name in effects if name.startswith("aux:")]
+    columns = [column_of(name) for name in effects if column_of(name)]
     resolve(effects, dict.fromkeys(columns, ""))
     checked_levels(levels)
 

@@ -32,13 +32,30 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.errors import InputError
+from preisach_jax.model import Model
 
 USUAL_PER_S = 20.0
 """Ranges of the input a second at which it is reckoned over how many samples a speed is taken."""
+
+
+def check_causal(model: Model) -> None:
+    """Refuse a model whose effects cannot be followed from one sample to the next.
+
+    Raises:
+        InputError: if an auxiliary column scales the loop.
+    """
+    for effect in model.effects:
+        if isinstance(effect, Gain):
+            raise InputError(
+                f"the effect {effect.name!r} cannot be followed from sample to sample: compute the "
+                "drive beforehand (preisach compensate), or fit a model without it"
+            )
 
 
 class CausalState(NamedTuple):

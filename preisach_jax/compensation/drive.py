@@ -11,8 +11,8 @@ import numpy as np
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits, Search
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
@@ -96,7 +96,7 @@ def compensate(
     """
     _check_course(model, wanted)
     allowed, notes = limits_of(model, limits, slew)
-    aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, Auxiliary)}
+    aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, OfColumn)}
     wanted = _with_aux(wanted, aux)
     with jax.enable_x64(True):
         past = past_of(model, wanted, after)
@@ -146,7 +146,7 @@ def _check_course(model: Model, wanted: Record) -> None:
                 f"model was identified in {own}; convert the column"
             )
     for effect in model.effects:
-        if isinstance(effect, Auxiliary) and effect.column not in wanted.aux:
+        if isinstance(effect, OfColumn) and effect.column not in wanted.aux:
             raise InputError(
                 f"{wanted.name}: the model needs the auxiliary column {effect.column!r}, as it "
                 "will run along the course; add it"

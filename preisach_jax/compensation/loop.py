@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.compensation.causal import Causal, CausalState
+from preisach_jax.compensation.causal import Causal, CausalState, check_causal
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.online import OnlineInverse
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
-from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -95,7 +95,8 @@ def simulated_stage(model: Model, rate_hz: float, after: Record | None = None) -
     Returns:
         The stage.
     """
-    columns = [e.column for e in model.effects if isinstance(e, Auxiliary)]
+    check_causal(model)
+    columns = list(dict.fromkeys(e.column for e in model.effects if isinstance(e, OfColumn)))
     time = np.arange(2) / rate_hz
     aux = {name: np.zeros(2) if after is None else after.aux[name][-2:] for name in columns}
     with jax.enable_x64(True):

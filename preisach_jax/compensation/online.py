@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.compensation.causal import Causal, CausalState
+from preisach_jax.compensation.causal import Causal, CausalState, check_causal
 from preisach_jax.compensation.drive import limits_of
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model
@@ -103,7 +103,9 @@ class OnlineInverse:
             raise InputError(f"follow_s is {follow_s}: give a time in s above 0")
         self._model, self._rate, self._step_size = model, float(rate_hz), float(step_size)
         self._limits, self._follow_s = limits_of(model, limits, slew)[0], float(follow_s)
-        self._aux_columns = [e.column for e in model.effects if isinstance(e, Auxiliary)]
+        check_causal(model)
+        columns = [e.column for e in model.effects if isinstance(e, OfColumn)]
+        self._aux_columns = list(dict.fromkeys(columns))
         with jax.enable_x64(True):
             self._causal = self._begun(after)
             ahead = self._causal.leads

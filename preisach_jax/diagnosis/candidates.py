@@ -12,8 +12,8 @@ from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, promised_evidence
 from preisach_jax.diagnosis.tellable import untellable
 from preisach_jax.diagnosis.trial import NotFitted, Trial
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.fit import LEAST_PROMISE, Progress, feeds_back, with_effect
 from preisach_jax.identify import Point, Problem
 from preisach_jax.signature import Projection, Prospect, prospects
@@ -104,7 +104,7 @@ def _promise(
         return NotFitted(effect, step, reason)
     if point.chain.signed and feeds_back(effect):
         return NotFitted(effect, step, NO_UNIQUE_OUTPUT)
-    if isinstance(effect, Auxiliary) and np.ptp(problem.record.aux[effect.column]) == 0:
+    if isinstance(effect, OfColumn) and np.ptp(problem.record.aux[effect.column]) == 0:
         value = problem.record.aux[effect.column][0]
         return NotFitted(effect, step, f"the column is constant ({value:g}): nothing can be seen")
     found = prospects(problem, point, projection, problem.forms_of(effect, point))

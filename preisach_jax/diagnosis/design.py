@@ -13,8 +13,8 @@ import numpy as np
 
 from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
 from preisach_jax.diagnosis.excitation import Bounds, Excitation, candidates
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect, Survey
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
@@ -166,7 +166,7 @@ def _designed(
 def _auxiliary_columns(models: Sequence[Model]) -> tuple[list[str], list[str]]:
     """Auxiliary columns that all models use, and those that only some do."""
     used: list[set[str]] = [
-        {effect.column for effect in model.effects if isinstance(effect, Auxiliary)}
+        {effect.column for effect in model.effects if isinstance(effect, OfColumn)}
         for model in models
     ]
     shared = used[0].intersection(*used)
@@ -278,7 +278,7 @@ def _problem(record: Record, output: np.ndarray, rows: np.ndarray) -> Problem:
 def _without_auxiliary(model: Model) -> Model:
     """The model where its auxiliary columns are constant: then they are part of the offset."""
     owners = [effect for effect, _ in model.chain.coefficients]
-    kept = tuple(effect for effect in model.effects if not isinstance(effect, Auxiliary))
+    kept = tuple(effect for effect in model.effects if not isinstance(effect, OfColumn))
     names = {effect.name for effect in kept}
     added = model.coefficients.added[[owner in names for owner in owners]]
     return replace(

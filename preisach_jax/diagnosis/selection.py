@@ -32,8 +32,9 @@ from preisach_jax.diagnosis.trial import (
     with_rival,
 )
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
-from preisach_jax.effects import library, resolve
+from preisach_jax.effects import OF_COLUMNS, library, resolve
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.gain import Gain
 from preisach_jax.fit import (
     FINAL_ROWS,
     Fit,
@@ -141,11 +142,13 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
     """The effects that are asked for, or the library; with one for each auxiliary column."""
     everything = [name for name, effect in library().items() if not effect.on_request]
     asked: list[str | Effect] = list(everything if effects is None else effects)
-    auxiliary = [f"aux:{name}" for name in record.aux]
     names = [item if isinstance(item, str) else item.name for item in asked]
-    if "aux:COL" in names:  # the library's placeholder: one effect a column
-        asked = [item for item, name in zip(asked, names, strict=True) if name != "aux:COL"]
-        asked += [name for name in auxiliary if name not in names]
+    of_columns = [kind.prefix for kind in OF_COLUMNS if f"{kind.prefix}:COL" in names]
+    # The library's placeholders: one effect a column.
+    asked = [item for item, name in zip(asked, names, strict=True) if not name.endswith(":COL")]
+    for prefix in of_columns:
+        each = [f"{prefix}:{column}" for column in record.aux]
+        asked += [name for name in each if name not in names]
     return resolve(asked, aux_units(record))
 
 
@@ -296,6 +299,8 @@ class _Search:
         others = [
             t for t in trials if isinstance(t, Trial) and t.opens_both_locks and t is not best
         ]
+        # What scales the loop moves it as well: that alone does not make it a rival.
+        others = [t for t in others if any(t.certain) or not isinstance(t.effect, Gain)]
         like_the_best = [o for o in others if alike(self.problem, best.point, o.point)]
         rivals = {o.effect.name: o.point for o in like_the_best}
         self.accepted.append(Named(best, rivals))

@@ -43,13 +43,23 @@ PLAIN = {
     "moving": "feedback of the output on the material (minor loops that are not congruent)",
     "input_quantisation": "coarse steps of the drive's converter",
     "output_quantisation": "coarse steps of the sensor's converter",
+    "viscosity": "a viscosity (a part of the output goes with the speed of the input)",
+    "leakage": "a leakage of the reading (what stays decays to zero)",
+    "log_rate": "a widening of the loop by the logarithm of the rate",
+}
+
+OF_COLUMN = {
+    "aux": "the influence of {}",
+    "gain": "a loop that {} scales",
+    "cross": "a leak from {} through a mode of the mechanics",
 }
 
 
 def plain(name: str) -> str:
     """An effect's name in words that a mechanic understands."""
-    if name.startswith("aux:"):
-        return f"the influence of {name.removeprefix('aux:')}"
+    prefix, _, column = name.partition(":")
+    if column and prefix in OF_COLUMN:
+        return OF_COLUMN[prefix].format(column)
     return PLAIN.get(name, name)
 
 

@@ -10,13 +10,18 @@ from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.eddy_currents import EddyCurrents
+from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.leakage import Leakage
+from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.effects.operator_creep import OperatorCreep
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
@@ -25,6 +30,7 @@ from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.errors import InputError
 
 BUILT_IN: tuple[type[Effect], ...] = (
@@ -46,6 +52,11 @@ BUILT_IN: tuple[type[Effect], ...] = (
     OutputNonlinearity,
     OutputQuantisation,
     Auxiliary,
+    Viscosity,
+    Gain,
+    Cross,
+    Leakage,
+    LogRate,
 )
 ENTRY_POINTS = "preisach_jax.effects"
 
@@ -57,17 +68,46 @@ def library() -> dict[str, Effect]:
     the class.
 
     Returns:
-        Effects by name; `aux:COL` stands for one effect an auxiliary column.
+        Effects by name; `aux:COL` and its like stand for one effect an auxiliary column.
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'delay', 'drift', 'eddy_currents', 'hum', 'input_lag',
-         'input_quantisation', 'moving', 'operator_creep', 'output_lag', 'output_nonlinearity',
-         'output_quantisation', 'rate_dependence', 'reptation', 'resonance', 'slew_limit']
+        ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents', 'gain:COL',
+         'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate', 'moving',
+         'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
+         'rate_dependence', 'reptation', 'resonance', 'slew_limit', 'viscosity']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]
     return {effect.name: effect for effect in effects}
+
+
+OF_COLUMNS: tuple[type[OfColumn], ...] = tuple(
+    kind for kind in BUILT_IN if issubclass(kind, OfColumn)
+)
+"""The effects of an auxiliary column."""
+
+
+def placeholder(name: str) -> str:
+    """The library's name of an effect: of one of a column, that of its placeholder.
+
+    Example:
+        >>> placeholder("gain:current_A"), placeholder("creep")
+        ('gain:COL', 'creep')
+    """
+    prefix, colon, _ = name.partition(":")
+    of_columns = [kind.prefix for kind in OF_COLUMNS]
+    return f"{prefix}:COL" if colon and prefix in of_columns else name
+
+
+def column_of(name: str) -> str:
+    """The auxiliary column that an effect is named after; empty if it is of none.
+
+    Example:
+        >>> column_of("gain:current_A"), column_of("creep")
+        ('current_A', '')
+    """
+    return name.partition(":")[2] if placeholder(name) != name else ""
 
 
 def resolve(
@@ -95,10 +135,10 @@ def resolve(
     for item in asked:
         if isinstance(item, Effect):
             effect = item
-        elif item in names and item != "aux:COL":
+        elif item in names and not item.endswith(":COL"):
             effect = names[item]
-        elif item.startswith("aux:"):
-            effect = _auxiliary(item.removeprefix("aux:"), aux_units)
+        elif placeholder(item) != item or item in names:
+            effect = _of_column(item, aux_units)
         else:
             near = get_close_matches(item, names, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -111,11 +151,13 @@ def resolve(
     return tuple(found)
 
 
-def _auxiliary(column: str, aux_units: dict[str, str]) -> Auxiliary:
+def _of_column(name: str, aux_units: dict[str, str]) -> OfColumn:
+    prefix, _, column = name.partition(":")
     if column not in aux_units:
         have = ", ".join(aux_units) or "none"
         raise InputError(
-            f"the effect 'aux:{column}' needs the auxiliary column {column!r}, which the record "
+            f"the effect {name!r} needs the auxiliary column {column!r}, which the record "
             f"was not loaded with (loaded: {have}); add it with --aux {column}"
         )
-    return Auxiliary(column=column, unit=aux_units[column])
+    kind = next(kind for kind in OF_COLUMNS if kind.prefix == prefix)
+    return kind(column=column, unit=aux_units[column])

@@ -40,7 +40,7 @@ class Ageing(WeightEffect):
     signature: ClassVar[str] = (
         "residual in proportion to the output, of a sign that changes from early to late"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("drift", "creep")
+    confused_with: ClassVar[tuple[str, ...]] = ("drift", "creep", "gain:COL")
     needs: ClassVar[tuple[str, ...]] = (CYCLES,)
     experiment: ClassVar[str] = (
         "the same reference loop over the full range at the start and at the end: ageing changes "

@@ -26,6 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
+
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
 
@@ -119,6 +121,7 @@ class Survey:
         time, input, output: (sample,) the measured samples: s, and units of the record.
         residual: (sample,) what the model without the effect leaves, in output units; empty where
             there is no model yet.
+        aux: (sample,) auxiliary columns by name, in their units.
     """
 
     duration_s: float
@@ -127,6 +130,9 @@ class Survey:
     input: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
     output: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
     residual: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
+    aux: Mapping[str, np.ndarray] = field(
+        default_factory=dict[str, np.ndarray], compare=False, repr=False
+    )
 
 
 class Signals(eqx.Module):
@@ -324,9 +330,21 @@ class OutputEffect(_Stepped):
 
 
 class WeightEffect(Effect):
-    """An effect that scales all weights as time goes by."""
+    """An effect that scales all weights as time goes by.
+
+    What scales them may move the output as well, with coefficients of its own.
+    """
 
     place: ClassVar[str] = "weights"
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficient of each of the `columns`, found by least squares; by default none."""
+        return ()
+
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+        """What is added for a coefficient of one, `(time, columns)`; by default nothing."""
+        del values
+        return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
 
     def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
         """Factor on all weights at each sample, `(time,)`."""
@@ -334,9 +352,14 @@ class WeightEffect(Effect):
 
 
 class AddedEffect(Effect):
-    """An effect that adds to the output, linear in its coefficients."""
+    """An effect that adds to the output, linear in its coefficients.
+
+    Class attributes:
+        scaled: whether effects of the weights scale what it adds, as they scale the loop.
+    """
 
     place: ClassVar[str] = "added"
+    scaled: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each column, found by linear least squares."""
@@ -374,27 +397,3 @@ class SensorEffect(Effect):
         """
         del values
         return reading
-
-
-def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
-    r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
-
-    \[ \tau \dot y = v - y,\quad
-       y^+ = v^+ + e^{-\Delta t/\tau} (y - v) - (v^+ - v)\,\tau (1 - e^{-\Delta t/\tau})/\Delta t \]
-
-    Arguments:
-        state: `(y, v)` stacked on the last axis: output and input after the last step.
-        value: the signal now.
-        dt: time since then, in s; zero leaves the output as it is.
-        tau_s: time constant in s, positive.
-
-    Returns:
-        The new `(y, v)`.
-    """
-    output, last = state[..., 0], state[..., 1]
-    # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
-    safe_dt = jnp.where(dt > 0, dt, 1.0)
-    decay = jnp.exp(-safe_dt / tau_s)
-    slope_part = (value - last) * tau_s * -jnp.expm1(-safe_dt / tau_s) / safe_dt
-    moved = value + decay * (output - last) - slope_part
-    return jnp.stack([jnp.where(dt > 0, moved, output), value * jnp.ones_like(output)], axis=-1)

@@ -58,6 +58,8 @@ class Creep(OutputEffect):
         "ageing",
         "operator_creep",
         "reptation",
+        "leakage",
+        "log_rate",
     )
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (

@@ -36,7 +36,7 @@ class Delay(OutputEffect):
         "residual in proportion to the rate of the output; loops too wide at speed, and in the "
         "wrong sense where the material itself has little hysteresis"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "resonance")
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "resonance", "viscosity")
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "

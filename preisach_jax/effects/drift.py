@@ -65,7 +65,7 @@ class Drift(AddedEffect):
     signature: ClassVar[str] = (
         "residual that depends on time alone, the same at rest and in motion, at any input"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing", "reptation")
+    confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing", "reptation", "leakage")
     needs: ClassVar[tuple[str, ...]] = (CYCLES,)
     experiment: ClassVar[str] = (
         "the same reference loop at the start and at the end, and long holds after moves in both "

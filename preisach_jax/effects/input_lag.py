@@ -40,6 +40,7 @@ class InputLag(FirstOrderLag, InputEffect):
         "slew_limit",
         "rate_dependence",
         "eddy_currents",
+        "viscosity",
     )
     experiment: ClassVar[str] = (
         "the same loop at several rates over a decade and a half, and a multisine: a lag "

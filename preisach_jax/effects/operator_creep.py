@@ -48,7 +48,7 @@ class OperatorCreep(AddedEffect):
     signature: ClassVar[str] = (
         "slow tails after great moves, none after small moves or on the way back from a turn"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep",)
+    confused_with: ClassVar[tuple[str, ...]] = ("creep", "log_rate")
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "holds of equal length after moves of five or more sizes, in both directions and after a "

@@ -33,7 +33,7 @@ class OutputLag(FirstOrderLag, OutputEffect):
         "residual in proportion to the rate of the output, with a tail of the time constant after "
         "every stop"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("delay", "input_lag", "resonance")
+    confused_with: ClassVar[tuple[str, ...]] = ("delay", "input_lag", "resonance", "viscosity")
     experiment: ClassVar[str] = (
         "a multisine up to a tenth of the sampling rate: a lag attenuates what is fast and a delay "
         "does not, a resonance amplifies it first; and fast small loops on a slow large one: "

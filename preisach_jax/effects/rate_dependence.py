@@ -48,7 +48,12 @@ class RateDependence(HysteresisEffect):
         "loops wider at speed on both branches, by a power of the rate below or near one; none "
         "where the input rests, and less at turning points"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "slew_limit", "eddy_currents")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "input_lag",
+        "slew_limit",
+        "eddy_currents",
+        "log_rate",
+    )
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "
@@ -86,7 +91,7 @@ class RateDependence(HysteresisEffect):
         bound = self.bound_to(survey)
         forms = ((False, False), (True, True), (True, False), (False, True))
         return tuple(
-            RateDependence(bound.reference_per_s, bound.range_u, reversible, corners)
+            type(self)(bound.reference_per_s, bound.range_u, reversible, corners)
             for reversible, corners in forms
         )
 
@@ -105,6 +110,10 @@ class RateDependence(HysteresisEffect):
             rate = rate + (rate - last_rate) * dt / (dt + last_dt)
         speed = jnp.abs(rate)
         speed = jnp.concatenate([speed[:1], speed]) / self.reference_per_s
+        return self.law(values, speed)
+
+    def law(self, values: Values, speed: Float[Array, " time"]) -> Float[Array, " time"]:
+        """By how much thresholds move outward at a speed over the reference."""
         # A power has no derivative at rest, where there is no widening either.
         moving = speed > 1e-6
         power = jnp.where(moving, speed, 1.0) ** values["exponent"]

@@ -218,9 +218,8 @@ def _part(model: Model, effect: Effect, place: str, own: tuple[float, ...], step
     law = _LAWS.get(type(effect))
     if law is None:
         raise InputError(
-            f"the effect {effect.name!r} is not of the built-in library, and no C code is known "
-            f"for it: leave it out with --without {effect.name}, which adds its part of the output "
-            "to the error"
+            f"no C code is known for the effect {effect.name!r}: leave it out with --without "
+            f"{effect.name}, which adds its part of the output to the error"
         )
     kind, numbers_of = law
     values = dict(model.values[effect.name])

@@ -20,6 +20,8 @@ u is the drive, h the output of the hysteresis, y what it has become up to there
 | `output_nonlinearity` | y bent between the ends of the stroke, see `bend` | `coefficients_um` |
 | `output_quantisation` | z = step ⌊y/step + 1/2⌋, after the noise | `step_um` |
 
+Those of `machines` come with `rate_dependence`, `ageing`, and `drift`; a leakage is the last.
+
 This is also their order. The unit of `coefficient` is V/(V/s)^exponent.
 """
 
@@ -34,6 +36,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.errors import InputError
+from preisach_jax.plant import machines
 from preisach_jax.plant.stage import RANGE_V, Stage
 
 Hidden = Mapping[str, Mapping[str, Any]]  # parameters of each hidden effect by its name
@@ -60,7 +63,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
     """Full names of effects.
 
     Args:
-        effects: names out of `EFFECTS`; "aux" is short for "aux:load_N".
+        effects: names out of `EFFECTS`; "aux", "gain", "cross" are short for those of a column.
 
     Returns:
         The names.
@@ -74,7 +77,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
     """
     if isinstance(effects, str):
         raise InputError(f"effects is {effects!r}: give a list of names, as in ({effects!r},)")
-    names = ["aux:load_N" if name == "aux" else name for name in effects]
+    names = [machines.SHORT.get(name, name) for name in effects]
     for name in names:
         if name not in EFFECTS:
             raise InputError(f"the stage has no effect {name!r}: choose from {', '.join(EFFECTS)}")
@@ -217,6 +220,11 @@ _DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, 
     "moving": _draw_moving,
     "input_quantisation": _draw_converter,
     "output_quantisation": _draw_grating,
+    "viscosity": lambda rng, made, swing: machines.draw_viscosity(rng, made.fastest, swing),
+    "gain:temp_C": lambda rng, made, swing: machines.draw_gain(rng),
+    "cross:y_V": lambda rng, made, swing: machines.draw_cross(rng, swing),
+    "leakage": lambda rng, made, swing: machines.draw_leakage(rng, made.duration_s),
+    "log_rate": lambda rng, made, swing: machines.draw_log_rate(rng, made.fastest),
 }
 EFFECTS = tuple(_DRAWS)
 
@@ -237,11 +245,11 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
         (time,) position, µm.
     """
     drive = _amplify(hidden, command, step_s)
-    widening = 0.0
+    rate = np.abs(np.diff(drive, prepend=drive[0])) / step_s
+    widening = machines.log_slack(hidden, rate)  # thermal activation
     if "rate_dependence" in hidden:  # domain walls need a greater field to move faster
-        rate = np.abs(np.diff(drive, prepend=drive[0])) / step_s
         loss = hidden["rate_dependence"]
-        widening = loss["coefficient"] * rate ** loss["exponent"]
+        widening = widening + loss["coefficient"] * rate ** loss["exponent"]
     if "input_quantisation" in hidden:
         rounded = round_to(command, hidden["input_quantisation"]["step_V"])
         drive = _amplify(hidden, rounded, step_s)
@@ -290,7 +298,7 @@ def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> n
 def add_disturbances(
     hidden: Hidden, z: np.ndarray, time: np.ndarray, seed: int
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Position with what comes without the drive, and the auxiliary columns.
+    """Position with what comes without the drive, and the column of the load.
 
     Args:
         hidden: parameters of the hidden effects.
@@ -299,7 +307,7 @@ def add_disturbances(
         seed: draws the course of the load.
 
     Returns:
-        (time,) position, µm, and (time,) auxiliary columns by name.
+        (time,) position, µm, and the load by its name, if there is one.
     """
     if "drift" in hidden:  # the frame warms up
         drift = hidden["drift"]

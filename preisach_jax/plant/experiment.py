@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.plant import machines
 from preisach_jax.plant.effects import (
     Measurement,
     add_disturbances,
@@ -88,7 +89,8 @@ def simulate_stage(
     Args:
         seed: whole number, at least 0, which draws the stage, the effects and the noise.
         seconds: duration, s; with `drive`, its own length counts.
-        effects: names out of `plant.EFFECTS`; "aux" is short for "aux:load_N", which adds a column.
+        effects: names out of `plant.EFFECTS`; "aux" is short for "aux:load_N", "gain" for
+            "gain:temp_C", "cross" for "cross:y_V", each of which adds a column.
         rate_hz: sampling rate, Hz.
         drive: (time,) drive from 0 to 75 V; None is `diagnostic_record`.
         noise_um: standard deviation of the sensor's white noise, µm.
@@ -124,8 +126,12 @@ def simulate_stage(
     fine = math.ceil(INNER_RATE_HZ / rate_hz - 1e-9)
     step = 1.0 / (rate_hz * fine)
     time, inner = np.arange(u.size) / rate_hz, np.arange((u.size - 1) * fine + 1) * step
-    position = respond(hidden, move(stage, hidden, np.interp(inner, time, u), step), inner, step)
+    course, columns = np.interp(inner, time, u), machines.columns(hidden, inner, int(seed))
+    moved = machines.warmed(hidden, move(stage, hidden, course, step), columns)
+    position = respond(hidden, moved, inner, step)
+    position = machines.with_forces(hidden, position, course, columns, step)
     position, aux = add_disturbances(hidden, position, inner, int(seed))
+    position, aux = machines.leaked(hidden, position, step), aux | columns
     z = _read(position[::fine], hidden, stroke, int(seed), noise_um, encoder_step_um)
     truth = {
         "effects": names,

@@ -1,0 +1,85 @@
+"""Another axis that leaks into the output, through a mode of the mechanics."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Parameter,
+    Signals,
+    Survey,
+    Values,
+    log_grid,
+)
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.resonance import Resonance
+
+
+class Cross(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariableOverride]
+    r"""The input of another axis, a(t), added to the output through a mode of unit gain at rest.
+
+    \[ g\,y, \qquad \ddot y + 2\zeta\omega\dot y + \omega^2 (y - a) = 0 \]
+
+    Arguments:
+        column: name of the auxiliary column; the effect is called `cross:COLUMN` after it.
+        unit: its unit.
+        tau_low_s, tau_high_s: times within which \(1/\omega\) is searched, in s.
+
+    Example:
+        >>> Cross(column="y_V", unit="V").name
+        'cross:y_V'
+    """
+
+    prefix: ClassVar[str] = "cross"
+    place: ClassVar[str] = "added"
+    physics: ClassVar[str] = (
+        "The axes of a stage, a mirror or a scanner share a frame and flexures that are not quite "
+        "square: a drive of one axis moves the reading of another, in proportion where it is slow, "
+        "and with the mode of what is in between where it is fast."
+    )
+    source: ClassVar[str] = (
+        "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
+        "Springer 2014, ch. 4 (cross-coupling of flexure stages)"
+    )
+    signature: ClassVar[str] = (
+        "residual that follows another axis, greater and late near the frequency of a mode"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("aux:COL", "resonance")
+    experiment: ClassVar[str] = (
+        "a multisine up to beyond the mode on the other axis while this one rests"
+    )
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        low, high = (1 / (2 * jnp.pi * tau) for tau in (self.tau_high_s, self.tau_low_s))
+        low, high = float(low), float(high)
+        lowest = max(high / 10**2.5, low)
+        return (
+            Parameter(
+                "f_hz",
+                "Hz",
+                low,
+                high,
+                start=log_grid(lowest * 1.1, high / 1.1, per_decade=6),
+                log=True,
+                meaning="natural frequency of the mode between the axes",
+            ),
+            Parameter(
+                "zeta", "1", 0.001, 0.95, start=(0.05, 0.4), log=True, meaning="damping ratio"
+            ),
+        )
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        unit = f"{{z}}/{self.unit or '1'}"
+        return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per unit of the axis"),)
+
+    def bound_to(self, survey: Survey) -> Self:
+        slowest = survey.duration_s / 20
+        return type(self)(self.column, self.unit, survey.step_s / 2.8, slowest)
+
+    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+        column = signals.aux[self.column]
+        return Resonance().apply(values, column, signals.time)[:, None]

@@ -1,0 +1,84 @@
+"""Leakage: the reading forgets what is constant, as that of a charge amplifier does."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from preisach_jax.effects.base import (
+    RATES,
+    OutputEffect,
+    Parameter,
+    Survey,
+    Values,
+    log_grid,
+    low_pass_step,
+)
+
+
+class Leakage(OutputEffect):
+    r"""First-order high-pass of the output: \(\dot z = \dot h - z/\tau\).
+
+    The reading begins at zero, where the machine has been at rest for long or the amplifier has
+    just been reset; the model's offset is what it settles to.
+
+    Arguments:
+        tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> t = jnp.linspace(0.0, 1.0, 101)
+        >>> z = Leakage().apply({"tau_s": 0.5}, jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> round(float(z[-1]), 3)  # exp(-2), less half a sample
+        0.137
+    """
+
+    name: ClassVar[str] = "leakage"
+    physics: ClassVar[str] = (
+        "A charge amplifier loses its charge through the resistor of its feedback and the "
+        "insulation of its cable, an integrator behind a pick-up coil is given a corner against "
+        "drift, and an amplifier with AC coupling passes no constant: the reading follows what is "
+        "fast, and whatever stays decays to zero with one time constant."
+    )
+    source: ClassVar[str] = (
+        "G. Gautschi, Piezoelectric Sensorics, Springer 2002, ch. 11 (time constant and drift of "
+        "charge amplifiers); F. Fiorillo, Measurement and Characterization of Magnetic Materials, "
+        "Elsevier 2004, ch. 7 (integrators)"
+    )
+    signature: ClassVar[str] = (
+        "residual that decays towards the middle of the loop wherever the input rests, most where "
+        "it rests far from there"
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("creep", "drift")
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
+    experiment: ClassVar[str] = (
+        "holds of increasing length after moves in both directions: a leakage goes back against "
+        "the move and by one exponential, a creep goes on with the move and over decades"
+    )
+    tau_low_s: float = 0.1
+    tau_high_s: float = 100.0
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter(
+                "tau_s",
+                "s",
+                self.tau_low_s,
+                self.tau_high_s,
+                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 2, per_decade=2),
+                log=True,
+                meaning="time constant of the decay",
+            ),
+        )
+
+    def bound_to(self, survey: Survey) -> Leakage:
+        return Leakage(tau_low_s=20 * survey.step_s, tau_high_s=10 * survey.duration_s)
+
+    def init(self, values: Values, first: Array) -> Array:
+        return jnp.stack([first, first])
+
+    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+        state = low_pass_step(state, value, dt, values["tau_s"])
+        return state, value - state[0]

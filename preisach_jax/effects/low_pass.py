@@ -1,0 +1,96 @@
+"""First-order low-passes, exact for signals that go straight from sample to sample."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
+    r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
+
+    \[ \tau \dot y = v - y,\quad
+       y^+ = v^+ + e^{-\Delta t/\tau} (y - v) - (v^+ - v)\,\tau (1 - e^{-\Delta t/\tau})/\Delta t \]
+
+    Arguments:
+        state: `(y, v)` stacked on the last axis: output and input after the last step.
+        value: the signal now.
+        dt: time since then, in s; zero leaves the output as it is.
+        tau_s: time constant in s, positive.
+
+    Returns:
+        The new `(y, v)`.
+    """
+    output, last = state[..., 0], state[..., 1]
+    # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
+    safe_dt = jnp.where(dt > 0, dt, 1.0)
+    decay = jnp.exp(-safe_dt / tau_s)
+    slope_part = (value - last) * tau_s * -jnp.expm1(-safe_dt / tau_s) / safe_dt
+    moved = value + decay * (output - last) - slope_part
+    return jnp.stack([jnp.where(dt > 0, moved, output), value * jnp.ones_like(output)], axis=-1)
+
+
+def low_passed(
+    signal: Float[Array, " time"], time: Float[Array, " time"], tau_s: Array
+) -> Float[Array, " time"]:
+    r"""A signal behind a first-order low-pass \(\tau \dot y = x - y\) that begins at rest.
+
+    Arguments:
+        signal: (time,) signal x.
+        time: (time,) in s, ascending.
+        tau_s: time constant in s, positive.
+
+    Returns:
+        (time,) y, in the unit of the signal.
+
+    Example:
+        >>> t = jnp.arange(5.0)
+        >>> (t - low_passed(t, t, jnp.array(0.125))).round(3).tolist()
+        [0.0, 0.125, 0.125, 0.125, 0.125]
+    """
+
+    def advance(state: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, step_s = sample
+        state = low_pass_step(state, value, step_s, tau_s)
+        return state, state[0]
+
+    start = jnp.stack([signal[0], signal[0]])
+    return jax.lax.scan(advance, start, (signal, jnp.diff(time, prepend=time[:1])))[1]
+
+
+def smoothed_rate(
+    signal: Float[Array, " time"], time: Float[Array, " time"], tau_s: Array
+) -> Float[Array, " time"]:
+    r"""Rate of a signal behind a first-order low-pass, from samples that are past.
+
+    \[ \tau \dot w = \dot x - w, \qquad
+       w_k = e^{-\Delta t/\tau} w_{k-1} + (1 - e^{-\Delta t/\tau}) (x_k - x_{k-1})/\Delta t \]
+
+    which is exact for a signal that goes straight from sample to sample.
+
+    Arguments:
+        signal: (time,) signal x.
+        time: (time,) in s, ascending.
+        tau_s: time constant in s, positive.
+
+    Returns:
+        (time,) w, in units of the signal per s; zero at the first sample.
+
+    Example:
+        >>> t = jnp.arange(5.0)
+        >>> smoothed_rate(2 * t, t, jnp.array(0.01)).tolist()
+        [0.0, 2.0, 2.0, 2.0, 2.0]
+    """
+    dt = jnp.diff(time, prepend=time[:1])
+    safe_dt = jnp.where(dt > 0, dt, 1.0)
+    rate = jnp.diff(signal, prepend=signal[:1]) / safe_dt
+    decay = jnp.where(dt > 0, jnp.exp(-safe_dt / tau_s), 1.0)
+    share = jnp.where(dt > 0, -jnp.expm1(-safe_dt / tau_s), 0.0)
+
+    def advance(speed: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
+        kept, added = sample
+        speed = kept * speed + added
+        return speed, speed
+
+    return jax.lax.scan(advance, jnp.zeros_like(rate[0]), (decay, share * rate))[1]

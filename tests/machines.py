@@ -6,6 +6,8 @@ steps or by SciPy, on a raster finer than that of the record.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import world
 from scipy import signal
@@ -73,8 +75,8 @@ def machine_record(
     if effect == "cross:y_V":
         truth["f_hz"], truth["zeta"] = f, z = rng.uniform(30.0, 90.0), rng.uniform(0.02, 0.1)
         w = 2 * np.pi * f
-        mode = signal.cont2discrete(([w * w], [1.0, 2 * z * w, w * w]), step, "foh")
-        h = h + 0.5 * swing * signal.lfilter(mode[0].ravel(), mode[1], axis)
+        mode: Any = signal.cont2discrete(([w * w], [1.0, 2 * z * w, w * w]), step, "foh")
+        h = h + 0.5 * swing * np.asarray(signal.lfilter(mode[0].ravel(), mode[1], axis))
     rows = slice(None, None, fine)
     out = h[rows] + np.random.default_rng([seed, 78]).normal(0.0, noise_um, count)
     aux = {"temp_C": 20.0 + 5.0 * warm[rows], "y_V": 10.0 * axis[rows]} if columns else {}

@@ -1,5 +1,7 @@
 """Laws of models with effects of every place, at any values of their parameters."""
 
+from typing import Any
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -119,7 +121,8 @@ def test_twice_the_coefficients_are_twice_the_output(chain, data):
 @pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.__name__)
 @given(data=st.data())
 def test_an_effect_is_its_settings_and_its_parameters_are_in_their_bounds(kind, data):
-    survey = Survey(10.0 ** data.draw(st.floats(-1.3, 5)), 1e-3, *(np.zeros(0) for _ in range(4)))
+    empty: Any = [np.zeros(0) for _ in range(4)]
+    survey = Survey(10.0 ** data.draw(st.floats(-1.3, 5)), 1e-3, *empty)
     for effect in (kind(), kind().bound_to(survey), *kind().variants(survey)):
         assert type(effect)(**effect.settings()) == effect
         names = [parameter.name for parameter in effect.parameters()]

@@ -68,7 +68,7 @@ def common(
 @command(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
-    "preisach diagnose stage.csv --language de",
+    "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
     "preisach diagnose stage.csv --json > found.json",
     fits=True,
 )

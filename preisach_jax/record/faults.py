@@ -114,7 +114,8 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
         return []
     span = float(np.ptp(path))
     # Where noise makes neighbours differ, equal ones tell even if the input hardly moves.
-    is_noisy = bool(np.mean(np.diff(output[(output > low) & (output < high)]) == 0) < MOVED)
+    inner = output[(output > low) & (output < high)]
+    is_noisy = np.count_nonzero(np.diff(inner) == 0) < MOVED * len(inner)
     moves = [float(np.ptp(path[start:stop])) / span for start, stop in runs]
     moving = [run for run, move in zip(runs, moves, strict=True) if move > MOVED]
     ends = [

@@ -304,6 +304,19 @@ class Model:
                     f"the model was identified in {own}; convert the column, or fit a model to it"
                 )
 
+    def check_invertible(self) -> None:
+        """Ask whether each output along a branch belongs to one input.
+
+        Raises:
+            InputError: if the weights have both signs, so that branches rise and fall.
+        """
+        if self.chain.signed and self.weights.min() < 0 < self.weights.max():
+            raise InputError(
+                f"the model of {self.origin.record} has weights of both signs: along a branch the "
+                "output rises and falls, and no inverse step is sure; record the part of the "
+                "input's range in which the output rises throughout, and fit a model to that"
+            )
+
     def begins_with_origin(self, record: Record) -> bool:
         """Whether a record begins with the one that was identified."""
         rows = self.origin.rows

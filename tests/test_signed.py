@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 import preisach_jax as pj
+from preisach_jax.export import export_c
+from preisach_jax.export.description import describe
+from preisach_jax.export.stepper import advance, start
 from preisach_jax.fit import feeds_back
 from preisach_jax.plot import density
 
@@ -108,3 +111,29 @@ def test_a_fit_with_what_feeds_back_is_refused():
     assert feeds_back(pj.effects()["moving"])
     with pytest.raises(pj.InputError, match="both signs, beside which moving has no unique output"):
         pj.fit(butterfly(1), ("moving",), levels=13)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda model, folder: pj.compensate(model, butterfly(2)),
+        lambda model, folder: pj.OnlineInverse(model, 100.0),
+        lambda model, folder: export_c(model, folder),
+    ],
+    ids=["compensate", "online", "c"],
+)
+def test_what_needs_an_inverse_refuses_a_model_of_both_signs(fitted, tmp_path, use):
+    with pytest.raises(pj.InputError, match="weights of both signs: along a branch"):
+        use(fitted.model, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_fmu_of_both_signs_does_what_predict_does(fitted):
+    model = fitted.model
+    described, other = describe(model), butterfly(2)
+    state, outputs = start(described), []
+    for u in other.input[:300]:
+        state, output = advance(described, state, np.array([u]))
+        outputs.append(output)
+    expected = model.predict(other).output[:300]
+    np.testing.assert_allclose(outputs, expected, rtol=0, atol=1e-9 * np.ptp(expected))

@@ -82,7 +82,8 @@ def compensate(
 
     Raises:
         InputError: the course has no number in a row, or a gap, or another unit than the model; an
-            auxiliary column is missing; or the limits or the slew are none.
+            auxiliary column is missing; the limits or the slew are none; or the model has weights
+            of both signs.
 
     Example:
         >>> import preisach_jax as pj
@@ -94,6 +95,7 @@ def compensate(
         >>> bool(np.allclose(course.expected, z, atol=1e-6)), bool(course.reachable.all())
         (True, True)
     """
+    model.check_invertible()
     _check_course(model, wanted)
     allowed, notes = limits_of(model, limits, slew)
     aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, OfColumn)}

@@ -103,6 +103,7 @@ class OnlineInverse:
             raise InputError(f"follow_s is {follow_s}: give a time in s above 0")
         self._model, self._rate, self._step_size = model, float(rate_hz), float(step_size)
         self._limits, self._follow_s = limits_of(model, limits, slew)[0], float(follow_s)
+        model.check_invertible()
         check_causal(model)
         columns = [e.column for e in model.effects if isinstance(e, OfColumn)]
         self._aux_columns = list(dict.fromkeys(columns))

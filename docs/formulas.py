@@ -19,7 +19,7 @@ OPERATORS = {
     "to": "→", "leftarrow": "←", "|": "‖", "{": "{", "}": "}",
 }  # fmt: skip
 NAMES = {"cos", "exp", "log", "max", "min", "sin"}
-SPACES = {",": "0.17em", ";": "0.28em", "quad": "1em", "!": "-0.17em", " ": "0.25em"}
+SPACES = {",": "0.17em", ";": "0.28em", "quad": "1em", "qquad": "2em", "!": "-0.17em", " ": "0.25em"}
 ACCENTS = {"dot": "˙", "ddot": "¨", "bar": "¯", "hat": "^"}
 SIZED = {"big", "bigl", "bigr", "Big", "Bigl", "Bigr", "left", "right"}
 

@@ -18,8 +18,10 @@ OPERATORS = {
     "le": "≤", "ge": "≥", "gg": "≫", "ll": "≪", "in": "∈", "cdot": "·", "times": "×", "pm": "±",
     "to": "→", "leftarrow": "←", "|": "‖", "{": "{", "}": "}",
 }  # fmt: skip
-NAMES = {"cos", "exp", "log", "max", "min", "sin"}
-SPACES = {",": "0.17em", ";": "0.28em", "quad": "1em", "qquad": "2em", "!": "-0.17em", " ": "0.25em"}
+NAMES = {"arsinh", "asinh", "cos", "exp", "ln", "log", "max", "min", "sin", "tanh"}
+SPACES = {
+    ",": "0.17em", ";": "0.28em", "quad": "1em", "qquad": "2em", "!": "-0.17em", " ": "0.25em",
+}  # fmt: skip
 ACCENTS = {"dot": "˙", "ddot": "¨", "bar": "¯", "hat": "^"}
 SIZED = {"big", "bigl", "bigr", "Big", "Bigl", "Bigr", "left", "right"}
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drivable import EFFECTS, GOOD, RATE, UNITS, course, model_of, played
+from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played
 
 import preisach_jax as pj
 from preisach_jax.compensation.loop import ProportionalIntegral, simulated_stage
@@ -23,7 +23,7 @@ def reading_of(model, drive):
 
 
 EXACT = ("creep", "drift", "hum", "ageing", "moving", "eddy_currents", "output_nonlinearity")
-LED = {"output_lag": 5.0, "resonance": 3.0}
+LED = {"input_lag": 5.0, "output_lag": 5.0, "resonance": 3.0, "rate_dependence": 20.0}
 """Errors in held-out ones that a causal lead may leave on this course."""
 
 
@@ -82,6 +82,34 @@ def test_a_saved_inverse_goes_on_as_it_would_have(tmp_path):
         pj.OnlineInverse.load(tmp_path / "half.npz")
 
 
+def test_with_a_measured_output_it_learns_the_stage_that_there_is():
+    """The stage has other weights than the model, and its zero drifts away."""
+    model, rng = model_of(), np.random.default_rng(4)
+    weights = model.weights * np.exp(0.15 * rng.normal(size=model.plane.cells))
+    alpha, beta = (np.array(index) for index in (PLANE.alpha_index, PLANE.beta_index))
+
+    def moved(states, drive):
+        on, off = (np.clip(drive / PLANE.delta_x - edge, 0.0, 1.0) for edge in (alpha, beta))
+        return np.minimum(off, np.maximum(states, on))
+
+    before = np.zeros(PLANE.cells)
+    for drive in played().input:
+        before = moved(before, drive)
+    z = 11 + 6 * np.sin(2 * np.pi * 4 * np.arange(1500) / RATE)
+
+    def errors(learns):
+        inverse = pj.OnlineInverse(model, RATE, step_size=0.3, follow_s=0.02)
+        states, reading, missed = before, math.nan, []
+        for k, wanted in enumerate(z.tolist()):
+            states = moved(states, inverse(wanted, reading if learns else math.nan))
+            reading = 1.5 + float(weights @ states) + 0.0002 * k
+            missed.append(reading - wanted)
+        return np.array(missed[-500:])
+
+    learnt, blind = errors(True), errors(False)
+    assert np.sqrt(np.mean(learnt**2)) < 0.3 * np.sqrt(np.mean(blind**2))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -120,6 +148,29 @@ def test_a_simulated_stage_reads_what_the_model_predicts():
     drive = 4 + 3 * np.sin(np.arange(300) / 30)
     stage = simulated_stage(model, RATE)
     np.testing.assert_allclose([stage(u, {}) for u in drive], reading_of(model, drive), atol=1e-6)
+
+
+def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control():
+    model = model_of(EFFECTS["creep"], EFFECTS["drift"])
+    wanted = course(model, seconds=0.6)
+    alone = pj.simulate_loop(model, wanted)
+    errors = list(alone.errors(0.1).values())
+    assert list(alone.readings) == [
+        "no compensation",
+        "affine map",
+        "hysteresis only",
+        "all effects",
+    ]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1e-9
+    controlled = pj.simulate_loop(
+        model, wanted, controller=lambda: ProportionalIntegral(0.2, 40.0, RATE)
+    ).errors(0.1)
+    assert controlled["no compensation"] < errors[0] / 2
+    assert controlled["hysteresis only"] < errors[2] / 2
+    figure = alone.plot()
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert len(texts) == 4
 
 
 def test_a_system_of_python_control_closes_the_loop():

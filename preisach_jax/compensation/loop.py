@@ -173,7 +173,8 @@ def simulate_loop(
     The controller adds to the wanted output what the error of the last reading asks for, and the
     sum goes to the drive: through a straight line between the ends of the stroke ("no
     compensation"), through the line that fits model and course best ("affine map"), through the
-    inverse of the hysteresis alone, and through that of all effects.
+    inverse of the hysteresis alone, whose zero is set at the first sample, and through that of all
+    effects.
 
     Arguments:
         model: the model.
@@ -211,10 +212,18 @@ def simulate_loop(
         inverse = OnlineInverse(some, rate, (low, high), after=after)
         return lambda value, aux: inverse(value, aux=aux)
 
+    def zeroed() -> Callable[[float, Mapping[str, float]], float]:
+        # What the effects of the past have left is taken off as the zero of the stage.
+        aux = {name: float(values[0]) for name, values in wanted.aux.items()}
+        first = float(wanted.output[0])
+        off = make()(inverse_of(plain)(first, aux), aux) - first
+        inverse = inverse_of(plain)
+        return lambda value, aux: inverse(value - off, aux)
+
     ways: dict[str, Callable[[], Callable[[float, Mapping[str, float]], float]]] = {
         "no compensation": lambda: _straight(model),
         "affine map": lambda: _affine(model, wanted, after, rate, low, high),
-        "hysteresis only": lambda: inverse_of(plain),
+        "hysteresis only": zeroed,
         "all effects": lambda: inverse_of(model),
     }
     readings: dict[str, np.ndarray] = {}

@@ -223,14 +223,29 @@ def diagnosed(made):
     return pj.diagnose(record, RIVALS, levels=25)
 
 
-@pytest.mark.parametrize("effect", machines.EFFECTS)
+QUICK = ("cross:y_V", "leakage")
+SEARCHES = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.campaign)
+    for name in machines.EFFECTS
+]
+
+
+@pytest.mark.parametrize("effect", SEARCHES)
 def test_what_is_hidden_is_found(effect):
     found = diagnosed(machines.machine_record(effect, 1, 8.0, 1000.0))
     assert found.effects == (effect,)
     assert found.ladder[-1].rms_validation < 0.3 * found.ladder[0].rms_validation
 
 
-@pytest.mark.parametrize("effect", ["none", "input_lag", "creep", "output_lag"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "none",
+        "output_lag",
+        pytest.param("input_lag", marks=pytest.mark.campaign),
+        pytest.param("creep", marks=pytest.mark.campaign),
+    ],
+)
 def test_what_is_not_hidden_is_not_named(effect):
     made = world.hidden_record(effect, 4, 8.0, 1000.0)
     beside = machines.machine_record(None, 4, 8.0, 1000.0)
@@ -238,7 +253,13 @@ def test_what_is_not_hidden_is_not_named(effect):
     assert found.effects == (() if effect == "none" else (effect,))
 
 
-@pytest.mark.parametrize("name", ["mrdamper_mts_5mm3Hz", "mrdamper_mts_25mm0x5Hz"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mrdamper_mts_5mm3Hz",
+        pytest.param("mrdamper_mts_25mm0x5Hz", marks=pytest.mark.campaign),
+    ],
+)
 def test_a_damper_has_a_viscosity_that_its_coil_scales(name, shared_data):
     record = pj.Record.load(
         shared_data / f"{name}.csv", time="t", input="x", output="z", aux=["current_A"]

@@ -28,6 +28,9 @@ from preisach_jax.errors import InputError
 
 OK, FAILURE, USER_MISTAKE = 0, 1, 2
 
+COMPLETION = "_PREISACH_COMPLETE"
+"""Environment variable by which a shell asks how a command line could go on."""
+
 TRACEBACK = "PREISACH_TRACEBACK"
 """Environment variable; if set to anything but 0, failures come with a traceback."""
 
@@ -97,7 +100,7 @@ def run(words: list[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
-    if not words:
+    if not words and COMPLETION not in os.environ:  # a shell asks there, and gives no words
         return start()
     try:
         command = get_command(build())

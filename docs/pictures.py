@@ -561,6 +561,21 @@ def forc() -> Figure:
     return figure
 
 
+def loop() -> Figure:
+    """A loop around a stage that creeps and drifts, with more and more of its model's inverse."""
+    stage = pj.simulate_stage(seed=3, seconds=8.0, rate_hz=1000.0, effects=("creep", "drift"))
+    units = {"input": "V", "output": "um"}
+    record = pj.Record.from_arrays(stage.time, stage.input, stage.output, units=units)
+    model = pj.fit(record, ["creep", "drift"], levels=25).model
+    time = np.arange(2000) / 1000
+    middle, reach = record.output.mean(), np.ptp(record.output)
+    course = middle + 0.3 * reach * np.sin(4 * np.pi * time) * np.cos(np.pi * time)
+    begin = float(record.output[-100:].mean())
+    course = begin + (course - begin) * np.clip(time / 0.3, 0, 1)
+    wanted = pj.Record.from_arrays(time, 0 * time, course, units=units)
+    return pj.simulate_loop(model, wanted).plot()
+
+
 def of_the_paper(name: str) -> Figure:
     """One of the paper's figures."""
     data = {"hysteron": "hysteron_loops"}.get(name, name)
@@ -579,6 +594,7 @@ def saved(figure: Figure, path: Path, dpi: int = 120) -> Path:
 OTHERS: dict[str, Callable[[], Figure]] = {
     "home": home,
     "forc": forc,
+    "loop": loop,
     "paper/hysteron": partial(of_the_paper, "hysteron"),
     "paper/convergence": partial(of_the_paper, "convergence"),
     "paper/proportionality": partial(of_the_paper, "proportionality"),

@@ -149,6 +149,22 @@ def test_the_first_screen_says_verdict_size_and_what_comes_next(written):
     assert "preisach predict model.json" in diagnosis_page(done, None)["next_command"]
 
 
+def test_the_page_says_what_a_drive_by_the_model_would_reach(tmp_path):
+    found = make_diagnosis("explained")
+    record = found.base.record
+    write_report(found, tmp_path)
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    _, told = text.split("Driven by the inverse of this model", 1)
+    # The error of the line, by the correlation of input and output.
+    r = np.corrcoef(record.input, record.output)[0, 1]
+    line = np.std(record.output) * np.sqrt(1 - r**2)
+    for rms in (found.model.rms_validation, line):
+        assert f"({100 * rms / record.output_range:.2g} % of the stroke)" in told
+    write_report(make_diagnosis("unexplained"), tmp_path)
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "Driven by the inverse" not in text
+
+
 @pytest.mark.parametrize("verdict", ["adequate", "explained", "partly_explained", "unexplained"])
 def test_a_german_report_has_the_same_numbers(tmp_path, verdict):
     found = make_diagnosis(verdict)

@@ -10,9 +10,11 @@ from pathlib import PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
 import jax
+import numpy as np
 
 from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
+from preisach_jax.errors import InputError
 from preisach_jax.identify import BLOCKS, FOLDS
 from preisach_jax.quantity import number, quantity, scaled
 from preisach_jax.report.language import (
@@ -76,6 +78,7 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "next_command": _next_command(found),
         "located": found.located,
         "notes": found.notes,
+        "driven": _driven(found),
         "limits": limit_rows(found),
         "budget": budget_rows(found),
         "sampling": sampling_note(record),
@@ -86,6 +89,34 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "method": _method(found),
         "references": REFERENCES,
     }
+
+
+def _driven(found: Diagnosis) -> str:
+    """How well a stage would follow a course that is driven by the model; empty if it says little.
+
+    Arguments:
+        found: the diagnosis.
+    """
+    model, record = found.model, found.base.record
+    if found.verdict not in ("adequate", "explained"):
+        return ""
+    try:
+        model.check_invertible()
+    except InputError:
+        return ""
+    rows = record.measured
+    line = np.polyfit(record.input[rows], record.output[rows], 1)
+    missed = record.output[rows] - np.polyval(line, record.input[rows])
+    stroke = record.output_range
+    own, straight = (
+        f"{quantity(rms, record.output_unit, 3)} ({100 * rms / stroke:.2g} % of the stroke)"
+        for rms in (model.rms_validation, float(np.sqrt(np.mean(missed**2))))
+    )
+    return (
+        f"Driven by the inverse of this model (preisach compensate), the stage would follow a "
+        f"course like this one to about {own} RMS, which is what the model misses on rows that "
+        f"were held out; driven along the best straight line, it would miss {straight}."
+    )
 
 
 def shareable(command: str | None) -> str | None:

@@ -156,8 +156,9 @@ def test_the_page_says_what_a_drive_by_the_model_would_reach(tmp_path):
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     _, told = text.split("Driven by the inverse of this model", 1)
     # The error of the line, by the correlation of input and output.
-    r = np.corrcoef(record.input, record.output)[0, 1]
-    line = np.std(record.output) * np.sqrt(1 - r**2)
+    rows = record.measured
+    r = np.corrcoef(record.input[rows], record.output[rows])[0, 1]
+    line = np.std(record.output[rows]) * np.sqrt(1 - r**2)
     for rms in (found.model.rms_validation, line):
         assert f"({100 * rms / record.output_range:.2g} % of the stroke)" in told
     write_report(make_diagnosis("unexplained"), tmp_path)

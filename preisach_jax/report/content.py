@@ -78,7 +78,7 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "next_command": _next_command(found),
         "located": found.located,
         "notes": found.notes,
-        "driven": _driven(found),
+        "driven": _driven(found, language),
         "limits": limit_rows(found),
         "budget": budget_rows(found),
         "sampling": sampling_note(record),
@@ -91,11 +91,12 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
     }
 
 
-def _driven(found: Diagnosis) -> str:
+def _driven(found: Diagnosis, language: str) -> str:
     """How well a stage would follow a course that is driven by the model; empty if it says little.
 
     Arguments:
         found: the diagnosis.
+        language: of the sentence.
     """
     model, record = found.model, found.base.record
     if found.verdict not in ("adequate", "explained"):
@@ -108,15 +109,12 @@ def _driven(found: Diagnosis) -> str:
     line = np.polyfit(record.input[rows], record.output[rows], 1)
     missed = record.output[rows] - np.polyval(line, record.input[rows])
     stroke = record.output_range
+    share = words(language)["of_the_stroke"]
     own, straight = (
-        f"{quantity(rms, record.output_unit, 3)} ({100 * rms / stroke:.2g} % of the stroke)"
+        f"{quantity(rms, record.output_unit, 3)} ({100 * rms / stroke:.2g} % {share})"
         for rms in (model.rms_validation, float(np.sqrt(np.mean(missed**2))))
     )
-    return (
-        f"Driven by the inverse of this model (preisach compensate), the stage would follow a "
-        f"course like this one to about {own} RMS, which is what the model misses on rows that "
-        f"were held out; driven along the best straight line, it would miss {straight}."
-    )
+    return words(language)["driven"].format(own=own, straight=straight)
 
 
 def shareable(command: str | None) -> str | None:

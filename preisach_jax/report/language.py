@@ -87,6 +87,14 @@ _WORDS: dict[str, tuple[str, str]] = {
     "tried_alt": ("Effects that were tried, their gain, and why they were added or not",
                   "Versuchte Effekte, ihr Gewinn, und warum sie aufgenommen wurden oder nicht"),
     "not_there": ("What is not there", "Was nicht da ist"),
+    "driven": (
+        "Driven by the inverse of this model (preisach compensate), the stage would follow a "
+        "course like this one to about {own} RMS, which is what the model misses on rows that were "
+        "held out; driven along the best straight line, it would miss {straight}.",
+        "Mit der Inversen dieses Modells (preisach compensate) folgt der Antrieb einem Verlauf wie "
+        "diesem auf etwa {own} RMS genau: So viel fehlt dem Modell auf zurückgehaltenen Zeilen. "
+        "Entlang der besten Geraden wären es {straight}.",
+    ),
     "limits": ("Upper limits (95 %) for the effects that were not found.",
                "Obere Grenzen (95 %) der Effekte, die nicht gefunden wurden."),
     "record_next": ("What to record next", "Was als Nächstes zu messen ist"),

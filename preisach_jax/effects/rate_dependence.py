@@ -23,14 +23,14 @@ class RateDependence(HysteresisEffect):
         with_reversible: whether the reversible part lags as well, as if it had thresholds.
         with_corners: whether the input has corners, so that it turns at full speed, and the speed
             at a sample is that of the interval before it. Else the input is smooth, rests where it
-            turns, and the speed of the last two intervals is carried on to the sample.
+            turns, and the speed is the mean of the intervals on both sides.
 
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.arange(4.0)
         >>> values = {"coefficient": 0.5, "exponent": 1.0}
-        >>> RateDependence(reference_per_s=2.0).widening(values, (t - 2) ** 2 / 2, t).tolist()
-        [0.375, 0.375, 0.0, 0.25]
+        >>> RateDependence(reference_per_s=2.0).widening(values, jnp.abs(t - 2), t).tolist()
+        [0.25, 0.25, 0.0, 0.0]
     """
 
     name: ClassVar[str] = "rate_dependence"
@@ -102,14 +102,11 @@ class RateDependence(HysteresisEffect):
     def widening(
         self, values: Values, path: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
-        dt = jnp.diff(time)
-        dt = jnp.where(dt > 0, dt, 1.0)
-        rate = jnp.diff(path) / dt
-        if not self.with_corners:
-            last_rate, last_dt = (jnp.concatenate([x[:1], x[:-1]]) for x in (rate, dt))
-            rate = rate + (rate - last_rate) * dt / (dt + last_dt)
-        speed = jnp.abs(rate)
-        speed = jnp.concatenate([speed[:1], speed]) / self.reference_per_s
+        width = 1 if self.with_corners else 2
+        dt = time[width:] - time[:-width]
+        speed = jnp.abs(path[width:] - path[:-width]) / jnp.where(dt > 0, dt, 1.0)
+        last = speed[-1:] if width == 2 else speed[:0]
+        speed = jnp.concatenate([speed[:1], speed, last]) / self.reference_per_s
         return self.law(values, speed)
 
     def law(self, values: Values, speed: Float[Array, " time"]) -> Float[Array, " time"]:

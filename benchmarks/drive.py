@@ -221,18 +221,23 @@ def main() -> None:
                 + f" {row['compensate_s']:.1f} s",
                 flush=True,
             )
+        if given.only is None:  # an interruption leaves what is done
+            write_results(given.out, summary_of(rows))
+    print({key: value for key, value in summary_of(rows).items() if key != "rows"})
+
+
+def summary_of(rows: list[dict]) -> dict:
     passed = [r["ratio"] <= 1.2 and r["percent_of_stroke"] <= 0.3 for r in rows]
     told = [t["told"] for r in rows for t in r["unreachable"]]
-    summary = {
+    return {
         "stages": len(rows),
         "stages_within_both_bounds": sum(passed),
+        "stages_within_0.3_percent_of_stroke": sum(r["percent_of_stroke"] <= 0.3 for r in rows),
+        "stages_within_1.2_held_out_errors": sum(r["ratio"] <= 1.2 for r in rows),
         "unreachable_courses": len(told),
         "unreachable_courses_told": sum(told),
         "rows": rows,
     }
-    print({key: value for key, value in summary.items() if key != "rows"})
-    if given.only is None:
-        write_results(given.out, summary)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -92,6 +93,29 @@ def compiled_again(compiled, u, aux=()):
     outputs = compiled(u, aux)
     compiled.begin()
     return outputs
+
+
+def test_weights_of_both_signs_are_predicted_and_learnt_and_not_inverted(tmp_path):
+    model = drawn(["creep"])
+    signs = np.where(np.arange(model.plane.cells) % 3 == 0, -1.0, 1.0)
+    own = replace(model.coefficients, weights=signs * model.weights, memory=0 * model.weights)
+    model = replace(model, chain=replace(model.chain, signed=True), coefficients=own)
+    compiled = Compiled(model, tmp_path)
+    u = np.concatenate([wild(1500, 1), smooth(500, 2)])
+    expected = predicted(model, u)
+    np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12 * np.ptp(expected))
+    # From the model with all signs turned, the readings lead back to weights of both signs.
+    other = Compiled(replace(model, coefficients=replace(own, weights=-own.weights)), tmp_path)
+    for _ in range(10):
+        other.adapt(u, expected)
+    assert np.corrcoef(other.weights, own.weights)[0, 1] > 0.5
+    assert other.weights.min() < 0 < other.weights.max()
+    written = files(model)
+    assert "preisach_inverse_step(" not in written["preisach_model.c"]
+    assert "weights have both signs" in written["README.md"]
+    export_c(model, tmp_path / "code")
+    made = subprocess.run(["make", "-C", tmp_path / "code"], capture_output=True, text=True)
+    assert made.returncode == 0, made.stdout + made.stderr
 
 
 def test_float_is_within_its_rounding(tmp_path):

@@ -81,8 +81,9 @@ def compensate(
         The drive.
 
     Raises:
-        InputError: the course has no number in a row, or a gap, or another unit than the model; an
-            auxiliary column is missing; or the limits or the slew are none.
+        InputError: the model has weights of both signs; the course has no number in a row, or a
+            gap, or another unit than the model; an auxiliary column is missing; or the limits or
+            the slew are none.
 
     Example:
         >>> import preisach_jax as pj
@@ -94,6 +95,7 @@ def compensate(
         >>> bool(np.allclose(course.expected, z, atol=1e-6)), bool(course.reachable.all())
         (True, True)
     """
+    check_invertible(model)
     _check_course(model, wanted)
     allowed, notes = limits_of(model, limits, slew)
     aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, Auxiliary)}
@@ -120,6 +122,23 @@ def compensate(
         reachable,
         tuple(notes),
     )
+
+
+def check_invertible(model: Model) -> None:
+    """Refuse a model whose output does not rise along every branch.
+
+    Raises:
+        InputError: the model has weights of both signs.
+    """
+    weights = np.asarray(model.weights)
+    if (weights < 0).any() and (weights > 0).any():
+        opposite = int(min((weights < 0).sum(), (weights > 0).sum()))
+        raise InputError(
+            f"the model has weights of both signs ({opposite:,} of {weights.size:,} against the "
+            "others), so that its output both rises and falls along one branch and more than one "
+            "input gives the same output: it cannot be inverted; fit a model to a record of that "
+            "part of the range where the output only rises or only falls"
+        )
 
 
 def _with_aux(wanted: Record, aux: dict[str, np.ndarray]) -> Record:

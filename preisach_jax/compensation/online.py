@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.compensation.causal import Causal, CausalState
-from preisach_jax.compensation.drive import limits_of
+from preisach_jax.compensation.drive import check_invertible, limits_of
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -71,7 +71,8 @@ class OnlineInverse:
         follow_s: time constant in s with which slow changes are followed; infinite for never.
 
     Raises:
-        InputError: the rate, the limits, the slew, the step size or the time constant is none.
+        InputError: the model has weights of both signs; or the rate, the limits, the slew, the step
+            size or the time constant is none.
 
     Example:
         >>> import preisach_jax as pj
@@ -95,6 +96,7 @@ class OnlineInverse:
         step_size: float = 0.1,
         follow_s: float = 1.0,
     ):
+        check_invertible(model)
         if not 0 < rate_hz < math.inf:
             raise InputError(f"rate_hz is {rate_hz}: give the sampling rate in Hz, above 0")
         if not 0 <= step_size <= 1:

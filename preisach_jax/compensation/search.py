@@ -20,6 +20,7 @@ from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
 from preisach_jax.compensation.forward import Course, Forward
 from preisach_jax.compensation.lead import Lead
 from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffect
+from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.slew_limit import SlewLimit
 
 MOST_PASSES = 24
@@ -33,9 +34,6 @@ PATIENCE = 4
 
 NEIGHBOURS = 41
 """Rows whose greatest error says whether that of the middle one gets smaller."""
-
-BELL = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9
-"""Mean over neighbours by which corrections of a widened operator are smoothed."""
 
 INPUT_PASSES = 8
 """Passes in which what acts on the input is inverted by itself."""
@@ -86,6 +84,8 @@ class Search:
             type(effect).widening is not HysteresisEffect.widening
             for effect in chain.at(HysteresisEffect)
         )
+        rates = chain.at(RateDependence)
+        self._corners = not rates or any(e.with_corners for e in rates)
         self._dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
         size, step_s = len(wanted), float(np.median(self._dt))
         behind = chain.at(OutputEffect)
@@ -151,7 +151,7 @@ class Search:
                 widening = (widening + _smoothed(course.widening, kernel)) / 2
                 first_run = self._sign * course.first_run
             elif self._widens:
-                learnt = _smoothed(_against_widening(learnt, self._steepness(course)), BELL)
+                learnt = _against_widening(learnt, self._steepness(course), self._corners)
             aim = aim + learnt
         assert best is not None
         return best
@@ -287,15 +287,17 @@ def limited(drive: np.ndarray, dt: np.ndarray, limits: Limits, last: float) -> n
     return kept
 
 
-def _against_widening(error: np.ndarray, steep: float) -> np.ndarray:
+def _against_widening(error: np.ndarray, steep: float, corners: bool) -> np.ndarray:
     r"""What an error asks of the input where a move m of a row widens thresholds by steep times m.
 
-    The thresholds see \(1 - g (1 - z^{-1})\) of the input, which no causal filter inverts beyond
-    g = 1; its regularised inverse looks ahead.
+    The thresholds see \(1 - g (1 - z^{-1})\) of an input with corners, and
+    \(1 - g (3/2 - 2 z^{-1} + z^{-2} / 2)\) of a smooth one, whose speed is carried on to the
+    sample.  No causal filter inverts that for a great g; its regularised inverse looks ahead.
     """
     count = 1 << (2 * len(error)).bit_length()
     turn = np.exp(-2j * np.pi * np.arange(count // 2 + 1) / count)
-    passed = 1 - steep * (1 - turn)
+    move = 1 - turn if corners else 1.5 - 2 * turn + 0.5 * turn**2
+    passed = 1 - steep * move
     inverse = np.conj(passed) / (np.abs(passed) ** 2 + 0.1)
     return np.fft.irfft(np.fft.rfft(error, count) * inverse, count)[: len(error)]
 

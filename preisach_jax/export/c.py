@@ -109,6 +109,7 @@ def view(model: Description) -> dict[str, Any]:
         "widens": rate is not None,
         "separate_diagonal": separate,
         "speed_held": rate is not None and bool(rate.numbers["reversible"]),
+        "signed": model.signed,
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "keeps_reversible": separate,
         "feedback": feedback,

@@ -138,6 +138,7 @@ def trial(effects, seed: int, folder: Path | None, levels: int) -> dict:
     good = found.reachable
     reading = play(record, found.drive, load, noise)
     error = (reading - z)[good]
+    predicted = rms((reading - found.expected)[good])
     slope, level = np.polyfit(record.output, record.input, 1)
     affine = play(record, np.clip(slope * z + level, 0, 75), load, noise) - z
     stroke = record.truth["stroke_um"]
@@ -176,7 +177,7 @@ def trial(effects, seed: int, folder: Path | None, levels: int) -> dict:
         "held_out_rms_um": model.rms_validation,
         "tracking_rms_um": rms(error),
         "ratio": rms(error) / model.rms_validation,
-        "prediction_rms_um": rms((reading - found.expected)[good]),
+        "prediction_rms_um": predicted,
         "left_by_the_inverse_rms_um": rms((found.expected - z)[good]),
         "percent_of_stroke": 100 * rms(error) / stroke,
         "largest_error_um": float(np.abs(error).max()),

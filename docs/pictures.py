@@ -550,6 +550,22 @@ def forc() -> Figure:
     return figure
 
 
+def drive() -> Figure:
+    """Tracking of a simulated stage with more and more of its model's inverse."""
+    hidden = ("creep", "output_lag")
+    stage = pj.simulate_stage(seed=3, seconds=8.0, rate_hz=1000.0, effects=hidden)
+    units = {"input": "V", "output": "um"}
+    record = pj.Record.from_arrays(stage.time, stage.input, stage.output, units=units)
+    model = pj.fit(record, effects=hidden, levels=13).model
+    t = np.arange(1000) / 1000.0
+    begin, middle = stage.output[-1], np.ptp(stage.output) / 2
+    part = np.clip(t / 0.2, 0, 1)
+    ramp = part**2 * (3 - 2 * part)
+    z = begin + (middle + 10 * np.sin(2 * np.pi * 3 * t) - begin) * ramp
+    wanted = pj.Record.from_arrays(t, 0 * t, z, units={"output": "um"})
+    return pj.simulate_loop(model, wanted, limits=(0, 75)).plot()
+
+
 def of_the_paper(name: str) -> Figure:
     """One of the paper's figures."""
     data = {"hysteron": "hysteron_loops"}.get(name, name)
@@ -568,6 +584,7 @@ def saved(figure: Figure, path: Path, dpi: int = 120) -> Path:
 OTHERS: dict[str, Callable[[], Figure]] = {
     "home": home,
     "forc": forc,
+    "drive": drive,
     "paper/hysteron": partial(of_the_paper, "hysteron"),
     "paper/convergence": partial(of_the_paper, "convergence"),
     "paper/proportionality": partial(of_the_paper, "proportionality"),

@@ -210,6 +210,12 @@ static double odd(void)
     if (r < 0.5) return -2.0 + 10.0 * uniform();
     return 3.0 + 0.01 * uniform();
 }
+/* What the model expects, or no reading at all. */
+static double reading(void)
+{
+    double z = odd();
+    return fabs(z) < 100.0 ? (double)s.output : z;
+}
 int main(void)
 {
     long k;
@@ -218,7 +224,9 @@ int main(void)
         double r = uniform();
         preisach_real out = r < 0.7   ? preisach_step(&s, (preisach_real)odd() AUX)
                             : r < 0.9 ? preisach_inverse_step(&s, (preisach_real)odd() AUX)
-                                      : preisach_step(&s, (preisach_real)NAN AUX);
+                            : r < 0.95 ? preisach_step(&s, (preisach_real)NAN AUX)
+                                      : preisach_adapt_step(&s, (preisach_real)odd() AUX,
+                                                            (preisach_real)reading());
         if (!(fabs((double)out) < 1e4) || s.count > PREISACH_CORNERS || s.refused == 0) {
             printf("%ld %g %d\\n", k, (double)out, s.count);
             if (k > 100) return 1;

@@ -138,6 +138,7 @@ def trial(effects, seed: int, folder: Path | None, levels: int) -> dict:
     good = found.reachable
     reading = play(record, found.drive, load, noise)
     error = (reading - z)[good]
+    predicted = rms((reading - found.expected)[good])
     slope, level = np.polyfit(record.output, record.input, 1)
     affine = play(record, np.clip(slope * z + level, 0, 75), load, noise) - z
     stroke = record.truth["stroke_um"]
@@ -176,7 +177,7 @@ def trial(effects, seed: int, folder: Path | None, levels: int) -> dict:
         "held_out_rms_um": model.rms_validation,
         "tracking_rms_um": rms(error),
         "ratio": rms(error) / model.rms_validation,
-        "prediction_rms_um": rms((reading - found.expected)[good]),
+        "prediction_rms_um": predicted,
         "left_by_the_inverse_rms_um": rms((found.expected - z)[good]),
         "percent_of_stroke": 100 * rms(error) / stroke,
         "largest_error_um": float(np.abs(error).max()),
@@ -221,18 +222,23 @@ def main() -> None:
                 + f" {row['compensate_s']:.1f} s",
                 flush=True,
             )
+        if given.only is None:  # an interruption leaves what is done
+            write_results(given.out, summary_of(rows))
+    print({key: value for key, value in summary_of(rows).items() if key != "rows"})
+
+
+def summary_of(rows: list[dict]) -> dict:
     passed = [r["ratio"] <= 1.2 and r["percent_of_stroke"] <= 0.3 for r in rows]
     told = [t["told"] for r in rows for t in r["unreachable"]]
-    summary = {
+    return {
         "stages": len(rows),
         "stages_within_both_bounds": sum(passed),
+        "stages_within_0.3_percent_of_stroke": sum(r["percent_of_stroke"] <= 0.3 for r in rows),
+        "stages_within_1.2_held_out_errors": sum(r["ratio"] <= 1.2 for r in rows),
         "unreachable_courses": len(told),
         "unreachable_courses_told": sum(told),
         "rows": rows,
     }
-    print({key: value for key, value in summary.items() if key != "rows"})
-    if given.only is None:
-        write_results(given.out, summary)
 
 
 if __name__ == "__main__":

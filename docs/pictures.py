@@ -21,7 +21,7 @@ from effect_pages import file_name
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
-from telling import COLUMNS, TELLING, Telling
+from telling import TELLING, Telling
 
 import preisach_jax as pj
 from preisach_jax import paper
@@ -43,7 +43,7 @@ Fits = tuple[tuple[str, pj.Fit], ...]
 
 def stage_record(name: str, telling: Telling) -> pj.Record:
     """A record of the simulated stage with one effect hidden."""
-    hidden = name.removesuffix(":COL")
+    hidden = "aux" if name == "aux:COL" else name
     drive, noise = None, 0.006
     if name == "input_quantisation":
         drive, noise = slow_ramp_drive(telling), 0.002
@@ -386,16 +386,6 @@ def auxiliary(panel: Panel) -> None:
     panel.axes.set_xlabel(f"{label} ({unit})")
 
 
-def output_cold_and_warm(panel: Panel) -> None:
-    """Over the output, at low and at high values of the auxiliary column."""
-    ((name, column),) = panel.record.aux.items()
-    low, high = np.quantile(column, (0.25, 0.75))
-    label, _, unit = name.rpartition("_")
-    groups = {f"{label} < {low:.3g} {unit}": column < low}
-    panel.medians(panel.output, groups | {f"{label} > {high:.3g} {unit}": column > high})
-    panel.axes.set_xlabel(f"output ({panel.output_unit})")
-
-
 def behind_a_step(panel: Panel) -> None:
     """Over time, about the step that leaves most."""
     first = panel.of(panel.fits[0][1])
@@ -482,8 +472,7 @@ AXES: dict[str, Callable[[Panel], None]] = {
     for function in (
         since_rest, since_rest_by_move, input_rate, along_the_move, output_rate,
         output_by_branch, output_early_and_late, input_early_and_late, few_steps_of_input,
-        few_steps_of_output, auxiliary, output_cold_and_warm, behind_a_step, worst_second, lines,
-        loop_number,
+        few_steps_of_output, auxiliary, behind_a_step, worst_second, lines, loop_number,
     )
 }  # fmt: skip
 
@@ -499,7 +488,7 @@ def draw(name: str) -> Figure:
         The figure: over time above, against the axis that tells it below.
     """
     record = record_of(name)
-    effect = COLUMNS.get(name, name)
+    effect = "aux:load_N" if name == "aux:COL" else name
     before, after = pj.fit(record), pj.fit(record, effects=(effect,))
     fits: Fits = (("before", before), ("after", after))
     factor, unit = scaled(float(np.nanquantile(np.abs(before.residual), 0.999)), record.output_unit)
@@ -561,19 +550,20 @@ def forc() -> Figure:
     return figure
 
 
-def loop() -> Figure:
-    """A loop around a stage that creeps and drifts, with more and more of its model's inverse."""
-    stage = pj.simulate_stage(seed=3, seconds=8.0, rate_hz=1000.0, effects=("creep", "drift"))
+def drive() -> Figure:
+    """Tracking of a simulated stage with more and more of its model's inverse."""
+    hidden = ("creep", "output_lag")
+    stage = pj.simulate_stage(seed=3, seconds=8.0, rate_hz=1000.0, effects=hidden)
     units = {"input": "V", "output": "um"}
     record = pj.Record.from_arrays(stage.time, stage.input, stage.output, units=units)
-    model = pj.fit(record, ["creep", "drift"], levels=25).model
-    time = np.arange(2000) / 1000
-    middle, reach = record.output.mean(), np.ptp(record.output)
-    course = middle + 0.3 * reach * np.sin(4 * np.pi * time) * np.cos(np.pi * time)
-    begin = float(record.output[-100:].mean())
-    course = begin + (course - begin) * np.clip(time / 0.3, 0, 1)
-    wanted = pj.Record.from_arrays(time, 0 * time, course, units=units)
-    return pj.simulate_loop(model, wanted).plot()
+    model = pj.fit(record, effects=hidden, levels=13).model
+    t = np.arange(1000) / 1000.0
+    begin, middle = stage.output[-1], np.ptp(stage.output) / 2
+    part = np.clip(t / 0.2, 0, 1)
+    ramp = part**2 * (3 - 2 * part)
+    z = begin + (middle + 10 * np.sin(2 * np.pi * 3 * t) - begin) * ramp
+    wanted = pj.Record.from_arrays(t, 0 * t, z, units={"output": "um"})
+    return pj.simulate_loop(model, wanted, limits=(0, 75)).plot()
 
 
 def of_the_paper(name: str) -> Figure:
@@ -594,7 +584,7 @@ def saved(figure: Figure, path: Path, dpi: int = 120) -> Path:
 OTHERS: dict[str, Callable[[], Figure]] = {
     "home": home,
     "forc": forc,
-    "loop": loop,
+    "drive": drive,
     "paper/hysteron": partial(of_the_paper, "hysteron"),
     "paper/convergence": partial(of_the_paper, "convergence"),
     "paper/proportionality": partial(of_the_paper, "proportionality"),

@@ -46,7 +46,9 @@ void run(preisach_state *s, long n, int kind, const double *u, const double *aux
     for (k = 0; k < n; k++) {
         preisach_real value = (preisach_real)u[k];
         out[k] = kind == 0   ? (double)preisach_step(s, value AUX)
+#ifndef PREISACH_NO_INVERSE
                  : kind == 1 ? (double)preisach_inverse_step(s, value AUX)
+#endif
                              : (double)preisach_adapt_step(s, value AUX, (preisach_real)z[k]);
     }
 }

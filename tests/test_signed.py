@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import preisach_jax as pj
-from preisach_jax.export import export_c
 from preisach_jax.export.description import describe
 from preisach_jax.export.stepper import advance, start
 from preisach_jax.fit import feeds_back
@@ -118,9 +117,8 @@ def test_a_fit_with_what_feeds_back_is_refused():
     [
         lambda model, folder: pj.compensate(model, butterfly(2)),
         lambda model, folder: pj.OnlineInverse(model, 100.0),
-        lambda model, folder: export_c(model, folder),
     ],
-    ids=["compensate", "online", "c"],
+    ids=["compensate", "online"],
 )
 def test_what_needs_an_inverse_refuses_a_model_of_both_signs(fitted, tmp_path, use):
     with pytest.raises(pj.InputError, match="weights of both signs: along a branch"):

@@ -71,7 +71,8 @@ class OnlineInverse:
         follow_s: time constant in s with which slow changes are followed; infinite for never.
 
     Raises:
-        InputError: the rate, the limits, the slew, the step size or the time constant is none.
+        InputError: the model has weights of both signs; or the rate, the limits, the slew, the step
+            size or the time constant is none.
 
     Example:
         >>> import preisach_jax as pj

@@ -290,13 +290,12 @@ def limited(drive: np.ndarray, dt: np.ndarray, limits: Limits, last: float) -> n
 def _against_widening(error: np.ndarray, steep: float) -> np.ndarray:
     r"""What an error asks of the input where a move m of a row widens thresholds by steep times m.
 
-    The speed at a row is that of the parabola through the last three, and the thresholds see
-    \(1 - g (3 - 4 z^{-1} + z^{-2})/2\) of the input, which no causal filter inverts for a large
-    g; its regularised inverse looks ahead.
+    The thresholds see \(1 - g (1 - z^{-1})\) of the input, which no causal filter inverts beyond
+    g = 1; its regularised inverse looks ahead.
     """
     count = 1 << (2 * len(error)).bit_length()
     turn = np.exp(-2j * np.pi * np.arange(count // 2 + 1) / count)
-    passed = 1 - steep * (1.5 - 2 * turn + 0.5 * turn**2)
+    passed = 1 - steep * (1 - turn)
     inverse = np.conj(passed) / (np.abs(passed) ** 2 + 0.1)
     return np.fft.irfft(np.fft.rfft(error, count) * inverse, count)[: len(error)]
 

@@ -29,7 +29,7 @@ def export_c(
         `README.md`.
 
     Raises:
-        InputError: if the model cannot be written in C, or has weights of both signs, or the folder
+        InputError: if the model cannot be written in C, or the folder
             cannot be written to; then nothing was.
 
     Example:
@@ -41,7 +41,6 @@ def export_c(
         ...     print(*(path.name for path in export_c(model, folder)))
         preisach_model.h preisach_model.c preisach_test.c Makefile README.md
     """
-    model.check_invertible()
     folder = Path(folder)
     check_folder(folder)
     contents = files(model, rate_hz, without)

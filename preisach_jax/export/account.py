@@ -16,13 +16,27 @@ def jumps(model: Description) -> bool:
     return model.hysteron == "relay" or any(part.kind in rounding for part in model.parts)
 
 
+def looks_ahead(model: Description) -> bool:
+    """Whether a law in `Model.predict` uses a sample that is still to come."""
+    rate = model.part("rate_dependence")
+    return rate is not None and not rate.numbers["corners"]
+
+
 def differences(model: Description) -> list[str]:
     """Sentences on where the code differs from `Model.predict`, which knows the whole record."""
     if model.part("rate_dependence") is None:
         return []
+    said: list[str] = []
+    if looks_ahead(model):
+        said.append(
+            "`Model.predict` takes the speed of the input from the samples before and after; this "
+            "code from the last three. The speeds differ by two thirds of the third difference of "
+            "the input."
+        )
     return [
+        *said,
         "The speed at the first sample is known at the second one: the first output has no "
-        "widening of the thresholds, and from the second on it is as if it had."
+        "widening of the thresholds, and from the second on it is as if it had.",
     ]
 
 

@@ -5,9 +5,9 @@
 
 Models have random weights and one to three random effects each; every fifth has relays. The input
 is half wild (jumps, holds, decaying swings, noise) and half smooth. The outputs at the first sample
-are left out where thresholds move with the speed, which is known at the second one; the smooth form of rate
-dependence, which looks ahead in `predict`, is compared on the smooth half alone, and told apart. Time is that of
-N = 37 without effects, in ns a sample.
+are left out where thresholds move with the speed, which is known at the second one; the smooth form
+of rate dependence, which looks ahead in `predict`, is compared on the smooth half alone, and told
+apart. Time is that of N = 37 without effects, in ns a sample.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from effect_pages import file_name
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
-from telling import TELLING, Telling
+from telling import COLUMNS, TELLING, Telling
 
 import preisach_jax as pj
 from preisach_jax import paper
@@ -43,7 +43,7 @@ Fits = tuple[tuple[str, pj.Fit], ...]
 
 def stage_record(name: str, telling: Telling) -> pj.Record:
     """A record of the simulated stage with one effect hidden."""
-    hidden = "aux" if name == "aux:COL" else name
+    hidden = name.removesuffix(":COL")
     drive, noise = None, 0.006
     if name == "input_quantisation":
         drive, noise = slow_ramp_drive(telling), 0.002
@@ -386,6 +386,16 @@ def auxiliary(panel: Panel) -> None:
     panel.axes.set_xlabel(f"{label} ({unit})")
 
 
+def output_cold_and_warm(panel: Panel) -> None:
+    """Over the output, at low and at high values of the auxiliary column."""
+    ((name, column),) = panel.record.aux.items()
+    low, high = np.quantile(column, (0.25, 0.75))
+    label, _, unit = name.rpartition("_")
+    groups = {f"{label} < {low:.3g} {unit}": column < low}
+    panel.medians(panel.output, groups | {f"{label} > {high:.3g} {unit}": column > high})
+    panel.axes.set_xlabel(f"output ({panel.output_unit})")
+
+
 def behind_a_step(panel: Panel) -> None:
     """Over time, about the step that leaves most."""
     first = panel.of(panel.fits[0][1])
@@ -472,7 +482,8 @@ AXES: dict[str, Callable[[Panel], None]] = {
     for function in (
         since_rest, since_rest_by_move, input_rate, along_the_move, output_rate,
         output_by_branch, output_early_and_late, input_early_and_late, few_steps_of_input,
-        few_steps_of_output, auxiliary, behind_a_step, worst_second, lines, loop_number,
+        few_steps_of_output, auxiliary, output_cold_and_warm, behind_a_step, worst_second, lines,
+        loop_number,
     )
 }  # fmt: skip
 
@@ -488,7 +499,7 @@ def draw(name: str) -> Figure:
         The figure: over time above, against the axis that tells it below.
     """
     record = record_of(name)
-    effect = "aux:load_N" if name == "aux:COL" else name
+    effect = COLUMNS.get(name, name)
     before, after = pj.fit(record), pj.fit(record, effects=(effect,))
     fits: Fits = (("before", before), ("after", after))
     factor, unit = scaled(float(np.nanquantile(np.abs(before.residual), 0.999)), record.output_unit)

@@ -110,6 +110,7 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "alternatives": {},
         "next_experiment": Experiment("hold for a minute", "it splits them", (("creep", "drift"),)),
         "located": "most of it lies at the turns",
+        "remainder": (),
         "notes": (),
         "steps": steps if named else steps[:1],
     }

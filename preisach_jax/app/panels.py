@@ -175,6 +175,7 @@ def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup,
         lines = [found.sentence]
         if found.located:
             lines.append(f"What remains: {found.located}.")
+            lines += [f"{text}." for text in found.remainder_in_words]
         if found.next_experiment:
             lines.append(f"Record next: {found.next_experiment.text}")
         words = Markup("").join(paragraph.format(line) for line in lines)

@@ -298,5 +298,7 @@ def show_diagnosis(found: Diagnosis) -> None:
             say(f"  {limit.effect}: {limit.text(found.budget.unit)}")
     if found.located:
         say(f"\nWhat remains: {found.located}")
+        for text in found.remainder_in_words:
+            say(f"  {text}")
     if found.next_experiment:
         say(f"\nRecord next: {found.next_experiment.text}\n  ({found.next_experiment.why})")

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.trial import Trial
@@ -268,6 +269,7 @@ class Exploration:
             alternatives={},
             next_experiment=next_experiment(verdict, findings, self.tried),
             located="" if budget.is_met else located(self.record, self.fit),
+            remainder=() if budget.is_met else relations(self.record, self.fit.residual),
             notes=(*notes, *notes_on(self.record, self.fit.model)),
             steps=fits,
         )

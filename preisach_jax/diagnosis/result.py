@@ -10,10 +10,14 @@ import numpy as np
 
 from preisach_jax import html
 from preisach_jax.diagnosis.limits import Limit
+from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
 from preisach_jax.rows import error_table, finding_rows, headline
+
+MOST_RELATIONS = 4
+"""Relations of the remainder that are told in words."""
 
 VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
 
@@ -136,6 +140,7 @@ class Diagnosis:
             the effect that was named.
         next_experiment: what to record next, or None.
         located: where what remains sits; empty if it is within the budget.
+        remainder: what it goes with, strongest first; empty if it is within the budget.
         notes: what a reader must know of the record and of what was tried.
         steps: the fit of each rung.
     """
@@ -150,6 +155,7 @@ class Diagnosis:
     alternatives: Mapping[str, Model]
     next_experiment: Experiment | None
     located: str
+    remainder: tuple[Relation, ...]
     notes: tuple[str, ...]
     steps: tuple[Fit, ...]
 
@@ -196,6 +202,11 @@ class Diagnosis:
         """The final model."""
         return self.final.model
 
+    @property
+    def remainder_in_words(self) -> list[str]:
+        """What the remainder goes with most, a text each."""
+        return [relation.text for relation in self.remainder[:MOST_RELATIONS]]
+
     def to_json(self) -> dict[str, Any]:
         """The content of `diagnosis.json`."""
         return {
@@ -211,6 +222,7 @@ class Diagnosis:
             ],
             "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
             "located": self.located,
+            "remainder": [relation.to_json() for relation in self.remainder],
             "notes": list(self.notes),
         }
 
@@ -235,6 +247,7 @@ class Diagnosis:
         )
         if self.located:
             lines.append(f"  what remains: {self.located}")
+        lines += [f"    {text}" for text in self.remainder_in_words]
         if self.next_experiment:
             lines.append(f"  record next: {self.next_experiment.text}")
         return "\n".join(lines)

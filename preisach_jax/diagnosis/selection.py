@@ -17,6 +17,7 @@ from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import alike, judged
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
 from preisach_jax.diagnosis.tolerance import tolerance_of
@@ -407,6 +408,7 @@ class _Search:
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),
             located="" if met else located(self.record, fits[-1]),
+            remainder=() if met else relations(self.record, fits[-1].residual),
             notes=(
                 *notes_on(self.record, model),
                 *untellable_notes(problem, self.tried),

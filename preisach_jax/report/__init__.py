@@ -11,6 +11,7 @@ import jinja2
 
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, json_bytes, write_files
+from preisach_jax.plot.remainder import drawn, remainder
 from preisach_jax.report.content import comparison_page, diagnosis_page
 from preisach_jax.report.language import words
 from preisach_jax.report.several import several_page
@@ -61,6 +62,8 @@ def write_report(
         "density": plot.density(found.model),
         "candidates": plot.candidates(found),
     }
+    if drawn(found):
+        figures["remainder"] = remainder(found)
     files = {
         "report.html": _rendered("report.html.j2", page, figures),
         "diagnosis.json": json_bytes(found.to_json()),

@@ -77,6 +77,7 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "next_experiment": found.next_experiment,
         "next_command": _next_command(found),
         "located": found.located,
+        "remainder": found.remainder_in_words,
         "notes": found.notes,
         "driven": _driven(found, language),
         "limits": limit_rows(found),

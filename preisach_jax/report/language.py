@@ -54,6 +54,12 @@ _WORDS: dict[str, tuple[str, str]] = {
                   "Fehler auf zurückgehaltenen Zeilen, Effekt um Effekt"),
     "where_fails": ("Where the model fails", "Wo das Modell versagt"),
     "remains": ("What remains:", "Was bleibt:"),
+    "goes_with": (
+        "What remains, averaged over parts of the record in the order of each quantity. A mean "
+        "beyond the grey band is more than chance.",
+        "Was bleibt, gemittelt über Teile der Messung in der Ordnung jeder Größe. Ein Mittel "
+        "außerhalb des grauen Bandes ist mehr als Zufall.",
+    ),
     "nothing_remains": (
         "What remains of the error is within noise and discretisation.",
         "Was vom Fehler bleibt, liegt innerhalb von Rauschen und Diskretisierung.",

@@ -23,7 +23,10 @@ from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
+from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.viscosity import Viscosity
 
 # --- the locks ---
 
@@ -191,14 +194,14 @@ STRONG = Evidence(0.95, 9.0, 24, 999.0)
 CLOSED = Evidence(0.0, 0.0, 24, 0.0)
 
 
-def stand_in(name, held_out, strength=1e-3, levels=20):
+def stand_in(name, held_out, strength=1e-3, levels=20, effects=()):
     return cast(
         Any,
         SimpleNamespace(
             name=name,
             validation_mean_square=held_out,
             strength=strength,
-            chain=SimpleNamespace(plane=SimpleNamespace(levels=levels)),
+            chain=SimpleNamespace(plane=SimpleNamespace(levels=levels), effects=effects),
             values={},
         ),
     )
@@ -228,8 +231,8 @@ def judging(monkeypatch):
             assert strength == 1e-2
             return self.plain
 
-        def judge(self, effect=None, gain=0.5, strength=1e-2, levels=20, held_out=2.0):
-            now = stand_in("now", 4.0, 1e-3, levels)
+        def judge(self, effect=None, gain=0.5, strength=1e-2, levels=20, held_out=2.0, present=()):
+            now = stand_in("now", 4.0, 1e-3, levels, present)
             rich = stand_in("rich", held_out, strength, levels)
             sure = Certainty(alone=True, together=True)
             trial = Trial(effect or Drift(), 0, rich, Evidence(gain, 9.0, 24, 999.0), sure)
@@ -257,6 +260,31 @@ def test_an_effect_whose_parameters_contradict_it_is_refused_whatever_it_gains(j
     judging.contradiction = "its f_hz lies at the lower bound of the search"
     assert judging.judge(gain=0.99) == (judging.contradiction, None, "now")
     assert judging.compared == judging.refined == []
+
+
+def test_a_second_effect_that_goes_with_speed_must_halve_the_mean_square(judging):
+    first = (RateDependence(),)
+    objection, named, _ = judging.judge(Viscosity(), gain=0.499, present=first)
+    assert objection.startswith("it goes with the speed as rate_dependence does")
+    assert named is None
+    assert judging.judge(Viscosity(), gain=0.5, present=first)[1] == "rich"
+    assert judging.judge(Viscosity(), gain=0.1)[1] == "rich"
+    assert judging.judge(Drift(), gain=0.1, present=first)[1] == "rich"
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_common_effect_leads_before_a_special_one_that_is_no_better(judging, alike):
+    judging.same_as = {("common", "special")} if alike else set()
+    sure = Certainty(alone=True, together=True)
+    trials = [
+        Trial(effect, 0, stand_in(name, error, 1e-3), Evidence(0.5, 9.0, 24, 999.0), sure)
+        for effect, name, error in (
+            (LogRate(), "special", 2.0), (RateDependence(), "common", 2.1),
+        )
+    ]  # fmt: skip
+    _, best, _ = judged(UNIT, stand_in("now", 4.0, 1e-3), trials, lambda text: None)
+    assert best is not None
+    assert best.effect.name == ("rate_dependence" if alike else "log_rate")
 
 
 def test_an_effect_that_does_no_more_than_its_smoothness_is_refused_and_that_is_kept(judging):

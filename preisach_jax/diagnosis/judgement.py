@@ -18,6 +18,10 @@ WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
 """
 
+SECOND_OF_A_KIND = 0.5
+"""Relative fall of the held-out mean square below which no second effect that goes with the speed
+of the input is named."""
+
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
 
@@ -63,12 +67,13 @@ def alike(problem: Problem, best: Point, other: Point) -> bool:
 def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
     """The best first; those that are sure of no single amount must beat the others clearly.
 
-    Of effects that the record cannot tell from the best one, the one of fewest parameters leads.
+    Of effects that the record cannot tell from the best one, the one of fewest parameters leads, a
+    common one before a special one.
     """
     by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
     if by_error:
         least = by_error[0]
-        spent = {id(trial): free_parameters(trial.point) for trial in by_error}
+        spent = {id(t): (free_parameters(t.point), t.effect.special) for t in by_error}
         simpler = [
             trial
             for trial in by_error
@@ -101,6 +106,8 @@ def _objection(
     """
     if contradiction := implausible(problem, trial.point, trial.effect.name):
         return contradiction, now
+    if same := _same_kind(now, trial):
+        return same, now
     if trial.evidence.gain >= WEAK:
         return "", now
     plain = _with_the_prior_of(problem, now, trial.point)
@@ -109,6 +116,20 @@ def _objection(
     if not _stands_on_a_finer_plane(problem, now, trial, announce):
         return BY_THE_GRID, now
     return "", now
+
+
+def _same_kind(now: Point, trial: Trial) -> str:
+    """The effect of the present model that goes with speed as well, where that says all but little.
+
+    The law of the first one is never quite that of the machine, and a second one makes up for it.
+    """
+    first = [effect.name for effect in now.chain.effects if effect.goes_with_speed]
+    if not (first and trial.effect.goes_with_speed) or trial.evidence.gain >= SECOND_OF_A_KIND:
+        return ""
+    return (
+        f"it goes with the speed as {first[0]} does, and takes less than "
+        f"{100 * SECOND_OF_A_KIND:.0f} % of the mean square away beside it"
+    )
 
 
 def _with_the_prior_of(problem: Problem, now: Point, rich: Point) -> Point:

@@ -160,6 +160,9 @@ class Effect(eqx.Module):
         needs: what a record must hold to tell the effect from the density of hysterons: `RATES`,
             places that are passed at more than one rate, or rests; `CYCLES`, places that are passed
             more than once.
+        goes_with_speed: whether what it does goes with the speed of the input, so that
+            a second effect of that kind must do much more to be named.
+        special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
 
@@ -177,6 +180,8 @@ class Effect(eqx.Module):
     experiment: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     on_request: ClassVar[bool] = False
+    goes_with_speed: ClassVar[bool] = False
+    special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 

@@ -30,6 +30,7 @@ class EddyCurrents(HysteresisEffect):
     """
 
     name: ClassVar[str] = "eddy_currents"
+    goes_with_speed: ClassVar[bool] = True
     feeds_back: ClassVar[bool] = True
     # Each trial of k means all states anew, and an output that agrees with itself.
     on_request: ClassVar[bool] = True

@@ -30,6 +30,7 @@ class LogRate(RateDependence):
     """
 
     name: ClassVar[str] = "log_rate"
+    special: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "A domain wall or a polar region leaves a barrier by thermal activation: over a wait ten "
         "times as short, it needs a field that is higher by a constant. So thresholds move apart "

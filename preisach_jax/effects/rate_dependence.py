@@ -34,6 +34,7 @@ class RateDependence(HysteresisEffect):
     """
 
     name: ClassVar[str] = "rate_dependence"
+    goes_with_speed: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "Domain walls are damped: to switch in less time they need more field, so the thresholds "
         "move apart with the speed of the input, and the loop widens with a power of the rate. At "

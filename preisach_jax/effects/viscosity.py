@@ -45,6 +45,7 @@ class Viscosity(AddedEffect):
     """
 
     name: ClassVar[str] = "viscosity"
+    goes_with_speed: ClassVar[bool] = True
     scaled: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "A fluid or a sliding contact resists motion: where the input is a displacement and the "

@@ -99,6 +99,7 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
     content: dict[str, Any] = {
         "verdict": verdict,
         "sentence": "The plain hysteresis model lacks creep and a drift.",
+        "close": (),
         "findings": findings if named else (),
         "ladder": (base, first, second) if named else (base,),
         "budget": Budget(0.012, 0.003, 0.004, 0.016, 0.009, 0.024, "um"),

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.margin import close_calls
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
@@ -258,9 +259,11 @@ class Exploration:
             whole = Problem.of(self.record, SEARCH_ROWS)
             bounds = limits(whole, with_signs(whole, self.point), self.left)
         notes = [BY_HAND] if findings else []
+        close = close_calls(findings, candidates, budget, budget.is_met)
         return Diagnosis(
             verdict=verdict,
-            sentence=sentence(verdict, findings, budget, fits),
+            sentence=sentence(verdict, findings, budget, fits, close=close),
+            close=close,
             findings=findings,
             ladder=self.ladder,
             budget=budget,

@@ -130,7 +130,8 @@ class Diagnosis:
 
     Attributes:
         verdict: `"adequate"`, `"explained"`, `"partly_explained"` or `"unexplained"`.
-        sentence: the verdict in one sentence.
+        sentence: the verdict in one sentence, and in a second one if it is close.
+        close: what a little more or less data could turn; empty if the verdict is clear.
         findings: one an effect, in the order in which they were added.
         ladder: one rung a model, first the base.
         budget: what the last error is made of.
@@ -147,6 +148,7 @@ class Diagnosis:
 
     verdict: str
     sentence: str
+    close: tuple[str, ...]
     findings: tuple[Finding, ...]
     ladder: tuple[Rung, ...]
     budget: Budget
@@ -212,6 +214,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "close": list(self.close),
             "effects": list(self.effects),
             "findings": [asdict(finding) for finding in self.findings],
             "ladder": [asdict(rung) for rung in self.ladder],

@@ -17,6 +17,7 @@ from preisach_jax.diagnosis.candidates import try_beside
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import alike, judged
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.margin import close_calls
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
@@ -396,14 +397,16 @@ class _Search:
         model = replace(fits[-1].model, parameters=parameters)
         model = model.with_budget(budget.noise, budget.discretisation)
         fits[-1] = replace(fits[-1], model=model)
-        findings = self._findings(fits)
+        findings, candidates = self._findings(fits), self._candidates()
+        close = close_calls(findings, candidates, budget, met)
         return Diagnosis(
             verdict=verdict,
-            sentence=sentence(verdict, findings, budget, fits, self.tolerance),
+            sentence=sentence(verdict, findings, budget, fits, self.tolerance, close),
+            close=close,
             findings=findings,
             ladder=tuple(Rung.of(fit) for fit in fits),
             budget=budget,
-            candidates=self._candidates(),
+            candidates=candidates,
             limits=bounds,
             alternatives=alternatives,
             next_experiment=next_experiment(verdict, findings, self.tried),

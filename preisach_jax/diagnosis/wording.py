@@ -69,8 +69,9 @@ def sentence(
     budget: Budget,
     fits: Sequence[Fit],
     tolerance: float = 0.0,
+    close: Sequence[str] = (),
 ) -> str:
-    """The verdict in one sentence.
+    """The verdict in one sentence, and in a second one if it is close.
 
     Arguments:
         verdict: the verdict.
@@ -78,7 +79,19 @@ def sentence(
         budget: what the last error is made of.
         fits: the fit of each rung.
         tolerance: RMS error, in output units, that does not matter.
+        close: the `close_calls` of the verdict.
     """
+    said = _verdict(verdict, findings, budget, fits, tolerance)
+    return f"{said} The verdict is close: {'; '.join(close)}." if close else said
+
+
+def _verdict(
+    verdict: str,
+    findings: Sequence[Finding],
+    budget: Budget,
+    fits: Sequence[Fit],
+    tolerance: float,
+) -> str:
     stroke = stroke_of(fits[0].record)
     first, last = (
         f"{quantity(fit.rms_validation, budget.unit, digits=3)} RMS "

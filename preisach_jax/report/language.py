@@ -208,9 +208,13 @@ def verdict_headline(found: Diagnosis, language: str) -> str:
 
 
 def verdict_sentence(found: Diagnosis, language: str) -> str:
-    """The verdict in one sentence of a language."""
+    """The verdict in one sentence of a language, and whether it is close."""
     if language == "en":
         return found.sentence
+    return _german_sentence(found) + (" Das Urteil ist knapp." if found.close else "")
+
+
+def _german_sentence(found: Diagnosis) -> str:
     budget, stroke = found.budget, found.base.record.output_range
     first, last = (
         f"{quantity(rung.rms_validation, budget.unit, 3)} RMS "

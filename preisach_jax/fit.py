@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from preisach_jax import html
+from preisach_jax.band import Band
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.confidence import estimates, with_grid_error
 from preisach_jax.effects import resolve
@@ -533,6 +534,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         units=units,
         origin=Origin.of(record),
         rms_validation=float(np.sqrt(np.mean(residual**2))),
+        band=Band.calibrated(record, record.output - prediction, held_out),
     )
     return Fit(record, model, prediction, record.measured & ~held_out, held_out, point)
 

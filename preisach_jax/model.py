@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax import html
+from preisach_jax.band import SLICES, Band
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -176,6 +177,8 @@ class Model:
         origin: the record on which it was identified.
         rms_validation: held-out RMS error, in output units.
         noise, discretisation: their shares of it, where a diagnosis has measured them.
+        band: the 95 % band by slices, calibrated on the rows that were held out; of models that
+            were written before there was one, None.
     """
 
     chain: Chain
@@ -189,6 +192,7 @@ class Model:
     rms_validation: float
     noise: float | None = None
     discretisation: float | None = None
+    band: Band | None = None
 
     def __repr__(self) -> str:
         return f"<Model {model_line(self)}>"
@@ -243,7 +247,7 @@ class Model:
             record: the record; its output is not used.
 
         Returns:
-            The prediction; its band is 1.96 times the held-out RMS error, and what memory leaves
+            The prediction; its band is that of the slices of `Model.band`, and what memory leaves
             open.
 
         Raises:
@@ -266,8 +270,22 @@ class Model:
             output, gap = self._continue(record), sure
         else:
             output, gap = self._from_unknown_memory(record)
-        half = 1.96 * self.rms_validation + gap
+        half = self.half_width(record) + gap
         return Prediction(record.time, output, output - half, output + half)
+
+    def half_width(self, record: Record) -> np.ndarray:
+        """Half width of the 95 % band along a record whose past is known, `(time,)`.
+
+        Arguments:
+            record: the record.
+
+        Returns:
+            That of the slices in which rows were held out; without them, 1.96 times the held-out
+            RMS error.
+        """
+        if self.band is None:
+            return np.full(len(record.time), 1.96 * self.rms_validation)
+        return self.band.along(record)
 
     def _check(self, record: Record) -> None:
         self._check_units(record)
@@ -431,6 +449,7 @@ class Model:
             "rms_validation": self.rms_validation,
             "noise": self.noise,
             "discretisation": self.discretisation,
+            "band": None if self.band is None else self.band.to_json(),
         }
 
     def to_control(
@@ -554,7 +573,7 @@ class Model:
                 "or fit anew"
             )
         with _told_as_damage():
-            sound = checked(upgraded(content, int(found)), _CONTENT)
+            sound = checked({"band": None, **upgraded(content, int(found))}, _CONTENT)
         kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
         with _told_as_damage():
             return _model_from(sound, kinds)
@@ -574,6 +593,18 @@ MOST_COLUMNS = 1000
 """Most columns that an effect may have where a file says how many: a built-in one has some ten."""
 
 _ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
+
+
+def _band(value: Any, place: str) -> Band | None:
+    if value is None:
+        return None
+    found = checked(value, {"speed": numbers, "since_s": numbers, "half": numbers}, place)
+    for key, count in (("speed", SLICES - 1), ("since_s", SLICES - 1), ("half", SLICES**2)):
+        if len(found[key]) != count:
+            raise InputError(f"{place}.{key} is a list of {len(found[key])}: expected {count}")
+    return Band.from_json(found)
+
+
 _CONTENT = {
     "hysteron": one_of(*HYSTERONS),
     "levels": whole(2),
@@ -602,6 +633,7 @@ _CONTENT = {
     "rms_validation": number(0.0),
     "noise": share,
     "discretisation": share,
+    "band": _band,
 }
 """What the file of a model holds, apart from what says that it is one."""
 
@@ -642,6 +674,7 @@ def _model_from(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
         rms_validation=content["rms_validation"],
         noise=content["noise"],
         discretisation=content["discretisation"],
+        band=content["band"],
     )
 
 

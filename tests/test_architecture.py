@@ -49,6 +49,7 @@ LAYERS = [
     "regression",
     "chain",
     "reduction",
+    "band",
     "model",
     "export",
     "compensation",

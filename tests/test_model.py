@@ -10,6 +10,7 @@ import world
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
+from preisach_jax.band import Band
 from preisach_jax.chain import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -21,6 +22,7 @@ from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.record import Record
+from preisach_jax.record.course import time_since_reversal
 
 RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
@@ -341,7 +343,7 @@ def test_the_record_itself_is_predicted_as_it_was_fitted(plain, record):
     got = plain.predict(without_output(record))
     np.testing.assert_array_equal(got.output, plain.simulate(record))
     np.testing.assert_array_equal(got.time, record.time)
-    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(record))
     np.testing.assert_allclose((got.high + got.low) / 2, got.output)
     assert np.sqrt(np.mean((got.output - record.output) ** 2)) < 1.2 * plain.rms_validation
 
@@ -351,12 +353,13 @@ def test_a_record_that_begins_with_it_goes_on(plain, record):
     more = world.excitation("rich", 3.0, RATE, 8)
     time = np.concatenate([whole.time, whole.time[-1] + (1 + np.arange(len(more))) / RATE])
     path = np.concatenate([record.input, more])
-    got = plain.predict(without_output(record, time=time, input=path))
+    whole = without_output(record, time=time, input=path)
+    got = plain.predict(whole)
     np.testing.assert_allclose(got.output[: len(record)], plain.simulate(record), atol=1e-9)
     truth = world.make_world(3).hysteresis(path)
     after = (got.output - truth)[len(record) :]
     assert np.sqrt(np.mean(after**2)) < 2 * plain.rms_validation
-    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(whole))
 
 
 @pytest.mark.parametrize("cut", [700, 2100])
@@ -367,11 +370,12 @@ def test_a_direct_continuation_knows_the_history(cut):
     whole = first.predict(without_output(record.part(0, len(record))))
     inside = (record.input >= first.plane.low) & (record.input <= first.plane.high)
     assert inside.all()  # the range was seen, or predict would have refused
-    alone = first.predict(later(record, cut, len(record)))
+    rest = later(record, cut, len(record))
+    alone = first.predict(rest)
     gap = alone.output - whole.output[cut:]
     stroke = np.ptp(record.output)
     assert np.abs(gap).max() < 0.01 * stroke
-    np.testing.assert_allclose(alone.high - alone.low, 2 * 1.96 * first.rms_validation)
+    np.testing.assert_allclose(alone.high - alone.low, 2 * first.half_width(rest))
     # Without the clock, the memory is unknown.
     lost = first.predict(later(record, cut, len(record), shift=1000.0))
     assert np.abs(lost.output - whole.output[cut:]).max() > 5 * np.abs(gap).max() or (
@@ -390,7 +394,7 @@ def from_the_middle(seconds=6.0):
 def test_unknown_memory_widens_the_band_until_it_is_forced(plain):
     new = from_the_middle()
     got = plain.predict(new)
-    half = (got.high - got.low) / 2 - 1.96 * plain.rms_validation
+    half = (got.high - got.low) / 2 - plain.half_width(new)
     assert half[0] > 10 * plain.rms_validation
     assert np.all(np.diff(half) <= 1e-9)  # what has been forced stays known
     saturated = np.flatnonzero(new.input < 0.1)[0]
@@ -413,7 +417,7 @@ def test_stated_memory_is_used(plain, stated):
     new = from_the_middle()
     free = plain.predict(new)
     got = plain.predict(Record.from_arrays(new.time, new.input, new.output, initial_memory=stated))
-    np.testing.assert_allclose(got.high - got.low, 2 * 1.96 * plain.rms_validation)
+    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(new))
     expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial=stated)
     np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
     slack = 1e-6
@@ -422,7 +426,7 @@ def test_stated_memory_is_used(plain, stated):
     if stated != "demagnetised":
         # Saturation is the edge of what unknown memory leaves open.
         edge = free.low if stated == "low" else free.high
-        rest = 1.96 * plain.rms_validation * (1 if stated == "low" else -1)
+        rest = plain.half_width(new) * (1 if stated == "low" else -1)
         np.testing.assert_allclose(got.output, edge + rest, atol=1e-3)
 
 
@@ -465,7 +469,8 @@ def test_lags_and_creep_go_on_in_a_continuation(rich):
     time = record.time[-1] + (1 + np.arange(len(more))) / RATE
     load = np.full(len(more), record.aux["load_N"][-1])
     arrays = {"time": time, "input": more, "aux": {"load_N": load}}
-    alone = model.predict(without_output(record, **arrays))
+    rest = without_output(record, **arrays)
+    alone = model.predict(rest)
     whole = {
         "time": np.append(record.time, time),
         "input": np.append(record.input, more),
@@ -473,7 +478,7 @@ def test_lags_and_creep_go_on_in_a_continuation(rich):
     }
     expected = model.predict(without_output(record, **whole)).output[len(record) :]
     np.testing.assert_allclose(alone.output, expected, atol=2e-3 * np.ptp(expected))
-    np.testing.assert_allclose(alone.high - alone.low, 2 * 1.96 * model.rms_validation)
+    np.testing.assert_allclose(alone.high - alone.low, 2 * model.half_width(rest))
 
 
 def test_a_clock_that_was_set_back_starts_drift_anew(rich):
@@ -503,3 +508,55 @@ def test_a_short_record_is_fitted():
     assert found.validation.sum() + found.identification.sum() == 50
     assert np.isfinite(found.prediction).all()
     assert found.fit_percent > 80
+
+
+# --- the band by slices ---
+
+
+def test_half_widths_are_conformal_quantiles_of_the_slices():
+    """Against slices that are formed row by row."""
+    rng = np.random.default_rng(3)
+    time = np.arange(9000) / 500
+    path = np.interp(time, np.cumsum(rng.uniform(0.05, 0.5, 80)), rng.uniform(0, 9, 80))
+    record = Record.from_arrays(time, path, path)
+    residual = rng.normal(size=9000) * (0.1 + np.abs(np.gradient(path, time)))
+    rows = rng.uniform(size=9000) < 0.5
+    band = Band.calibrated(record, residual, rows)
+    speed = np.abs(np.gradient(path, time))
+    since = time_since_reversal(time, path)
+    half = band.along(record)
+    for i in range(3):
+        for j in range(3):
+            inside = rows & (np.digitize(speed, band.speed, right=True) == i)
+            inside &= np.digitize(since, band.since, right=True) == j
+            if inside.sum() < 300:
+                continue
+            ordered = np.sort(np.abs(residual[inside]))
+            expected = ordered[int(np.ceil(0.95 * (len(ordered) + 1))) - 1]
+            np.testing.assert_allclose(half[inside], expected)
+    # Fast slices are wide, slow ones narrow, and each holds what it should.
+    assert band.half[2].min() > 2 * band.half[0].max()
+    fresh = rng.normal(size=9000) * (0.1 + speed)
+    for i in range(3):
+        inside = np.digitize(speed, band.speed, right=True) == i
+        assert 0.93 < np.mean(np.abs(fresh[inside]) <= half[inside]) < 0.97
+
+
+def test_slices_of_few_rows_have_the_width_of_all():
+    time = np.arange(200) / 100
+    record = Record.from_arrays(time, np.sin(9 * time), time)
+    residual = np.random.default_rng(0).normal(size=200)
+    band = Band.calibrated(record, residual, np.ones(200, dtype=bool))
+    np.testing.assert_array_equal(band.half, np.sort(np.abs(residual))[190])
+
+
+def test_a_file_without_a_band_has_that_of_the_whole(plain, record):
+    content = plain.to_json()
+    del content["band"]
+    older = Model.from_json(content)
+    assert older.band is None
+    np.testing.assert_array_equal(older.half_width(record), 1.96 * plain.rms_validation)
+    content = plain.to_json()
+    content["band"]["half"] = content["band"]["half"][:4]
+    with pytest.raises(pj.InputError, match=r"band.half is a list of 4: expected 9"):
+        Model.from_json(content)

@@ -606,13 +606,13 @@ def _plane_columns(
     return low + start[None, :] * (high - low), (), start
 
 
+@eqx.filter_jit
 def _extremes(course: Drive) -> tuple[jax.Array, jax.Array]:
     """Greatest input so far at the thresholds α, and least one at the thresholds β."""
     falling = course.rising if course.falling is None else course.falling
     return course.rising[_last_records(course.rising)], falling[_last_records(-falling)]
 
 
-@jax.jit
 def _last_records(path: jax.Array) -> jax.Array:
     """Where the greatest value so far was reached, `(time,)`.
 

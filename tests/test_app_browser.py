@@ -224,7 +224,11 @@ def test_dark_mode_changes_paper_and_plots(tab, stage):
     assert tab.evaluate(paper) == light
 
 
-@pytest.mark.parametrize("width", [375, 900, 1400])
+WIDTHS = (375, pytest.param(900, marks=pytest.mark.campaign), 1400)
+SERIOUS = (375, *(pytest.param(width, marks=pytest.mark.campaign) for width in (900, 1400)))
+
+
+@pytest.mark.parametrize("width", WIDTHS)
 def test_nothing_lies_beside_the_window_or_over_something_else(tab, stage, width):
     tab.set_viewport_size({"width": width, "height": 800})
     load(tab, stage)
@@ -248,7 +252,7 @@ def test_nothing_lies_beside_the_window_or_over_something_else(tab, stage, width
     keep(tab, f"width_{width}")
 
 
-@pytest.mark.parametrize("width", [375, 900, 1400])
+@pytest.mark.parametrize("width", SERIOUS)
 def test_axe_finds_nothing_serious(tab, stage, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     tab.set_viewport_size({"width": width, "height": 800})
@@ -297,6 +301,7 @@ FIGURE_BOXES = """() => {
 }"""
 
 
+@pytest.mark.campaign
 def test_the_whole_search_runs_before_the_eyes(tab, stage):
     load(tab, stage)
     button(tab, "Find it for me").click()
@@ -384,6 +389,7 @@ def switching_rows(u, beta, alpha):
     return pytest.approx(count, rel=0.01)
 
 
+@pytest.mark.campaign
 def test_two_tabs_do_not_disturb_each_other(tab, chromium, address, stage, tmp_path):
     other = chromium.new_page()
     other.set_default_timeout(PATIENCE_MS)

@@ -143,7 +143,14 @@ def test_the_rich_drive_begins_with_three_equal_loops_and_ends_with_one():
 # What is hidden ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effect", [*world.EFFECTS, *world.OUTSIDE])
+QUICK = ("creep", "resonance", "backlash")
+SIZED = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.campaign)
+    for name in (*world.EFFECTS, *world.OUTSIDE)
+]
+
+
+@pytest.mark.parametrize("effect", SIZED)
 def test_an_effect_of_size_zero_changes_nothing_and_a_nominal_one_does(effect):
     none, some = short({effect: 0.0}, 21), short({effect: 2.0}, 21)
     np.testing.assert_array_equal(none.output, bare(21).output)

@@ -25,11 +25,13 @@ FINE_HZ = 2000.0  # where the default plane and all of these rows are needed to 
 HALF = 8_000
 LEVELS = 13  # those of the search for starts, so that most is compiled once
 EFFECTS = (None, "creep", "input_lag", "delay", "drift", "ageing", "aux")
-QUICK = ("output_lag", "slew_limit", "resonance", "hum")
+QUICK = ("output_lag", "drift", "hum", "aux")  # one of each place; the others are a campaign's
+SLOW = ("input_lag", "delay", "ageing", "slew_limit", "resonance")
 MORE_CASES = [(effect, SEEDS[0], None, RATE_HZ) for effect in (None, "creep")]
 MORE_CASES += [("rate_dependence", SEEDS[0], None, FINE_HZ), ("creep", SEEDS[1], None, FINE_HZ)]
 MORE_CASES += [(effect, SEEDS[1], LEVELS, RATE_HZ) for effect in EFFECTS[2:]]
-CASES = [(effect, SEEDS[0], LEVELS, RATE_HZ) for effect in (*EFFECTS[2:], *QUICK)]
+MORE_CASES += [(effect, SEEDS[0], LEVELS, RATE_HZ) for effect in SLOW]
+CASES = [(effect, SEEDS[0], LEVELS, RATE_HZ) for effect in QUICK]
 CASES += [(None, SEEDS[1], LEVELS, RATE_HZ)]
 CASES += [pytest.param(*case, marks=pytest.mark.campaign) for case in MORE_CASES]
 
@@ -97,7 +99,7 @@ def test_names_nothing_where_nothing_is_hidden(options):
 
 @pytest.mark.parametrize(
     ("levels", "rate_hz"),
-    [(19, RATE_HZ), pytest.param(None, FINE_HZ, marks=pytest.mark.campaign)],
+    [(LEVELS, RATE_HZ), pytest.param(None, FINE_HZ, marks=pytest.mark.campaign)],
 )
 def test_an_effect_outside_the_library_is_not_called_adequate(levels, rate_hz):
     _, whole = hidden("stick_slip", 205, rate_hz)
@@ -113,7 +115,7 @@ def drifting():
     return made, pj.diagnose(whole.part(0, HALF), ["drift", "creep"], levels=LEVELS)
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.campaign)])
 def test_a_resonance_and_a_drift_of_like_size_are_both_named(seed):
     """Either is small beside what the other leaves."""
     stage = pj.simulate_stage(
@@ -228,7 +230,10 @@ def wandering(time, rng):
 
 @pytest.mark.parametrize(
     ("moves", "seed", "effects", "verdict"),
-    [(jumping, 5, (), "unexplained"), (wandering, 6, ("drift",), "explained")],
+    [
+        (jumping, 5, (), "unexplained"),
+        pytest.param(wandering, 6, ("drift",), "explained", marks=pytest.mark.campaign),
+    ],
 )
 def test_slow_waves_are_no_name_for_a_zero_that_jumps(moves, seed, effects, verdict):
     _, still = hidden(None, seed, FINE_HZ)
@@ -241,7 +246,8 @@ def test_slow_waves_are_no_name_for_a_zero_that_jumps(moves, seed, effects, verd
 @pytest.mark.parametrize(
     ("levels", "names"),
     [
-        (30, {"ageing", "drift"}),  # which of them leads, the cells decide
+        # Which of them leads, the cells decide.
+        pytest.param(30, {"ageing", "drift"}, marks=pytest.mark.campaign),
         pytest.param(None, {"ageing"}, marks=pytest.mark.campaign),
     ],
 )
@@ -369,7 +375,7 @@ def growing_loops(creep_share, seed, count=4000, rate_hz=250.0):
 @pytest.mark.parametrize(
     ("creep_share", "effects", "levels"),
     [
-        (0.03, ("creep",), 25),
+        pytest.param(0.03, ("creep",), 25, marks=pytest.mark.campaign),
         (0.0, (), None),
         pytest.param(0.03, ("creep",), None, marks=pytest.mark.campaign),
     ],

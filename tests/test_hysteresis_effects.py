@@ -628,6 +628,7 @@ def stage_record(*arguments):
     return record, made.truth["parameters"]
 
 
+@pytest.mark.campaign
 def test_rate_dependence_of_a_stage_is_found():
     record, truth = stage_record(3, 12.0, ["rate_dependence"], 2000.0)
     base = pj.fit(record, levels=20)

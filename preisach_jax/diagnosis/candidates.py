@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -120,6 +121,13 @@ LEAST_HOPE = 0.5 * LEAST_GAIN
 LEAST_HOPEFUL_Z = 1.0
 """Standardised mean gain over the held-out blocks that it must promise."""
 
+GREAT_PROMISE = 0.2
+"""Relative fall of the held-out mean square from which on an effect is refitted whatever its
+whitened residual says at the start."""
+
+MOST_OTHERS = 2
+"""Such effects at most."""
+
 FARTHEST_START = 2.0
 """Times the residual's power that its best start may add: from farther away, its size lies beyond
 the bounds of its parameters."""
@@ -132,7 +140,11 @@ def _best(found: Sequence[Prospect]) -> Prospect:
 def _leading(
     problem: Problem, point: Point, promised: dict[Effect, list[Prospect]]
 ) -> list[Effect]:
-    """The effects to refit: those that promise most on the rows held out, and may keep it."""
+    """The effects to refit: those that promise most on the rows held out, and may keep it.
+
+    Beside a model that misses much, the whitened residual of an effect at a rough start says little
+    of what it comes to when refitted: those that promise much are refitted whatever it says.
+    """
     held_out = {effect: _best(found).held_out for effect, found in promised.items()}
     ranked = sorted(promised, key=lambda effect: -held_out[effect])
     leading: list[Effect] = []
@@ -145,15 +157,23 @@ def _leading(
             break
         if _is_hopeful(problem, point, promised[effect]):
             leading.append(effect)
-    return leading
+    others = (effect for effect in ranked if effect not in leading)
+    great = (
+        effect
+        for effect in itertools.takewhile(lambda each: held_out[each] >= GREAT_PROMISE, others)
+        if _is_hopeful(problem, point, promised[effect], least_delta_bic=-np.inf)
+    )
+    return leading + list(itertools.islice(great, MOST_OTHERS))
 
 
-def _is_hopeful(problem: Problem, point: Point, found: Sequence[Prospect]) -> bool:
+def _is_hopeful(
+    problem: Problem, point: Point, found: Sequence[Prospect], least_delta_bic: float = 0.0
+) -> bool:
     """Whether what an effect promises to first order could pass both tests."""
     if max(prospect.reached for prospect in found) < -FARTHEST_START:
         return False
     evidence = promised_evidence(problem, point, _best(found))
-    return evidence.z >= LEAST_HOPEFUL_Z and evidence.delta_bic > 0
+    return evidence.z >= LEAST_HOPEFUL_Z and evidence.delta_bic > least_delta_bic
 
 
 def _refitted(

@@ -38,7 +38,7 @@ def test_without_creep_it_is_as_narrow_as_before():
     fit, record = parts(None, 411)
     predicted = fit.predict(record)
     width = predicted.high - predicted.low
-    assert width[-1] == pytest.approx(2 * 1.96 * fit.rms_validation, rel=1e-6)
+    assert width[-1] == pytest.approx(2 * fit.model.half_width(record)[-1], rel=1e-6)
 
 
 def test_the_bound_is_that_of_elements_that_stood_elsewhere():

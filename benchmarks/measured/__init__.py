@@ -1,0 +1,1 @@
+"""A scoreboard of measured records: expectations written before, verdicts, and honest baselines."""

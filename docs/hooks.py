@@ -14,6 +14,7 @@ for folder in (HERE, HERE.parent, HERE.parent / "benchmarks"):
 import command_line  # noqa: E402
 import effect_pages  # noqa: E402
 import formulas  # noqa: E402
+import measurements  # noqa: E402
 import scores  # noqa: E402
 import trials  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
@@ -23,6 +24,7 @@ def generated() -> dict[str, str]:
     """All generated pages in Markdown by their place in the documentation."""
     return {
         **effect_pages.pages(),
+        "method/measurements.md": measurements.page(),
         "method/scores.md": scores.page(),
         "method/trust.md": trials.page(),
         "reference/command-line.md": command_line.page(),

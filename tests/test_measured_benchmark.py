@@ -37,7 +37,7 @@ def held_out_error(simulated, output, rows):
 
 
 def test_the_linear_model_simulates_a_linear_system_of_two_inputs(inputs, rows):
-    output = 3.0 + signal.lfilter([0.0, 0.5, 0.2], [1, -1.5, 0.8], inputs[:, 0])
+    output = 3.0 + np.asarray(signal.lfilter([0.0, 0.5, 0.2], [1, -1.5, 0.8], inputs[:, 0]))
     output += signal.lfilter([0.0, 0.3], [1, -1.5, 0.8], inputs[:, 1])
     hidden = np.where(rows, output, 1e3)  # what is held out is not looked at
     assert held_out_error(arx(np.arange(SAMPLES), inputs, hidden, rows), output, rows) < 1e-4

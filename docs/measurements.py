@@ -1,0 +1,203 @@
+"""The page of what was measured, from the results that lie in `benchmarks/results`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from scores import RESULTS, table
+
+Result = dict[str, Any]
+
+HEAD = """# What was measured
+
+*Every number on this page is read, when the site is built, from the committed results in
+`benchmarks/results`, each with its device and date. `make bench` makes them anew; compilation is
+apart unless told. The scores of the diagnosis are on [a page of their own](scores.md).*
+"""
+
+
+def result(name: str) -> Result:
+    """One committed result."""
+    content: Result = json.loads((RESULTS / name).read_text(encoding="utf-8"))
+    return content
+
+
+def made(content: Result) -> str:
+    """Where and when a result was measured."""
+    device = content.get("device") or content.get("machine")
+    return f"*{device}; {content.get('date', 'no date kept')}.*"
+
+
+def ms(timing: Result) -> str:
+    """A median in milliseconds."""
+    return f"{1e3 * timing['median_s']:.3g}"
+
+
+def diagnoses() -> str:
+    """Whole processes with report."""
+    content, before = result("whole_process.json"), result("whole_process_before.json")
+    rows = []
+    for row, old in zip(content["diagnose"], before["diagnose"], strict=True):
+        rows.append(
+            [
+                " + ".join(row["hidden"]) or "nothing",
+                f"{row['verdict'].replace('_', ' ')}: {' + '.join(row['effects'])}".rstrip(": "),
+                f"{1e3 * row['rms_validation']:.2f}",
+                f"{row['first_run']['wall_s']:.0f}",
+                f"{row['wall_s']:.0f} ({old['wall_s']:.0f})",
+                f"{row['peak_GiB']:.1f} ({old['peak_GiB']:.1f})",
+            ]
+        )
+    head = ["hidden", "said", "error, nm", "first run, s", "later runs, s", "peak, GiB"]
+    predict = content["predict"]
+    return f"""## A diagnosis, whole process with report
+
+{content["diagnose"][0]["samples"]:,} samples, two cores, medians; in brackets the state before the
+search in a reduced basis. {made(content)}
+
+{table(head, rows)}
+
+`preisach predict` of {predict["samples"]:,} samples: {predict["wall_s"]:.1f} s, whole process."""
+
+
+def page_and_files() -> str:
+    """The first minute of a user: the page, and large files."""
+    content, files = result("page.json"), result("files.json")
+    rows = [
+        [
+            name,
+            f"{row['drop_to_first_plot_s']:.1f}",
+            f"{row['drop_to_first_fit_s']:.0f}",
+            f"{row['brush_median_ms']:.0f}",
+        ]
+        for name, row in content["rows"].items()
+    ]
+    kinds = [
+        [row["kind"], f"{row['file_MB']:.0f}", f"{row['rows']:,}", f"{row['MB_per_cpu_s']:.0f}"]
+        for row in files["results"]
+    ]
+    return f"""## The page, and large files
+
+In a real browser, other work going on. {made(content)}
+
+{table(["record", "drop to first plot, s", "to first fit, s", "a brush, ms"], rows)}
+
+{table(["file", "MB", "rows", "MB per second of one core"], kinds)}"""
+
+
+def drive() -> str:
+    """Tracking with the inverse model, and the exported code."""
+    content, code = result("drive.json"), result("export.json")
+    ratios = sorted(row["ratio"] for row in content["rows"])
+    shares = [row["percent_of_stroke"] for row in content["rows"]]
+    affine = [row["affine_percent_of_stroke"] for row in content["rows"]]
+    ns = code["ns_a_sample"]
+    rows = [
+        [kind, drive.replace("_", " "), *(f"{each[key]:.3g}" for key in each)]
+        for kind, drives in ns.items()
+        for drive, each in drives.items()
+    ]
+    return f"""## The drive, and the code in C
+
+{content["stages"]} simulated stages with hidden effects, driven by the inverse of the diagnosed
+model: tracking errors of {min(shares):.2g} to {max(shares):.2g} % of the stroke (an affine map:
+{min(affine):.2g} to {max(affine):.2g} %), {ratios[0]:.2f} to {ratios[-1]:.2f} times the held-out
+error of the model; {content["unreachable_courses_told"]} of {content["unreachable_courses"]}
+courses that cannot be reached were told. {made(content)}
+
+{code["models"]} exported models against `predict` over {code["samples"]:,} samples each: at most
+{code["worst_double"]:.1e} of the range apart in double precision. Nanoseconds a sample, N = 37,
+beside a kernel written by hand for a plain relay plane:
+
+{table(["hysteron", "input", "by hand", "step", "inverse", "adapt"], rows)}"""
+
+
+def operator() -> str:
+    """Simulation and identification beside C, numba and NumPy."""
+    content = result("relays.json")
+    rows = []
+    for plane in content["planes"]:
+        for name, task in (("simulate", "simulate"), ("identify one output", "one_lane")):
+            own, c = plane[task]["event_form"], plane[task]["c"]
+            numba = plane[task].get("numba")
+            rows.append(
+                [
+                    str(plane["levels"]), name, ms(own), f"{own['median_s'] / c['median_s']:.1f}",
+                    f"{own['median_s'] / numba['median_s']:.1f}" if numba else "",
+                    f"{plane[task]['dense_form']['median_s'] / own['median_s']:.0f}",
+                ]
+            )  # fmt: skip
+    head = ["levels", "task", "ms", "times C", "times numba", "dense form, times this"]
+    return f"""## The operator of relays
+
+A Bernoulli ramp of {content["samples"]:,} samples at 2 kHz, one core, double precision; C and numba
+written for this alone, in the same run; all give the same weights. {made(content)}
+
+{table(head, rows)}"""
+
+
+def growth_and_sweep() -> str:
+    """How time grows, and the sweep of Fig. 8."""
+    growth, sweep = result("growth.json"), result("sweep.json")
+    rows = [[name, f"{exponent:.2f}"] for name, exponent in growth["exponents"].items()]
+    memory = "; ".join(
+        f"{row['task'].replace('_', ' ')} of {row['samples']:,} samples: {row['run_MiB']:.0f} MiB"
+        for row in growth["memory"]
+    )
+    run = sweep["sweep"]
+    identifications = run["outputs"] * len(run["levels"])
+    return f"""## Growth, and the sweep of Fig. 8
+
+Exponents of time, one core. {made(growth)}
+
+{table(["along", "exponent"], rows)}
+
+Memory of a run: {memory}.
+
+The sweep ({identifications} identifications of {run["samples"]:,} samples, experiments included):
+{run["run"]["median_s"]:.2f} s, compiled once in {run["compile_s"]:.0f} s; a loop over the filter in
+its dense form would take {sweep["ratio"]:.0f} times as long. {made(sweep)}"""
+
+
+def streaming() -> str:
+    """Latency of single samples."""
+    content = result("streaming.json")
+    rows = [
+        [row["way"], row["hysteron"], str(row["levels"]),
+         f"{row['p50_us']:.3g}", f"{row['p99_us']:.3g}", f"{row['most_us']:.3g}"]
+        for row in content["rows"]
+    ]  # fmt: skip
+    head = ["way", "hysteron", "levels", "median, µs", "99th percentile, µs", "most, µs"]
+    return f"""## One sample a call
+
+Input at {content["rate_hz"]:g} Hz, one core. {made(content)}
+
+{table(head, rows)}"""
+
+
+def peers() -> str:
+    """Soft relays trained with Adam, as today's differentiable packages do it."""
+    content = result("peers.json")
+    rows = [
+        [row["method"], str(row["levels"]), f"{row['median_s']:.2f}",
+         f"{row['rms_held_out']:.4f}"]
+        for row in content["identification"]
+    ]  # fmt: skip
+    return f"""## Beside soft relays, trained by gradient
+
+{content["samples"]:,} samples with noise of {content["noise"]:g}, output ±0.65, a stage on neither
+grid, one core; the peer is written after the way differentiable packages work. {made(content)}
+
+{table(["method", "levels", "s", "held-out error"], rows)}"""
+
+
+SECTIONS: tuple[Callable[[], str], ...] = (
+    diagnoses, page_and_files, drive, operator, streaming, growth_and_sweep, peers,
+)  # fmt: skip
+
+
+def page() -> str:
+    """The page in Markdown."""
+    return "\n\n".join([HEAD, *(section() for section in SECTIONS)]) + "\n"

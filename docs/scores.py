@@ -227,11 +227,19 @@ def measured() -> str:
                 f"{record['outcome']}: *{record['verdict'].replace('_', ' ')}*"
                 + (f" ({names})" if names else ""),
                 error,
-                *("diverges" if reached[way] is None else f"{reached[way]:.3g}" for way in ways),
+                *(_reached(reached, way) for way in ways),
             ]
         )
     head = ["record", "what a physicist expects", "said", "held-out error, % of range", *ways]
     return table(head, rows)
+
+
+def _reached(percent: dict[str, float | None], way: str) -> str:
+    """The error of a baseline; empty if it was not run."""
+    if way not in percent:
+        return ""
+    error = percent[way]
+    return "diverges" if error is None else f"{error:.3g}"
 
 
 def page() -> str:

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from preisach_jax.confidence import Certainty
-from preisach_jax.diagnosis import judgement
+from preisach_jax.diagnosis import judgement, selection
 from preisach_jax.diagnosis.budget import (
     discretisation_rms,
     error_budget,
@@ -19,7 +19,7 @@ from preisach_jax.diagnosis.budget import (
 from preisach_jax.diagnosis.evidence import Evidence, innovation_variance
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.result import Budget
-from preisach_jax.diagnosis.trial import NotFitted, Trial
+from preisach_jax.diagnosis.trial import TOO_SLIGHT, NotFitted, Trial
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
@@ -371,3 +371,31 @@ def test_few_rows_hold_no_wander(x64):
     amplitudes = {3: 10.0, 60: 1.0}
     assert [each.waves for each in Drift().variants(zero_that_moves(amplitudes, 480))] == [0, 6]
     assert [each.waves for each in Drift().variants(zero_that_moves(amplitudes, 479))] == [0]
+
+
+# --- what is given up in the end ---
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "tolerance", "given_up"),
+    [(3.17, 0.0, True), (3.16, 0.0, False), (3.17, 4.0, False), (0.5, 0.0, False)],
+)
+def test_a_last_effect_that_takes_less_than_a_tenth_of_the_rest_is_given_up(
+    monkeypatch, unexplained, tolerance, given_up
+):
+    monkeypatch.setattr(selection, "given_up_rows", lambda rows, trials, why: [(why, *trials)])
+    trial: Any = SimpleNamespace(effect=Drift(), step=0)
+    search: Any = SimpleNamespace(
+        tolerance=tolerance, accepted=[SimpleNamespace(trial=trial)], path=[0, 1], finer=2,
+        trials=[(trial, True, "drift")],
+    )  # fmt: skip
+    fits: Any = [
+        SimpleNamespace(rms_validation=np.sqrt(11)),
+        SimpleNamespace(rms_validation=10**0.5),
+    ]
+    budget = Budget(1.0, 0.0, 0.0, 0.0, 0.0, unexplained, "um")
+    give_up: Any = selection._Search._give_up_the_slight  # pyright: ignore[reportPrivateUsage]
+    assert give_up(search, budget, fits) == given_up
+    assert search.path == ([0] if given_up else [0, 1])
+    assert bool(search.accepted) != given_up
+    assert (search.trials == [(TOO_SLIGHT, trial)]) == given_up

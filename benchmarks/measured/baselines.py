@@ -8,7 +8,9 @@ way.
   u_{j,k-i} \) (L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, section 4.2), of the
   order of `ORDERS` whose simulation errs least on the last fifth of the identification rows.
 - **NARX**: a polynomial of second degree in two past values of each signal, its terms chosen by
-  forward orthogonal least squares, of the package SysIdentPy.
+  forward orthogonal least squares, of the package SysIdentPy (`pip install --no-deps sysidentpy`:
+  0.9 asks for a NumPy older than that of the lock file, and works with this one; left out where it
+  is not installed).
 - **Prandtl-Ishlinskii**: plays of non-negative weights, an offset and a linear term (M. Brokate and
   J. Sprekels, Hysteresis and Phase Transitions, Springer 1996).
 - **velocity**: damped least squares on the input, its velocity and the sign of the velocity, each

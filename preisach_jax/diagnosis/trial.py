@@ -29,6 +29,8 @@ WITH_ANOTHER = "it is no better than one that was given up"
 
 TOO_LITTLE = "with all that was found the model still misses most of the output: no name is sure"
 
+TOO_SLIGHT = "it takes away less than a tenth of what stays unexplained: no name is sure"
+
 WITHOUT_A_LAW = "it follows no law, and much of what it should explain remains: no name is sure"
 
 

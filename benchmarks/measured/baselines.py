@@ -84,9 +84,9 @@ def narx(_: np.ndarray, inputs: np.ndarray, output: np.ndarray, rows: np.ndarray
 
     The stretches that identify are joined; the few rows behind a joint mix two stretches.
     """
-    from sysidentpy.basis_function import Polynomial
-    from sysidentpy.model_structure_selection import FROLS
-    from sysidentpy.parameter_estimation import LeastSquares
+    from sysidentpy.basis_function import Polynomial  # pyright: ignore[reportMissingImports]
+    from sysidentpy.model_structure_selection import FROLS  # pyright: ignore[reportMissingImports]
+    from sysidentpy.parameter_estimation import LeastSquares  # pyright: ignore[reportMissingImports]
 
     centre, scale = inputs[rows].mean(axis=0), np.ptp(inputs[rows], axis=0) / 2
     zero, range_ = output[rows].mean(), np.ptp(output[rows]) / 2

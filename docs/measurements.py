@@ -114,6 +114,34 @@ beside a kernel written by hand for a plain relay plane:
 {table(["hysteron", "input", "by hand", "step", "inverse", "adapt"], rows)}"""
 
 
+def controller() -> str:
+    """Instructions on a microcontroller."""
+    content = result("controller.json")
+    rate = content["rate_hz"]
+    rows = []
+    for row in content["rows"]:
+        most = {
+            name: max(course["most"] for course in courses.values())
+            for name, courses in row["instructions"].items()
+        }
+        rows.append(
+            [
+                row["name"], str(row["levels"]),
+                f"{row['flash_bytes'] / 1024:.1f}", f"{row['memory_bytes'] / 1024:.1f}",
+                *(f"{count:,} ({1e-6 * rate * count:.0f})" for count in most.values()),
+            ]
+        )  # fmt: skip
+    head = ["model", "levels", "flash, KiB", "memory, KiB", "step", "inverse", "adapt"]
+    return f"""## The code on a microcontroller
+
+{content["controller"]}, single precision, `{content["compiler"].split(" (")[0]} -O2`: the most
+instructions that one of {content["samples"]} samples took on three courses, and in brackets
+millions a second at {rate / 1e3:.0f} kHz. A Cortex-M4 at 168 MHz has 168 million cycles a second;
+most instructions take one, and waiting for flash memory comes on top. {made(content)}
+
+{table(head, rows)}"""
+
+
 def operator() -> str:
     """Simulation and identification beside C, numba and NumPy."""
     content = result("relays.json")
@@ -194,7 +222,7 @@ grid, one core; the peer is written after the way differentiable packages work. 
 
 
 SECTIONS: tuple[Callable[[], str], ...] = (
-    diagnoses, page_and_files, drive, operator, streaming, growth_and_sweep, peers,
+    diagnoses, page_and_files, drive, controller, operator, streaming, growth_and_sweep, peers,
 )  # fmt: skip
 
 

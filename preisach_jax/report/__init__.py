@@ -173,7 +173,7 @@ def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figu
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sources = {name: _data_uri(plot.svg(plot.laid_out(figure))) for name, figure in figures.items()}
+    sources = {name: _data_uri(plot.svg(figure)) for name, figure in figures.items()}
     # A file's name may hold bytes that are no text.
     text = environment.get_template(template).render(page, figures=sources)
     return text.encode(errors="replace")

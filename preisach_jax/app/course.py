@@ -32,7 +32,7 @@ STEPS = 5
 """Steps of a staircase from its foot to its top."""
 
 FLANK = 0.2
-"""Share of a step in which a staircase goes up: no stage jumps."""
+"""Share of a step in which a staircase goes to the next one: no stage jumps."""
 
 LEAD = 0.5
 """Periods in which the stage is led to the beginning of a shape."""
@@ -173,10 +173,10 @@ def _level(kind: str, phase: np.ndarray) -> np.ndarray:
     if kind == "Sine":
         return (1 - np.cos(2 * np.pi * part)) / 2
     if kind == "Staircase":
-        place = STEPS * rising
-        # The flank of each step ends where the next level is held, upwards as downwards.
-        step = np.floor(place)
-        return (step + _smooth((place - step - (1 - FLANK)) / FLANK)) / STEPS
+        place = 2 * STEPS * part
+        slot = np.floor(place)
+        held, then = (np.minimum(k, 2 * STEPS - k) for k in (slot, slot + 1))
+        return (held + (then - held) * _smooth((place - slot - (1 - FLANK)) / FLANK)) / STEPS
     run = 0.5 - HOLD
     return np.clip(np.minimum(part / run, (1 - HOLD - part) / run), 0.0, 1.0)
 
@@ -227,7 +227,8 @@ def points_of(text: str) -> Points:
         twice = next(a for a, b in pairwise(times) if a == b)
         raise InputError(f"two points have the time {twice:g} s; move one of them")
     if len(found) < 2:
-        raise InputError(f"there are {len(found)} points; give at least 2")
+        count = "is 1 point" if found else "is no point"
+        raise InputError(f"there {count}; give at least 2")
     return tuple(found)
 
 

@@ -44,6 +44,8 @@ _HINT = (
     "take the chosen one away; or type the points here."
 )
 
+_ROW: dict[str, Any] = {"sizing_mode": "stretch_width", "stylesheets": [WRAP]}
+
 
 class DriveView:
     """A course, its limits, and the drive that was found for it.
@@ -75,15 +77,16 @@ class DriveView:
         self.find.align = "end"
         self._told = panels.pane()
         self._outcome = panels.pane()
-        self._files = pn.Row(sizing_mode="stretch_width", stylesheets=[WRAP])
+        self._files = pn.Row(**_ROW)
         self._command = panels.pane()
         self._drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
         self.figures: DriveFigures
-        fields = (self._kind, *self._shape.values(), *self._limits.values(), self.find)
+        course = pn.Row(self._kind, *self._shape.values(), **_ROW)
+        limits = pn.Row(*self._limits.values(), self.find, **_ROW)
         self.view: Any = pn.Column(
-            pn.Row(*fields, sizing_mode="stretch_width", stylesheets=[WRAP]),
-            self._hint, self._points, self._dropper, self._told, self._outcome, self._files,
-            self._drawn, self._command, sizing_mode="stretch_width", stylesheets=[BLOCK],
+            course, self._hint, self._points, self._dropper, limits, self._told, self._outcome,
+            self._drawn, self._files, self._command,
+            sizing_mode="stretch_width", stylesheets=[BLOCK],
         )  # fmt: skip
         self._on_kind(None)
 
@@ -178,6 +181,7 @@ class DriveView:
             self._await_file()
         self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
         self._drawn.objects = [plots(self.figures.layout)]
+        self._drawn.visible = kind != FROM_FILE
         self._on_field(event)
 
     def _on_field(self, event: Any) -> None:
@@ -203,7 +207,7 @@ class DriveView:
             sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
         )  # fmt: skip
         dropper.param.watch(self._on_drop, "value")
-        self._dropper.objects = [panels.pane(panels.paragraph(dropper.label)), dropper]
+        self._dropper.objects = [dropper]
 
     def _columns_named(self) -> str:
         columns = self._step.fit.model.columns
@@ -260,6 +264,7 @@ class DriveView:
             elif self._file is not None:
                 course = course_of(self._step, self._file, self._folder)
                 self.figures.show_course(course.time, course.output)
+                self._drawn.visible = True
         except InputError as error:
             self.refuse(error)
 
@@ -275,4 +280,4 @@ def _number(title: str, unit: str, value: float | None, usual: str = "") -> Any:
 
 
 def _as_text(points: Points) -> str:
-    return "\n".join(f"{time:.5g} {output:.5g}" for time, output in points)
+    return "\n".join(f"{time:.4g} {output:.4g}" for time, output in points)

@@ -27,6 +27,8 @@ from preisach_jax.record import Record
 
 SERIES = ("time", "wanted", "expected", "low", "high", "error", "drive")
 
+TIME = "time (s)"
+
 STACK = f"""
 :host {{ min-width: 0 !important; height: max(620px, calc(100vh - 22rem)) !important; }}
 {NARROW} {{ :host {{ width: 100% !important; height: 820px !important; }} }}
@@ -60,9 +62,10 @@ class DriveFigures:
         self._output = self._output_figure()
         self._error = self._small_figure("Error (wanted less expected)", "error")
         self._drive = self._small_figure("Drive", "drive")
-        self._drive.xaxis.axis_label = "time (s)"
+        self._drive.xaxis.axis_label = TIME
         if draws is not None:
             self._let_draw()
+        self._with_result(False)
         self.layout: Column = column(
             self._output, self._error, self._drive, sizing_mode="stretch_both", stylesheets=[STACK]
         )
@@ -73,6 +76,7 @@ class DriveFigures:
         self.course.data = {"x": time[few], "y": output[few]}
         self.rows.data = {name: [] for name in SERIES}
         self.lost.data = {"x0": [], "x1": []}
+        self._with_result(False)
         self._frame(time, output)
 
     def show_points(self, points: Points) -> None:
@@ -96,7 +100,14 @@ class DriveFigures:
         first, last = unreached(result)
         self.lost.data = {"x0": first, "x1": last}
         self.course.data = {"x": [], "y": []}
+        self._with_result(True)
         self._frame(time, found.wanted, found.expected)
+
+    def _with_result(self, is_there: bool) -> None:
+        """Make room for the course alone, or for all figures."""
+        self._error.visible = self._drive.visible = is_there
+        self._output.legend.visible = is_there
+        self._output.xaxis.axis_label = "" if is_there else TIME
 
     def _frame(self, time: np.ndarray, *outputs: np.ndarray) -> None:
         span(self._time, float(time[0]), float(time[-1]))
@@ -117,7 +128,7 @@ class DriveFigures:
             with_unit(column_name(record, "output"), pretty_unit(record.output_unit)),
             min_height=220, x_range=self._time, y_range=Range1d(start=0.0, end=1.0),
         )  # fmt: skip
-        self._shade(drawn)
+        self._shade(drawn, legend_label="not reached")
         drawn.varea(
             "time", "low", "high", source=self.rows, fill_color=AFTER, alpha=0.25,
             legend_label="95 % band",
@@ -130,7 +141,7 @@ class DriveFigures:
             "time", "expected", source=self.rows, color=AFTER, width=1.5, line_dash="dashed",
             legend_label="expected",
         )  # fmt: skip
-        place_legend(drawn, "top_right")
+        place_legend(drawn, "top_left")
         return drawn
 
     def _small_figure(self, title: str, name: str) -> Any:
@@ -143,13 +154,11 @@ class DriveFigures:
         drawn.line("time", name, source=self.rows, color=shade, width=1.5)
         return drawn
 
-    def _shade(self, drawn: Any) -> None:
+    def _shade(self, drawn: Any, **named: str) -> None:
         drawn.vstrip("x0", "x1", source=self.lost, color=REFUSED, alpha=0.5, level="underlay")
 
     def _let_draw(self) -> None:
-        corners = self._output.scatter(
-            "x", "y", source=self.points, size=11, color=CHOSEN, legend_label="points"
-        )
+        corners = self._output.scatter("x", "y", source=self.points, size=11, color=CHOSEN)
         tool = PointDrawTool(renderers=[corners], add=True, description="Draw the course")
         self._output.add_tools(tool)
         self._output.toolbar.active_multi = tool

@@ -181,7 +181,7 @@ def outcome(result: Driven, record: Record) -> str:
 
 
 def _percent(value: float, whole: float) -> str:
-    return f"{number(100 * value / whole, 2)} %"
+    return f"{number(100 * value / whole, 2)}\N{NO-BREAK SPACE}%"
 
 
 def _sentence(text: str) -> str:

@@ -40,8 +40,8 @@ NEEDED = (
 """What stands in the view before there is a model."""
 
 _HINT = (
-    "Click into the upper figure to add a point, drag a point to move it, and press Backspace to "
-    "take the chosen one away; or type the points here."
+    "Click into the figure to add a point, drag a point to move it, press Backspace to take the "
+    "chosen one away; or type the points below it."
 )
 
 _ROW: dict[str, Any] = {"sizing_mode": "stretch_width", "stylesheets": [WRAP]}
@@ -84,8 +84,8 @@ class DriveView:
         course = pn.Row(self._kind, *self._shape.values(), **_ROW)
         limits = pn.Row(*self._limits.values(), self.find, **_ROW)
         self.view: Any = pn.Column(
-            course, self._hint, self._points, self._dropper, limits, self._told, self._outcome,
-            self._drawn, self._files, self._command,
+            course, self._dropper, limits, self._hint, self._told, self._outcome,
+            self._drawn, self._points, self._files, self._command,
             sizing_mode="stretch_width", stylesheets=[BLOCK],
         )  # fmt: skip
         self._on_kind(None)
@@ -180,8 +180,7 @@ class DriveView:
         if kind == FROM_FILE and not self._dropper.objects:
             self._await_file()
         self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
-        self._drawn.objects = [plots(self.figures.layout)]
-        self._drawn.visible = kind != FROM_FILE
+        self._drawn.objects = [] if kind == FROM_FILE else [plots(self.figures.layout)]
         self._on_field(event)
 
     def _on_field(self, event: Any) -> None:
@@ -264,7 +263,7 @@ class DriveView:
             elif self._file is not None:
                 course = course_of(self._step, self._file, self._folder)
                 self.figures.show_course(course.time, course.output)
-                self._drawn.visible = True
+                self._drawn.objects = [plots(self.figures.layout)]
         except InputError as error:
             self.refuse(error)
 

@@ -28,12 +28,16 @@ from preisach_jax.record import Record
 SERIES = ("time", "wanted", "expected", "low", "high", "error", "drive")
 
 TIME = "time (s)"
+TITLE = "Wanted and expected output"
 
 STACK = f"""
 :host {{ min-width: 0 !important; height: max(620px, calc(100vh - 22rem)) !important; }}
 {NARROW} {{ :host {{ width: 100% !important; height: 820px !important; }} }}
 """
 """Style of the figures together."""
+
+ALONE = ":host { min-width: 0 !important; height: 360px !important; }"
+"""Style of the course while nothing else is known."""
 
 
 class DriveFigures:
@@ -65,10 +69,10 @@ class DriveFigures:
         self._drive.xaxis.axis_label = TIME
         if draws is not None:
             self._let_draw()
-        self._with_result(False)
         self.layout: Column = column(
-            self._output, self._error, self._drive, sizing_mode="stretch_both", stylesheets=[STACK]
+            self._output, self._error, self._drive, sizing_mode="stretch_both", stylesheets=[ALONE]
         )
+        self._with_result(False)
 
     def show_course(self, time: np.ndarray, output: np.ndarray) -> None:
         """Show a course whose drive is not known yet."""
@@ -101,13 +105,17 @@ class DriveFigures:
         self.lost.data = {"x0": first, "x1": last}
         self.course.data = {"x": [], "y": []}
         self._with_result(True)
+        if len(first):  # strips have no entry in a legend
+            self._output.title.text = f"{TITLE} (grey: not reached)"
         self._frame(time, found.wanted, found.expected)
 
     def _with_result(self, is_there: bool) -> None:
         """Make room for the course alone, or for all figures."""
         self._error.visible = self._drive.visible = is_there
         self._output.legend.visible = is_there
+        self._output.title.text = TITLE if is_there else "Wanted output"
         self._output.xaxis.axis_label = "" if is_there else TIME
+        self.layout.stylesheets = [STACK if is_there else ALONE]
 
     def _frame(self, time: np.ndarray, *outputs: np.ndarray) -> None:
         span(self._time, float(time[0]), float(time[-1]))
@@ -124,11 +132,11 @@ class DriveFigures:
     def _output_figure(self) -> Any:
         record = self._record
         drawn = drawn_figure(
-            "Wanted and expected output", "",
+            TITLE, "",
             with_unit(column_name(record, "output"), pretty_unit(record.output_unit)),
             min_height=220, x_range=self._time, y_range=Range1d(start=0.0, end=1.0),
         )  # fmt: skip
-        self._shade(drawn, legend_label="not reached")
+        self._shade(drawn)
         drawn.varea(
             "time", "low", "high", source=self.rows, fill_color=AFTER, alpha=0.25,
             legend_label="95 % band",
@@ -154,7 +162,7 @@ class DriveFigures:
         drawn.line("time", name, source=self.rows, color=shade, width=1.5)
         return drawn
 
-    def _shade(self, drawn: Any, **named: str) -> None:
+    def _shade(self, drawn: Any) -> None:
         drawn.vstrip("x0", "x1", source=self.lost, color=REFUSED, alpha=0.5, level="underlay")
 
     def _let_draw(self) -> None:

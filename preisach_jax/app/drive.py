@@ -55,6 +55,7 @@ class DriveView:
         folder: where courses are kept while they are read.
         find: called when the drive is wanted.
         changed: called when the course or its limits have become others.
+        hand_over: runs a function in the page's own thread.
 
     Attributes:
         view: what to show in the page.
@@ -68,8 +69,10 @@ class DriveView:
         folder: Path,
         find: Callable[[], None],
         changed: Callable[[], None],
+        hand_over: Callable[[Callable[[], None]], object] = lambda function: function(),
     ):
         self._step, self._folder, self._changed = step, folder, changed
+        self._hand_over = hand_over
         self._file: CourseFile | None = None
         self._quiet = False
         self._make_fields()
@@ -96,10 +99,15 @@ class DriveView:
             return
         self._step = step
         had_result = bool(self._outcome.object)
-        self._preview()
-        if had_result and not self._told.object:
-            name = model_name(step.effects)
-            self._told.object = panels.doing(f"The model is now {name}: find the drive anew.")
+        self._forget_result()
+
+        def show() -> None:
+            self._preview()
+            if had_result and not self._told.object:
+                name = model_name(step.effects)
+                self._told.object = panels.doing(f"The model is now {name}: find the drive anew.")
+
+        self._hand_over(show)
 
     def order(self) -> Order | None:
         """What is to be driven; None where something is missing, and then it is said."""
@@ -186,7 +194,9 @@ class DriveView:
     def _on_field(self, event: Any) -> None:
         if event is not None:
             self._changed()
-        self._preview()
+        self._forget_result()
+        # The change of a widget may come without the lock that a change of a figure needs.
+        self._hand_over(self._preview)
 
     def _on_text(self, event: Any) -> None:
         if not self._quiet:
@@ -252,7 +262,6 @@ class DriveView:
 
     def _preview(self) -> None:
         """Show the course as it is now, or what is wrong with it."""
-        self._forget_result()
         try:
             self._step.fit.model.check_invertible()
             if self._kind.value == DRAWN:

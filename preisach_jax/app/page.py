@@ -74,7 +74,9 @@ class Page(Opening):
         if walk is None:
             return [panels.pane(panels.paragraph(NEEDED))]
         if self._drive is None:
-            self._drive = DriveView(walk.step, folder, self._find_drive, self._stop_driving)
+            self._drive = DriveView(
+                walk.step, folder, self._find_drive, self._stop_driving, self._hand_over
+            )
             self._refresh()
         return [self._drive.view]
 

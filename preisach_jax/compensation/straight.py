@@ -42,8 +42,8 @@ def tracking(
 ) -> Tracking:
     r"""How well a drive follows its course, and how well a straight line would.
 
-    What the model expects differs from the course by \(e\), and the stage from the model by its
-    held-out error \(\sigma\): together \(\sqrt{\overline{e^2} + \sigma^2}\).  The affine map
+    What the model expects differs from the course by an RMS of \(e\), and the stage from the model
+    by its held-out error \(\sigma\): together \(\sqrt{e^2 + \sigma^2}\).  The affine map
     \(u = a + b\,z\) is that which fits the drive of the inverse best, within the same limits.
 
     Arguments:

@@ -25,9 +25,10 @@ from preisach_jax.app.page import Page
 from preisach_jax.app.panels import CandidateRow, facts, failure, ladder, order_of, table, told
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script, without_detours
+from preisach_jax.app.statistics import amplitude_spectrum, drawn_rows, plane_course
 from preisach_jax.app.steps import Walk, repeated, time_line
 from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
-from preisach_jax.app.views import AXES, Views, amplitude_spectrum, drawn_rows, plane_course
+from preisach_jax.app.views import AXES, Views
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -260,9 +261,9 @@ class TestViews:
         np.testing.assert_allclose(data["plain"], 1e3 * step.before.fit.residual, rtol=1e-12)
         np.testing.assert_array_equal(data["input"], record.input)
         model = step.fit.model
-        [prefix] = re.findall(r"density \((\S)m/V²\)", views.plane.title.text)
+        [prefix] = re.findall(r"density \((\S)m/V²\)", views.plane.figure.title.text)
         per_shown = {"p": 1e-6, "n": 1e-3, "µ": 1.0}[prefix]
-        mass = per_shown * np.nansum(views.density.data["value"]) * model.plane.delta_x**2
+        mass = per_shown * np.nansum(views.plane.density.data["value"]) * model.plane.delta_x**2
         visited = np.asarray(model.visited, dtype=bool)
         assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())
 

@@ -389,6 +389,94 @@ def switching_rows(u, beta, alpha):
     return pytest.approx(count, rel=0.01)
 
 
+VISIBLE_TITLES = """() => Bokeh.documents.flatMap((d) => [...d._all_models.values()])
+  .filter((m) => m.type === "Figure" && m.visible).map((m) => m.title.text)"""
+
+
+def to_drive(page, path):
+    """Open a file, and the view "Drive" as soon as there is a model."""
+    load(page, path)
+    button(page, "Drive").click()
+    button(page, "Find the drive").wait_for()
+
+
+def test_a_typed_shape_is_driven_and_taken_away(tab, stage, tmp_path):
+    button(tab, "Drive").click()
+    tab.get_by_text("Drop a record above").wait_for()
+    to_drive(tab, stage)
+    tab.get_by_label("Wanted course").select_option("Sine")
+    tab.get_by_label("Frequency (Hz)").fill("7")
+    tab.keyboard.press("Tab")
+    button(tab, "Find the drive").click()
+    told = tab.locator(".outcome")
+    told.get_by_text("straight line").wait_for()
+    assert nanometres(told.locator(".size").inner_text()) > 0
+    assert {"Drive", "Error (wanted less expected)"} <= set(tab.evaluate(VISIBLE_TITLES))
+    keep(tab, "drive")
+    drive = np.genfromtxt(download(tab, "drive.csv", tmp_path), delimiter=",", names=True)
+    wanted = np.genfromtxt(download(tab, "wanted.csv", tmp_path), delimiter=",", names=True)
+    assert len(drive) == len(wanted) == 1 + 3500 // 7
+    model = pj.Model.load(download(tab, "model.json", tmp_path))
+    course = pj.Record.from_arrays(wanted["t_s"], 0 * wanted["t_s"], wanted["z_um"])
+    np.testing.assert_allclose(drive["u"], pj.compensate(model, course).drive, atol=1e-5)
+
+
+def test_a_course_that_cannot_be_reached_is_told_and_the_page_goes_on(tab, stage, tmp_path):
+    to_drive(tab, stage)
+    tab.get_by_label("Highest drive (V)").fill("20")
+    button(tab, "Find the drive").click()
+    tab.locator(".outcome.unmet").get_by_text("rows cannot be reached").wait_for()
+    tab.get_by_text("--limits=0,20").wait_for()
+    keep(tab, "drive_unreached")
+    tab.get_by_label("Highest drive (V)").fill("-5")
+    button(tab, "Find the drive").click()
+    tab.locator(".error").get_by_text("give two numbers, the lower one first").wait_for()
+    assert tab.locator(".outcome").count() == 0
+    # A course in a file: one that lacks its column is refused by a line, the next is driven.
+    tab.get_by_label("Highest drive (V)").fill("")
+    tab.get_by_label("Wanted course").select_option("From a file")
+    tab.locator("input[type=file]").nth(1).wait_for(state="attached")
+    course = tmp_path / "course.csv"
+    for column in ("position", "z_um"):
+        rows = "".join(f"{k / 1000},{10 + 5 * np.sin(k / 50):.6f}\n" for k in range(800))
+        course.write_text(f"t_s,{column}\n{rows}")
+        tab.locator("input[type=file]").nth(1).set_input_files(course)
+        if column == "position":
+            tab.locator(".error").get_by_text("position").wait_for()
+    playwright.expect(tab.locator(".error")).to_have_count(0, timeout=PATIENCE_MS)
+    button(tab, "Find the drive").click()
+    tab.get_by_text("preisach compensate model.json course.csv").wait_for()
+    assert rungs(tab)  # what was open is still there
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_course_is_drawn_with_the_mouse_and_fits_the_window(tab, stage, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    tab.set_viewport_size({"width": width, "height": 800})
+    to_drive(tab, stage)
+    tab.get_by_label("Wanted course").select_option("Drawn points")
+    points = tab.get_by_label("Points:")
+    points.wait_for()
+    before = points.input_value().splitlines()
+    tab.wait_for_timeout(1000)  # until the figure has its place
+    points.scroll_into_view_if_needed()
+    [(left, top, right, bottom)] = tab.evaluate(FIGURE_BOXES)
+    tab.mouse.click(0.2 * left + 0.8 * right, 0.5 * (top + bottom))
+    playwright.expect(points).not_to_have_value("\n".join(before), timeout=PATIENCE_MS)
+    assert len(points.input_value().splitlines()) == len(before) + 1
+    button(tab, "Find the drive").click()
+    tab.locator(".outcome").wait_for()
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
+    found = serious(axe.Axe().run(tab))
+    button(tab, "Dark or light").click()
+    # Behind what is scrolled out of its box, axe sees colours that nobody does.
+    tab.locator("input[type=file]").first.evaluate("e => e.scrollIntoView()")
+    tab.wait_for_timeout(1000)  # until the colours have changed over
+    found |= serious(axe.Axe().run(tab))
+    assert not found
+    keep(tab, f"drive_{width}")
+
+
 @pytest.mark.campaign
 def test_two_tabs_do_not_disturb_each_other(tab, chromium, address, stage, tmp_path):
     other = chromium.new_page()

@@ -8,6 +8,7 @@ from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played
 
 import preisach_jax as pj
 from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
+from preisach_jax.compensation.straight import tracking
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
@@ -270,3 +271,36 @@ def test_a_branch_is_inverted_as_bisection_does_it():
                 low, high = (middle, high) if given < aim else (low, middle)
             assert abs(position * PLANE.delta_x - low) < 1e-9
             assert abs(output - aim) < 1e-12
+
+
+def test_the_straight_line_beside_a_drive_is_the_best_one_played_through_the_model():
+    model = model_of()
+    wanted = course(model)
+    found = pj.compensate(model, wanted)
+    errors = tracking(model, wanted, found)
+    slope, level = np.polyfit(found.wanted, found.drive, 1)
+    played = np.clip(level + slope * found.wanted, model.plane.low, model.plane.high)
+    time, values = model.origin.history
+    whole = pj.Record.from_arrays(
+        np.concatenate([time, time[-1] + wanted.step_s * (1 + np.arange(len(played)))]),
+        np.concatenate([values, played]),
+        np.full(len(time) + len(played), np.nan),
+    )
+    missed = model.simulate(whole)[-len(played) :] - found.wanted
+    own = model.rms_validation
+    assert errors.straight == pytest.approx(np.hypot(np.sqrt(np.mean(missed**2)), own), rel=1e-6)
+    assert errors.compensated == pytest.approx(own, rel=1e-3)
+    assert errors.straight > 2 * errors.compensated
+
+
+def test_work_on_a_drive_ends_when_its_progress_raises():
+    told = []
+
+    def stop(text, done):
+        told.append(done)
+        raise KeyboardInterrupt
+
+    model = model_of()
+    with pytest.raises(KeyboardInterrupt):
+        pj.compensate(model, course(model), progress=stop)
+    assert told == [0.0]

@@ -9,7 +9,7 @@ from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource
 from bokeh.plotting import figure
 
-from preisach_jax.app.views import DRAWING, GRID, PLOTS, unformatted
+from preisach_jax.app.drawing import DRAWING, GRID, PLOTS, unformatted
 from preisach_jax.look import Look
 from preisach_jax.plot.axes import record_axes
 from preisach_jax.plot.style import BEFORE, HELD_OUT, MEASURED

@@ -109,9 +109,16 @@ class Working:
         """Called when work is given up."""
 
     def _start(
-        self, what: str, work: Callable[[Progress], Any], done: Callable[[Any], None]
+        self,
+        what: str,
+        work: Callable[[Progress], Any],
+        done: Callable[[Any], None],
+        refused: Callable[[Exception], None] | None = None,
     ) -> None:
-        """Begin work in place of what is going on; `done` gets its result in the page's thread."""
+        """Begin work in place of what is going on; `done` gets its result in the page's thread.
+
+        Where the work fails, `refused` is called in place of the message at the head of the page.
+        """
         self._stop_job()
 
         def finished(result: Any) -> None:
@@ -122,8 +129,11 @@ class Working:
 
         def failed(error: Exception) -> None:
             self._stop_job()
-            self._failed()
-            self._say(panels.failure(error))
+            if refused is None:
+                self._failed()
+                self._say(panels.failure(error))
+            else:
+                refused(error)
             self._refresh()
 
         self._say_progress(what, 0.0)

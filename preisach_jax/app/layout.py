@@ -9,8 +9,9 @@ from typing import Any
 import panel as pn
 
 from preisach_jax.app import panels
+from preisach_jax.app.drawing import NARROW
 from preisach_jax.app.upload import MOST_BYTES
-from preisach_jax.app.views import AXES, NARROW
+from preisach_jax.app.views import AXES
 
 LEVELS = {"25 levels, finer where it pays": 0, "13 levels": 13, "38 levels": 38, "50 levels": 50}
 """Levels of the plane by what the menu calls them; 0 leaves them to the fit."""
@@ -90,7 +91,7 @@ class Layout:
         )
         self.axis.param.watch(on["axis"], "value")
         self.shown = styled(
-            pn.widgets.RadioButtonGroup(label="View", options=["Record"], value="Record")
+            pn.widgets.RadioButtonGroup(label="View", options=["Record", "Drive"], value="Record")
         )
         self.shown.param.watch(on["shown"], "value")
         self.ladder = panels.pane()

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from preisach_jax.app import panels
-from preisach_jax.app.columns import ColumnChoice
+from preisach_jax.app.drive import NEEDED, DriveView
+from preisach_jax.app.driving import Driven, driven
 from preisach_jax.app.export import exports
-from preisach_jax.app.first import FirstView
-from preisach_jax.app.jobs import Working
+from preisach_jax.app.jobs import Job
 from preisach_jax.app.layout import Layout, beside, card, plots
-from preisach_jax.app.project import SUFFIX, Project, unpacked
+from preisach_jax.app.opening import Opening
+from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
 from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
-from preisach_jax.app.upload import Choice, Upload
+from preisach_jax.app.upload import Upload
 from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.fit import Progress
-from preisach_jax.look import Look, columns_of, look
-from preisach_jax.record import Record
 
 
-class Page(Working):
+class Page(Opening):
     """One tab of a browser: its file, its model, and the work that goes on for it.
 
     Arguments:
@@ -34,26 +32,19 @@ class Page(Working):
     """
 
     def __init__(self, first: Path | None = None):
-        self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
-        self._upload: Upload | None = None
-        self._choosing: ColumnChoice | None = None
-        self._choice: Choice | None = None
-        self._record: Record | None = None
-        self._first_view: FirstView | None = None
-        self._look: Look | None = None
-        self._notes: list[str] = []
         self._walk: Walk | None = None
         self._candidates: tuple[Candidate, ...] = ()
-        self._project: Project | None = None
         self._views: Views | None = None
+        self._drive: DriveView | None = None
+        self._drive_job: Job | None = None
         self._before_search: tuple[Walk | None, tuple[Candidate, ...]] | None = None
         self._rows: dict[str, panels.CandidateRow] = {}
         # What can be shown in the great part of the page, by what its switch calls it.
         self._panes: dict[str, Callable[[], list[Any]]] = {
-            "Record": self._record_pane, "Model": self._model_pane
+            "Record": self._record_pane, "Model": self._model_pane, "Drive": self._drive_pane,
         }  # fmt: skip
         self._is_drawn = ""
-        self._layout = Layout(
+        layout = Layout(
             {
                 "drop": self._on_drop, "levels": self._on_levels, "fit": self._on_fit,
                 "find": self._on_find, "undo": self._on_undo, "cancel": self._on_cancel,
@@ -61,113 +52,33 @@ class Page(Working):
                 "save": self._on_save,
             }
         )  # fmt: skip
-        super().__init__(self._layout.doing, self._layout.message)
-        self.view: Any = self._layout.view
+        super().__init__(layout)
+        self.view: Any = layout.view
         self._refresh()
         if first is not None:
             self._open(first.name, lambda: Upload.at(first))
 
-    def close(self) -> None:
-        """Let go of everything when the tab is closed."""
-        self._stop_job()
-        self._folder.cleanup()
-
-    # A file and its columns
-
-    def _on_drop(self, event: Any) -> None:
-        if not event.new:
-            return
-        name, content = list(event.new.items())[-1]
-        content = content.encode() if isinstance(content, str) else content
-        folder = Path(self._folder.name)
-        if name.lower().endswith(SUFFIX):
-            self._open_project(name, content)
-        else:
-            self._open(name, lambda: Upload.of(name, content, folder))
-
-    def _open(self, name: str, read: Callable[[], Upload]) -> None:
-        # What was there before is let go only once the file has been read.
-        self._start(f"reading {name}", lambda progress: read(), self._show_upload)
-
-    def _open_project(self, name: str, content: bytes) -> None:
-        def read(progress: Progress) -> tuple[Project, Upload]:
-            project = unpacked(name, content)
-            return project, Upload.of(project.name, project.content, Path(self._folder.name))
-
-        def show(both: tuple[Project, Upload]) -> None:
-            self._project, self._choice = both[0], both[0].choice
-            self._show_upload(both[1], both[0].choice)
-
-        self._start(f"opening {name}", read, show)
-
-    def _show_upload(self, upload: Upload, choice: Choice | None = None) -> None:
-        self._upload, self._choice = upload, choice
-        self._layout.await_file(height=56)
-        if choice is None:
-            self._project = None
-        self._forget_record()
-        self._say("")
-        self._layout.file.object = panels.brand(upload.name)
-        self._choosing = ColumnChoice(upload, self._on_columns, choice)
-        self._layout.chips.objects = [self._choosing.view]
-        self._show_pane("Record")
-        self._refresh()
-        self._choosing.take()
-
-    def _forget_record(self) -> None:
-        self._record = self._walk = self._views = self._first_view = self._look = None
-        self._candidates, self._notes = (), []
-        self._layout.downloads.objects = self._layout.project.objects = []
-
-    def _on_columns(self, choice: Choice) -> None:
-        upload = self._upload
-        assert upload is not None  # the columns are those of an upload
-        if self._project is not None and choice != self._project.choice:
-            self._project = None  # it was of other columns
-        notes: list[str] = []
-
-        def show(record: Record) -> None:
-            self._forget_record()
-            self._record, self._choice, self._notes = record, choice, notes
-            self._say(panels.told(record, notes))
-            self._first_view = FirstView(record)
-            self._show_pane("Record")
-            self._examine(record, upload)
-
-        work = partial(upload.record, choice, announce=notes.append)
-        self._start("reading the columns", lambda progress: work(), show)
-
-    def _examine(self, record: Record, upload: Upload) -> None:
-        """Look at the record while its plot stands already, then fit it."""
-        roles = {
-            role if role in ("time", "input", "output") else "aux": channel.name
-            for role, channel in record.channels.items()
-        }
-
-        def work(progress: Progress) -> Look:
-            return look(record, columns=columns_of(upload.table, roles), notes=self._notes)
-
-        def show(found: Look) -> None:
-            self._look = found
-            if self._first_view is not None:
-                self._first_view.mark(found)
-            self._show_pane("Record")
-            self._fit()
-
-        self._start("looking at the record", work, show)
-
     # What stands in the great part of the page
 
-    def _record_pane(self) -> list[Any]:
-        upload, first, found = self._upload, self._first_view, self._look
-        parts = [plots(first.layout)] if first is not None else []
-        if found is not None:
-            parts.append(panels.facts_pane(found))
-        preview = [panels.pane(panels.table(*upload.first_rows()))] if upload is not None else []
-        return [beside(*parts), *preview]
+    def _forget_record(self) -> None:
+        super()._forget_record()
+        self._walk = self._views = self._drive = None
+        self._candidates = ()
+        self._layout.downloads.objects = self._layout.project.objects = []
 
     def _model_pane(self) -> list[Any]:
         return [beside(plots(self._views.layout))] if self._views is not None else []
+
+    def _drive_pane(self) -> list[Any]:
+        walk, folder = self._walk, Path(self._folder.name)
+        if walk is None:
+            return [panels.pane(panels.paragraph(NEEDED))]
+        if self._drive is None:
+            self._drive = DriveView(
+                walk.step, folder, self._find_drive, self._stop_driving, self._hand_over
+            )
+            self._refresh()
+        return [self._drive.view]
 
     def _show_pane(self, name: str) -> None:
         """Show one of the panes, drawn anew; its switch follows."""
@@ -300,10 +211,12 @@ class Page(Working):
         assert walk is not None  # called for a step only
         if self._views is None or self._views.levels != walk.step.fit.model.plane.levels:
             self._views = Views(walk.step, self._layout.axis.value)
-            self._show_pane("Model")
+            self._show_pane("Drive" if self._is_drawn == "Drive" else "Model")
         else:
             self._views.show(walk.step)
             self._hand_over(self._views.begin)
+        if self._drive is not None:
+            self._drive.use(walk.step)
         self._layout.downloads.objects = self._layout.project.objects = []
         self._refresh()
 
@@ -311,6 +224,38 @@ class Page(Working):
         if self._views is not None:
             self._views.show_axis(event.new)
             self._views.begin()
+
+    # The drive for a wanted course
+
+    def _find_drive(self) -> None:
+        walk, view, folder = self._walk, self._drive, Path(self._folder.name)
+        order = view.order() if view is not None else None
+        if walk is None or view is None or order is None:
+            return
+
+        def show(result: Driven) -> None:
+            view.show(result)
+            self._rank_if_cut_short()
+
+        def refuse(error: Exception) -> None:
+            view.refuse(error)
+            self._rank_if_cut_short()
+
+        work = partial(driven, walk.step, order, folder)
+        self._start("finding the drive", work, show, refuse)
+        self._drive_job = self._job
+        self._refresh()
+
+    @property
+    def _is_driving(self) -> bool:
+        return self._job is not None and self._job is self._drive_job
+
+    def _stop_driving(self) -> None:
+        """Give up a drive for a course that has become another."""
+        if self._is_driving:
+            self._stop_job()
+            self._rank_if_cut_short()
+            self._refresh()
 
     # What can be taken away
 
@@ -327,9 +272,13 @@ class Page(Working):
 
     def _offer(self, files: dict[str, bytes]) -> None:
         self._layout.downloads.objects = panels.downloads(files)
-        if self._walk is not None and not self._candidates:
-            self._rank(self._walk.step)  # which the export has cut short
+        self._rank_if_cut_short()
         self._refresh()
+
+    def _rank_if_cut_short(self) -> None:
+        """Compare effects where an export or a drive has taken the place of that."""
+        if self._walk is not None and not self._candidates:
+            self._rank(self._walk.step)
 
     def _on_save(self, event: Any) -> None:
         del event
@@ -339,9 +288,6 @@ class Page(Working):
         self._layout.project.objects = panels.downloads(saved(upload, choice, walk))
 
     # What is said
-
-    def _failed(self) -> None:
-        self._layout.await_file(150 if self._upload is None else 56)
 
     def _let_go(self) -> None:
         if self._before_search is not None:
@@ -356,7 +302,7 @@ class Page(Working):
         if was_searching and self._walk is not None:
             self._show_step()
         elif was_searching:
-            self._views = None
+            self._views = self._drive = None
             self._show_pane("Record")
         self._refresh()
 
@@ -373,6 +319,8 @@ class Page(Working):
         shown.prepare.disabled = walk is None or searching
         shown.save.disabled = not has_record or searching
         shown.steps.objects = time_line(walk, self._back_to)
+        if self._drive is not None:
+            self._drive.find.disabled = searching or self._is_driving
         if walk is None:
             shown.ladder.object = shown.verdict.object = ""
             shown.cards.objects = []

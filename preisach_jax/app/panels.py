@@ -302,7 +302,7 @@ def downloads(files: Mapping[str, bytes]) -> list[Any]:
     return [
         pn.widgets.FileDownload(
             callback=_reading(content), filename=name, label=f"Download {name}",
-            color="default", embed=False, sizing_mode="stretch_width",
+            color="default", embed=False, sizing_mode="stretch_width", min_width=200,
         )
         for name, content in files.items()
     ]  # fmt: skip

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import socket
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,9 @@ from preisach_jax.app import panels
 from preisach_jax.app.page import Page
 
 TITLE = "preisach"
+
+READING = ("pandas", "scipy.ndimage", "scipy.special", "scipy.fft")
+"""What is imported when the first file is read and looked at, and takes most of a second then."""
 
 
 def serve(
@@ -45,6 +51,9 @@ def serve(
         respect_explicit_sizing=True,
     )  # fmt: skip
 
+    # Done while the browser opens, so that the first file that is dropped need not wait for it.
+    threading.Thread(target=_load, args=(READING,), daemon=True).start()
+
     def page() -> Any:
         opened = Page(data)
         pn.state.on_session_destroyed(lambda context: opened.close())
@@ -57,6 +66,11 @@ def serve(
         {"/": page}, port=port, address=address, websocket_origin=origins, show=show,
         threaded=threaded, title=TITLE, verbose=False,
     )  # fmt: skip
+
+
+def _load(modules: Sequence[str]) -> None:
+    for name in modules:
+        importlib.import_module(name)
 
 
 def free_port(address: str) -> int:

@@ -10,61 +10,33 @@ from typing import Any, cast
 import numpy as np
 from bokeh.events import Reset, SelectionGeometry
 from bokeh.layouts import column, row
-from bokeh.models import (
-    BoxSelectTool,
-    ColorBar,
-    Column,
-    ColumnDataSource,
-    CustomJS,
-    Div,
-    LinearColorMapper,
-    Range1d,
-    RangeSlider,
-)
-from bokeh.palettes import PuOr11, Viridis256
-from bokeh.plotting import figure
+from bokeh.models import Column, ColumnDataSource, CustomJS, Div, Range1d, RangeSlider
 
-from preisach_jax.branches import branch_starts
-from preisach_jax.diagnosis import residuals as stats
-from preisach_jax.diagnosis.exploration import Exploration
-from preisach_jax.fit import double_precision
-from preisach_jax.model import Model
-from preisach_jax.plot.axes import (
-    density_scale,
-    greatest,
-    plane_edges,
-    record_axes,
-    shown_weights,
-    with_unit,
+from preisach_jax.app.drawing import (
+    CHOSEN,
+    GRID,
+    INK,
+    PLOTS,
+    brushed,
+    drawn_figure,
+    limits_of,
+    place_legend,
+    span,
+    unformatted,
 )
+from preisach_jax.app.plane import PlaneFigure
+from preisach_jax.app.statistics import (
+    amplitude_spectrum,
+    bins_of,
+    drawn_rows,
+    no_bins,
+    plane_course,
+)
+from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.model import Model
+from preisach_jax.plot.axes import greatest, plane_edges, record_axes, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
 from preisach_jax.quantity import scaled
-from preisach_jax.record import Record
-
-CHOSEN = "#CC79A7"
-"""Colour of what is brushed: one of Okabe and Ito's that no curve has."""
-
-MOST_ROWS = 100_000
-"""Rows that are drawn; of a longer record every so-manyth, the extremes of the input kept."""
-
-DRAWING = ":host { filter: var(--plots); }"
-"""Style of a figure: dark mode turns its light and dark over and keeps its hues."""
-
-NARROW = "@media (max-width: 999px)"
-"""The window is a phone's or a tablet's: one column, which scrolls as a whole."""
-
-GRID = NARROW + " { :host { flex-direction: column !important; } }"
-"""Style of figures side by side, which stand below each other on a phone."""
-
-INK = ":host, .bk-slider-title, .bk-clearfix { color: var(--ink); }"
-"""Style of texts beside the figures."""
-
-PLOTS = f"""
-:host {{ flex: 1 1 20rem !important; min-width: 0 !important;
-  height: max(540px, calc(100vh - 21rem)) !important; }}
-{NARROW} {{ :host {{ width: 100% !important; height: 1180px !important; }} }}
-"""
-"""Style of all figures together: they fill what the window leaves."""
 
 CLOUD = 6_000
 """Points of the residual that are drawn; its bands are those of all rows."""
@@ -116,13 +88,8 @@ class Views:
         self.highlight: ColumnDataSource = ColumnDataSource({name: [] for name in self.source.data})
         self.cloud: ColumnDataSource = ColumnDataSource({"axis": [], "residual": [], "plain": []})
         self.bins: dict[str, ColumnDataSource] = {
-            name: ColumnDataSource(_no_bins()) for name in ("plain", "residual")
+            name: ColumnDataSource(no_bins()) for name in ("plain", "residual")
         }
-        self.cells: ColumnDataSource = ColumnDataSource({"x": [], "y": [], "width": []})
-        self.staircase: ColumnDataSource = ColumnDataSource({"x": [], "y": []})
-        self.density: ColumnDataSource = ColumnDataSource(
-            {"x": [], "y": [], "width": [], "value": []}
-        )
         self.spectra: dict[str, ColumnDataSource] = {
             name: ColumnDataSource({"x": [], "y": []}) for name in ("plain", "residual", "chosen")
         }
@@ -135,19 +102,18 @@ class Views:
         self.time: Any = self._time_figure()
         self.residual: Any = self._residual_figure()
         self.spectrum: Any = self._spectrum_figure()
-        self.plane: Any
-        self.plane, self._mapper = self._plane_figure()
+        self.plane = PlaneFigure(step.fit.model)
         self.slider: RangeSlider = self._time_slider()
         self._figures = {
             "loop": self.loop,
             "time": self.time,
             "residual": self.residual,
-            "plane": self.plane,
+            "plane": self.plane.figure,
         }
         self._show(step)
         self._link(step.fit.model)
         left = column(self.loop, self.residual, self.spectrum, sizing_mode="stretch_both")
-        right = column(self.time, self.plane, sizing_mode="stretch_both")
+        right = column(self.time, self.plane.figure, sizing_mode="stretch_both")
         grid = row(left, right, sizing_mode="stretch_both", stylesheets=[GRID])
         self.layout: Column = column(
             self.slider, self.told, grid, sizing_mode="stretch_both", stylesheets=[PLOTS]
@@ -171,8 +137,6 @@ class Views:
     def _show(self, step: Exploration) -> None:
         self._step = step
         self.highlight.data = {name: [] for name in self.source.data}
-        self.cells.data = {"x": [], "y": [], "width": []}
-        self.staircase.data = {"x": [], "y": []}
         shade = AFTER if step.effects else BEFORE
         for renderers in (self.loop.renderers, self.time.renderers, self.residual.renderers):
             for drawn in renderers:
@@ -183,7 +147,7 @@ class Views:
                         name: shade for name in ("line_color", "fill_color")
                         if hasattr(drawn.glyph, name)
                     })  # fmt: skip
-        self._show_density(step.fit.model)
+        self.plane.show(step.fit.model)
         self.show_axis(self._axis)
 
     def show_axis(self, key: str) -> None:
@@ -204,11 +168,11 @@ class Views:
             "axis": position[few], "residual": residual[few], "plain": plain[few]
         }  # fmt: skip
         for name, values in (("plain", plain), ("residual", residual)):
-            self.bins[name].data = _bins(position, np.asarray(values))
+            self.bins[name].data = bins_of(position, np.asarray(values))
         self.residual.xaxis.axis_label = unformatted(axis.label)
         limit = 1.1 * float(np.nanquantile(np.abs(plain), 0.995))
-        _span(self.residual.x_range, *_limits(position))
-        _span(self.residual.y_range, -limit, limit)
+        span(self.residual.x_range, *limits_of(position))
+        span(self.residual.y_range, -limit, limit)
 
     def _columns(self, step: Exploration) -> dict[str, Any]:
         """The columns of every view, in the units that are shown."""
@@ -237,37 +201,17 @@ class Views:
         largest = greatest(step.steps[0].fit.residual)
         return scaled(largest, self._record.output_unit)
 
-    def _figure(self, title: str, x: str, y: str, **options: Any) -> Any:
-        drawn: Any = figure(
-            title=title, x_axis_label=unformatted(x), y_axis_label=unformatted(y),
-            tools="pan,wheel_zoom,box_zoom,reset,save", sizing_mode="stretch_both",
-            min_width=240, min_height=240, stylesheets=[DRAWING], **options,
-        )  # fmt: skip
-        brush = BoxSelectTool(dimensions="width" if title == "Time" else "both")
-        brush.description = "Choose rows"
-        brush.renderers = []  # what is chosen is shown by glyphs of its own, and alike in all views
-        drawn.add_tools(brush)
-        drawn.toolbar.update(active_drag=brush, logo=None, autohide=False)
-        drawn.title.text_font_size = "13px"
-        return drawn
-
-    def _legend(self, drawn: Any, place: str) -> None:
-        drawn.legend.update(
-            location=place, click_policy="hide", label_text_font_size="11px", padding=4,
-            background_fill_alpha=0.75, spacing=0, glyph_height=14,
-        )  # fmt: skip
-
     def _loop_figure(self) -> Any:
         inside, outside = self._axes["input"].label, self._axes["output"].label
-        drawn = self._figure("Loop", inside, outside)
+        drawn = brushed(drawn_figure("Loop", inside, outside))
         self._curves(drawn, "input")
-        self._legend(drawn, "top_left")
+        place_legend(drawn, "top_left")
         return drawn
 
     def _time_figure(self) -> Any:
-        drawn = self._figure("Time", self._axes["time"].label, self._axes["output"].label)
+        drawn = brushed(drawn_figure("Time", self._axes["time"].label, self._axes["output"].label))
         self._curves(drawn, "time")
-        self._legend(drawn, "top_left")
+        place_legend(drawn, "top_left")
         return drawn
 
     def _curves(self, drawn: Any, x: str) -> None:
@@ -285,7 +229,7 @@ class Views:
         # Ranges of their own: those that follow the data would keep to what was drawn first.
         ranges = {"x_range": Range1d(start=0, end=1), "y_range": Range1d(start=-1, end=1)}
         label = with_unit("residual", unit)
-        drawn = self._figure("Residual (measured less model)", "", label, **ranges)
+        drawn = brushed(drawn_figure("Residual (measured less model)", "", label, **ranges))
         for name, of, shade in (("before", "plain", BEFORE), ("model", "residual", AFTER)):
             bins = self.bins[of]
             drawn.scatter(
@@ -299,12 +243,12 @@ class Views:
         drawn.scatter(
             "axis", "residual", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen"
         )
-        self._legend(drawn, "top_left")
+        place_legend(drawn, "top_left")
         return drawn
 
     def _spectrum_figure(self) -> Any:
         _, unit = self._residual_scale(self._step)
-        drawn = self._figure(
+        drawn = drawn_figure(
             "Spectrum of the residual", "frequency (Hz)", with_unit("amplitude", unit),
             x_axis_type="log", y_axis_type="log", visible=False,
         )  # fmt: skip
@@ -313,29 +257,8 @@ class Views:
             ("chosen", CHOSEN, "chosen stretch"),
         ):  # fmt: skip
             drawn.line("x", "y", source=self.spectra[name], color=shade, legend_label=label)
-        self._legend(drawn, "bottom_left")
+        place_legend(drawn, "bottom_left")
         return drawn
-
-    def _plane_figure(self) -> tuple[Any, LinearColorMapper]:
-        _, unit = plane_edges(self._step.fit.model)
-        drawn = self._figure(
-            "Preisach plane", with_unit("switching-off threshold β", unit),
-            with_unit("switching-on threshold α", unit),
-        )  # fmt: skip
-        mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#E4E4E4")
-        drawn.rect(
-            "x", "y", "width", "width", source=self.density, line_color=None,
-            fill_color={"field": "value", "transform": mapper},
-        )  # fmt: skip
-        drawn.rect(
-            "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
-            line_color=CHOSEN, line_alpha=0.6, legend_label="switched by the chosen rows",
-        )  # fmt: skip
-        drawn.line("x", "y", source=self.staircase, color="white", width=4, legend_label="memory")
-        drawn.line("x", "y", source=self.staircase, color="black", width=2, legend_label="memory")
-        drawn.add_layout(ColorBar(color_mapper=mapper, width=10), "right")
-        self._legend(drawn, "bottom_right")
-        return drawn, mapper
 
     def _time_slider(self) -> RangeSlider:
         time = self._record.time
@@ -345,24 +268,6 @@ class Views:
             step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
             stylesheets=[INK],
         )  # fmt: skip
-
-    def _show_density(self, model: Model) -> None:
-        plane = model.plane
-        edges, _ = plane_edges(model)
-        width = edges[1] - edges[0]
-        density = np.where(model.visited, shown_weights(model) / width**2, np.nan)
-        factor, top, unit = density_scale(model, density)
-        self.density.data = {
-            "x": edges[plane.beta_index] + width / 2,
-            "y": edges[plane.alpha_index] + width / 2,
-            "width": np.full(plane.cells, width),
-            "value": factor * density,
-        }
-        signed = model.chain.signed
-        self._mapper.update(
-            palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
-        )
-        self.plane.title.text = unformatted(with_unit("Preisach plane: density", unit))
 
     def _show_spectra(self) -> None:
         if not self.spectrum.visible:
@@ -397,8 +302,8 @@ class Views:
         arguments = {
             "source": self.source,
             "highlight": self.highlight,
-            "cells": self.cells,
-            "staircase": self.staircase,
+            "cells": self.plane.cells,
+            "staircase": self.plane.staircase,
             "stretch": self.stretch,
             "told": self.told,
             "started": self._started,  # what no view shows must be named here to be sent
@@ -417,68 +322,6 @@ class Views:
         self._started.js_on_change("data", CustomJS(args={"slider": self.slider}, code=_LABELS))
 
 
-def drawn_rows(record: Record) -> np.ndarray:
-    """(row,) the rows that are drawn: all, or every so-manyth and the turning points."""
-    count = len(record)
-    if count <= MOST_ROWS:
-        return np.arange(count)
-    regular = np.arange(0, count, -(-count // MOST_ROWS))
-    return np.union1d(regular, stats.reversals(record.input))
-
-
-def plane_course(record: Record, levels: int) -> tuple[np.ndarray, np.ndarray]:
-    """(time,) position of the input on the plane, and that from which its branch departs.
-
-    Arguments:
-        record: the measurement.
-        levels: levels N of the plane that its input spans.
-
-    Returns:
-        Both from 0 (lowest) to N (highest).
-
-    Example:
-        >>> record = Record.from_arrays([0.0, 1.0, 2.0, 3.0], [0, 4, 2, 3], [0, 1, 1, 1])
-        >>> plane_course(record, 2)[1].tolist()
-        [0.0, 0.0, 2.0, 1.0]
-    """
-    low, span = record.input.min(), np.ptp(record.input)
-    position = levels * (record.input - low) / span
-    path = np.concatenate([[0.0], position])
-    with double_precision():
-        start = np.asarray(branch_starts(path))
-    return position, path[start][1:]
-
-
-def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> dict[str, Any]:
-    """Amplitude of a residual's waves over frequency; of close frequencies the greatest.
-
-    Arguments:
-        record: what the residual is of.
-        values: (time,) the residual, NaN where nothing was measured.
-        bins: most points.
-
-    Returns:
-        `x` in Hz and `y` in the unit of the residual.
-
-    Example:
-        >>> t = np.arange(1000) / 100
-        >>> record = Record.from_arrays(t, t, t)
-        >>> waves = amplitude_spectrum(record, 3 * np.sin(2 * np.pi * 5 * t))
-        >>> round(float(waves["y"].max()), 2), round(float(waves["x"][waves["y"].argmax()]), 6)
-        (3.0, 5.0)
-    """
-    filled = stats.in_sequence(record, values, stats.longest_lag(record))
-    there = np.isfinite(filled)
-    centred = np.where(there, filled - filled[there].mean(), 0.0)
-    amplitude = 2 * np.abs(np.fft.rfft(centred))[1:] / max(there.sum(), 1)
-    frequency = np.fft.rfftfreq(len(centred), record.step_s)[1:]
-    edges = np.unique(np.geomspace(1, len(frequency), bins).astype(int)) - 1
-    highest = np.maximum.reduceat(amplitude, edges)
-    stretches = zip(edges, [*edges[1:], len(amplitude)], strict=True)
-    at = [begin + int(np.argmax(amplitude[begin:end])) for begin, end in stretches]
-    return {"x": frequency[at], "y": np.maximum(highest, 1e-300)}
-
-
 @cache
 def _linking() -> str:
     return files("preisach_jax.app").joinpath("linking.js").read_text(encoding="utf-8")
@@ -486,28 +329,3 @@ def _linking() -> str:
 
 def _measured(fit: Any) -> np.ndarray:
     return np.where(fit.record.measured, fit.prediction, np.nan)
-
-
-def _bins(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
-    found = stats.binned(position, values)
-    return {name: getattr(found, name) for name in ("centre", "low", "median", "high")}
-
-
-def _no_bins() -> dict[str, Any]:
-    return {name: [] for name in ("centre", "low", "median", "high")}
-
-
-def _span(shown: Any, start: float, end: float) -> None:
-    """Show a range, also when the view is reset."""
-    shown.update(start=start, end=end, reset_start=start, reset_end=end)
-
-
-def _limits(values: np.ndarray) -> tuple[float, float]:
-    """Ends of an axis with a little room beside its values."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return low - 0.03 * (high - low), high + 0.03 * (high - low)
-
-
-def unformatted(text: str) -> str:
-    """A text of which nothing is taken for a formula: Bokeh's begin with two dollar signs."""
-    return text.replace("$$", "$ $").replace("\\(", "( ").replace("\\[", "[ ")

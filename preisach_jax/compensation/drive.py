@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -58,6 +58,7 @@ def compensate(
     after: Record | None = None,
     limits: Sequence[float] | None = None,
     slew: float | None = None,
+    progress: Callable[[str, float], object] | None = None,
 ) -> Compensation:
     r"""Find the input that makes the output follow a wanted course, through all effects.
 
@@ -76,6 +77,8 @@ def compensate(
             from it, the course follows by one time step.
         limits: lowest and highest value of the drive, by default the range of the plane.
         slew: greatest rate of the drive, in its unit per s; by default unlimited.
+        progress: called with a text and the share done before each pass; what it raises ends the
+            work.
 
     Returns:
         The drive.
@@ -106,7 +109,7 @@ def compensate(
         aim = forward.before_sensor(wanted.output)
         stroke = float(np.abs(model.weights).sum())
         good = max(1.96 * model.rms_validation, REACHED * stroke)
-        found = Search(forward, aim, allowed, good).found()
+        found = Search(forward, aim, allowed, good).found(progress)
         prediction = model.predict(past.record(found.drive, aux))
     rows = slice(-len(aim), None)
     expected = prediction.output[rows]

@@ -9,6 +9,7 @@ steps that are not even, corners) the model's own error tells, and the next pass
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -106,8 +107,8 @@ class Search:
             all_widen or not self._widens,
         )
 
-    def found(self) -> Found:
-        """The best drive of all passes."""
+    def found(self, progress: Callable[[str, float], object] | None = None) -> Found:
+        """The best drive of all passes; before each, progress is told."""
         rest = np.full(len(self._wanted), self._forward.past.last_input)
         held = self._forward.whole(rest)
         resting = self._forward.beyond_past(held)
@@ -120,6 +121,8 @@ class Search:
         best, least, tries = None, np.inf, 0
         trust, before = np.ones(len(aim)), np.full(len(aim), np.inf)
         for count in range(MOST_PASSES):
+            if progress is not None:
+                progress("finding the drive", count / MOST_PASSES)
             given, seen = self._inverted(state, aim - first_run, widening, forced)
             drive, cut = self._drive(seen, given + first_run, resting)
             course = self._forward.beyond_past(self._forward.whole(drive))

@@ -1,0 +1,291 @@
+"""The view "Drive": a wanted course of the output, and the input that makes the stage follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import panel as pn
+
+from preisach_jax.app import panels
+from preisach_jax.app.course import (
+    SHAPES,
+    CourseFile,
+    Points,
+    Shape,
+    course_file,
+    joined,
+    points_of,
+    resting,
+    shaped,
+    told_units,
+    usual_shape,
+)
+from preisach_jax.app.drive_figures import DriveFigures
+from preisach_jax.app.driving import Driven, Order, command_shown, course_of, outcome
+from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
+from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.errors import InputError
+from preisach_jax.quantity import pretty_unit
+from preisach_jax.rows import model_name
+
+DRAWN, FROM_FILE = "Drawn points", "From a file"
+
+NEEDED = (
+    "The drive is found with the model of a record. Drop a record above; as soon as its model "
+    "stands, choose or draw here what the output is to do."
+)
+"""What stands in the view before there is a model."""
+
+_HINT = (
+    "Click into the figure to add a point, drag a point to move it, press Backspace to take the "
+    "chosen one away; or type the points below it."
+)
+
+_ROW: dict[str, Any] = {"sizing_mode": "stretch_width", "stylesheets": [WRAP]}
+
+
+class DriveView:
+    """A course, its limits, and the drive that was found for it.
+
+    Arguments:
+        step: the model that drives.
+        folder: where courses are kept while they are read.
+        find: called when the drive is wanted.
+        changed: called when the course or its limits have become others.
+        hand_over: runs a function in the page's own thread.
+
+    Attributes:
+        view: what to show in the page.
+        find: the button that asks for the drive.
+        figures: the figures.
+    """
+
+    def __init__(
+        self,
+        step: Exploration,
+        folder: Path,
+        find: Callable[[], None],
+        changed: Callable[[], None],
+        hand_over: Callable[[Callable[[], None]], object] = lambda function: function(),
+    ):
+        self._step, self._folder, self._changed = step, folder, changed
+        self._hand_over = hand_over
+        self._file: CourseFile | None = None
+        self._quiet = False
+        self._make_fields()
+        self.find: Any = button("Find the drive", lambda event: find(), "primary")
+        self.find.align = "end"
+        self._told = panels.pane()
+        self._outcome = panels.pane()
+        self._files = pn.Row(**_ROW)
+        self._command = panels.pane()
+        self._drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
+        self.figures: DriveFigures
+        course = pn.Row(self._kind, *self._shape.values(), **_ROW)
+        limits = pn.Row(*self._limits.values(), self.find, **_ROW)
+        self.view: Any = pn.Column(
+            course, self._dropper, limits, self._hint, self._told, self._outcome,
+            self._drawn, self._points, self._files, self._command,
+            sizing_mode="stretch_width", stylesheets=[BLOCK],
+        )  # fmt: skip
+        self._on_kind(None)
+
+    def use(self, step: Exploration) -> None:
+        """Go on with another model of the same record; what was found with the last one goes."""
+        if step is self._step:
+            return
+        self._step = step
+        had_result = bool(self._outcome.object)
+        self._forget_result()
+
+        def show() -> None:
+            self._preview()
+            if had_result and not self._told.object:
+                name = model_name(step.effects)
+                self._told.object = panels.doing(f"The model is now {name}: find the drive anew.")
+
+        self._hand_over(show)
+
+    def order(self) -> Order | None:
+        """What is to be driven; None where something is missing, and then it is said."""
+        step, row_s, kind = self._step, self._row_s, self._kind.value
+        limits = [field.value for field in self._limits.values()]
+        try:
+            if kind == FROM_FILE:
+                given = self._given()
+                return Order(lambda: given, *limits)
+            time, output = self._typed()
+            if kind == DRAWN:
+                return Order(lambda: course_file(step, time, output), *limits)
+            shape = self._typed_shape()
+        except InputError as error:
+            self.refuse(error)
+            return None
+        # Where the stage goes by itself takes a run of the model.
+        return Order(lambda: course_file(step, *shaped(shape, resting(step), row_s)), *limits)
+
+    def show(self, result: Driven) -> None:
+        """Show a drive that was found."""
+        self._told.object = ""
+        self.figures.show(result)
+        self._outcome.object = outcome(result, self._step.record)
+        self._files.objects = panels.downloads(result.files)
+        self._command.object = command_shown(result.command)
+
+    def refuse(self, error: Exception) -> None:
+        """Say why there is no drive; the course stays."""
+        self._told.object = str(panels.failure(error))
+
+    # The fields
+
+    def _make_fields(self) -> None:
+        record, usual = self._step.record, usual_shape(self._step)
+        output, drive = (pretty_unit(unit) for unit in (record.output_unit, record.input_unit))
+        self._kind = styled(
+            pn.widgets.Select(label="Wanted course", options=[*SHAPES, DRAWN, FROM_FILE], width=170)
+        )
+        self._kind.param.watch(self._on_kind, "value")
+        self._shape = {
+            "swing": _number("Swing, end to end", output, usual.swing),
+            "middle": _number("Middle", output, usual.middle),
+            "frequency": _number("Frequency", "Hz", usual.frequency),
+            "periods": _number("Periods", "", usual.periods),
+        }
+        plane = self._step.fit.model.plane
+        self._limits = {
+            "low": _number("Lowest drive", drive, None, f"{plane.low:.4g}"),
+            "high": _number("Highest drive", drive, None, f"{plane.high:.4g}"),
+            "slew": _number("Greatest rate", f"{drive or 'units'}/s", None, "any"),
+        }
+        for field in (*self._shape.values(), *self._limits.values()):
+            field.param.watch(self._on_field, "value")
+        self._hint = panels.pane(panels.paragraph(_HINT))
+        unit = f"output ({output})" if output else "output"
+        self._points = styled(
+            pn.widgets.TextAreaInput(
+                label=f"Points: time (s) and {unit}, one a line", value=self._first_points(usual),
+                rows=5, sizing_mode="stretch_width", max_length=20_000,
+            )
+        )  # fmt: skip
+        self._points.param.watch(self._on_text, "value")
+        self._dropper = pn.Column(sizing_mode="stretch_width")
+
+    def _first_points(self, usual: Shape) -> str:
+        low, high = (usual.middle + sign * usual.swing / 2 for sign in (-1, 1))
+        quarter = 1 / (4 * usual.frequency)
+        outputs = (self._begin, self._begin, low, low, high, high, usual.middle)
+        return _as_text(tuple((k * quarter, value) for k, value in enumerate(outputs)))
+
+    def _on_kind(self, event: Any) -> None:
+        kind = self._kind.value
+        for field in self._shape.values():
+            field.visible = kind in SHAPES
+        self._hint.visible = self._points.visible = kind == DRAWN
+        self._dropper.visible = kind == FROM_FILE
+        if kind == FROM_FILE and not self._dropper.objects:
+            self._await_file()
+        self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
+        self._drawn.objects = [] if kind == FROM_FILE else [plots(self.figures.layout)]
+        self._on_field(event)
+
+    def _on_field(self, event: Any) -> None:
+        if event is not None:
+            self._changed()
+        self._forget_result()
+        # The change of a widget may come without the lock that a change of a figure needs.
+        self._hand_over(self._preview)
+
+    def _on_text(self, event: Any) -> None:
+        if not self._quiet:
+            self._on_field(event)
+
+    def _on_drawn(self, points: Points) -> None:
+        self._quiet = True
+        self._points.value = _as_text(points)
+        self._quiet = False
+        self._changed()
+        self._forget_result()
+
+    def _await_file(self) -> None:
+        dropper = pn.widgets.FileDropper(
+            label=f"Wanted course: a file with the columns {self._columns_named()}",
+            multiple=False, height=90, max_file_size="20MB", previews=[],
+            sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
+        )  # fmt: skip
+        dropper.param.watch(self._on_drop, "value")
+        self._dropper.objects = [dropper]
+
+    def _columns_named(self) -> str:
+        columns = self._step.fit.model.columns
+        return " and ".join(columns[role] for role in ("time", "output"))
+
+    def _on_drop(self, event: Any) -> None:
+        if not event.new:
+            return
+        name, content = list(event.new.items())[-1]
+        content = content.encode() if isinstance(content, str) else content
+        self._file = CourseFile(name, content, {}, told_units(self._step))
+        self._await_file()  # makes room for the next one: the widget keeps showing the last
+        self._on_field(event)
+
+    # The course
+
+    @property
+    def _begin(self) -> float:
+        """Where the output is at the end of the record."""
+        return float(self._step.fit.prediction[-1])
+
+    @property
+    def _row_s(self) -> float:
+        """Time between two rows, without the rounding of a clock."""
+        return float(f"{self._step.fit.model.origin.step_s:.9g}")
+
+    def _typed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time and output of the course that is typed or drawn."""
+        if self._kind.value == DRAWN:
+            return joined(points_of(self._points.value), self._row_s)
+        return shaped(self._typed_shape(), self._begin, self._row_s)
+
+    def _typed_shape(self) -> Shape:
+        numbers = {name: field.value for name, field in self._shape.items()}
+        if missing := [name for name, value in numbers.items() if value is None]:
+            raise InputError(f"the {missing[0]} is missing; give a number")
+        return Shape(self._kind.value, **numbers)
+
+    def _given(self) -> CourseFile:
+        if self._file is None:
+            raise InputError("there is no wanted course yet; drop its file above")
+        return self._file
+
+    def _preview(self) -> None:
+        """Show the course as it is now, or what is wrong with it."""
+        try:
+            self._step.fit.model.check_invertible()
+            if self._kind.value == DRAWN:
+                self._typed()
+                self.figures.show_points(points_of(self._points.value))
+            elif self._kind.value != FROM_FILE:
+                self.figures.show_course(*self._typed())
+            elif self._file is not None:
+                course = course_of(self._step, self._file, self._folder)
+                self.figures.show_course(course.time, course.output)
+                self._drawn.objects = [plots(self.figures.layout)]
+        except InputError as error:
+            self.refuse(error)
+
+    def _forget_result(self) -> None:
+        self._told.object = self._outcome.object = self._command.object = ""
+        self._files.objects = []
+
+
+def _number(title: str, unit: str, value: float | None, usual: str = "") -> Any:
+    label = f"{title} ({unit})" if unit else title
+    width = 150 if len(label) > 15 else 120
+    return styled(pn.widgets.FloatInput(label=label, value=value, placeholder=usual, width=width))
+
+
+def _as_text(points: Points) -> str:
+    return "\n".join(f"{time:.4g} {output:.4g}" for time, output in points)

@@ -1,0 +1,80 @@
+"""The Preisach plane of a model: its density, and the cells and the memory of what is chosen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
+from bokeh.palettes import PuOr11, Viridis256
+
+from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, place_legend, unformatted
+from preisach_jax.model import Model
+from preisach_jax.plot.axes import density_scale, plane_edges, shown_weights, with_unit
+
+
+class PlaneFigure:
+    """The plane of the models of one record.
+
+    Arguments:
+        model: the model to show.
+
+    Attributes:
+        figure: the Bokeh figure.
+        density: density of each cell.
+        cells: the cells that the chosen rows switch.
+        staircase: the memory at the last of them.
+    """
+
+    def __init__(self, model: Model):
+        self.density: ColumnDataSource = ColumnDataSource(
+            {"x": [], "y": [], "width": [], "value": []}
+        )
+        self.cells: ColumnDataSource = ColumnDataSource({"x": [], "y": [], "width": []})
+        self.staircase: ColumnDataSource = ColumnDataSource({"x": [], "y": []})
+        self._mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#E4E4E4")
+        self.figure: Any = self._drawn(plane_edges(model)[1])
+        self.show(model)
+
+    def show(self, model: Model) -> None:
+        """Show the density of a model, and nothing chosen."""
+        self.cells.data = {"x": [], "y": [], "width": []}
+        self.staircase.data = {"x": [], "y": []}
+        plane = model.plane
+        edges, _ = plane_edges(model)
+        width = edges[1] - edges[0]
+        density = np.where(model.visited, shown_weights(model) / width**2, np.nan)
+        factor, top, unit = density_scale(model, density)
+        self.density.data = {
+            "x": edges[plane.beta_index] + width / 2,
+            "y": edges[plane.alpha_index] + width / 2,
+            "width": np.full(plane.cells, width),
+            "value": factor * density,
+        }
+        signed = model.chain.signed
+        self._mapper.update(
+            palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
+        )
+        self.figure.title.text = unformatted(with_unit("Preisach plane: density", unit))
+
+    def _drawn(self, unit: str) -> Any:
+        drawn = brushed(
+            drawn_figure(
+                "Preisach plane",
+                with_unit("switching-off threshold β", unit),
+                with_unit("switching-on threshold α", unit),
+            )
+        )
+        drawn.rect(
+            "x", "y", "width", "width", source=self.density, line_color=None,
+            fill_color={"field": "value", "transform": self._mapper},
+        )  # fmt: skip
+        drawn.rect(
+            "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
+            line_color=CHOSEN, line_alpha=0.6, legend_label="switched by the chosen rows",
+        )  # fmt: skip
+        drawn.line("x", "y", source=self.staircase, color="white", width=4, legend_label="memory")
+        drawn.line("x", "y", source=self.staircase, color="black", width=2, legend_label="memory")
+        drawn.add_layout(ColorBar(color_mapper=self._mapper, width=10), "right")
+        place_legend(drawn, "bottom_right")
+        return drawn

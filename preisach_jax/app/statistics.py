@@ -1,0 +1,88 @@
+"""What the views draw of a record and of a residual, computed once beside the figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from preisach_jax.branches import branch_starts
+from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.fit import double_precision
+from preisach_jax.record import Record
+
+MOST_ROWS = 100_000
+"""Rows that are drawn; of a longer record every so-manyth, the extremes of the input kept."""
+
+
+def drawn_rows(record: Record) -> np.ndarray:
+    """(row,) the rows that are drawn: all, or every so-manyth and the turning points."""
+    count = len(record)
+    if count <= MOST_ROWS:
+        return np.arange(count)
+    regular = np.arange(0, count, -(-count // MOST_ROWS))
+    return np.union1d(regular, stats.reversals(record.input))
+
+
+def plane_course(record: Record, levels: int) -> tuple[np.ndarray, np.ndarray]:
+    """(time,) position of the input on the plane, and that from which its branch departs.
+
+    Arguments:
+        record: the measurement.
+        levels: levels N of the plane that its input spans.
+
+    Returns:
+        Both from 0 (lowest) to N (highest).
+
+    Example:
+        >>> record = Record.from_arrays([0.0, 1.0, 2.0, 3.0], [0, 4, 2, 3], [0, 1, 1, 1])
+        >>> plane_course(record, 2)[1].tolist()
+        [0.0, 0.0, 2.0, 1.0]
+    """
+    low, span = record.input.min(), np.ptp(record.input)
+    position = levels * (record.input - low) / span
+    path = np.concatenate([[0.0], position])
+    with double_precision():
+        start = np.asarray(branch_starts(path))
+    return position, path[start][1:]
+
+
+def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> dict[str, Any]:
+    """Amplitude of a residual's waves over frequency; of close frequencies the greatest.
+
+    Arguments:
+        record: what the residual is of.
+        values: (time,) the residual, NaN where nothing was measured.
+        bins: most points.
+
+    Returns:
+        `x` in Hz and `y` in the unit of the residual.
+
+    Example:
+        >>> t = np.arange(1000) / 100
+        >>> record = Record.from_arrays(t, t, t)
+        >>> waves = amplitude_spectrum(record, 3 * np.sin(2 * np.pi * 5 * t))
+        >>> round(float(waves["y"].max()), 2), round(float(waves["x"][waves["y"].argmax()]), 6)
+        (3.0, 5.0)
+    """
+    filled = stats.in_sequence(record, values, stats.longest_lag(record))
+    there = np.isfinite(filled)
+    centred = np.where(there, filled - filled[there].mean(), 0.0)
+    amplitude = 2 * np.abs(np.fft.rfft(centred))[1:] / max(there.sum(), 1)
+    frequency = np.fft.rfftfreq(len(centred), record.step_s)[1:]
+    edges = np.unique(np.geomspace(1, len(frequency), bins).astype(int)) - 1
+    highest = np.maximum.reduceat(amplitude, edges)
+    stretches = zip(edges, [*edges[1:], len(amplitude)], strict=True)
+    at = [begin + int(np.argmax(amplitude[begin:end])) for begin, end in stretches]
+    return {"x": frequency[at], "y": np.maximum(highest, 1e-300)}
+
+
+def bins_of(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
+    """Median and 95 % band of values along a position, as the columns of a source."""
+    found = stats.binned(position, values)
+    return {name: getattr(found, name) for name in ("centre", "low", "median", "high")}
+
+
+def no_bins() -> dict[str, Any]:
+    """The same columns without rows."""
+    return {name: [] for name in ("centre", "low", "median", "high")}

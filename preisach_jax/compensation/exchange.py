@@ -1,0 +1,102 @@
+"""The files of a drive: the wanted course as it is read, and the drive as it is written."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from preisach_jax.compensation.drive import Compensation
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.errors import InputError
+from preisach_jax.model import Model
+from preisach_jax.record import Record
+from preisach_jax.record.table import Table
+
+COLUMNS = ("t", "u", "z_expected", "z_low", "z_high", "reachable")
+"""Columns of a drive's file."""
+
+
+def drive_csv(found: Compensation) -> bytes:
+    """A drive as the text of its file, one row for each row of the course.
+
+    Arguments:
+        found: the drive.
+
+    Returns:
+        CSV with the columns `COLUMNS`; numbers to their last digit.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    series = (found.time, found.drive, found.expected, found.low, found.high)
+    reachable = found.reachable.astype(int)
+    writer.writerows(zip(*(values.tolist() for values in (*series, reachable)), strict=True))
+    return text.getvalue().encode()
+
+
+def wanted_course(
+    model: Model,
+    table: Table,
+    name: str,
+    *,
+    time: str | None = None,
+    output: str | None = None,
+    aux: Sequence[str] = (),
+    rate: float | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Record:
+    """The wanted course in a file, as a record whose output it is.
+
+    Arguments:
+        model: the model; columns that are not told are those that it remembers.
+        table: what the file holds.
+        name: what messages call the course.
+        time, output, aux: columns.
+        rate: sampling rate in Hz, in place of a column of time.
+        units: units by role or column.
+
+    Returns:
+        The course.
+
+    Raises:
+        InputError: a column is missing or cannot be used, or the file breaks off.
+    """
+    output = output or model.columns["output"]
+    time = time or (None if rate is not None else model.columns["time"])
+    units = dict(units or {})
+    if "output" in units:
+        units["input"] = units.pop("output")
+    else:
+        units.pop("input", None)
+    if time is not None and (own := model.units.get("time")):
+        units.setdefault("time", own)
+    names = [*aux, *(column for column in columns_needed(model) if column not in aux)]
+    # A record has an input without holes: of a course that is its output, which goes by that name
+    # in what the reader says of it.
+    try:
+        course = Record.of_table(
+            table,
+            name,
+            time=time,
+            input=output,
+            aux=names,
+            rate=rate,
+            units=units,
+            need_output=False,
+        )
+    except InputError as error:
+        said = str(error).replace("--input", "--output")
+        raise InputError(said.replace("the input must be", "the wanted output must be")) from error
+    if course.torn_row is not None:
+        raise InputError(
+            f"{table.source}: the last row, {course.torn_row}, breaks off; complete or remove it"
+        )
+    channels = {**course.channels, "output": course.channels["input"]}
+    return replace(course, output=course.input, channels=channels)
+
+
+def columns_needed(model: Model) -> list[str]:
+    """Auxiliary columns that act on the output of a model, which its course must have."""
+    return list(dict.fromkeys(e.column for e in model.effects if isinstance(e, OfColumn)))

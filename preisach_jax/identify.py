@@ -40,7 +40,7 @@ from preisach_jax.effects.base import (
     Signals,
     Survey,
 )
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.reduction import Basis, reduced_basis
 from preisach_jax.regression import (

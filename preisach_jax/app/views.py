@@ -24,11 +24,11 @@ from bokeh.models import (
 from bokeh.palettes import PuOr11, Viridis256
 from bokeh.plotting import figure
 
-from preisach_jax.branches import branch_starts
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.fit import double_precision
 from preisach_jax.model import Model
+from preisach_jax.operator.branches import branch_starts
 from preisach_jax.plot.axes import (
     density_scale,
     greatest,

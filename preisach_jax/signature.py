@@ -25,10 +25,10 @@ from preisach_jax.effects.base import (
     HysteresisEffect,
     InputEffect,
     OutputEffect,
-    Parameter,
     SensorEffect,
     WeightEffect,
 )
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
 

@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from preisach_jax.compensation.exchange import columns_needed
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
@@ -103,7 +103,8 @@ def resting(step: Exploration) -> np.ndarray:
     """
     model, record = step.fit.model, step.record
     time = model.origin.stop_s + model.origin.step_s * np.arange(1, RESTING_ROWS + 1)
-    aux = {name: np.full(len(time), record.aux[name][-1]) for name in columns_needed(model)}
+    names = auxiliary_columns(model.effects)
+    aux = {name: np.full(len(time), record.aux[name][-1]) for name in names}
     held = np.full(len(time), record.input[-1])
     rest = Record.from_arrays(time, held, np.full(len(time), np.nan), aux=aux, name="the rest")
     return model.predict(rest).output
@@ -299,7 +300,7 @@ def course_file(step: Exploration, time: np.ndarray, output: np.ndarray) -> Cour
     values = [time if "time" in columns else time * divisor / multiplier, output]
     units = {} if "output" in columns else told_units(step)
     notes: list[str] = []
-    for name in columns_needed(model):
+    for name in auxiliary_columns(model.effects):
         last = float(record.aux[name][-1])
         names.append(name)
         values.append(np.full(len(time), last))

@@ -25,13 +25,15 @@ from preisach_jax.app.course import (
 )
 from preisach_jax.app.drive_figures import DriveFigures
 from preisach_jax.app.driving import Driven, Order, command_shown, course_of, outcome
-from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
+from preisach_jax.app.layout import BLOCK, WRAP, button, dropper, plots, styled
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
 from preisach_jax.rows import model_name
 
 DRAWN, FROM_FILE = "Drawn points", "From a file"
+MOST_BYTES = 20_000_000
+"""Size of the greatest file of a course that the page takes."""
 
 NEEDED = (
     "The drive is found with the model of a record. Drop a record above; as soon as its model "
@@ -91,7 +93,8 @@ class DriveView:
             self._drawn, self._points, self._files, self._command,
             sizing_mode="stretch_width", stylesheets=[BLOCK],
         )  # fmt: skip
-        self._on_kind(None)
+        self._show_kind()
+        self._show_course()
 
     def use(self, step: Exploration) -> None:
         """Go on with another model of the same record; what was found with the last one goes."""
@@ -180,6 +183,10 @@ class DriveView:
         return _as_text(tuple((k * quarter, value) for k, value in enumerate(outputs)))
 
     def _on_kind(self, event: Any) -> None:
+        self._show_kind()
+        self._on_field()
+
+    def _show_kind(self) -> None:
         kind = self._kind.value
         for field in self._shape.values():
             field.visible = kind in SHAPES
@@ -189,18 +196,19 @@ class DriveView:
             self._await_file()
         self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
         self._drawn.objects = [] if kind == FROM_FILE else [plots(self.figures.layout)]
-        self._on_field(event)
 
-    def _on_field(self, event: Any) -> None:
-        if event is not None:
-            self._changed()
+    def _on_field(self, event: Any = None) -> None:
+        self._changed()
+        self._show_course()
+
+    def _show_course(self) -> None:
         self._forget_result()
         # The change of a widget may come without the lock that a change of a figure needs.
         self._hand_over(self._preview)
 
     def _on_text(self, event: Any) -> None:
         if not self._quiet:
-            self._on_field(event)
+            self._on_field()
 
     def _on_drawn(self, points: Points) -> None:
         self._quiet = True
@@ -210,26 +218,17 @@ class DriveView:
         self._forget_result()
 
     def _await_file(self) -> None:
-        dropper = pn.widgets.FileDropper(
-            label=f"Wanted course: a file with the columns {self._columns_named()}",
-            multiple=False, height=90, max_file_size="20MB", previews=[],
-            sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
-        )  # fmt: skip
-        dropper.param.watch(self._on_drop, "value")
-        self._dropper.objects = [dropper]
+        label = f"Wanted course: a file with the columns {self._columns_named()}"
+        self._dropper.objects = [dropper(self._on_drop, 90, MOST_BYTES, label)]
 
     def _columns_named(self) -> str:
         columns = self._step.fit.model.columns
         return " and ".join(columns[role] for role in ("time", "output"))
 
-    def _on_drop(self, event: Any) -> None:
-        if not event.new:
-            return
-        name, content = list(event.new.items())[-1]
-        content = content.encode() if isinstance(content, str) else content
+    def _on_drop(self, name: str, content: bytes) -> None:
         self._file = CourseFile(name, content, {}, told_units(self._step))
-        self._await_file()  # makes room for the next one: the widget keeps showing the last
-        self._on_field(event)
+        self._await_file()
+        self._on_field()
 
     # The course
 

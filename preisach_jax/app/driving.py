@@ -22,6 +22,7 @@ from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.record.reading import read_table
+from preisach_jax.record.spans import spans
 
 
 @dataclass(frozen=True)
@@ -203,6 +204,5 @@ def unreached(result: Driven) -> tuple[np.ndarray, np.ndarray]:
         result: the drive.
     """
     time = result.wanted.time
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], ~result.found.reachable, [0]])))
-    first, behind = edges.reshape(-1, 2).T
+    first, behind = np.array(spans(~result.found.reachable), int).reshape(-1, 2).T
     return time[first], time[np.minimum(behind, len(time) - 1)]

@@ -105,12 +105,7 @@ class Layout:
 
     def await_file(self, height: int) -> None:
         """Make room for the next file: the widget keeps showing the last one otherwise."""
-        dropper = pn.widgets.FileDropper(
-            multiple=False, height=height, max_file_size=f"{MOST_BYTES // 1_000_000}MB",
-            previews=[], sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
-        )  # fmt: skip
-        dropper.param.watch(self._on_drop, "value")
-        self.dropper.objects = [dropper]
+        self.dropper.objects = [dropper(self._on_drop, height, MOST_BYTES)]
 
     def _arranged(self) -> Any:
         head = pn.Row(
@@ -136,6 +131,27 @@ class Layout:
         )  # fmt: skip
         body = pn.Row(main, side, sizing_mode="stretch_both", stylesheets=[_BODY])
         return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=[BLOCK])
+
+
+def dropper(
+    on_file: Callable[[str, bytes], None], height: int, most_bytes: int, label: str = ""
+) -> Any:
+    """A place to drop a file, whose name and content are handed on.
+
+    It keeps showing that file: the next one needs a new place.
+    """
+
+    def on_drop(event: Any) -> None:
+        if event.new:
+            name, content = list(event.new.items())[-1]
+            on_file(name, content.encode() if isinstance(content, str) else content)
+
+    made = pn.widgets.FileDropper(
+        label=label, multiple=False, height=height, max_file_size=f"{most_bytes // 1_000_000}MB",
+        previews=[], sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
+    )  # fmt: skip
+    made.param.watch(on_drop, "value")
+    return made
 
 
 def plots(drawn: Any) -> Any:

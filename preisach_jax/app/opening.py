@@ -56,11 +56,7 @@ class Opening(Working):
         self._record = self._first_view = self._look = None
         self._notes = []
 
-    def _on_drop(self, event: Any) -> None:
-        if not event.new:
-            return
-        name, content = list(event.new.items())[-1]
-        content = content.encode() if isinstance(content, str) else content
+    def _on_drop(self, name: str, content: bytes) -> None:
         folder = Path(self._folder.name)
         if name.lower().endswith(SUFFIX):
             self._open_project(name, content)

@@ -12,7 +12,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits, Search
 from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
@@ -101,7 +101,7 @@ def compensate(
     model.check_invertible()
     _check_course(model, wanted)
     allowed, notes = limits_of(model, limits, slew)
-    aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, OfColumn)}
+    aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}
     wanted = _with_aux(wanted, aux)
     with jax.enable_x64(True):
         past = past_of(model, wanted, after)
@@ -150,10 +150,10 @@ def _check_course(model: Model, wanted: Record) -> None:
                 f"{wanted.name}, column {wanted.channels[role].name}: its unit is {given}, and the "
                 f"model was identified in {own}; convert the column"
             )
-    for effect in model.effects:
-        if isinstance(effect, OfColumn) and effect.column not in wanted.aux:
+    for name in auxiliary_columns(model.effects):
+        if name not in wanted.aux:
             raise InputError(
-                f"{wanted.name}: the model needs the auxiliary column {effect.column!r}, as it "
+                f"{wanted.name}: the model needs the auxiliary column {name!r}, as it "
                 "will run along the course; add it"
             )
     steps = np.diff(wanted.time)

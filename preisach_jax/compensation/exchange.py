@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from preisach_jax.compensation.drive import Compensation
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -72,7 +72,7 @@ def wanted_course(
         units.pop("input", None)
     if time is not None and (own := model.units.get("time")):
         units.setdefault("time", own)
-    names = [*aux, *(column for column in columns_needed(model) if column not in aux)]
+    names = [*aux, *(column for column in auxiliary_columns(model.effects) if column not in aux)]
     # A record has an input without holes: of a course that is its output, which goes by that name
     # in what the reader says of it.
     try:
@@ -95,8 +95,3 @@ def wanted_course(
         )
     channels = {**course.channels, "output": course.channels["input"]}
     return replace(course, output=course.input, channels=channels)
-
-
-def columns_needed(model: Model) -> list[str]:
-    """Auxiliary columns that act on the output of a model, which its course must have."""
-    return list(dict.fromkeys(e.column for e in model.effects if isinstance(e, OfColumn)))

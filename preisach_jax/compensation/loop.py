@@ -17,7 +17,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.online import OnlineInverse
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -96,7 +96,7 @@ def simulated_stage(model: Model, rate_hz: float, after: Record | None = None) -
         The stage.
     """
     check_causal(model)
-    columns = list(dict.fromkeys(e.column for e in model.effects if isinstance(e, OfColumn)))
+    columns = auxiliary_columns(model.effects)
     time = np.arange(2) / rate_hz
     aux = {name: np.zeros(2) if after is None else after.aux[name][-2:] for name in columns}
     with jax.enable_x64(True):

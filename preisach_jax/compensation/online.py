@@ -21,7 +21,7 @@ from preisach_jax.compensation.drive import limits_of
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.effects.base import Effect
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model
@@ -106,7 +106,7 @@ class OnlineInverse:
         self._limits, self._follow_s = limits_of(model, limits, slew)[0], float(follow_s)
         model.check_invertible()
         check_causal(model)
-        columns = [e.column for e in model.effects if isinstance(e, OfColumn)]
+        columns = auxiliary_columns(model.effects)
         self._aux_columns = list(dict.fromkeys(columns))
         with jax.enable_x64(True):
             self._causal = self._begun(after)

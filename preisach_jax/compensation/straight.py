@@ -11,7 +11,7 @@ import numpy as np
 from preisach_jax.compensation.drive import Compensation, limits_of
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import limited
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
@@ -66,7 +66,7 @@ def tracking(
         True
     """
     rows = slice(-len(found.time), None)
-    aux = {e.column: wanted.aux[e.column] for e in model.effects if isinstance(e, OfColumn)}
+    aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}
     with jax.enable_x64(True):
         past = past_of(model, wanted, after)
         dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)

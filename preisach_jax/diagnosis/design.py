@@ -14,7 +14,7 @@ import numpy as np
 from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
 from preisach_jax.diagnosis.excitation import Bounds, Excitation, candidates
 from preisach_jax.effects.base import Effect, Survey
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.of_column import OfColumn, auxiliary_columns
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
@@ -165,10 +165,7 @@ def _designed(
 
 def _auxiliary_columns(models: Sequence[Model]) -> tuple[list[str], list[str]]:
     """Auxiliary columns that all models use, and those that only some do."""
-    used: list[set[str]] = [
-        {effect.column for effect in model.effects if isinstance(effect, OfColumn)}
-        for model in models
-    ]
+    used = [set(auxiliary_columns(model.effects)) for model in models]
     shared = used[0].intersection(*used)
     return sorted(shared), sorted(used[0].union(*used) - shared)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar, Self
 
 import equinox as eqx
@@ -59,3 +60,8 @@ class OfColumn(Effect):
     def lagged(self, values: Values, signals: Signals) -> Float[Array, " time"]:
         """The column behind its lag, `(time,)`, at rest before the first sample."""
         return low_passed(signals.aux[self.column], signals.time, jnp.asarray(values["tau_s"]))
+
+
+def auxiliary_columns(effects: Iterable[Effect]) -> list[str]:
+    """Names of the auxiliary columns that some effects act through, each once, in their order."""
+    return list(dict.fromkeys(e.column for e in effects if isinstance(e, OfColumn)))

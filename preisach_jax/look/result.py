@@ -19,6 +19,7 @@ from preisach_jax.record import Record
 from preisach_jax.record.columns import unit_of, why
 from preisach_jax.record.faults import faults
 from preisach_jax.record.reading import read_table
+from preisach_jax.record.spans import spans
 from preisach_jax.record.spikes import WINDOW, gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.record.table import Table
 from preisach_jax.rows import holes
@@ -267,8 +268,7 @@ def _sharper_than_around(course: np.ndarray, found: np.ndarray) -> np.ndarray:
     The peak of a fast course rises over some samples, of which its step is one among equals.
     """
     kept = np.zeros_like(found)
-    edges = np.flatnonzero(np.diff(found.astype(int), prepend=0, append=0))
-    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for start, stop in spans(found):
         if start < 2 or stop > len(course) - 2:
             continue
         before, into = np.abs(np.diff(course[start - 2 : start + 1]))

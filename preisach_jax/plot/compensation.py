@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from preisach_jax.compensation import Compensation, Loop
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import quantity, scaled
+from preisach_jax.record.spans import spans
 
 COLOURS = (MEASURED, "#E69F00", BEFORE, AFTER)
 LINES = ("-", "--", "-.", "-")
@@ -78,11 +79,10 @@ def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "")
     output, drive = figure.subplots(2, 1, sharex=True)
     _course(output, found.time, found.wanted, unit)
     output.plot(found.time, found.expected, "--", color=AFTER, label="expected")
-    lost = np.flatnonzero(np.diff(np.concatenate([[False], ~found.reachable, [False]])))
-    for i, (first, last) in enumerate(lost.reshape(-1, 2).tolist()):
+    for i, (first, behind) in enumerate(spans(~found.reachable)):
         output.axvspan(
-            found.time[first], found.time[min(last, len(found.time) - 1)], color=REFUSED, alpha=0.5,
-            lw=0, label="not reachable" if i == 0 else None,
+            found.time[first], found.time[min(behind, len(found.time) - 1)], color=REFUSED,
+            alpha=0.5, lw=0, label="not reachable" if i == 0 else None,
         )  # fmt: skip
     output.legend(loc="upper right")
     drive.plot(found.time, found.drive, color=FLOOR)

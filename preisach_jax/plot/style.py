@@ -43,9 +43,8 @@ STYLE: dict[Any, Any] = {
 }
 
 
-@mpl.rc_context(STYLE)
-def laid_out(figure: Figure) -> Figure:
-    """A figure whose layout is found now and kept.
+def _lay_out(figure: Figure) -> None:
+    """Find the layout of a figure now and keep it.
 
     Matplotlib finds the layout anew, and draws once in vain, for each file that it saves.
     """
@@ -53,7 +52,6 @@ def laid_out(figure: Figure) -> Figure:
     if engine is not None:
         engine.execute(figure)
         figure.set_layout_engine("none")
-    return figure
 
 
 @contextmanager
@@ -75,7 +73,7 @@ def _resolution(figure: Figure, dpi: int) -> Generator[None]:
 def svg(figure: Figure) -> str:
     """A figure as the text of an SVG file; equal figures give equal texts."""
     stream = io.StringIO()
-    laid_out(figure)
+    _lay_out(figure)
     with _resolution(figure, 150):
         FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})
     return stream.getvalue()
@@ -94,7 +92,7 @@ def pdf(figure: Figure) -> bytes:
 def png(figure: Figure, dpi: int = 140) -> bytes:
     """A figure as the bytes of a PNG file."""
     stream = io.BytesIO()
-    laid_out(figure)
+    _lay_out(figure)
     with _resolution(figure, dpi):
         FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})
     return stream.getvalue()

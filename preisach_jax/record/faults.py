@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from preisach_jax.record.core import Record
+from preisach_jax.record.spans import spans
 
 Kind = Literal["stuck", "clipped", "wrapped"]
 
@@ -81,11 +82,6 @@ def faults(record: Record) -> tuple[Fault, ...]:
     return tuple(sorted(found, key=lambda fault: fault.start))
 
 
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
 def _slope(path: np.ndarray, output: np.ndarray, row: int, way: int, span: float) -> float:
     """Output per input from a row backwards or forwards, until the input has moved by `MOVED`."""
     count = len(path)
@@ -102,7 +98,7 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
     path = record.input[rows]
     runs = [
         (start, stop + 1)
-        for start, stop in _runs(np.diff(output) == 0)
+        for start, stop in spans(np.diff(output) == 0)
         if stop + 1 - start >= EQUAL_SAMPLES
     ]
     rested = sum(stop - start for start, stop in runs)
@@ -137,7 +133,7 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
             jump = abs(float(output[stop] - output[stop - 1]))
             if jump > RELEASED * max(missed, MOVED * (high - low)):
                 found.append(Fault("stuck", int(rows[start]) + 1, int(rows[stop - 1]) + 1))
-    at_rails = _runs(np.isin(output, list(rails)))
+    at_rails = spans(np.isin(output, list(rails)))
     return found + [Fault("clipped", int(rows[b]), int(rows[e - 1]) + 1) for b, e in at_rails]
 
 
@@ -160,7 +156,7 @@ def _wrapped(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Fault
     turns = np.cumsum(turn)
     values, counts = np.unique(turns, return_counts=True)
     own = values[np.argmax(counts)]
-    off = _runs(turns != own)
+    off = spans(turns != own)
     if max(stop - start for start, stop in off) < EQUAL_SAMPLES:
         return []  # spikes
     return [Fault("wrapped", int(rows[start]), int(rows[stop - 1]) + 1) for start, stop in off]

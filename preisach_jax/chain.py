@@ -61,6 +61,10 @@ SENSOR_ROUNDS = 16
 LEAST_SLOPE = 0.05
 """Slope of a sensor's map below which it is taken to fold, where there is no inverse."""
 
+MIDDLE = "middle"
+"""Initial memory of which all that the first sample leaves open is halfway: that of a prediction
+whose past is not known."""
+
 EffectValues = Mapping[str, Mapping[str, float]]
 """Values of the nonlinear parameters, by effect and by name."""
 
@@ -142,10 +146,11 @@ class Columns:
         matrix: (time, column), in the order cells, initial memory, offset, added effects.
         cells: how many columns belong to the cells of the plane.
         groups: for each column of the initial memory, the cells whose unknown start it carries;
-            none for those of the first run.
-        start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
+            none for those of the first run.  Of several runs, cells count on from run to run.
+        start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown; of
+            several runs one behind the other.
         first_run: (2 levels,) bool: which of the hysterons that switch in the first run only the
-            last groups are, see `first_run_output`.
+            last groups are, see `first_run_output`; of several runs one behind the other.
         added: names of the effects of the last columns, one each: added effects, free responses of
             output effects, and effects of the sensor.
         loose: (column,) whether it is there only for a past that is not known.
@@ -153,6 +158,9 @@ class Columns:
         signed: whether the weights may have both signs.
         vectors: (hysteresis column, vector) combinations of the columns of the hysteresis, which
             stand in the matrix in their place; None where they stand there themselves.
+        own: run and place of the columns just behind the offset, which are those of one run: place
+            zero for what its offset differs by from the last run's, else from one on that of the
+            coefficient.
     """
 
     matrix: np.ndarray
@@ -165,6 +173,7 @@ class Columns:
     polarity: int = 1
     signed: bool = False
     vectors: np.ndarray | None = None
+    own: tuple[tuple[int, int], ...] = ()
 
     @property
     def nonnegative(self) -> np.ndarray:
@@ -178,6 +187,18 @@ class Columns:
         """Index of the constant column."""
         whole = self.cells + len(self.groups)
         return whole if self.vectors is None else self.vectors.shape[1]
+
+    @property
+    def first_added(self) -> int:
+        """Index of the column of the first of the chain's coefficients."""
+        return self.offset + 1 + len(self.own)
+
+    def of_effect(self, effect: str) -> list[int]:
+        """Indices of the columns of an effect, in all runs."""
+        names, edge = self.added, self.offset + 1
+        alone = [k for k, (_, place) in enumerate(self.own) if place and names[place - 1] == effect]
+        common = [k for k, name in enumerate(names) if name == effect]
+        return [*(edge + k for k in alone), *(self.first_added + k for k in common)]
 
 
 def coarsened(plane: Plane, coefficients: Coefficients, levels: int) -> Coefficients:
@@ -207,11 +228,13 @@ def coarsened(plane: Plane, coefficients: Coefficients, levels: int) -> Coeffici
         square = np.tril(square) + np.triu(square, 1).T
         return square[np.tril_indices(levels)]
 
-    parts = np.split(coefficients.first_run, 2) if len(coefficients.first_run) else ()
+    both = coefficients.first_run
+    parts = np.split(both, len(both) // plane.levels) if len(both) else ()
+    memories = np.split(coefficients.memory, len(coefficients.memory) // plane.cells)
     return replace(
         coefficients,
         weights=of_cells(coefficients.weights),
-        memory=of_cells(coefficients.memory),
+        memory=np.concatenate([of_cells(memory) for memory in memories]),
         first_run=np.concatenate([shares @ part for part in parts]) if parts else np.zeros(0),
     )
 
@@ -228,6 +251,10 @@ class Coefficients:
         added: (column,) coefficients of the added effects, of free responses, and of the sensor.
         first_run: (2 levels,) weights of the hysterons that switch in the first run only, see
             `first_run_output`; empty if there are none.
+        own: (run, 1 + column) offset and coefficients of the runs before the last one, whose
+            `offset` and `added` are those above; empty for a single run.
+
+    Of several runs, memory and first run stand one behind the other (see `runs`).
     """
 
     weights: np.ndarray
@@ -235,6 +262,7 @@ class Coefficients:
     offset: float
     added: np.ndarray
     first_run: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    own: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @staticmethod
     def from_columns(columns: Columns, solution: np.ndarray) -> Coefficients:
@@ -244,17 +272,28 @@ class Coefficients:
             solution = np.concatenate([columns.vectors @ solution[:behind], solution[behind:]])
             columns = replace(columns, vectors=None)
         sign, weights = columns.polarity, solution[: columns.cells]
-        memory = weights * columns.start
+        memory = np.tile(weights, len(columns.start) // columns.cells) * columns.start
         for group, total in zip(columns.groups, solution[columns.cells :], strict=False):
             # The column fixes only the sum over the group: each cell gets its share by weight.
-            share = np.maximum(weights[group], 0) + 1e-12 * (1 + np.abs(weights).max())
+            each = weights[group % columns.cells]
+            share = np.maximum(each, 0) + 1e-12 * (1 + np.abs(weights).max())
             if len(group):
                 memory[group] = total * share / share.sum()
         first_run = np.zeros(len(columns.first_run))
         count = columns.first_run.sum()
         first_run[columns.first_run] = solution[columns.offset - count : columns.offset]
-        offset, added = float(solution[columns.offset]), solution[columns.offset + 1 :]
-        return Coefficients(sign * weights, sign * memory, offset, added, sign * first_run)
+        offset, added = float(solution[columns.offset]), solution[columns.first_added :]
+        runs = 1 + max((run for run, _ in columns.own), default=-1)
+        own = np.tile(np.concatenate([[offset], added]), (runs, 1))
+        for value, place in zip(solution[columns.offset + 1 :], columns.own, strict=False):
+            own[place] = value + (offset if place[1] == 0 else 0.0)
+        return Coefficients(sign * weights, sign * memory, offset, added, sign * first_run, own)
+
+    def raised(self, level: float) -> Coefficients:
+        """The same with all offsets greater by a level."""
+        own = self.own.copy()
+        own[:, :1] += level
+        return replace(self, offset=self.offset + level, own=own)
 
 
 def signals_of(record: Record, origin_s: float | None = None) -> Signals:
@@ -552,6 +591,11 @@ class HysteresisColumns:
     first_run: np.ndarray
     vectors: np.ndarray | None = None
 
+    @property
+    def cells(self) -> int:
+        """How many columns belong to the cells of the plane."""
+        return self.states.shape[1] - sum(1 for group in self.groups if len(group))
+
     def some(self, first: int) -> np.ndarray:
         """Up to `MOST_COLUMNS` columns from a first one on; those of the first run come last."""
         edge, last = self.states.shape[1], first + MOST_COLUMNS
@@ -575,11 +619,11 @@ def hysteresis_columns(
     Arguments:
         chain: what is in the model.
         course: what the hysterons see.
-        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`.
+        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`, `MIDDLE`.
         open_course: the same without what is fed back, by default the same.
     """
     states, groups, start = _plane_columns(chain, course, initial_memory)
-    if initial_memory in ("low", "high"):  # saturated: no threshold lies beyond the range
+    if initial_memory in ("low", "high", MIDDLE):  # saturated: no threshold lies beyond the range
         none = np.zeros(2 * chain.plane.levels, dtype=bool)
         return HysteresisColumns(states, np.zeros((len(states), 0)), groups, start, none)
     rising, falling = _extremes(open_course or course)
@@ -675,7 +719,7 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
     Arguments:
         chain: what is in the model.
         course: what the hysterons see.
-        initial_memory: `"low"`, `"high"` or `"demagnetised"`.
+        initial_memory: `"low"`, `"high"`, `"demagnetised"` or `MIDDLE`.
 
     Returns:
         (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.
@@ -683,9 +727,10 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
     low, high = (
         np.asarray(bound[0]) for bound in _state_bounds(chain.plane, _first(course), chain.hysteron)
     )
-    first = course.rising[0]
+    first, gap = course.rising[0], high - low
+    if initial_memory == MIDDLE:
+        return np.where(gap > 0, 0.5, 0.0)
     states = np.asarray(chain.plane.initial_states(initial_memory, first, chain.hysteron))
-    gap = high - low
     return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
 
 

@@ -53,7 +53,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
         found[effect][parameter.name] = _interval(
             parameter, point.values[effect][parameter.name], half, problem
         )
-    column = point.columns.offset + 1
+    column = point.columns.first_added
     values = point.coefficients().added
     for position, (effect, coefficient) in enumerate(point.chain.coefficients, start=column):
         half = factor * deviation[position] * problem.unit / point.equations.scale[position]
@@ -177,9 +177,10 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certain
     amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]
     # What an effect of the weights moves beside the loop is not what it is named for.
     scaling = {each.name for each in point.chain.at(WeightEffect)}
+    names = point.chain.coefficients
     linear_amounts = [
-        position
-        for position, (name, each) in enumerate(point.chain.coefficients)
+        place + 1
+        for place, (name, each) in enumerate(names)
         if name == effect and each.amount and name not in scaling
     ]
     if not amounts and not linear_amounts:
@@ -188,8 +189,11 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certain
         (name, p) for name, p in point.parameters if not p.is_amount or point.values[name][p.name]
     ]
     linear, parts = _influences(problem, point, parameters)
-    size, first = len(point.solution), point.columns.offset + 1
-    columns = [first + position for position in linear_amounts]
+    size, first = len(point.solution), point.columns.first_added
+    columns = [first + place - 1 for place in linear_amounts]
+    # Amounts of single runs stand just behind the offset.
+    alone = enumerate(point.columns.own, start=point.columns.offset + 1)
+    columns += [column for column, (_, place) in alone if place in linear_amounts]
     values = [point.solution[column] for column in columns]
     for position, (name, p) in enumerate(parameters):
         if name == effect and p.name in amounts:

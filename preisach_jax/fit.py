@@ -14,13 +14,14 @@ from threadpoolctl import threadpool_limits
 
 from preisach_jax import html
 from preisach_jax.band import Band
-from preisach_jax.chain import Chain, response, signals_of
+from preisach_jax.chain import Chain
 from preisach_jax.confidence import estimates, with_grid_error
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.identify import (
+    ALL,
     VALIDATION,
     Point,
     Problem,
@@ -33,10 +34,12 @@ from preisach_jax.identify import (
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.record.faults import faults
+from preisach_jax.record.faults import Fault, faults
+from preisach_jax.record.joined import as_one, by_run, last_fitted, parts_of
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.reduction import FIRST_STRENGTH
 from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line
+from preisach_jax.runs import of_last_run, response, signals_of
 from preisach_jax.signature import Projection, Prospect, prospects
 
 if TYPE_CHECKING:
@@ -201,10 +204,11 @@ class Fit:
 
 
 def fit(
-    record: Record,
+    record: Record | Sequence[Record],
     effects: Iterable[str | Effect] = (),
     levels: int | None = None,
     *,
+    hold_out: Sequence[Record] = (),
     progress: Progress | None = None,
 ) -> Fit:
     r"""Fit the Preisach model with chosen effects to a record.
@@ -213,17 +217,19 @@ def fit(
     and the parameters \(\theta\) of the effects; the record chooses \(\lambda\).
 
     Arguments:
-        record: the measurement.
+        record: the measurement, or several of one machine: one model, with a memory for each.
         effects: names of the library, or effects of one's own.
         levels: levels N of the plane; by default 25.
+        hold_out: further records that are held out whole, in place of blocks of the others.
         progress: called with a text and a share done.
 
     Returns:
         The fit.
 
     Raises:
-        InputError: if an effect is unknown or that of a constant column, or levels is not an
-            integer from 2 to 200.
+        InputError: if what is given is no record, several of them do not belong together, an
+            effect is unknown or that of a constant column, or levels is not an integer from 2 to
+            200.
 
     Example:
         >>> import numpy as np, preisach_jax as pj
@@ -233,6 +239,7 @@ def fit(
         >>> fit.fit_percent > 99
         True
     """
+    record = as_one(record, hold_out, "fit")
     chosen = resolve(effects, aux_units(record))
     for name, values in record.aux.items():
         own = [e.name for e in chosen if isinstance(e, OfColumn) and e.column == name]
@@ -301,8 +308,11 @@ def checked_levels(levels: int | None) -> int:
 
 
 def plane_of(problem: Problem, levels: int) -> Plane:
-    """The plane that the input of a record spans."""
-    values = problem.record.input
+    """The plane that the input of a record spans; of runs that are held out it is not asked."""
+    record = problem.record
+    values = record.input
+    if len(problem.identified) < len(ALL):
+        values = np.concatenate([values[run.rows] for run in record.runs if not run.held_out])
     return Plane(levels, float(values.min()), float(values.max()))
 
 
@@ -321,18 +331,27 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     Returns:
         The record without its spikes, as it was cut for a search, and the model.
     """
-    record = record.bridged(input_spikes(record)).masked(faults(record))
-    record = record.without(gross_spikes(record))
+    record = record.bridged(by_run(record, input_spikes)).masked(_faults(record))
+    record = record.without(by_run(record, gross_spikes))
     for _ in range(MOST_ROUNDS):
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, levels)
         modelled = response(point.chain, {}, signals_of(record), point.coefficients())
-        left = record.without(isolated_spikes(record, np.asarray(modelled)))
+        left = record.without(by_run(record, isolated_spikes, np.asarray(modelled)))
         if left is record:
             return record, problem, point
         record = left
     problem = Problem.of(record, SEARCH_ROWS)
     return record, problem, base_point(problem, levels)
+
+
+def _faults(record: Record) -> tuple[Fault, ...]:
+    """Stretches in which the sensor of a record is at fault, of each run alone."""
+    return tuple(
+        fault._replace(start=fault.start + rows.start, stop=fault.stop + rows.start)
+        for part, rows in zip(parts_of(record), record.stretches, strict=True)
+        for fault in faults(part)
+    )
 
 
 def in_reduced_basis(problem: Problem, point: Point) -> tuple[Problem, Point]:
@@ -359,7 +378,7 @@ def freed_of_spikes(
         fit = fit_of(found)
         if not fit.effects:
             break  # `begun` has left out what a model without effects shows
-        left = fit.record.without(isolated_spikes(fit.record, fit.prediction))
+        left = fit.record.without(by_run(fit.record, isolated_spikes, fit.prediction))
         if left is fit.record:
             break
         found = work(left)
@@ -513,7 +532,9 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         record: the record with all its samples.
     """
     point = with_signs(problem, point)
-    whole = stepped(problem, with_all_rows(point))
+    whole = point
+    if len(problem.identified) == len(ALL):
+        whole = stepped(problem, with_all_rows(point))
     coefficients = point.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
@@ -524,7 +545,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     model = Model(
         chain=whole.chain,
         values=whole.values,
-        coefficients=whole.coefficients(),
+        coefficients=of_last_run(whole.chain, whole.coefficients(), signals),
         parameters=estimates(problem, whole),
         visited=np.ptp(whole.matrix[:, :cells], axis=0) > 1e-9,
         columns={
@@ -532,7 +553,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
             "aux": list(record.aux),
         },
         units=units,
-        origin=Origin.of(record),
+        origin=Origin.of(last_fitted(record)),
         rms_validation=float(np.sqrt(np.mean(residual**2))),
         band=Band.calibrated(record, record.output - prediction, held_out),
     )
@@ -569,6 +590,11 @@ def with_signs(problem: Problem, point: Point) -> Point:
 
 def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:
     """(time,) measured rows of the whole record that lie in the stretches held out."""
+    if len(problem.identified) < len(ALL):
+        mask = np.zeros(len(record.time), dtype=bool)
+        for run in record.runs:
+            mask[run.rows] = run.held_out
+        return mask & record.measured
     order = problem.in_time
     times = problem.record.time[problem.rows[order]]
     held_out = problem.fold[order] == VALIDATION[0]

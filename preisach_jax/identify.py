@@ -22,14 +22,7 @@ from preisach_jax.chain import (
     Columns,
     EffectValues,
     HysteresisColumns,
-    ThinnedSignals,
-    drive,
-    hysteresis_columns,
-    hysteresis_output,
-    regressors,
     sensed,
-    signals_of,
-    tangents,
 )
 from preisach_jax.effects.base import (
     Effect,
@@ -42,6 +35,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.record.joined import without_rows
 from preisach_jax.reduction import Basis, reduced_basis
 from preisach_jax.regression import (
     NormalEquations,
@@ -50,6 +44,14 @@ from preisach_jax.regression import (
     penalties,
     slices_of,
     solve_nonnegative,
+)
+from preisach_jax.runs import (
+    hysteresis_columns,
+    hysteresis_output,
+    regressors,
+    signals_of,
+    tangents,
+    thinned,
 )
 
 BLOCKS = 96
@@ -60,7 +62,11 @@ WHOLE_CELLS = 400
 reduced basis, and tell an effect from the density better."""
 
 FOLDS = 4
-"""Every fourth block is held out; the other three folds identify, and choose the prior."""
+"""Every fourth block is held out; the other three folds identify, and choose the prior.  Where
+whole runs are held out, their rows are the fourth fold."""
+
+LEAST_STRETCHES = 64
+"""Stretches into which the input of a run is cut at least where a record is thinned."""
 
 IDENTIFICATION = np.arange(FOLDS - 1)
 VALIDATION = np.array([FOLDS - 1])
@@ -69,7 +75,7 @@ ALL = np.arange(FOLDS)
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A record, cut into blocks and put on the device in double precision.
+    """A record, cut into blocks and put on the device in double precision; no block spans two runs.
 
     Rows are in the order of their folds, and within a fold in the order of time, so that a fold is
     one slice of the regressors.
@@ -117,38 +123,40 @@ class Problem:
         survey = Survey(record.duration_s, record.step_s)
         signals = signals_of(record)
         if limit is not None and len(record.time) > 1.25 * limit:
-            kept = thinned_rows(record.input, limit)
-            record = replace(
-                record,
-                time=record.time[kept],
-                input=record.input[kept],
-                output=record.output[kept],
-                aux={name: values[kept] for name, values in record.aux.items()},
-                time_values=record.time_values[kept],
-                spikes={},
-                input_spikes={},
-                faults=(),
-            )
-            some = signals_of(record)
-            signals = ThinnedSignals(some.time, some.input, some.aux, signals, jnp.asarray(kept))
+            kept = _kept(record, limit)
+            record = without_rows(record, kept)
+            signals = thinned(signals_of(record), signals, kept)
         rows = np.flatnonzero(record.measured)
-        # A short record has fewer blocks, but all folds of them.
-        blocks = min(BLOCKS, FOLDS * (len(rows) // (2 * FOLDS)))
-        # Lost samples must not move what is held out, nor leave a block without rows.
-        block = rows * blocks // len(record.time)
-        if blocks and np.bincount(block, minlength=blocks).min() < 0.75 * len(rows) / blocks:
-            block = np.arange(len(rows)) * blocks // len(rows)
-        # The third of four is held out: the ends of the record stay with the identification.
-        fold = np.array([0, 1, FOLDS - 1, 2])[block % FOLDS]
+        block, fold = _blocks(record, rows)
         order = np.argsort(fold, kind="stable")
         return Problem(record, signals, survey, rows[order], block[order], fold[order])
 
-    def survey_of(self, point: Point) -> Survey:
-        """What an effect may know of the record, and of what a model without it leaves."""
-        order = self.in_time
+    @property
+    def identified(self) -> np.ndarray:
+        """Folds by which a final model is identified: all of them, but whole runs held out."""
+        return IDENTIFICATION if any(run.held_out for run in self.record.runs) else ALL
+
+    @property
+    def breaks(self) -> tuple[int, ...]:
+        """Positions among the rows in the order of time where another run starts."""
+        return tuple(np.searchsorted(np.sort(self.rows), self.record.starts).tolist())
+
+    def survey_of(self, point: Point, effect: Effect | None = None) -> Survey:
+        """What an effect may know of the record, and of what a model without it leaves.
+
+        Arguments:
+            point: the model.
+            effect: the effect; one that differs from run to run sees the longest alone.
+        """
+        order, starts = self.in_time, self.breaks
+        if effect is not None and effect.own_each_run and self.record.runs:
+            run = max(self.record.runs, key=lambda run: (not run.held_out, run.stop - run.start))
+            inside = (self.rows[order] >= run.start) & (self.rows[order] < run.stop)
+            order, starts = order[inside], ()
         rows = self.rows[order]
         return replace(
             self.survey,
+            starts=starts,
             time=self.record.time[rows],
             input=self.record.input[rows],
             output=self.record.output[rows],
@@ -161,7 +169,7 @@ class Problem:
         slot = ("forms", effect)
         kept = self.cache.get(slot, (None, ()))
         if kept[0] is not point:
-            kept = self.cache[slot] = (point, effect.variants(self.survey_of(point)))
+            kept = self.cache[slot] = (point, effect.variants(self.survey_of(point, effect)))
         return kept[1]
 
     @property
@@ -215,9 +223,8 @@ class Problem:
         output = None
         if chain.feeds_back and like is not None:
             output = self.hysteresis_output(like)
-        course = drive(chain, values, self.signals, output)
-        plain = drive(chain, values, self.signals) if chain.feeds_back else course
-        columns = hysteresis_columns(chain, course, self.record.initial_memory, plain)
+        memory = self.record.initial_memory
+        columns = hysteresis_columns(chain, values, self.signals, memory, output)
         if self.reduces_on(chain.plane):
             columns = self.basis(chain, None if moving else columns).applied_to(columns)
         # Trials run at the same time: what another of them keeps here must not be taken.
@@ -239,9 +246,8 @@ class Problem:
         if slot not in self.cache:
             bare = chain.with_effects(())
             if columns is None:
-                course = drive(bare, {}, self.signals)
-                columns = hysteresis_columns(bare, course, self.record.initial_memory)
-            whole = regressors(bare, {}, self.signals, columns, self.rows)
+                columns = hysteresis_columns(bare, {}, self.signals, self.record.initial_memory)
+            whole = regressors(bare, {}, self.signals, columns, self.rows, self.target)
             equations = _equations(self, whole, None)
             self.cache[slot] = reduced_basis(columns, equations, IDENTIFICATION, int(VALIDATION[0]))
         return self.cache[slot]
@@ -257,6 +263,43 @@ class Problem:
             )
             found = replace(found, weights=weights, memory=memory)
         return np.asarray(hysteresis_output(point.chain, point.values, self.signals, found))
+
+
+def _kept(record: Record, limit: int) -> np.ndarray:
+    """Samples of a record to keep, about `limit`; each run gets its share of them."""
+    kept: list[np.ndarray] = []
+    for rows in record.stretches:
+        count = rows.stop - rows.start
+        own = max(round(limit * count / len(record)), LEAST_STRETCHES)
+        kept.append(rows.start + thinned_rows(record.input[rows], min(own, count)))
+    return np.concatenate(kept)
+
+
+def _blocks(record: Record, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(row,) block and fold of each of the measured rows of a record."""
+    block, fold = np.zeros(len(rows), dtype=int), np.zeros(len(rows), dtype=int)
+    by_blocks = not any(run.held_out for run in record.runs)
+    first = 0
+    for position, stretch in enumerate(record.stretches):
+        inside = (rows >= stretch.start) & (rows < stretch.stop)
+        own, count = rows[inside] - stretch.start, stretch.stop - stretch.start
+        # A short record has fewer blocks, but all folds of them.
+        most = FOLDS * max(1, round(BLOCKS / FOLDS * inside.sum() / len(rows)))
+        blocks = min(most, FOLDS * (len(own) // (2 * FOLDS)))
+        # Lost samples must not move what is held out, nor leave a block without rows.
+        cut = own * blocks // count
+        if blocks and np.bincount(cut, minlength=blocks).min() < 0.75 * len(own) / blocks:
+            cut = np.arange(len(own)) * blocks // len(own)
+        block[inside] = first + cut
+        if by_blocks:
+            # The third of four is held out: the ends of a run stay with the identification.
+            fold[inside] = np.array([0, 1, FOLDS - 1, 2])[cut % FOLDS]
+        elif record.runs[position].held_out:
+            fold[inside] = FOLDS - 1
+        else:
+            fold[inside] = cut % (FOLDS - 1)
+        first += max(blocks, 1)
+    return block, fold
 
 
 def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
@@ -359,8 +402,7 @@ class Point:
 
     def share_of(self, effect: str) -> np.ndarray:
         """(row,) what the columns of an added effect give, in output ranges."""
-        names = self.columns.added
-        own = [len(self.solution) - len(names) + i for i, of in enumerate(names) if of == effect]
+        own = self.columns.of_effect(effect)
         return self.matrix[:, own] @ self.solution[own]
 
     @property
@@ -378,7 +420,7 @@ class Point:
         """The linear numbers of the model in output units."""
         solution = self.solution if solution is None else solution
         found = Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
-        return replace(found, offset=found.offset + self.level)
+        return found.raised(self.level)
 
 
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
@@ -473,9 +515,14 @@ def _log_error_by_block(problem: Problem, point: Point) -> Callable[[np.ndarray,
     return log_error
 
 
-def with_all_rows(point: Point) -> Point:
-    """The same point with its linear coefficients identified on all measured rows."""
-    return _solved(replace(point, folds=ALL))
+def with_all_rows(point: Point, folds: np.ndarray = ALL) -> Point:
+    """The same point with its linear coefficients identified on all measured rows.
+
+    Arguments:
+        point: the point.
+        folds: folds that identify, if not all.
+    """
+    return _solved(replace(point, folds=folds))
 
 
 @dataclass(frozen=True, eq=False)

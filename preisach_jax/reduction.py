@@ -41,8 +41,9 @@ class Basis:
 
     Attributes:
         cells: (cells, vector) shares of the hysterons.
-        memory: (cells, vector) shares of what their unknown starts leave open.
-        first_run: (2 levels, vector) shares of the hysterons of the first run.
+        memory: (cells, vector) shares of what their unknown starts leave open; of several runs
+            one behind the other.
+        first_run: (2 levels, vector) shares of the hysterons of the first run; likewise.
         asked: the `penalties` on the vectors.
     """
 
@@ -78,29 +79,28 @@ def reduced_basis(
 
     Arguments:
         hysteresis: columns of the operator along the recorded input.
-        equations: normal equations of these columns and of the offset.
+        equations: normal equations of these columns and of the offset, or offsets.
         folds: folds of rows that identify.
         held_out: the fold that tells how many vectors are enough.
 
     Returns:
         The basis; of few columns all.
     """
-    columns = equations.gram.shape[1] - 1
-    vectors = _sorted_directions(equations, folds, min(SIZES[-1], columns))
+    cells, groups = hysteresis.cells, [group for group in hysteresis.groups if len(group)]
+    columns = cells + len(hysteresis.groups)
+    vectors = _sorted_directions(equations, columns, folds, min(SIZES[-1], columns))
     sizes = [size for size in SIZES if size < vectors.shape[1]] + [vectors.shape[1]]
     most = _combined(equations, vectors)
     best, chosen = np.inf, sizes[-1]
     for size in reversed(sizes):
-        small = _first_of(most, size)
+        small = _first_of(most, size, vectors.shape[1])
         error = min(_error(small, folds, held_out, strength) for strength in TRIED_STRENGTHS)
         best = min(best, error)
         if error > ENOUGH * best:
             break
         chosen = size
     vectors = vectors[:, :chosen]
-    cells = len(hysteresis.start)
-    groups = [group for group in hysteresis.groups if len(group)]
-    memory = np.zeros((cells, chosen))
+    memory = np.zeros((len(hysteresis.start), chosen))
     for position, group in enumerate(groups):
         memory[group] = vectors[cells + position] / len(group)
     first_run = np.zeros((len(hysteresis.first_run), chosen))
@@ -116,24 +116,27 @@ def _error(equations: NormalEquations, folds: np.ndarray, held_out: int, strengt
     return equations.mean_square(solution, np.array([held_out]))
 
 
-def _sorted_directions(equations: NormalEquations, folds: np.ndarray, count: int) -> np.ndarray:
+def _sorted_directions(
+    equations: NormalEquations, columns: int, folds: np.ndarray, count: int
+) -> np.ndarray:
     """(column, count) directions of the greatest shares decided by the data, greatest first."""
     gram, rows = equations.gram[folds].sum(axis=0), equations.count[folds].sum()
-    # The offset takes up what it can of each column.
-    mean = gram[-1, :-1] / np.sqrt(gram[-1, -1])
-    inner = gram[:-1, :-1] - np.outer(mean, mean)
+    greatest, inner = np.diag(gram).max(), gram
+    while len(inner) > columns:  # an offset takes up what it can of each column
+        mean = inner[-1, :-1] / np.sqrt(inner[-1, -1])
+        inner = inner[:-1, :-1] - np.outer(mean, mean)
     penalty = FIRST_STRENGTH * equations.prior + MEMORY_STRENGTH * equations.memory
-    whole = inner + rows * penalty[:-1, :-1]
-    whole[np.diag_indices_from(whole)] += RIDGE * np.diag(gram).max()
+    whole = inner + rows * penalty[:columns, :columns]
+    whole[np.diag_indices_from(whole)] += RIDGE * greatest
     last = len(whole) - 1
     most = (last + 1 - count, last)
     found = scipy.linalg.eigh(inner, whole, subset_by_index=most, check_finite=False)[1]
     return found[:, ::-1]
 
 
-def _first_of(equations: NormalEquations, size: int) -> NormalEquations:
-    """The equations of the first columns and of the last, which is the offset."""
-    kept = np.append(np.arange(size), equations.gram.shape[1] - 1)
+def _first_of(equations: NormalEquations, size: int, most: int) -> NormalEquations:
+    """The equations of the first of some vectors, and of the offsets behind them."""
+    kept = np.append(np.arange(size), np.arange(most, equations.gram.shape[1]))
     square = np.ix_(kept, kept)
     return NormalEquations(
         np.stack([gram[square] for gram in equations.gram]),
@@ -148,17 +151,18 @@ def _first_of(equations: NormalEquations, size: int) -> NormalEquations:
 
 
 def _combined(equations: NormalEquations, vectors: np.ndarray) -> NormalEquations:
-    """The equations of combinations of all columns but the last, which is the offset."""
-    size = int(vectors.shape[1])
-    wide = np.zeros((len(vectors) + 1, size + 1))
-    wide[:-1, :-1], wide[-1, -1] = vectors, 1.0
+    """The equations of combinations of all columns but the last, which are the offsets."""
+    columns, size = vectors.shape
+    behind = equations.gram.shape[1] - columns
+    wide = np.zeros((columns + behind, size + behind))
+    wide[:columns, :size], wide[columns:, size:] = vectors, np.eye(behind)
     return NormalEquations(
         np.stack([wide.T @ gram @ wide for gram in equations.gram]),
         equations.moment @ wide,
         equations.power,
         equations.count,
-        np.ones(size + 1),
-        np.zeros(size + 1, dtype=bool),
+        np.ones(size + behind),
+        np.zeros(size + behind, dtype=bool),
         wide.T @ equations.prior @ wide,
         wide.T @ equations.memory @ wide,
     )

@@ -73,10 +73,10 @@ def smoothness(levels: int) -> np.ndarray:
     return energy
 
 
-def _along(first_run: np.ndarray) -> np.ndarray:
+def _along(first_run: np.ndarray, levels: int) -> np.ndarray:
     """Smoothness of the hysterons of the first run, by second differences of neighbours."""
-    differences = np.diff(np.eye(len(first_run) // 2), n=2, axis=0)
-    stencil = np.kron(np.eye(2), differences)
+    differences = np.diff(np.eye(levels), n=2, axis=0)
+    stencil = np.kron(np.eye(len(first_run) // levels), differences)
     whole = ~(stencil[:, ~first_run] != 0).any(axis=1)
     stencil = stencil[np.ix_(whole, first_run)]
     return stencil.T @ stencil
@@ -176,9 +176,10 @@ def penalties(
 
     Arguments:
         levels: levels N of the plane.
-        groups: cells whose unknown initial memory each memory column carries.
+        groups: cells whose unknown initial memory each memory column carries; of several runs
+            they count on from run to run.
         first_run: (2 levels,) which hysterons of the first run the last groups, which are empty,
-            stand for; by default none.
+            stand for; of several runs one behind the other; by default none.
 
     Returns:
         `(prior, memory)`, (column, column) each: smoothness of the density, for strength 1, and
@@ -190,9 +191,9 @@ def penalties(
     prior[:cells, :cells] = smoothness(levels)
     if first_run is not None:
         begin = size - int(first_run.sum())
-        prior[begin:, begin:] = _along(first_run)
+        prior[begin:, begin:] = _along(first_run, levels)
     for position, group in enumerate(groups):
-        pulled = np.array([cells + position, *group])
+        pulled = np.array([cells + position, *(group % cells)])
         pull = np.array([1.0, *[-0.5] * len(group)])
         memory[np.ix_(pulled, pulled)] += np.outer(pull, pull)
     return prior, memory

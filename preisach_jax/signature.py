@@ -13,11 +13,6 @@ from preisach_jax.chain import (
     Chain,
     Coefficients,
     coarsened,
-    columns_behind,
-    driven_path,
-    response,
-    responses,
-    tangents,
 )
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -31,6 +26,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
+from preisach_jax.runs import columns_behind, driven_path, response, responses, tangents
 
 COARSE_LEVELS = 19
 """Levels of the plane on which the signature of moved thresholds is computed."""
@@ -257,8 +253,11 @@ def _signatures(
         # The past of an output effect is the same at all its starts.
         if moves and (position == 0 or isinstance(effect, WeightEffect)):
             beside = _columns_alone(problem, point, effect, values)[problem.rows]
-        nonnegative = [each.is_amount for each in amounts] + [False] * beside.shape[1]
-        yield values, np.concatenate([columns, beside], axis=1), np.array(nonnegative)
+        signatures = np.concatenate([columns, beside], axis=1)
+        # Behind the amounts stand what moves beside them, and columns of single runs.
+        nonnegative = [each.is_amount for each in amounts]
+        nonnegative += [False] * (signatures.shape[1] - len(nonnegative))
+        yield values, signatures, np.array(nonnegative)
 
 
 def _values_with(
@@ -290,11 +289,15 @@ def _with_room(point: Point, effect: Effect) -> tuple[Chain, Coefficients]:
     """The chain of a point with an effect more, and its coefficients with none for that."""
     chain = point.chain.with_effects((*point.chain.effects, effect))
     present = point.coefficients()
-    by_name = dict(
-        zip([(e, c.name) for e, c in point.chain.coefficients], present.added, strict=True)
-    )
-    added = [by_name.get((e, c.name), 0.0) for e, c in chain.coefficients]
-    present = replace(present, added=np.asarray(added))
+    names = [(e, c.name) for e, c in point.chain.coefficients]
+
+    def with_room(added: np.ndarray) -> np.ndarray:
+        by_name = dict(zip(names, added, strict=True))
+        return np.array([by_name.get((e, c.name), 0.0) for e, c in chain.coefficients])
+
+    own = [np.concatenate([run[:1], with_room(run[1:])]) for run in present.own]
+    own = np.array(own).reshape(len(own), -1) if own else present.own
+    present = replace(present, added=with_room(present.added), own=own)
     plane = chain.plane
     if isinstance(effect, HysteresisEffect) and plane.levels > COARSE_LEVELS:
         # Moved thresholds are followed one by one, and change the output alike on a coarser plane.

@@ -48,6 +48,7 @@ LAYERS = [
     "effects",
     "regression",
     "chain",
+    "runs",
     "reduction",
     "band",
     "model",

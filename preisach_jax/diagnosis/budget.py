@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
+from preisach_jax.runs import response, signals_of
 
 MOST_LEVELS = 50
 """Finest plane that is tried of one's own accord."""
@@ -84,7 +84,7 @@ def noise_rms(problem: Problem, point: Point) -> float:
         The RMS in output units.
     """
     residual = residual_in_time(problem, point) * problem.unit
-    differences = np.diff(residual, n=2)
+    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, problem.breaks)])
     middle = np.median(np.abs(differences - np.median(differences)))
     deviation = middle / scipy.special.ndtri(0.75)
     step = output_quantisation_rms(problem)
@@ -143,6 +143,7 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
     rows = problem.rows[problem.in_time]
     time, values = problem.record.time[rows], problem.record.input[rows]
     moved = np.abs(np.diff(values, prepend=values[0])) > REST * np.ptp(values)
+    moved[list(problem.breaks)] = True
     stretch = np.cumsum(moved)
     powers: list[float] = []
     starts, counts = np.unique(stretch, return_index=True, return_counts=True)[1:]

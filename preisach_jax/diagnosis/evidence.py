@@ -83,7 +83,9 @@ def residual_in_time(problem: Problem, point: Point) -> np.ndarray:
     return point.residual[problem.in_time]
 
 
-def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:
+def innovation_variance(
+    residual: np.ndarray, order: int = AR_ORDER, breaks: tuple[int, ...] = ()
+) -> float:
     """Variance of what an autoregression cannot predict of a residual.
 
     Least squares on lagged values (P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods,
@@ -92,11 +94,19 @@ def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:
     Arguments:
         residual: (row,) residual in time order.
         order: number of lags; a tenth of the rows at most.
+        breaks: rows at which another record starts; none is predicted from one before it, and each
+            has an autoregression of its own.
 
     Returns:
         The variance, positive.
     """
+    if breaks:
+        parts = np.split(residual, breaks)
+        powers = [innovation_variance(part, order) * len(part) for part in parts if len(part)]
+        return sum(powers) / len(residual)
     order = min(order, len(residual) // 10)
+    if order < 1:
+        return max(float(np.mean(residual**2)), np.finfo(float).tiny)
     goal = residual[order:]
     lagged = np.stack([residual[order - k : -k] for k in range(1, order + 1)], axis=1)
     solution = np.linalg.lstsq(lagged, goal, rcond=None)[0]
@@ -105,7 +115,7 @@ def innovation_variance(residual: np.ndarray, order: int = AR_ORDER) -> float:
 
 def free_parameters(point: Point) -> int:
     """Number of parameters that the effects of a point spend; amounts of zero spend none."""
-    spent = len(point.columns.added)
+    spent = len(point.columns.added) + len(point.columns.own)
     for effect, parameter in point.parameters:
         spent += not (parameter.is_amount and point.values[effect][parameter.name] == 0)
     return spent
@@ -158,7 +168,8 @@ def _evidence(
     squares_before = block_mean_squares(problem, before)
     squares_after = block_mean_squares(problem, after)
     count = len(problem.target)
-    ratio = innovation_variance(before) / innovation_variance(after)
+    whitened = [innovation_variance(e, breaks=problem.breaks) for e in (before, after)]
+    ratio = whitened[0] / whitened[1]
     return Evidence(
         gain=gain,
         z=max(

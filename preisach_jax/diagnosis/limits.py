@@ -75,13 +75,14 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
     Returns:
         One limit an effect, in their order; those whose signature fails are left out.
     """
-    whole = with_all_rows(point)
+    whole = with_all_rows(point, problem.identified)
     projection = Projection(problem, whole)
-    survey = problem.survey_of(whole)
 
     def limit_of(effect: Effect) -> Limit | None:
         try:
-            return _limit(problem, whole, projection, effect.bound_to(survey))
+            return _limit(
+                problem, whole, projection, effect.bound_to(problem.survey_of(whole, effect))
+            )
         except Exception:
             # The same failure stands in the table of candidates, where the effect was tried.
             return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +62,7 @@ from preisach_jax.fit import (
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
+from preisach_jax.record.joined import as_one
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
@@ -93,10 +94,11 @@ REFINEMENT_PAYS = 0.1
 
 
 def diagnose(
-    record: Record,
+    record: Record | Sequence[Record],
     effects: Iterable[str | Effect] | None = None,
     levels: int | None = None,
     *,
+    hold_out: Sequence[Record] = (),
     tolerance: str | None = None,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -109,11 +111,12 @@ def diagnose(
     ones have made superfluous are taken out again.
 
     Arguments:
-        record: the measurement.
+        record: the measurement, or several of one machine: one model, with a memory for each.
         effects: effects to try, by name or as objects; by default the library, without those that
             are tried on request, and all auxiliary columns.  To try one's own beside the library:
             `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
+        hold_out: further records that are held out whole, in place of blocks of the others.
         tolerance: an error that does not matter, in per cent of the stroke (`"0.1%"`) or with the
             output's unit (`"20 nm"`): what is below it is told, and does not change the verdict.
         progress: called with a text and a share done.
@@ -123,7 +126,8 @@ def diagnose(
         The diagnosis.
 
     Raises:
-        InputError: if an effect is unknown, levels is not an integer from 2 to 200, or the
+        InputError: if what is given is no record, several of them do not belong together, an
+            effect is unknown, levels is not an integer from 2 to 200, or the
             tolerance has no unit, another one than the output, or is not below the stroke.
 
     Example:
@@ -134,6 +138,7 @@ def diagnose(
         >>> pj.diagnose(pj.Record.from_arrays(t, u, z), ["drift"], levels=9).verdict
         'adequate'
     """
+    record = as_one(record, hold_out, "diagnose")
     tried = effects_to_try(record, effects)
     least = tolerance_of(tolerance, record)
     with double_precision():

@@ -20,6 +20,7 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.identify import Point, Problem
+from preisach_jax.runs import parts_of
 
 PLACES = 10
 """Parts of the input's range in which its passages are timed."""
@@ -68,6 +69,7 @@ class InputSurvey:
     Attributes:
         time: (time,) in s.
         input: (time,) in its unit.
+        span: least and greatest value between which its places lie; by default its own.
 
     Example:
         >>> t = np.linspace(0.0, 4.0, 4001)
@@ -78,6 +80,7 @@ class InputSurvey:
 
     time: np.ndarray
     input: np.ndarray
+    span: tuple[float, float] | None = None
 
     def shows(self, need: str) -> bool:
         """Whether a record of this input can tell what an effect needs to be told apart."""
@@ -129,7 +132,7 @@ class InputSurvey:
     @cached_property
     def _passages(self) -> dict[tuple[int, int], list[float]]:
         """Times, in s, of all passages of a place from one edge to the other, by direction."""
-        low, high = float(self.input.min()), float(self.input.max())
+        low, high = self.span or (float(self.input.min()), float(self.input.max()))
         edges = low + (high - low) * np.arange(1, PLACES) / PLACES
         place = np.searchsorted(edges, self.input, side="right")
         moves = np.flatnonzero(np.diff(place))
@@ -175,13 +178,55 @@ class InputSurvey:
         return int(np.sum(lengths > LONG_REST * float(np.median(times))))
 
 
+@dataclass(frozen=True, eq=False)
+class JoinedSurvey(InputSurvey):
+    """What the inputs of several records do together; nothing counts from one to the next.
+
+    Attributes:
+        parts: what that of each does.
+    """
+
+    parts: tuple[InputSurvey, ...] = ()
+
+    @staticmethod
+    def of(parts: Sequence[InputSurvey]) -> JoinedSurvey:
+        """The survey of several, whose places are those of the range of all."""
+        whole = np.concatenate([part.input for part in parts])
+        span = float(whole.min()), float(whole.max())
+        alike = tuple(InputSurvey(part.time, part.input, span) for part in parts)
+        return JoinedSurvey(np.concatenate([part.time for part in parts]), whole, span, alike)
+
+    @cached_property
+    def cycle_s(self) -> float:
+        passages = self._passages_of_a_place
+        spans = sum(float(np.ptp(part.time)) for part in self.parts)
+        return spans / passages if passages else np.inf
+
+    def makes(self, frequency_hz: float) -> bool:
+        return any(part.makes(frequency_hz) for part in self.parts)
+
+    @cached_property
+    def _passages(self) -> dict[tuple[int, int], list[float]]:
+        passages: dict[tuple[int, int], list[float]] = {}
+        for part in self.parts:
+            for place, times in part._passages.items():
+                passages.setdefault(place, []).extend(times)
+        return passages
+
+    @cached_property
+    def _rests(self) -> int:
+        return sum(part._rests for part in self.parts)
+
+
 def surveyed(problem: Problem) -> InputSurvey:
     """What the input of a record does, before it was thinned; found once."""
     slot = ("input survey",)
     if slot not in problem.cache:
-        signals = problem.signals
-        whole = signals.whole if isinstance(signals, ThinnedSignals) else signals
-        problem.cache[slot] = InputSurvey(np.asarray(whole.time), np.asarray(whole.input))
+        surveys: list[InputSurvey] = []
+        for signals in parts_of(problem.signals):
+            whole = signals.whole if isinstance(signals, ThinnedSignals) else signals
+            surveys.append(InputSurvey(np.asarray(whole.time), np.asarray(whole.input)))
+        problem.cache[slot] = JoinedSurvey.of(surveys) if len(surveys) > 1 else surveys[0]
     return problem.cache[slot]
 
 

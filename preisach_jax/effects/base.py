@@ -122,6 +122,7 @@ class Survey:
         residual: (sample,) what the model without the effect leaves, in output units; empty where
             there is no model yet.
         aux: (sample,) auxiliary columns by name, in their units.
+        starts: samples at which another run starts, behind the first one.
     """
 
     duration_s: float
@@ -133,6 +134,13 @@ class Survey:
     aux: Mapping[str, np.ndarray] = field(
         default_factory=dict[str, np.ndarray], compare=False, repr=False
     )
+    starts: tuple[int, ...] = ()
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """(move,) absolute rates of the input between measured samples of one run."""
+        speeds = np.abs(np.diff(self.input) / np.diff(self.time))
+        return np.delete(speeds, np.array(self.starts, dtype=int) - 1) if self.starts else speeds
 
 
 class Signals(eqx.Module):
@@ -165,6 +173,8 @@ class Effect(eqx.Module):
         special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
+        own_each_run: whether its coefficients differ from one record to the next, where several are
+            fitted together.
 
     Its fields say how it is bound to a record.  Floats, and tuples of them, are traced where the
     effect acts, so that code compiled for one record serves others; to branch on them there, or to
@@ -183,6 +193,7 @@ class Effect(eqx.Module):
     goes_with_speed: ClassVar[bool] = False
     special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
+    own_each_run: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 
     @property

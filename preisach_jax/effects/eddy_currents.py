@@ -65,7 +65,7 @@ class EddyCurrents(HysteresisEffect):
     def bound_to(self, survey: Survey) -> EddyCurrents:
         if len(survey.time) < 2:
             return self
-        speed = float(np.quantile(np.abs(np.diff(survey.input) / np.diff(survey.time)), 0.9))
+        speed = float(np.quantile(survey.speeds, 0.9))
         swing = float(np.ptp(survey.input)) or 1.0
         ratio = float(np.ptp(survey.output)) / swing or 1.0
         return EddyCurrents(swing, ratio * (speed or swing / survey.step_s))

@@ -84,7 +84,7 @@ class RateDependence(HysteresisEffect):
     def bound_to(self, survey: Survey) -> RateDependence:
         if len(survey.time) < 2:
             return self
-        speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
+        speed = survey.speeds
         fastest, swing = float(np.quantile(speed, 0.99)), float(np.ptp(survey.input))
         return RateDependence(reference_per_s=fastest or swing / survey.step_s, range_u=swing)
 

@@ -63,7 +63,7 @@ class SlewLimit(InputEffect):
     def bound_to(self, survey: Survey) -> SlewLimit:
         if len(survey.input) < 2 or not np.ptp(survey.input) > 0:
             return self
-        fastest = float(np.max(np.abs(np.diff(survey.input) / np.diff(survey.time))))
+        fastest = float(np.max(survey.speeds))
         return SlewLimit(slew_low=0.02 * fastest, slew_high=fastest)
 
     def init(self, values: Values, first: Array) -> Array:

@@ -124,7 +124,7 @@ class Viscosity(AddedEffect):
         longest = max(min(200 * survey.step_s, survey.duration_s / 50), 8 * survey.step_s)
         fastest = self.fastest
         if len(survey.time) > 1 and np.ptp(survey.input) > 0:
-            speed = np.abs(np.diff(survey.input) / np.diff(survey.time))
+            speed = survey.speeds
             fastest = float(np.quantile(speed, 0.98)) or float(np.ptp(survey.input)) / survey.step_s
         return Viscosity(fastest, survey.step_s / 4, longest)
 

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from preisach_jax.record.joined import Run
+
 MIN_MEASURED = 50
 """Fewest measured samples from which a model may be identified."""
 
@@ -76,6 +78,7 @@ class Record:
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
         faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
         torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
+        runs: where each of several records lies that were joined; empty for a record by itself.
 
     Example:
         >>> t = np.linspace(0.0, 1.0, 101)
@@ -97,6 +100,7 @@ class Record:
     input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
     faults: tuple[tuple[str, int, int], ...] = ()
     torn_row: int | None = None
+    runs: tuple[Run, ...] = ()
 
     @classmethod
     def load(
@@ -496,9 +500,19 @@ class Record:
         return ~np.isnan(self.output)
 
     @property
+    def starts(self) -> tuple[int, ...]:
+        """First rows of the runs behind the first one; none of a record by itself."""
+        return tuple(run.start for run in self.runs[1:])
+
+    @property
+    def stretches(self) -> list[slice]:
+        """The rows of each run; all of a record by itself."""
+        return [run.rows for run in self.runs] or [slice(0, len(self))]
+
+    @property
     def duration_s(self) -> float:
-        """Time from the first to the last sample, s."""
-        return float(self.time[-1] - self.time[0])
+        """Time from the first to the last sample, s; of several runs that of the longest one."""
+        return max(float(self.time[rows][-1] - self.time[rows][0]) for rows in self.stretches)
 
     @property
     def step_s(self) -> float:
@@ -507,10 +521,13 @@ class Record:
 
     @property
     def gaps(self) -> list[tuple[int, float]]:
-        """Steps over 5 times the median one: (index of the first sample after, length in s)."""
+        """Steps over 5 times the median one: (index of the first sample after, length in s).
+
+        Where another run starts there is none.
+        """
         steps = np.diff(self.time)
         found = np.flatnonzero(steps > _GAP * np.median(steps))
-        return [(int(k) + 1, float(steps[k])) for k in found]
+        return [(int(k) + 1, float(steps[k])) for k in found if int(k) + 1 not in self.starts]
 
     @property
     def jitter(self) -> float:
@@ -651,7 +668,8 @@ class Record:
         if not spikes.any():
             return self
         replaced = {int(row): float(self.input[row]) for row in np.flatnonzero(spikes)}
-        line = np.interp(self.time, self.time[~spikes], self.input[~spikes])
+        parts = [(self.time[rows], self.input[rows], ~spikes[rows]) for rows in self.stretches]
+        line = np.concatenate([np.interp(t, t[kept], u[kept]) for t, u, kept in parts])
         return replace(
             self,
             input=_frozen(np.where(spikes, line, self.input)),

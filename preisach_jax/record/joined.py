@@ -1,0 +1,293 @@
+"""Several records of one machine as one: joined end to end, each a run with a memory of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.quantity import number, pretty_unit, quantity
+from preisach_jax.record.core import Record
+
+PAUSE = 100
+"""Usual time steps between two runs on the joined clock: above what counts as a gap."""
+
+MOST_APART = 4.0
+"""Ratio of the time steps of two records beyond which they are not fitted together."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One of several records that were joined.
+
+    Attributes:
+        name: the record's name.
+        sha256: digest of its values.
+        start, stop: its first row in the joined record, and the first row after it.
+        clock_s: time of its first row on its own clock, in s.
+        initial_memory: state at its first sample.
+        held_out: whether all its rows are held out.
+    """
+
+    name: str
+    sha256: str
+    start: int
+    stop: int
+    clock_s: float
+    initial_memory: str
+    held_out: bool = False
+
+    @property
+    def rows(self) -> slice:
+        """Its rows in the joined record."""
+        return slice(self.start, self.stop)
+
+
+def as_one(given: Any, hold_out: Any = (), asked_by: str = "fit") -> Record:
+    """One record of what a function was given: a record, or several.
+
+    Arguments:
+        given: a `Record`, or a sequence of them.
+        hold_out: further records, all of whose rows are held out.
+        asked_by: name of the function, for messages.
+
+    Returns:
+        The record itself if it is the only one, else the `joined` ones.
+
+    Raises:
+        InputError: if something else was given, or the records do not belong together.
+
+    Example:
+        >>> t = np.arange(99.0)
+        >>> records = [Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)]
+        >>> [run.name for run in as_one(records).runs]
+        ['7.csv', '9.csv']
+    """
+    several, apart = (_listed(each, asked_by) for each in (given, hold_out))
+    if not several:
+        raise InputError(f"{asked_by} was given no record; pass a Record, or a list of them")
+    return several[0] if len(several) == 1 and not apart else joined(several, apart)
+
+
+def _listed(given: Any, asked_by: str) -> list[Record]:
+    records = list(given) if isinstance(given, list | tuple) else [given]
+    for one in records:
+        if isinstance(one, Record):
+            if one.runs:
+                raise InputError(
+                    f"{one.name}: this record is made of several; pass the records themselves"
+                )
+            continue
+        what = type(one).__name__
+        remedy = "pass a preisach_jax.Record (Record.load, Record.from_arrays), or a list of them"
+        if all(hasattr(one, name) for name in ("time", "input", "output")):
+            remedy = "pass Record.from_arrays(s.time, s.input, s.output, aux=s.aux) of it"
+            remedy = remedy if hasattr(one, "aux") else remedy.replace(", aux=s.aux", "")
+        raise InputError(f"{asked_by} was given a {what}, which is no record; {remedy}")
+    return records
+
+
+def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record:
+    """Join records end to end on one clock.
+
+    A pause of `PAUSE` usual steps stands between two of them.  Wherever a run starts, every state
+    of a model starts anew; nothing that is computed from neighbouring rows reaches across.
+
+    Arguments:
+        records: the records; the last one's end is the memory from which a model goes on.
+        hold_out: records all of whose rows are held out.
+
+    Returns:
+        A record whose `runs` say where each of them lies.
+
+    Raises:
+        InputError: if columns, units or rates differ, a record is given twice, or the input of one
+            that is held out leaves the range of the others.
+
+    Example:
+        >>> t = np.arange(99.0)
+        >>> both = joined([Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)])
+        >>> both.name, len(both), both.starts
+        ('7.csv, 9.csv', 198, (99,))
+    """
+    everything = [*records, *hold_out]
+    _check_alike(everything)
+    _check_reach(records, hold_out)
+    pause = PAUSE * float(np.median([record.step_s for record in everything]))
+    clocks: list[np.ndarray] = []
+    runs: list[Run] = []
+    start, shift = 0, float(everything[0].time[0])
+    for position, record in enumerate(everything):
+        clocks.append(record.time - record.time[0] + shift)
+        shift = float(clocks[-1][-1]) + pause
+        stop = start + len(record)
+        runs.append(
+            Run(
+                record.name,
+                record.sha256,
+                start,
+                stop,
+                float(record.time[0]),
+                record.initial_memory,
+                position >= len(records),
+            )
+        )
+        start = stop
+
+    def whole(values: Iterable[np.ndarray]) -> np.ndarray:
+        return np.concatenate(list(values))
+
+    first, time = everything[0], whole(clocks)
+    both = Record.from_arrays(
+        time,
+        whole(record.input for record in everything),
+        whole(record.output for record in everything),
+        aux={name: whole(record.aux[name] for record in everything) for name in first.aux},
+        name=", ".join(record.name for record in everything),
+        initial_memory=first.initial_memory,
+    )
+    return replace(both, channels=first.channels, runs=tuple(runs))
+
+
+def _check_alike(records: Sequence[Record]) -> None:
+    """Refuse records of other columns, units or rates than the first, and one that is given twice.
+
+    Raises:
+        InputError: naming both records and what differs.
+    """
+    first = records[0]
+    for position, record in enumerate(records):
+        for other in records[:position]:
+            if other.sha256 == record.sha256 and _same_columns(other, record):
+                same = "given twice" if other.name == record.name else f"the same as {other.name}"
+                raise InputError(f"{record.name}: this record is {same}; give each record once")
+        if set(record.aux) != set(first.aux):
+            mine, its = (", ".join(each.aux) or "none" for each in (record, first))
+            raise InputError(
+                f"{record.name}: its auxiliary columns are {mine}, and those of {first.name} are "
+                f"{its}; give records of the same columns (--aux)"
+            )
+        for role in ("input", "output", *first.aux):
+            own, other = (each.channels[role] for each in (record, first))
+            if own.name != other.name:
+                raise InputError(
+                    f"{record.name}: the {role} is column {own.name}, and {other.name} in "
+                    f"{first.name}; name the columns of all records alike"
+                )
+            if pretty_unit(own.unit) != pretty_unit(other.unit):
+                mine, its = (pretty_unit(each.unit) or "no unit" for each in (own, other))
+                raise InputError(
+                    f"{record.name}, column {own.name}: its unit is {mine}, and {its} in "
+                    f"{first.name}; convert one of them, or state the unit (--unit)"
+                )
+        ratio = record.step_s / first.step_s
+        if not 1 / MOST_APART <= ratio <= MOST_APART:
+            mine, its = (f"{number(1 / each.step_s, 4)} Hz" for each in (record, first))
+            raise InputError(
+                f"{record.name}: it was sampled at {mine}, and {first.name} at {its}; give records "
+                f"whose rates are within a factor of {MOST_APART:g}: resample one of them"
+            )
+
+
+def _same_columns(one: Record, other: Record) -> bool:
+    return all(np.array_equal(one.aux[name], other.aux.get(name)) for name in one.aux)
+
+
+def _check_reach(records: Sequence[Record], hold_out: Sequence[Record]) -> None:
+    """Refuse a record to hold out whose input goes where none of the others does."""
+    low = min(float(record.input.min()) for record in records)
+    high = max(float(record.input.max()) for record in records)
+    reach = 0.01 * (high - low)
+    for record in hold_out:
+        unit = record.input_unit
+        for value in (float(record.input.min()), float(record.input.max())):
+            if not low - reach <= value <= high + reach:
+                ends = f"{number(low)} to {quantity(high, unit)}"
+                raise InputError(
+                    f"{record.name}: its input reaches {quantity(value, unit)}, and the records "
+                    f"that are fitted span {ends}; hold out a record within it"
+                )
+
+
+def parts_of(record: Record) -> list[Record]:
+    """The runs of a record, each as a record of its own on the joined clock; itself if it has none.
+
+    Arguments:
+        record: the record.
+
+    Example:
+        >>> t = np.arange(99.0)
+        >>> both = joined([Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)])
+        >>> [part.name for part in parts_of(both)]
+        ['7.csv', '9.csv']
+    """
+    return [_part(record, run) for run in record.runs] or [record]
+
+
+def without_rows(record: Record, kept: np.ndarray) -> Record:
+    """Some samples of a record, with what was left out of it forgotten.
+
+    Arguments:
+        record: the record.
+        kept: indices of the samples that are kept, ascending; with the first of each run.
+
+    Example:
+        >>> t = np.arange(99.0)
+        >>> len(without_rows(Record.from_arrays(t, t % 7, t % 7), np.arange(0, 99, 2)))
+        50
+    """
+    edges = [(run.start, run.stop) for run in record.runs]
+    moved = np.searchsorted(kept, np.array(edges, dtype=int).reshape(-1, 2)).tolist()
+    return replace(
+        record,
+        time=record.time[kept],
+        input=record.input[kept],
+        output=record.output[kept],
+        aux={name: values[kept] for name, values in record.aux.items()},
+        time_values=record.time_values[kept],
+        spikes={},
+        input_spikes={},
+        faults=(),
+        runs=tuple(
+            replace(run, start=start, stop=stop)
+            for run, (start, stop) in zip(record.runs, moved, strict=True)
+        ),
+    )
+
+
+def last_fitted(record: Record) -> Record:
+    """The last run that is not held out, as it was given; the record itself if it has no runs."""
+    fitted = [run for run in record.runs if not run.held_out]
+    if not fitted:
+        return record
+    run = fitted[-1]
+    part = _part(record, run)
+    time = part.time - part.time[0] + run.clock_s
+    return replace(part, time=time, time_values=time, sha256=run.sha256)
+
+
+def _part(record: Record, run: Run) -> Record:
+    part = record.part(run.start, run.stop)
+    return replace(part, name=run.name, initial_memory=run.initial_memory)
+
+
+def by_run(record: Record, find: Callable[..., np.ndarray], *along: np.ndarray) -> np.ndarray:
+    """What is found row by row in each run alone.
+
+    Arguments:
+        record: the record.
+        find: gives an array, (time,), of a record and of what stands along it.
+        along: (time,) arrays along the record.
+
+    Returns:
+        (time,) what was found.
+    """
+    if not record.runs:
+        return find(record, *along)
+    parts = zip(parts_of(record), record.runs, strict=True)
+    return np.concatenate(
+        [find(part, *(values[run.rows] for values in along)) for part, run in parts]
+    )

@@ -118,5 +118,5 @@ def conformal(errors: np.ndarray) -> float:
 
 def _slicing(record: Record) -> tuple[np.ndarray, np.ndarray]:
     """(time,) speed of the input, and time since it last turned."""
-    speed = np.abs(input_rate(record.time, record.input))
-    return speed, time_since_reversal(record.time, record.input)
+    speed = np.abs(input_rate(record.time, record.input, record.starts))
+    return speed, time_since_reversal(record.time, record.input, starts=record.starts)

@@ -35,10 +35,17 @@ from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.faults import Fault, faults
-from preisach_jax.record.joined import as_one, by_run, last_fitted, parts_of
+from preisach_jax.record.joined import (
+    RunErrors,
+    as_one,
+    by_run,
+    errors_by_run,
+    last_fitted,
+    parts_of,
+)
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.reduction import FIRST_STRENGTH
-from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line
+from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line, run_lines, run_table
 from preisach_jax.runs import of_last_run, response, signals_of
 from preisach_jax.signature import Projection, Prospect, prospects
 
@@ -133,6 +140,7 @@ class Fit:
         return html.block(
             html.heading(f"{self.record.name}: {model_line(self.model)}"),
             html.table(*error_table((self,), self.record), numbers_from=1),
+            html.table(*run_table(self.by_record, self.record), numbers_from=1),
             html.table(("acts on", "part", "parameter", "value"), chain_rows(self.model)),
         )
 
@@ -168,6 +176,11 @@ class Fit:
         spread = np.linalg.norm(output - output.mean())
         return float(100 * (1 - np.linalg.norm(self.residual[self.validation]) / spread))
 
+    @property
+    def by_record(self) -> tuple[RunErrors, ...]:
+        """What the model leaves of each of several records; empty for a single one."""
+        return errors_by_run(self.record, self.residual, self.identification, self.validation)
+
     def summary(self) -> str:
         """Errors and parameters as text."""
         unit = self.record.channels["output"].unit or "(no unit)"
@@ -180,6 +193,7 @@ class Fit:
             f"{largest:.4g} {unit} at most; fit {self.fit_percent:.2f} %",
             f"  identification error {self.rms_identification:.4g} {unit} RMS",
         ]
+        lines += [f"  {line}" for line in run_lines(self.by_record, unit)]
         for effect, parameters in self.model.parameters.items():
             for name, estimate in parameters.items():
                 lines.append(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis, Finding
     from preisach_jax.model import Model, ParameterEstimate
     from preisach_jax.record import Record
+    from preisach_jax.record.joined import RunErrors
 
 _HEADLINES = {
     "adequate": "Nothing is missing",
@@ -91,6 +92,54 @@ def error_table(
     return tuple(columns.values()), [tuple(row[key] for key in columns) for row in rows]
 
 
+RUN_HEADERS = ("record", "rows", "identified RMS", "held-out RMS", "% of stroke", "largest", "mean")
+
+
+def run_table(
+    errors: Sequence[RunErrors], record: Record
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headers, and one row a record of several, with what a model leaves of it; else no rows."""
+    if not errors:
+        return (), []
+    finite = [each.rms_validation for each in errors if math.isfinite(each.rms_validation)]
+    factor, unit = scaled(max(finite), record.output_unit)
+    shown = f" ({unit})" if unit else ""
+
+    def text(value: float, digits: int = 4) -> str:
+        return number(value, digits) if math.isfinite(value) else "-"
+
+    rows = [
+        (
+            f"{each.record} (held out)" if each.held_out else each.record,
+            f"{each.rows:,}",
+            text(factor * each.rms_identification),
+            text(factor * each.rms_validation),
+            text(100 * each.rms_validation / record.output_range, 3),
+            text(factor * each.max_abs_validation),
+            text(factor * each.mean_validation, 2),
+        )
+        for each in errors
+    ]
+    lacking = ("record", "rows", "% of stroke")
+    return tuple(h if h in lacking else h + shown for h in RUN_HEADERS), rows
+
+
+def run_lines(errors: Sequence[RunErrors], unit: str) -> list[str]:
+    """What a model leaves of each of several records, a line each."""
+    lines: list[str] = []
+    for each in errors:
+        name = f"{each.record} ({each.rows:,} rows)"
+        if not math.isfinite(each.rms_validation):
+            lines.append(f"{name}: identification error {each.rms_identification:.4g} {unit} RMS")
+            continue
+        kind = ", all of it" if each.held_out else ""
+        lines.append(
+            f"{name}: held-out error{kind} {each.rms_validation:.4g} {unit} RMS, "
+            f"{each.max_abs_validation:.4g} {unit} at most, mean {each.mean_validation:.2g} {unit}"
+        )
+    return lines
+
+
 def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
     """Effects that were not found, and how great they could be (95 %)."""
     return [(limit.effect, limit.text(found.budget.unit)) for limit in found.limits]
@@ -163,6 +212,9 @@ def finding_rows(findings: Iterable[Finding]) -> list[tuple[str, str, str, str]]
 
 def record_line(record: Record) -> str:
     """A record in one line: name, rows, duration."""
+    if record.runs:
+        longest = quantity(record.duration_s, "s")
+        return f"{record.name}: {len(record):,} rows of {len(record.runs)} records, up to {longest}"
     return f"{record.name}: {len(record):,} rows, {quantity(record.duration_s, 's')}"
 
 
@@ -260,12 +312,26 @@ def span_rows(record: Record) -> list[tuple[str, str]]:
     rows = f"{len(record.time):,}"
     if measured < len(record.time):
         rows += f", {measured:,} of them with a measured output"
+    length = f"{number(record.duration_s)} s"
+    length = f"up to {length} each" if record.runs else length
     return [
         ("rows", rows),
-        ("duration", f"{number(record.duration_s)} s, step {quantity(record.step_s, 's')}"),
+        ("duration", f"{length}, step {quantity(record.step_s, 's')}"),
         ("stroke", quantity(record.output_range, record.output_unit)),
         ("state at the first sample", record.initial_memory),
     ]
+
+
+def _run_rows(record: Record) -> list[tuple[str, str]]:
+    """Name and digest of a record, or of each of several."""
+    if not record.runs:
+        return [("data", record.name), ("SHA-256 of its values", record.sha256)]
+    rows: list[tuple[str, str]] = []
+    for run in record.runs:
+        held_out = ", held out" if run.held_out else ""
+        rows.append(("data", f"{run.name}, {run.stop - run.start:,} rows{held_out}"))
+        rows.append(("SHA-256 of its values", run.sha256))
+    return rows
 
 
 def record_rows(record: Record) -> list[tuple[str, str]]:
@@ -276,8 +342,7 @@ def record_rows(record: Record) -> list[tuple[str, str]]:
         name = role if role == channel.name else f"{role} {channel.name}"
         columns.append(f"{name} in {unit}" if unit else f"{name} (unit unknown)")
     return [
-        ("data", record.name),
-        ("SHA-256 of its values", record.sha256),
+        *_run_rows(record),
         ("columns", "; ".join(columns)),
         *span_rows(record),
     ]

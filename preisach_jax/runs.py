@@ -9,6 +9,7 @@ the last of the other runs.  Along one run these functions are those of `chain`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -54,7 +55,7 @@ class JoinedSignals(Signals):
     def rows(self) -> list[slice]:
         """The samples of each run."""
         ends = np.cumsum([0, *(len(part.time) for part in self.parts)]).tolist()
-        return [slice(start, stop) for start, stop in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(start, stop) for start, stop in itertools.pairwise(ends)]
 
 
 def parts_of(signals: Signals) -> tuple[Signals, ...]:

@@ -19,16 +19,19 @@ from preisach_jax.cli.options import (
     Columns,
     Data,
     Effects,
+    HoldOut,
     InitialMemory,
     Input,
     Levels,
     ModelFile,
     Output,
     Rate,
+    SeveralData,
     Time,
     Unit,
     check_choice,
     effect_names,
+    load_all,
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
@@ -69,12 +72,13 @@ def common(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
+    "preisach diagnose slow.csv fast.csv --hold-out other.csv",
     "preisach diagnose stage.csv --json > found.json",
     fits=True,
 )
 def diagnose(
     context: typer.Context,
-    data: Data,
+    data: SeveralData,
     time: Time = None,
     input: Input = None,
     output: Output = None,
@@ -84,6 +88,7 @@ def diagnose(
     rate: Rate = None,
     unit: Unit = None,
     initial_memory: InitialMemory = None,
+    hold_out: HoldOut = None,
     tolerance: Annotated[
         str | None,
         typer.Option(
@@ -109,13 +114,14 @@ def diagnose(
     names = effect_names(effects)
     check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
-    notes: list[str] = []
-    record = columns.with_effects(names).load(data, announce=notes.append)
-    screen.show_record(record, notes)
+    columns = columns.with_effects(names)
+    records, apart = load_all(columns, data, hold_out or (), screen.show_record)
     if names:  # a column that was asked for is tried as well
         names += [f"aux:{name}" for name in aux or () if f"aux:{name}" not in names]
     with screen.progress() as show:
-        found = run(record, names or None, levels, tolerance=tolerance, progress=show)
+        found = run(
+            records, names or None, levels, hold_out=apart, tolerance=tolerance, progress=show
+        )
         show("writing the report", 0.97)
         write_report(found, report, command=context.obj["command"], language=language)
     screen.show_diagnosis(found)
@@ -127,10 +133,11 @@ def diagnose(
     "preisach fit stage.csv --out model.json",
     "preisach fit stage.csv --effects creep,delay --levels 25 --out model.json",
     "preisach fit loop.csv --rate 2000 --input u --output z --out model.json",
+    "preisach fit slow.csv fast.csv --effects creep --out model.json",
     fits=True,
 )
 def fit(
-    data: Data,
+    data: SeveralData,
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the model")],
     effects: Effects = None,
     time: Time = None,
@@ -141,21 +148,21 @@ def fit(
     rate: Rate = None,
     unit: Unit = None,
     initial_memory: InitialMemory = None,
+    hold_out: HoldOut = None,
 ) -> dict[str, Any]:
     """Fit a model with chosen effects, or with none."""
     from preisach_jax.files import check_file, json_bytes, write_files
     from preisach_jax.fit import fit as run
 
-    check_file(out, data)
+    check_file(out, *data, *(hold_out or ()))
     names = effect_names(effects)
     check_choice(names, levels)
     columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
-    notes: list[str] = []
-    record = columns.with_effects(names).load(data, announce=notes.append)
-    screen.show_record(record, notes)
+    columns = columns.with_effects(names)
+    records, apart = load_all(columns, data, hold_out or (), screen.show_record)
     with screen.progress() as show:
         show("fitting", 0.0)
-        fitted = run(record, names, levels, progress=show)
+        fitted = run(records, names, levels, hold_out=apart, progress=show)
     write_files({out: json_bytes(fitted.model.to_json())})
     screen.say(f"\n{fitted.summary()}\n\nModel: {out}")
     return fitted.model.to_json()

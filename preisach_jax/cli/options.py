@@ -25,6 +25,22 @@ Data = Annotated[
         help="CSV, Excel, MAT, HDF5, TDMS, LVM, NPZ, Parquet, ..., packed or not",
     ),
 ]
+SeveralData = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DATA...",
+        help="CSV, Excel, MAT, HDF5, TDMS, LVM, NPZ, Parquet, ..., packed or not; several records "
+        "of one machine give one model, with a memory for each",
+    ),
+]
+HoldOut = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--hold-out",
+        metavar="DATA",
+        help="a record that is held out whole, in place of blocks of the others; may be repeated",
+    ),
+]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="a model.json")]
 Time = Annotated[
     str | None, typer.Option("--time", metavar="COL", help="column of time: name, number or unit")
@@ -123,6 +139,34 @@ class Columns:
             need_output=need_output,
             announce=announce,
         )
+
+
+def load_all(
+    columns: Columns,
+    data: Sequence[Path],
+    hold_out: Sequence[Path],
+    show: Callable[[Record, list[str]], object],
+) -> tuple[list[Record], list[Record]]:
+    """Load the records that a model is fitted to, and those that are held out.
+
+    Arguments:
+        columns: how to read them.
+        data, hold_out: their files.
+        show: called with each record and what was guessed about it.
+
+    Raises:
+        InputError: if one cannot be loaded, or is given twice.
+    """
+    given = [*data, *hold_out]
+    for position, path in enumerate(given):
+        if path.resolve() in [other.resolve() for other in given[:position]]:
+            raise InputError(f"{path}: this record is given twice; give each record once")
+    records: list[Record] = []
+    for path in given:
+        notes: list[str] = []
+        records.append(columns.load(path, announce=notes.append))
+        show(records[-1], notes)
+    return records[: len(data)], records[len(data) :]
 
 
 def check_choice(effects: Sequence[str], levels: int | None) -> None:

@@ -18,6 +18,7 @@ from preisach_jax.rows import (
     finding_parameters,
     headline,
     record_lines,
+    run_table,
 )
 
 if TYPE_CHECKING:
@@ -280,6 +281,9 @@ def show_diagnosis(found: Diagnosis) -> None:
     for text in found.notes:
         say(f"Note: {text}\n")
     table(*error_table(found.ladder, found.base.record))
+    if found.final.by_record:
+        say()
+        table(*run_table(found.final.by_record, found.base.record))
     say()
     table(("error budget", "RMS", "from"), budget_rows(found), numbers=False)
     for finding in found.findings:

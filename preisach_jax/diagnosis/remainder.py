@@ -227,7 +227,7 @@ AT_REST = 1e-5
 
 def _axes(record: Record, rows: np.ndarray) -> list[_Axis]:
     """The quantities that vary."""
-    last, rate = last_reversal(record.input), input_rate(record.time, record.input)
+    last, rate = last_reversal(record.input, None, record.starts), _rate(record)
     speed = np.abs(rate)
     moving = speed > AT_REST * speed.max()
     slow = float(np.quantile(speed[moving], 0.02)) if moving.any() else 1.0
@@ -254,6 +254,10 @@ def _axes(record: Record, rows: np.ndarray) -> list[_Axis]:
         for name, unit, along, values in quantities
         if np.ptp(values[rows]) > 0
     ]
+
+
+def _rate(record: Record) -> np.ndarray:
+    return input_rate(record.time, record.input, record.starts)
 
 
 def _last_move(values: np.ndarray) -> np.ndarray:

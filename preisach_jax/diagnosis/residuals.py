@@ -104,6 +104,8 @@ def sampling_note(record: Record) -> str:
     parts: list[str] = []
     if record.jitter > UNEVEN:
         parts.append(f"the time step varies by {100 * record.jitter:.0f} %, so lags count samples")
+    if record.runs:
+        parts.append(f"{len(record.runs)} records one behind the other, with blanks between")
     pauses = len(record.gaps)
     if pauses:
         parts.append(f"{pauses} pause{'s' if pauses > 1 else ''} left blank")
@@ -115,7 +117,7 @@ def sampling_note(record: Record) -> str:
 
 
 def in_sequence(record: Record, values: np.ndarray, longest: int) -> np.ndarray:
-    """Values in the order of the rows, with blanks where the record pauses.
+    """Values in the order of the rows, with blanks where the record pauses, or another one starts.
 
     Arguments:
         record: the record.
@@ -132,8 +134,10 @@ def in_sequence(record: Record, values: np.ndarray, longest: int) -> np.ndarray:
     """
     rows: list[int] = []
     blanks: list[float] = []
-    for row, seconds in record.gaps:
-        count = min(round(seconds / record.step_s) - 1, longest)
+    pauses = [(row, round(seconds / record.step_s) - 1) for row, seconds in record.gaps]
+    pauses += [(row, longest) for row in record.starts]
+    for row, blank in sorted(pauses):
+        count = min(blank, longest)
         rows += [row] * count
         blanks += [np.nan] * count
     return np.insert(np.asarray(values, dtype=float), rows, blanks)

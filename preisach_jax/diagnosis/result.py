@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
-from preisach_jax.rows import error_table, finding_rows, headline
+from preisach_jax.rows import error_table, finding_rows, headline, run_lines, run_table
 
 MOST_RELATIONS = 4
 """Relations of the remainder that are told in words."""
@@ -179,6 +179,7 @@ class Diagnosis:
             html.heading(f"{headline(self)} ({self.verdict})"),
             html.sentence(self.sentence),
             html.table(*error_table(self.ladder, self.base.record), numbers_from=1),
+            html.table(*run_table(self.final.by_record, self.base.record), numbers_from=1),
             html.table(found, finding_rows(self.findings)),
             *(html.sentence(f"{name}: {text}") for name, text in said.items() if text),
             *map(html.sentence, self.notes),
@@ -227,7 +228,12 @@ class Diagnosis:
             "located": self.located,
             "remainder": [relation.to_json() for relation in self.remainder],
             "notes": list(self.notes),
-        }
+        } | self._records()
+
+    def _records(self) -> dict[str, Any]:
+        """Of several records the rows and the errors of each; nothing for a single one."""
+        each = [asdict(errors) for errors in self.final.by_record]
+        return {"records": each} if each else {}
 
     def summary(self) -> str:
         """The verdict and the ladder as text."""
@@ -242,6 +248,7 @@ class Diagnosis:
                 f"  {name}: held-out error {shown(rung.rms_validation)} RMS, "
                 f"{shown(rung.max_abs_validation)} at most, fit {rung.fit_percent:.2f} %"
             )
+        lines += [f"  {line}" for line in run_lines(self.final.by_record, self.budget.unit)]
         budget = self.budget
         lines.append(
             f"  budget: noise {shown(budget.noise)}, discretisation "

@@ -171,7 +171,7 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             "and output, or record the velocity too."
         )
     notes += [f"{line}." for line in fault_lines(record)]
-    turns = len(reversals(record.input))
+    turns = len(reversals(record.input, None, record.starts))
     if turns < LEAST_REVERSALS:
         notes.append(
             f"The input turns {turns} times only: hysteresis, and much that acts beside it, cannot "
@@ -189,7 +189,8 @@ def located(record: Record, fit: Fit) -> str:
     """
     rows = np.flatnonzero(record.measured)
     power = fit.residual[rows] ** 2
-    rate, last = input_rate(record.time, record.input), last_reversal(record.input)
+    rate = input_rate(record.time, record.input, record.starts)
+    last = last_reversal(record.input, None, record.starts)
     unit_u, unit_z = record.input_unit, record.output_unit
     axes = {
         "time": (record.time, "s"),

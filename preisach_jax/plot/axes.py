@@ -44,8 +44,8 @@ def record_axes(record: Record) -> dict[str, Axis]:
         >>> record_axes(record)["rate"].label, record_axes(record)["rate"].values
         ('rate of input (V/s)', array([2., 2., 2.]))
     """
-    rate = stats.input_rate(record.time, record.input)
-    since = stats.time_since_reversal(record.time, record.input)
+    rate = stats.input_rate(record.time, record.input, record.starts)
+    since = stats.time_since_reversal(record.time, record.input, starts=record.starts)
     per_second = f"{record.input_unit}/s" if record.input_unit else "1/s"
     return {
         "time": Axis(record.time, "time (s)"),

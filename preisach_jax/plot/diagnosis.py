@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -488,11 +488,12 @@ def worst_stretch(traces: Traces, reversals: int = 10) -> slice:
     power = np.convolve(np.nan_to_num(square), np.ones(width), "same")
     centre = int(np.argmax(power))
     half = max(3 * count // 200, 25)
-    turns = stats.reversals(record.input)
+    turns = stats.reversals(record.input, None, record.starts)
     distance = np.sort(np.abs(turns - centre))
     if len(distance) > reversals:
         half = max(min(half, int(distance[reversals])), 25)
-    return slice(max(centre - half, 0), min(centre + half, count))
+    inside = next(rows for rows in record.stretches if rows.start <= centre < rows.stop)
+    return slice(max(centre - half, inside.start), min(centre + half, inside.stop))
 
 
 def _plain_number(value: float, position: float) -> str:
@@ -535,13 +536,20 @@ def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return time[order], values[order]
 
 
+def _lines(axes: Axes, record: Record, rows: slice, values: np.ndarray, **style: Any) -> None:
+    """Draw values along some rows over time, each record by itself."""
+    cuts = [start - rows.start for start in _starts_within(record, rows)]
+    parts = zip(np.split(record.time[rows], cuts), np.split(values, cuts), strict=True)
+    for time, part in parts:
+        axes.plot(*_envelope(time, part), **style)
+
+
 def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
     """Draw output or residual over time, held-out rows shaded."""
     record = _record(traces)
-    time = record.time[rows]
     if what == "output":
         factor, unit = scaled(greatest(record.output), record.output_unit)
-        axes.plot(*_envelope(time, factor * record.output[rows]), color=MEASURED, lw=2.6)
+        _lines(axes, record, rows, factor * record.output[rows], color=MEASURED, lw=2.6)
         axes.set_ylabel(with_unit(_name(record, "output"), unit))
     else:
         factor, unit = _residual_scale(traces)
@@ -550,10 +558,18 @@ def _course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
     for trace in traces.values():
         values = trace.prediction if what == "output" else trace.residual
         values = np.where(record.measured, values, np.nan)[rows]
-        axes.plot(*_envelope(time, factor * values), color=colour(trace), lw=1.0)
+        _lines(axes, record, rows, factor * values, color=colour(trace), lw=1.0)
+    for start in _starts_within(record, rows):
+        between = record.time[start - 1 : start + 1].mean()
+        axes.axvline(between, color="0.45", lw=0.9, ls=":", zorder=1)
     _shade_held_out(axes, _first(traces), rows)
     axes.set_xlabel("time (s)")
     axes.margins(x=0.01)
+
+
+def _starts_within(record: Record, rows: slice) -> list[int]:
+    """Rows at which another record starts, among some rows."""
+    return [start for start in record.starts if rows.start < start < rows.stop]
 
 
 def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6) -> None:
@@ -567,6 +583,7 @@ def _loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float 
     steps = np.abs(np.diff(u))
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     far = np.flatnonzero(steps > max(10 * usual, 0.02 * in_factor * record.input_range)) + 1
+    far = np.union1d(far, np.searchsorted(chosen, _starts_within(record, rows)))
     courses = [(MEASURED, width, record.output)]
     courses += [
         (colour(trace), 0.9, np.where(record.measured, trace.prediction, np.nan))

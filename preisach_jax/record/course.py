@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +11,13 @@ DEAD_BAND = 0.01
 """Share of its range that the input must come back by to count as reversed."""
 
 
-def input_rate(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def input_rate(time: np.ndarray, values: np.ndarray, starts: Sequence[int] = ()) -> np.ndarray:
     """Rate of a signal by central differences with the actual time steps.
 
     Arguments:
         time: (time,) s.
         values: (time,) signal.
+        starts: samples at which another record starts; no difference is taken across.
 
     Returns:
         (time,) rate, in the signal's unit a second.
@@ -24,10 +26,13 @@ def input_rate(time: np.ndarray, values: np.ndarray) -> np.ndarray:
         >>> input_rate(np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 6.0]))
         array([2., 2., 2.])
     """
-    return np.gradient(values, time)
+    parts = zip(np.split(values, starts), np.split(time, starts), strict=True)
+    return np.concatenate([np.gradient(part, when) for part, when in parts])
 
 
-def reversals(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
+def reversals(
+    values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
+) -> np.ndarray:
     """Samples at which a signal turns.
 
     A turn counts once the signal has come back by more than the dead band, so that noise does not
@@ -36,6 +41,7 @@ def reversals(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
     Arguments:
         values: (time,) signal.
         dead_band: in the signal's unit; by default 1 % of its range.
+        starts: samples at which another record starts, whose ends are no turns.
 
     Returns:
         (turn,) indices, ascending; the ends of the signal are no turns.
@@ -47,6 +53,11 @@ def reversals(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
     values = np.asarray(values, dtype=float)
     if dead_band is None:
         dead_band = DEAD_BAND * float(np.ptp(values))
+    if len(starts):
+        edges = [0, *starts, len(values)]
+        parts = [start + reversals(values[start:stop], dead_band)
+                 for start, stop in itertools.pairwise(edges)]  # fmt: skip
+        return np.concatenate(parts)
     arrivals = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
     slope = np.sign(np.diff(values[arrivals]))
     corners = arrivals[np.flatnonzero(np.diff(slope, prepend=0, append=0) != 0)]
@@ -74,12 +85,14 @@ def _turns(extremes: Sequence[float], places: Sequence[int], dead_band: float) -
     return found
 
 
-def last_reversal(values: np.ndarray, dead_band: float | None = None) -> np.ndarray:
+def last_reversal(
+    values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
+) -> np.ndarray:
     """Sample at which a signal last turned; before its first turn, the first one.
 
     Arguments:
         values: (time,) signal.
-        dead_band: see `reversals`.
+        dead_band, starts: see `reversals`.
 
     Returns:
         (time,) indices.
@@ -88,19 +101,22 @@ def last_reversal(values: np.ndarray, dead_band: float | None = None) -> np.ndar
         >>> last_reversal(np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
         array([0, 0, 2, 2, 2])
     """
-    turns = np.append(0, reversals(values, dead_band))
+    turns = np.sort(np.concatenate([[0], starts, reversals(values, dead_band, starts)]).astype(int))
     return turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
 
 
 def time_since_reversal(
-    time: np.ndarray, values: np.ndarray, dead_band: float | None = None
+    time: np.ndarray,
+    values: np.ndarray,
+    dead_band: float | None = None,
+    starts: Sequence[int] = (),
 ) -> np.ndarray:
     """Time since a signal last turned; before its first turn, since the start.
 
     Arguments:
         time: (time,) s.
         values: (time,) signal.
-        dead_band: see `reversals`.
+        dead_band, starts: see `reversals`.
 
     Returns:
         (time,) s.
@@ -109,4 +125,4 @@ def time_since_reversal(
         >>> time_since_reversal(np.arange(5.0), np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
         array([0., 1., 0., 1., 2.])
     """
-    return time - time[last_reversal(values, dead_band)]
+    return time - time[last_reversal(values, dead_band, starts)]

@@ -212,6 +212,68 @@ def _check_reach(records: Sequence[Record], hold_out: Sequence[Record]) -> None:
                 )
 
 
+@dataclass(frozen=True)
+class RunErrors:
+    """What a model leaves of one of several records, in output units.
+
+    Attributes:
+        record: the record's name.
+        sha256: digest of its values.
+        rows: its number of rows.
+        held_out: whether all of them are held out.
+        rms_identification: RMS error on its rows that identify; NaN if there are none.
+        rms_validation: RMS error on its rows that are held out; NaN if there are none.
+        mean_validation: mean error there.
+        max_abs_validation: greatest error there.
+    """
+
+    record: str
+    sha256: str
+    rows: int
+    held_out: bool
+    rms_identification: float
+    rms_validation: float
+    mean_validation: float
+    max_abs_validation: float
+
+
+def errors_by_run(
+    record: Record, residual: np.ndarray, identification: np.ndarray, validation: np.ndarray
+) -> tuple[RunErrors, ...]:
+    """What a model leaves of each of several records that were joined.
+
+    Arguments:
+        record: the joined record.
+        residual: (time,) measured less predicted output, in output units.
+        identification: (time,) bool: rows that identify.
+        validation: (time,) bool: rows that are held out.
+
+    Returns:
+        One a run; none for a record by itself.
+    """
+    found: list[RunErrors] = []
+    for run in record.runs:
+        left = residual[run.rows]
+        fitted, others = left[identification[run.rows]], left[validation[run.rows]]
+        found.append(
+            RunErrors(
+                run.name,
+                run.sha256,
+                run.stop - run.start,
+                run.held_out,
+                _rms(fitted),
+                _rms(others),
+                float(np.mean(others)) if len(others) else np.nan,
+                float(np.max(np.abs(others))) if len(others) else np.nan,
+            )
+        )
+    return tuple(found)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
+
+
 def parts_of(record: Record) -> list[Record]:
     """The runs of a record, each as a record of its own on the joined clock; itself if it has none.
 
@@ -266,7 +328,8 @@ def last_fitted(record: Record) -> Record:
     run = fitted[-1]
     part = _part(record, run)
     time = part.time - part.time[0] + run.clock_s
-    return replace(part, time=time, time_values=time, sha256=run.sha256)
+    name = f"{run.name}, the last of {len(fitted)} records" if len(fitted) > 1 else run.name
+    return replace(part, name=name, time=time, time_values=time, sha256=run.sha256)
 
 
 def _part(record: Record, run: Run) -> Record:

@@ -30,6 +30,7 @@ from preisach_jax.rows import (
     limit_rows,
     model_rows,
     record_rows,
+    run_table,
 )
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis, Finding
     from preisach_jax.effects.base import Effect
     from preisach_jax.model import Model
+    from preisach_jax.record import Record
 
 REFERENCES = (
     "F. Preisach, Über die magnetische Nachwirkung, Zeitschrift für Physik 94 (1935) 277–302.",
@@ -72,6 +74,7 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "size": _size(found),
         "effects": found.effects,
         "ladder": ladder_rows(found),
+        "records": run_table(found.final.by_record, record),
         "findings": [_finding(each, found.model, language) for each in found.findings],
         "families": [f.family for f in found.findings if len(f.family) > 1],
         "next_experiment": found.next_experiment,
@@ -307,10 +310,7 @@ def _method(found: Diagnosis) -> list[str]:
         "are not negative, and smooth as far as the data choose. They are solved for by linear "
         "least squares at each value of the effects' parameters, which are found outside by "
         "Gauss-Newton steps (variable projection [4]).",
-        f"The measured rows are cut into {BLOCKS} contiguous blocks, of which every "
-        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. "
-        "All errors named held-out are from these blocks, of a model that was identified without "
-        "them. The model that is saved was identified on all rows.",
+        _held_out(found.base.record),
         "An effect is named only if two locks open. First, the held-out mean square falls by at "
         f"least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
         "errors over the blocks. Second, the Bayesian information criterion [5] of the "
@@ -321,6 +321,29 @@ def _method(found: Diagnosis) -> list[str]:
         "residuals that may be correlated within a block. Bands of the residual tests are "
         "99 % [6].",
     ]
+
+
+def _held_out(record: Record) -> str:
+    """What is held out, and what a model of several records has in common, in sentences."""
+    text = (
+        f"The measured rows are cut into {BLOCKS} contiguous blocks, of which every "
+        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. "
+        "All errors named held-out are from these blocks, of a model that was identified without "
+        "them. The model that is saved was identified on all rows."
+    )
+    if not record.runs:
+        return text
+    apart = [run.name for run in record.runs if run.held_out]
+    if apart:
+        text = (
+            f"All rows of {', '.join(apart)} are held out: errors named held-out are those of a "
+            "prediction from the input alone, by the model that is saved."
+        )
+    return (
+        f"{text} The records share the density and the parameters of the effects; each has its own "
+        "memory, offset, drift and hum, and no block, difference or filter reaches from one to the "
+        "next. The model that is saved goes on from the end of the last one that was fitted."
+    )
 
 
 _ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}

@@ -136,7 +136,7 @@ def _sorted_directions(
 
 def _first_of(equations: NormalEquations, size: int, most: int) -> NormalEquations:
     """The equations of the first of some vectors, and of the offsets behind them."""
-    kept = np.append(np.arange(size), np.arange(most, equations.gram.shape[1]))
+    kept = np.append(np.arange(size), np.arange(most, len(equations.scale)))
     square = np.ix_(kept, kept)
     return NormalEquations(
         np.stack([gram[square] for gram in equations.gram]),
@@ -152,8 +152,8 @@ def _first_of(equations: NormalEquations, size: int, most: int) -> NormalEquatio
 
 def _combined(equations: NormalEquations, vectors: np.ndarray) -> NormalEquations:
     """The equations of combinations of all columns but the last, which are the offsets."""
-    columns, size = vectors.shape
-    behind = equations.gram.shape[1] - columns
+    columns, size = len(vectors), int(vectors.shape[1])
+    behind = len(equations.scale) - columns
     wide = np.zeros((columns + behind, size + behind))
     wide[:columns, :size], wide[columns:, size:] = vectors, np.eye(behind)
     return NormalEquations(

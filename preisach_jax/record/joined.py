@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def as_one(given: Any, hold_out: Any = (), asked_by: str = "fit") -> Record:
 
 
 def _listed(given: Any, asked_by: str) -> list[Record]:
-    records = list(given) if isinstance(given, list | tuple) else [given]
+    records = list(cast(Sequence[Any], given)) if isinstance(given, list | tuple) else [given]
     for one in records:
         if isinstance(one, Record):
             if one.runs:
@@ -193,7 +193,9 @@ def _check_alike(records: Sequence[Record]) -> None:
 
 
 def _same_columns(one: Record, other: Record) -> bool:
-    return all(np.array_equal(one.aux[name], other.aux.get(name)) for name in one.aux)
+    if set(one.aux) != set(other.aux):
+        return False
+    return all(np.array_equal(one.aux[name], other.aux[name]) for name in one.aux)
 
 
 def _check_reach(records: Sequence[Record], hold_out: Sequence[Record]) -> None:

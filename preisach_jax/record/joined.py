@@ -101,7 +101,8 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
         hold_out: records all of whose rows are held out.
 
     Returns:
-        A record whose `runs` say where each of them lies.
+        A record whose `runs` say where each of them lies; its `time_values` are their own clocks
+        in s.
 
     Raises:
         InputError: if columns, units or rates differ, a record is given twice, or the input of one
@@ -117,12 +118,12 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
     _check_alike(everything)
     _check_reach(records, hold_out)
     pause = PAUSE * float(np.median([record.step_s for record in everything]))
-    clocks: list[np.ndarray] = []
+    shifted: list[np.ndarray] = []
     runs: list[Run] = []
     start, shift = 0, float(everything[0].time[0])
     for position, record in enumerate(everything):
-        clocks.append(record.time - record.time[0] + shift)
-        shift = float(clocks[-1][-1]) + pause
+        shifted.append(record.time - record.time[0] + shift)
+        shift = float(shifted[-1][-1]) + pause
         stop = start + len(record)
         runs.append(
             Run(
@@ -140,7 +141,7 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
     def whole(values: Iterable[np.ndarray]) -> np.ndarray:
         return np.concatenate(list(values))
 
-    first, time = everything[0], whole(clocks)
+    first, time = everything[0], whole(shifted)
     both = Record.from_arrays(
         time,
         whole(record.input for record in everything),
@@ -149,7 +150,8 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
         name=", ".join(record.name for record in everything),
         initial_memory=first.initial_memory,
     )
-    return replace(both, channels=first.channels, runs=tuple(runs))
+    clocks = whole(record.time for record in everything)
+    return replace(both, channels=first.channels, runs=tuple(runs), time_values=clocks)
 
 
 def _check_alike(records: Sequence[Record]) -> None:
@@ -329,9 +331,9 @@ def last_fitted(record: Record) -> Record:
         return record
     run = fitted[-1]
     part = _part(record, run)
-    time = part.time - part.time[0] + run.clock_s
+    time = part.time_values
     name = f"{run.name}, the last of {len(fitted)} records" if len(fitted) > 1 else run.name
-    return replace(part, name=name, time=time, time_values=time, sha256=run.sha256)
+    return replace(part, name=name, time=time, sha256=run.sha256)
 
 
 def _part(record: Record, run: Run) -> Record:

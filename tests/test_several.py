@@ -1,0 +1,345 @@
+"""Several records fitted together: one model, and a memory, an offset and a drift for each."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+from test_hysteron import slow_ramp
+
+import preisach_jax as pj
+from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.cli import main
+from preisach_jax.diagnosis.evidence import innovation_variance
+from preisach_jax.effects.creep import Creep
+from preisach_jax.identify import Problem, evaluate
+from preisach_jax.plant.stage import make_stage
+from preisach_jax.record.course import input_rate, time_since_reversal
+from preisach_jax.record.joined import joined, parts_of
+from preisach_jax.runs import response, signals_of
+
+RATE_HZ = 100.0
+UNITS = {"input": "V", "output": "um"}
+STAGE = make_stage(5)
+
+
+def triangles(speed, seconds, top=74.0, share=0.5):
+    """Time, and triangles of falling height from zero, all at one rate in V/s."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    u, goals = [0.0], [top, 0.0]
+    while len(u) < len(t):
+        step = speed / RATE_HZ
+        if abs(goals[0] - u[-1]) <= step:
+            u.append(goals.pop(0))
+            goals.append(goals[-1] + (top * share if goals[-1] == 0.0 else -goals[-1]))
+            share = max(0.97 * share, 0.2)
+        else:
+            u.append(u[-1] + step * np.sign(goals[0] - u[-1]))
+    return t, np.array(u[: len(t)])
+
+
+def record(name, t, u, z, seed=0, zero=0.0, start_s=0.0):
+    noise = np.random.default_rng(seed).normal(0.0, 0.006, len(t))
+    return pj.Record.from_arrays(t + start_s, u, z + zero + noise, units=UNITS, name=name)
+
+
+def sweep(name, seed, top=74.0, seconds=12.0, zero=0.0, more=0.0):
+    """A record of the stage at a rate that wanders, beside which something may be added."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    phase = 2 * np.pi * (0.3 + 0.1 * seed) * t * (1 + t / seconds)
+    u = top * 0.5 * (1 - np.cos(phase)) * (1 - 0.5 * t / seconds)
+    return record(name, t, u, STAGE.hysteresis(u) + more * t / seconds, seed, zero)
+
+
+def slow_low_pass(values, t, tau_s):
+    """First-order low-pass of straight lines between samples, at rest at the first one."""
+    out = [values[0]]
+    for k in range(1, len(values)):
+        dt = t[k] - t[k - 1]
+        slope = (values[k] - values[k - 1]) / dt
+        lag = out[-1] - values[k - 1] + tau_s * slope
+        out.append(values[k] - tau_s * slope + lag * np.exp(-dt / tau_s))
+    return np.array(out)
+
+
+# What a model of several records computes
+
+
+def test_each_record_is_followed_by_its_own_slow_operator():
+    rng = np.random.default_rng(1)
+    plane, creep = pj.Plane(5, 0.0, 10.0), Creep(tau_s=(0.4, 4.0))
+    weights, gains = rng.uniform(0.1, 1.0, plane.cells), {"c_1": 0.1, "c_2": 0.2}
+    records, shares, offsets, expected = [], [], [3.0, -1.0], []
+    for position, count in enumerate((90, 130)):
+        t = np.cumsum(rng.uniform(0.05, 0.2, count))
+        x = 5.0 + 5.0 * np.sin(0.9 * t + position) * rng.uniform(0.9, 1.0, count)
+        share = rng.integers(0, 2, plane.cells).astype(float)  # which hysterons were on before
+        states = [
+            slow_ramp(x, alpha, beta, plane.delta_x, on)
+            for alpha, beta, on in zip(plane.alpha, plane.beta, share, strict=True)
+        ]
+        loop = weights @ np.array(states)
+        crept = [
+            gains[f"c_{i + 1}"] * slow_low_pass(loop, t, tau) for i, tau in enumerate((0.4, 4.0))
+        ]
+        expected.append(loop + sum(crept) + offsets[position])
+        shares.append(weights * share)
+        records.append(pj.Record.from_arrays(t, x, x, name=f"{position}.csv"))
+    coefficients = Coefficients(
+        weights,
+        np.concatenate(shares),
+        offsets[-1],
+        np.zeros(2),
+        own=np.array([[offsets[0], 0.0, 0.0]]),
+    )
+    with jax.enable_x64(True):
+        signals = signals_of(joined(records))
+        got = response(Chain(plane, (creep,)), {"creep": gains}, signals, coefficients)
+    np.testing.assert_allclose(got, np.concatenate(expected), atol=1e-9)
+
+
+def test_the_regression_has_the_columns_of_that_model():
+    both = joined([sweep("a.csv", 1), sweep("b.csv", 2, top=60.0, zero=4.0)])
+    known = pj.effects()
+    with jax.enable_x64(True):
+        problem = Problem.of(both)
+        effects = tuple(known[name].bound_to(problem.survey) for name in ("creep", "drift"))
+        values = {
+            "creep": {p.name: 0.02 for p in effects[0].parameters()},
+            "drift": {"tau_s": 3.0},
+        }
+        chain = Chain(pj.Plane(7, 0.0, 74.0), effects)
+        point = evaluate(problem, chain, values, 1e-4)
+        modelled = response(chain, values, problem.signals, point.coefficients())
+    left = problem.target - np.asarray(modelled)[problem.rows]
+    np.testing.assert_allclose(left, point.residual * point.unit, atol=1e-8)
+    # Offset, drift and past of each record are its own; weights and gains are not.
+    assert len(point.columns.own) == 1 + len(chain.coefficients)
+
+
+def test_a_list_of_one_record_is_that_record():
+    one = sweep("a.csv", 1)
+    alone, listed = pj.fit(one, levels=5), pj.fit([one], levels=5)
+    assert np.array_equal(alone.model.weights, listed.model.weights)
+    assert listed.by_record == ()
+
+
+def test_offset_and_drift_of_each_record_are_its_own():
+    records = [sweep("a.csv", 1), sweep("b.csv", 2, zero=20.0, more=2.0)]
+    plain, drifting = pj.fit(records, levels=15), pj.fit(records, ["drift"], levels=15)
+    assert drifting.rms_validation < 0.2 * plain.rms_validation
+    assert drifting.rms_validation < 0.1
+    amplitude = drifting.model.parameters["drift"]["amplitude"]
+    assert amplitude.value == pytest.approx(2.0, rel=0.1)  # that of the last record
+    assert abs(drifting.point.coefficients().own[0, 1]) < 0.1  # and that of the first one
+    assert [each.record for each in drifting.by_record] == ["a.csv", "b.csv"]
+    assert max(each.rms_validation for each in drifting.by_record) < 0.1
+
+
+def test_the_model_goes_on_from_the_end_of_the_last_record():
+    first, second = sweep("a.csv", 1), sweep("b.csv", 2, zero=5.0)
+    fit = pj.fit([first, second.part(0, 900)], levels=15)
+    assert fit.model.origin.record == "b.csv, the last of 2 records"
+    assert fit.model.begins_with_origin(second)
+    left = second.output - fit.predict(second).output
+    assert np.sqrt(np.mean(left[900:] ** 2)) < 0.2
+
+
+# Nothing reaches from one record to the next
+
+
+def test_no_block_holds_rows_of_two_records():
+    both = joined([sweep("a.csv", 1, seconds=5.0), sweep("b.csv", 2)])
+    with jax.enable_x64(True):
+        problem = Problem.of(both)
+        small = Problem.of(both, 400)
+    for each in (problem, small):
+        (start,) = each.record.starts
+        first, second = (
+            set(each.block[side].tolist()) for side in (each.rows < start, each.rows >= start)
+        )
+        assert not first & second
+        for side in (each.rows < start, each.rows >= start):
+            assert set(each.fold[side].tolist()) == {0, 1, 2, 3}
+        assert each.breaks == (start,)
+
+
+def test_rates_turns_and_whitening_are_those_of_each_record():
+    both = joined([sweep("a.csv", 1, seconds=5.0), sweep("b.csv", 2, seconds=5.0)])
+    parts = parts_of(both)
+    rate = input_rate(both.time, both.input, both.starts)
+    alone = [input_rate(part.time, part.input) for part in parts]
+    assert np.array_equal(rate, np.concatenate(alone))
+    since = time_since_reversal(both.time, both.input, 1.0, both.starts)
+    alone = [time_since_reversal(part.time, part.input, 1.0) for part in parts]
+    np.testing.assert_allclose(since, np.concatenate(alone), atol=1e-9)
+    assert both.gaps == []
+    rng = np.random.default_rng(0)
+    quiet, loud = rng.normal(size=2000), 3.0 * np.cumsum(rng.normal(size=2000))
+    together = innovation_variance(np.concatenate([quiet, loud]), breaks=(2000,))
+    assert together == pytest.approx(
+        (innovation_variance(quiet) + innovation_variance(loud)) / 2, rel=1e-12
+    )
+
+
+def test_a_spike_and_a_stuck_sensor_are_found_in_their_record():
+    first, second = sweep("a.csv", 1), sweep("b.csv", 2, zero=60.0)
+    output = second.output.copy()
+    output[[300, 700]] += 30.0
+    second = pj.Record.from_arrays(second.time, second.input, output, units=UNITS, name="b.csv")
+    fit = pj.fit([first, second], levels=9)
+    assert sorted(fit.record.spikes) == [len(first) + 300, len(first) + 700]
+
+
+# What only several records tell
+
+
+def hiding_rate_dependence(name, speed, seconds, seed, zero=0.0):
+    t, u = triangles(speed, seconds)
+    widening = 0.02 * np.abs(np.gradient(u, t)) ** 0.7
+    return record(name, t, u, STAGE.hysteresis(u, widening), seed, zero)
+
+
+@pytest.mark.slow
+def test_two_rates_in_two_files_name_what_neither_does_alone():
+    slow = hiding_rate_dependence("slow.csv", 40.0, 20.0, 1)
+    fast = hiding_rate_dependence("fast.csv", 400.0, 8.0, 2, zero=1.5)
+    asked = ["rate_dependence", "drift"]
+    for alone in (slow, fast):
+        found = pj.diagnose(alone, asked, levels=9)
+        assert "rate_dependence" not in found.effects
+    found = pj.diagnose([slow, fast], asked, levels=9)
+    assert found.effects == ("rate_dependence",)
+    assert found.final.rms_validation < 0.2 * found.base.rms_validation
+    told = found.to_json()["records"]
+    assert [(each["record"], each["rows"]) for each in told] == [
+        ("slow.csv", 2000),
+        ("fast.csv", 800),
+    ]
+    assert "fast.csv (800 rows)" in found.summary()
+
+
+# Held-out records
+
+
+def test_the_error_of_a_record_held_out_is_that_of_its_prediction():
+    records = [sweep("a.csv", 1), sweep("b.csv", 2, zero=3.0)]
+    apart = sweep("c.csv", 4, top=60.0, zero=3.0)
+    fit = pj.fit(records, ["creep"], levels=13, hold_out=[apart])
+    predicted = fit.model.predict(apart).output
+    rms = float(np.sqrt(np.mean((apart.output - predicted) ** 2)))
+    assert fit.rms_validation == pytest.approx(rms, rel=1e-9)
+    run = fit.record.runs[-1]
+    np.testing.assert_allclose(fit.prediction[run.rows], predicted, atol=1e-9)
+    assert fit.validation[run.rows].all()
+    assert not fit.validation[: run.start].any()
+    *fitted, last = fit.by_record
+    assert last.held_out
+    assert last.rms_validation == pytest.approx(rms)
+    assert all(np.isnan(each.rms_validation) for each in fitted)
+    # It was not seen: without it the model is the same but for the prior's strength.
+    again = pj.fit(records, ["creep"], levels=13, hold_out=[sweep("d.csv", 3, top=50.0)])
+    assert again.point.strength == fit.point.strength
+    np.testing.assert_allclose(again.model.weights, fit.model.weights, atol=0.02)
+
+
+# Refusals
+
+
+def other(**changed):
+    """A record like `sweep`'s with something else about it."""
+    one = sweep("b.csv", 2)
+    time, units = changed.pop("time", one.time), changed.pop("units", UNITS)
+    return pj.Record.from_arrays(time, one.input, one.output, units=units, name="b.csv", **changed)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: sweep("a.csv", 1), "a.csv: this record is given twice"),
+        (lambda: sweep("b.csv", 1), "b.csv: this record is the same as a.csv"),
+        (lambda: other(units={"input": "mV", "output": "um"}), "its unit is mV, and V in a.csv"),
+        (lambda: other(time=sweep("", 2).time / 50), "5000 Hz, and a.csv at 100 Hz"),
+        (lambda: other(aux={"load": sweep("", 2).input}), "auxiliary columns are load, and those"),
+        (lambda: np.zeros(9), "given a ndarray, which is no record"),
+    ],
+)
+def test_records_that_do_not_belong_together_are_refused_in_one_line(make, said):
+    for ask in (pj.fit, pj.diagnose):
+        with pytest.raises(pj.InputError) as error:
+            ask([sweep("a.csv", 1), make()])
+        assert said in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_a_simulated_stage_is_no_record_and_the_message_says_how_to_make_one():
+    stage = pj.simulate_stage(seconds=3.0)
+    for ask in (pj.fit, pj.diagnose):
+        with pytest.raises(pj.InputError, match=r"StageRecord.*Record\.from_arrays\(s\.time, s\."):
+            ask(stage)
+    with pytest.raises(pj.InputError, match="fit was given no record"):
+        pj.fit([])
+
+
+def test_a_record_beyond_the_others_cannot_be_held_out():
+    with pytest.raises(
+        pj.InputError, match=r"c\.csv: its input reaches 71\.59 V.* hold out a record"
+    ):
+        pj.fit([sweep("a.csv", 1, top=40.0)], hold_out=[sweep("c.csv", 3)], levels=5)
+
+
+# On the command line
+
+
+def write(path, one):
+    rows = zip(one.time, one.input, one.output, strict=True)
+    path.write_text("t_s,u_V,z_um\n" + "".join(f"{t:.6g},{u:.9g},{z:.9g}\n" for t, u, z in rows))
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("several")
+    tops = {"a.csv": 74.0, "b.csv": 60.0, "c.csv": 50.0}
+    return [
+        write(folder / name, sweep(name, seed, top, seconds=5.0))
+        for seed, (name, top) in enumerate(tops.items(), start=1)
+    ]
+
+
+def test_commands_take_several_files_and_hold_one_out(files, tmp_path, capsys):
+    *given, apart = files
+    out, report = tmp_path / "model.json", tmp_path / "report"
+    assert main(["fit", *given, "--hold-out", apart, "--levels", "5", "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "c.csv (500 rows): held-out error, all of it" in shown
+    model = json.loads(out.read_text(encoding="utf-8"))
+    assert model["identification"]["record"] == "b.csv, the last of 2 records"
+    words = ["--effects", "drift", "--levels", "5", "--report", str(report)]
+    assert main(["diagnose", *given, "--hold-out", apart, *words]) == 0
+    shown = capsys.readouterr().out
+    found = json.loads((report / "diagnosis.json").read_text(encoding="utf-8"))
+    names = [(each["record"], each["rows"], each["held_out"]) for each in found["records"]]
+    assert names == [("a.csv", 500, False), ("b.csv", 500, False), ("c.csv", 500, True)]
+    assert "c.csv (held out)" in shown
+    page = (report / "report.html").read_text(encoding="utf-8")
+    assert "All rows of c.csv are held out" in page
+    assert "c.csv (held out)" in page
+
+
+def test_mistakes_with_files_name_the_file(files, tmp_path, capsys):
+    broken = tmp_path / "broken.csv"
+    broken.write_text("t_s,u_V\n0,1\n")
+    for words, said in (
+        ((files[0], str(broken)), "broken.csv"),
+        ((files[0], str(tmp_path / "none.csv")), "none.csv"),
+        ((files[0], files[0]), "a.csv: this record is given twice"),
+        ((files[0], "--hold-out", files[0]), "a.csv: this record is given twice"),
+    ):
+        assert main(["fit", *words, "--levels", "5", "--out", str(tmp_path / "m.json")]) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+    # What is fitted is not written over.
+    assert main(["fit", *files, "--out", files[1]]) == 2
+    assert "would be lost" in capsys.readouterr().err

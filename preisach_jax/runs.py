@@ -153,52 +153,43 @@ def of_last_run(chain: Chain, coefficients: Coefficients, signals: Signals) -> C
     return of_run(chain, coefficients, signals, signals.fitted[-1])
 
 
-def _each(
+def _along(
+    compute: Callable[..., Any],
     chain: Chain,
+    values: EffectValues,
     signals: Signals,
     coefficients: Coefficients,
-    compute: Callable[[Signals, Coefficients], Any],
-) -> list[Any]:
+    *more: Any,
+    axis: int = 0,
+) -> Any:
+    """What is computed along each run with its own linear numbers, one behind the other."""
     if not isinstance(signals, JoinedSignals):
-        return [compute(signals, coefficients)]
-    return [
-        compute(part, of_run(chain, coefficients, signals, position))
-        for position, part in enumerate(signals.parts)
-    ]
-
-
-def _joined(parts: list[Any], axis: int = 0) -> Any:
-    if len(parts) == 1:
-        return parts[0]
+        return compute(chain, values, signals, coefficients, *more)
+    own = [of_run(chain, coefficients, signals, position) for position in range(len(signals.parts))]
+    pairs = zip(signals.parts, own, strict=True)
+    parts = [compute(chain, values, part, numbers, *more) for part, numbers in pairs]
     of = np if isinstance(parts[0], np.ndarray) else jnp
     return of.concatenate(parts, axis=axis)
 
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
     """The input behind the effects of the input, `(time,)`."""
-    return _joined([one_run.driven_path(chain, values, part) for part in parts_of(signals)])
+    paths = [one_run.driven_path(chain, values, part) for part in parts_of(signals)]
+    return paths[0] if len(paths) == 1 else jnp.concatenate(paths)
 
 
 def hysteresis_output(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
     """Output of the Preisach operator and of the first run of each run, `(time,)`."""
-
-    def output(part: Signals, own: Coefficients) -> jax.Array:
-        return one_run.hysteresis_output(chain, values, part, own)
-
-    return _joined(_each(chain, signals, coefficients, output))
+    return _along(one_run.hysteresis_output, chain, values, signals, coefficients)
 
 
 def response(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
     """The output of a model, `(time,)`."""
-
-    def output(part: Signals, own: Coefficients) -> jax.Array:
-        return one_run.response(chain, values, part, own)
-
-    return _joined(_each(chain, signals, coefficients, output))
+    return _along(one_run.response, chain, values, signals, coefficients)
 
 
 def tangents(
@@ -209,11 +200,7 @@ def tangents(
     parameters: list[tuple[str, str]],
 ) -> np.ndarray:
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`."""
-
-    def derivatives(part: Signals, own: Coefficients) -> np.ndarray:
-        return one_run.tangents(chain, values, part, own, parameters)
-
-    return _joined(_each(chain, signals, coefficients, derivatives))
+    return _along(one_run.tangents, chain, values, signals, coefficients, parameters)
 
 
 def responses(
@@ -225,11 +212,7 @@ def responses(
     many: list[dict[str, float]],
 ) -> np.ndarray:
     """Outputs of a model at several values of one effect's parameters, `(values, time)`."""
-
-    def outputs(part: Signals, own: Coefficients) -> np.ndarray:
-        return one_run.responses(chain, values, part, own, effect, many)
-
-    return _joined(_each(chain, signals, coefficients, outputs), axis=1)
+    return _along(one_run.responses, chain, values, signals, coefficients, effect, many, axis=1)
 
 
 def hysteresis_columns(

@@ -37,7 +37,7 @@ def compensate(
         Path | None,
         typer.Option(
             metavar="RECORD",
-            help="what was played before, which sets the memory; default: the fitted record",
+            help="what was played before, which sets the memory; default: the (last) fitted record",
         ),
     ] = None,
     limits: Annotated[

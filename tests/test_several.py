@@ -276,7 +276,7 @@ def test_a_simulated_stage_is_no_record_and_the_message_says_how_to_make_one():
     stage = pj.simulate_stage(seconds=3.0)
     for ask in (pj.fit, pj.diagnose):
         with pytest.raises(pj.InputError, match=r"StageRecord.*Record\.from_arrays\(s\.time, s\."):
-            ask(stage)
+            ask(stage)  # pyright: ignore[reportArgumentType] - the mistake that is tested
     with pytest.raises(pj.InputError, match="fit was given no record"):
         pj.fit([])
 

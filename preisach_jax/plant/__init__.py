@@ -5,7 +5,7 @@ a bundle of generalised plays, integrated at a finer step than the record's, and
 written down here from its physics. Arrays are NumPy in double precision.
 """
 
-from preisach_jax.plant.effects import EFFECTS
+from preisach_jax.plant.draws import EFFECTS
 from preisach_jax.plant.experiment import ENCODER_STEP_UM, StageRecord, simulate_stage
 from preisach_jax.plant.stage import RANGE_V, Stage, make_stage
 

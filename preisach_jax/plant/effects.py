@@ -1,4 +1,4 @@
-"""What else a stage does: the physics of each effect, and sizes as they occur, drawn from a seed.
+"""What else a stage does: the physics of each effect.
 
 u is the drive, h the output of the hysteresis, y what it has become up to there, z the reading.
 
@@ -28,205 +28,16 @@ This is also their order. The unit of `coefficient` is V/(V/s)^exponent.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import scipy
 
-from preisach_jax.errors import InputError
 from preisach_jax.plant import machines
 from preisach_jax.plant.stage import RANGE_V, Stage
 
 Hidden = Mapping[str, Mapping[str, Any]]  # parameters of each hidden effect by its name
-
-CREEP_DECADES = (-2.0, 1.0)  # of the time constants in s
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """What sizes of effects go by.
-
-    Args:
-        duration_s: of the record, s.
-        stroke_um: stroke over the whole range, µm, without feedback.
-        fastest: greatest rate of the drive, V/s.
-    """
-
-    duration_s: float
-    stroke_um: float
-    fastest: float
-
-
-def effect_names(effects: Sequence[str]) -> list[str]:
-    """Full names of effects.
-
-    Args:
-        effects: names out of `EFFECTS`; "aux", "gain", "cross" are short for those of a column.
-
-    Returns:
-        The names.
-
-    Raises:
-        InputError: one is unknown or named twice.
-
-    Example:
-        >>> effect_names(("creep", "aux"))
-        ['creep', 'aux:load_N']
-    """
-    if isinstance(effects, str):
-        raise InputError(f"effects is {effects!r}: give a list of names, as in ({effects!r},)")
-    names = [machines.SHORT.get(name, name) for name in effects]
-    for name in names:
-        if name not in EFFECTS:
-            raise InputError(f"the stage has no effect {name!r}: choose from {', '.join(EFFECTS)}")
-    if len(set(names)) < len(names):
-        raise InputError(f"effects are {', '.join(names)}: name each only once")
-    return names
-
-
-def draw_effect(name: str, seed: int, measurement: Measurement) -> dict[str, Any]:
-    """Parameters of an effect; each has its own stream, so that effects can be combined.
-
-    Args:
-        name: out of `EFFECTS`.
-        seed: whole number, at least 0.
-        measurement: what its size goes by.
-
-    Returns:
-        The parameters, ready for JSON.
-
-    Example:
-        >>> draw_effect("output_lag", 1, Measurement(24.0, 60.0, 3000.0)).keys()
-        dict_keys(['tau_s'])
-    """
-    rng = np.random.default_rng([seed, 10 + EFFECTS.index(name)])
-    swing = float(rng.uniform(0.010, 0.020) * measurement.stroke_um)
-    return _DRAWS[name](rng, measurement, swing)
-
-
-def _draw_creep(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    count = int(rng.integers(6, 10))
-    first, last = CREEP_DECADES
-    places = first + (last - first) * (np.arange(count) + rng.uniform(0.0, 1.0, count)) / count
-    gain = float(rng.uniform(0.012, 0.030))
-    parts = rng.uniform(0.7, 1.3, count)
-    return {
-        "gain_per_decade": gain,
-        "tau_s": (10.0**places).tolist(),
-        "gains": (gain * (last - first) * parts / parts.sum()).tolist(),
-    }
-
-
-def _draw_lag(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    return {"tau_s": float(rng.uniform(1e-3, 5e-3))}
-
-
-def _draw_delay(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    return {"delay_s": float(rng.uniform(1e-3, 4e-3))}
-
-
-def _draw_drift(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    sign = float(rng.choice([-1.0, 1.0]))
-    tau = float(rng.uniform(0.2, 1.5) * measurement.duration_s)
-    return {"amplitude_um": sign * swing, "tau_s": tau}
-
-
-def _draw_ageing(
-    rng: np.random.Generator, measurement: Measurement, swing: float
-) -> dict[str, Any]:
-    loss = float(rng.uniform(0.015, 0.04))
-    return {"loss": loss, "tau_s": float(rng.uniform(0.3, 2.0) * measurement.duration_s)}
-
-
-def _draw_load(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    return {"gain_um_per_N": swing / 10.0, "tau_s": 0.0}
-
-
-def _draw_slew(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    return {"slew_V_per_s": float(rng.uniform(0.3, 0.8) * measurement.fastest)}
-
-
-def _draw_rate(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    exponent = float(rng.uniform(0.5, 1.2))
-    shift = float(rng.uniform(0.005, 0.03) * RANGE_V)  # at the greatest rate
-    return {"coefficient": shift / (measurement.fastest or 1.0) ** exponent, "exponent": exponent}
-
-
-def _draw_resonance(
-    rng: np.random.Generator, measurement: Measurement, swing: float
-) -> dict[str, Any]:
-    return {
-        "f_hz": float(60.0 * 5.0 ** rng.uniform()),
-        "zeta": float(0.02 * 10.0 ** rng.uniform()),
-    }
-
-
-def _draw_hum(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    lines = int(rng.integers(2, 4))
-    main = 0.02 * 10.0 ** rng.uniform()
-    parts = np.concatenate([[1.0], rng.uniform(0.1, 0.5, lines - 1)])
-    return {
-        # A grid is held to its frequency within a few hundredths of a hertz.
-        "f_hz": float(rng.choice([50.0, 60.0]) + rng.uniform(-0.03, 0.03)),
-        "amplitude_um": (main * parts).tolist(),
-        "phase_rad": rng.uniform(-np.pi, np.pi, lines).tolist(),
-    }
-
-
-def _draw_bend(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
-    size = float(rng.uniform(0.015, 0.03) * measurement.stroke_um)
-    share = float(rng.uniform(0.2, 0.5))
-    signs = rng.choice([-1.0, 1.0], 2)
-    return {
-        "coefficients_um": [float(signs[0]) * share * size, float(signs[1] * (1 - share)) * size]
-    }
-
-
-def _draw_moving(
-    rng: np.random.Generator, measurement: Measurement, swing: float
-) -> dict[str, Any]:
-    # Weaker feedback is absorbed by the weights of a plain model, for loops stay nearly congruent.
-    return {"a_V_per_um": float(rng.uniform(0.10, 0.30) * RANGE_V / measurement.stroke_um)}
-
-
-def _draw_converter(
-    rng: np.random.Generator, measurement: Measurement, swing: float
-) -> dict[str, Any]:
-    return {"step_V": RANGE_V / 2 ** int(rng.integers(10, 13))}
-
-
-def _draw_grating(
-    rng: np.random.Generator, measurement: Measurement, swing: float
-) -> dict[str, Any]:
-    return {"step_um": float(rng.uniform(0.05, 0.3))}
-
-
-# New effects go to the end: the place is part of the seed.
-_DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, Any]]] = {
-    "creep": _draw_creep,
-    "input_lag": _draw_lag,
-    "delay": _draw_delay,
-    "drift": _draw_drift,
-    "ageing": _draw_ageing,
-    "aux:load_N": _draw_load,
-    "output_lag": _draw_lag,
-    "slew_limit": _draw_slew,
-    "rate_dependence": _draw_rate,
-    "resonance": _draw_resonance,
-    "hum": _draw_hum,
-    "output_nonlinearity": _draw_bend,
-    "moving": _draw_moving,
-    "input_quantisation": _draw_converter,
-    "output_quantisation": _draw_grating,
-    "viscosity": lambda rng, made, swing: machines.draw_viscosity(rng, made.fastest, swing),
-    "gain:temp_C": lambda rng, made, swing: machines.draw_gain(rng),
-    "cross:y_V": lambda rng, made, swing: machines.draw_cross(rng, swing),
-    "leakage": lambda rng, made, swing: machines.draw_leakage(rng, made.duration_s),
-    "log_rate": lambda rng, made, swing: machines.draw_log_rate(rng, made.fastest),
-}
-EFFECTS = tuple(_DRAWS)
 
 
 def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np.ndarray:

@@ -13,12 +13,14 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.plant import machines
-from preisach_jax.plant.effects import (
+from preisach_jax.plant.draws import (
     Measurement,
-    add_disturbances,
-    bend,
     draw_effect,
     effect_names,
+)
+from preisach_jax.plant.effects import (
+    add_disturbances,
+    bend,
     move,
     respond,
     round_to,

@@ -10,19 +10,9 @@ from preisach_jax.paper.comparison import (
     recursions,
     relays_and_ramps,
 )
-from preisach_jax.paper.experiment import (
-    Bode,
-    Convergence,
-    Hinge,
-    Loops,
-    TimeFrame,
-    bode,
-    convergence,
-    fit_hinge,
-    knee_interval,
-    loops,
-    time_frame,
-)
+from preisach_jax.paper.experiment import Loops, TimeFrame, loops, time_frame
+from preisach_jax.paper.frequency_response import Bode, bode
+from preisach_jax.paper.hinge import Hinge, fit_hinge, knee_interval
 from preisach_jax.paper.noise import (
     Coefficients,
     Proportionality,
@@ -32,6 +22,7 @@ from preisach_jax.paper.noise import (
     proportionality,
 )
 from preisach_jax.paper.numbers import FigureData
+from preisach_jax.paper.squared_error import Convergence, convergence
 from preisach_jax.paper.structure import (
     Block,
     Diagram,

@@ -1,22 +1,10 @@
 """Figures from result objects, each a new `matplotlib.figure.Figure`."""
 
-from preisach_jax.plot.diagnosis import (
-    Trace,
-    Traces,
-    before_and_after,
-    candidates,
-    colour,
-    density,
-    loop,
-    measured_and_model,
-    overview,
-    residual_tests,
-    residuals,
-    waterfall,
-    where_it_errs_most,
-    worst_stretch,
-)
+from preisach_jax.plot.courses import loop, measured_and_model, overview, where_it_errs_most
+from preisach_jax.plot.diagnosis import candidates, waterfall
 from preisach_jax.plot.forc import forc_diagram
+from preisach_jax.plot.plane import density
+from preisach_jax.plot.residual import residual_tests, residuals
 from preisach_jax.plot.style import (
     AFTER,
     BEFORE,
@@ -28,6 +16,7 @@ from preisach_jax.plot.style import (
     png,
     svg,
 )
+from preisach_jax.plot.traces import Trace, Traces, before_and_after, colour, worst_stretch
 
 __all__ = [
     "AFTER",

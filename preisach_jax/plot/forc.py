@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from preisach_jax.plot.axes import plane_edges, shown_weights, with_unit
-from preisach_jax.plot.diagnosis import draw_cells, unvisited_patch
+from preisach_jax.plot.plane import draw_cells, unvisited_patch
 from preisach_jax.plot.style import STYLE
 
 if TYPE_CHECKING:

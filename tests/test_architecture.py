@@ -27,6 +27,8 @@ LAYERS = [
     "cores",
     "devices",
     "chunks",
+    "manifest",
+    "work",
     "hysteron",
     "plane",
     "update",

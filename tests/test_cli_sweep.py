@@ -11,8 +11,8 @@ import jax
 import numpy as np
 import pytest
 
-from preisach_jax.chunks import made_with
 from preisach_jax.cli import main
+from preisach_jax.manifest import made_with
 from preisach_jax.sweep import merge, storage, sweep
 
 SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)

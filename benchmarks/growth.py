@@ -26,8 +26,8 @@ from timing import measured
 
 from preisach_jax.events import adapt_over_events, events_and_states
 from preisach_jax.filter import simulate
-from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
+from preisach_jax.plant import RANGE_V
 from preisach_jax.plot.style import AFTER, BEFORE, STYLE, png
 from preisach_jax.signals import bernoulli_ramp
 

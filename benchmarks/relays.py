@@ -28,8 +28,8 @@ from timing import REPEATS, measured
 
 from preisach_jax.events import adapt_over_events, events_and_states, measured_rises
 from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
+from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import bernoulli_ramp
 
 LEVELS, SAMPLES, RATE_HZ, LANES = (9, 13, 19, 37, 75), 50_000, 2000.0, 64

@@ -21,8 +21,8 @@ from conditions import write_results
 from preisach_jax.filter import AdaptiveFilter
 from preisach_jax.hysteron import HYSTERONS
 from preisach_jax.online import OnlineFilter
-from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
+from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import bernoulli_ramp
 
 LEVELS, RATE_HZ = (9, 19, 37, 75), 2000.0

@@ -19,8 +19,8 @@ from timing import spread, timed
 
 from preisach_jax.devices import use_all_cores
 from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.piezo import RANGE_V
 from preisach_jax.plane import Plane
+from preisach_jax.plant import RANGE_V
 from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep
 from preisach_jax.theory import propagate_error
 

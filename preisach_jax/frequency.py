@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from preisach_jax.errors import InputError, require_positive
-from preisach_jax.signals import checked_lines
+from preisach_jax.signals.checks import checked_lines
 
 DAMPING = (1e-4, 0.9)  # range searched
 START_DAMPING = 0.02

@@ -29,9 +29,10 @@ from preisach_jax.events import (
     room_for_events,
     switching_events,
 )
-from preisach_jax.piezo import RANGE_V, PiezoRecord, experiment, paper_stage
+from preisach_jax.piezo import PiezoRecord, experiment, paper_stage
 from preisach_jax.plane import Plane
-from preisach_jax.signals import as_key
+from preisach_jax.plant import RANGE_V
+from preisach_jax.signals.checks import as_key
 from preisach_jax.sweep.result import PowerLaw, Sweep, fit_power_law, merge
 from preisach_jax.theory import largest_slope
 

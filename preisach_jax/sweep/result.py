@@ -13,7 +13,7 @@ import scipy
 
 from preisach_jax.errors import InputError
 from preisach_jax.files import read_arrays, write_arrays
-from preisach_jax.piezo import RANGE_V
+from preisach_jax.plant import RANGE_V
 from preisach_jax.theory import auxiliary_norm, quantisation_noise_power
 
 if TYPE_CHECKING:

@@ -24,9 +24,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from timing import measured
 
-from preisach_jax.events import adapt_over_events, events_and_states
-from preisach_jax.filter import simulate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.events import events_and_states
+from preisach_jax.operator.learning import adapt_over_events
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
 from preisach_jax.plant import RANGE_V
 from preisach_jax.plot.style import AFTER, BEFORE, STYLE, png
 from preisach_jax.signals import bernoulli_ramp
@@ -105,8 +106,8 @@ PEAK = """
 import ctypes, json, sys
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", sys.argv[1] == "gradient")
-from preisach_jax.filter import simulate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.plane import Plane
 
 task, samples = sys.argv[1], int(sys.argv[2])
 plane = Plane(levels=37, low=0.0, high=75.0)

@@ -26,9 +26,11 @@ from conditions import write_results
 from relays_numba import numba_functions
 from timing import REPEATS, measured
 
-from preisach_jax.events import adapt_over_events, events_and_states, measured_rises
-from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.operator.events import events_and_states
+from preisach_jax.operator.learning import adapt_over_events, measured_rises
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import bernoulli_ramp
 

@@ -18,10 +18,10 @@ import jax
 import numpy as np
 from conditions import write_results
 
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.hysteron import HYSTERONS
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import bernoulli_ramp
 

@@ -37,16 +37,18 @@ if TYPE_CHECKING:
         WeightEffect,
     )
     from preisach_jax.errors import InputError
-    from preisach_jax.filter import AdaptiveFilter, simulate
+    from preisach_jax.filter.adaptive import AdaptiveFilter
+    from preisach_jax.filter.comparison import compare_recursions
+    from preisach_jax.filter.fleet import FleetResult, fleet_to_folder, run_fleet
+    from preisach_jax.filter.least_squares import RecursiveLeastSquares
+    from preisach_jax.filter.online import OnlineFilter
     from preisach_jax.fit import Fit, fit
-    from preisach_jax.fleet import FleetResult, fleet_to_folder, run_fleet
     from preisach_jax.look import Look, look
     from preisach_jax.model import Model, ParameterEstimate, Prediction
-    from preisach_jax.online import OnlineFilter
-    from preisach_jax.plane import Plane
+    from preisach_jax.operator.plane import Plane
+    from preisach_jax.operator.simulation import simulate
     from preisach_jax.plant import simulate_stage
     from preisach_jax.record import Record
-    from preisach_jax.recursion import RecursiveLeastSquares, compare_recursions
     from preisach_jax.sweep import Sweep, sweep
 
     __version__: str
@@ -98,7 +100,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AdaptiveFilter": "filter",
+    "AdaptiveFilter": "filter.adaptive",
     "AddedEffect": "effects.base",
     "Compensation": "compensation",
     "Design": "diagnosis.design",
@@ -106,38 +108,38 @@ _HOMES = {
     "Effect": "effects.base",
     "Exploration": "diagnosis.exploration",
     "Fit": "fit",
-    "FleetResult": "fleet",
+    "FleetResult": "filter.fleet",
     "HysteresisEffect": "effects.base",
     "InputEffect": "effects.base",
     "InputError": "errors",
     "Look": "look",
     "Loop": "compensation",
     "Model": "model",
-    "OnlineFilter": "online",
+    "OnlineFilter": "filter.online",
     "OnlineInverse": "compensation",
     "OutputEffect": "effects.base",
     "Parameter": "effects.base",
     "ParameterEstimate": "model",
-    "Plane": "plane",
+    "Plane": "operator.plane",
     "Prediction": "model",
     "Record": "record",
-    "RecursiveLeastSquares": "recursion",
+    "RecursiveLeastSquares": "filter.least_squares",
     "SensorEffect": "effects.base",
     "Signals": "effects.base",
     "Survey": "effects.base",
     "Sweep": "sweep",
     "WeightEffect": "effects.base",
-    "compare_recursions": "recursion",
+    "compare_recursions": "filter.comparison",
     "compensate": "compensation",
     "design": "diagnosis.design",
     "diagnose": "diagnosis",
     "effects": "effects",
     "explore": "diagnosis.exploration",
     "fit": "fit",
-    "fleet_to_folder": "fleet",
+    "fleet_to_folder": "filter.fleet",
     "look": "look",
-    "run_fleet": "fleet",
-    "simulate": "filter",
+    "run_fleet": "filter.fleet",
+    "simulate": "operator.simulation",
     "simulate_loop": "compensation",
     "simulate_stage": "plant",
     "sweep": "sweep",

@@ -15,7 +15,6 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
-from preisach_jax.branches import output_along_branches
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -29,14 +28,10 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
-from preisach_jax.hysteron import (
-    Paths,
-    fed_back_states,
-    hysteron_states,
-    state_bounds,
-    weighted_states,
-)
-from preisach_jax.plane import Plane
+from preisach_jax.operator.branches import output_along_branches
+from preisach_jax.operator.feedback import fed_back_states
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import Paths, hysteron_states, state_bounds, weighted_states
 from preisach_jax.record import Record
 
 Given = ParamSpec("Given")

@@ -32,7 +32,7 @@ from preisach_jax.identify import (
     with_strength,
 )
 from preisach_jax.model import Model, Origin, Prediction
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.faults import Fault, faults
 from preisach_jax.record.joined import (

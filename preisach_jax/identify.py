@@ -33,7 +33,7 @@ from preisach_jax.effects.base import (
     Signals,
     Survey,
 )
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.joined import without_rows
 from preisach_jax.reduction import Basis, reduced_basis

@@ -33,8 +33,8 @@ from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
-from preisach_jax.hysteron import HYSTERONS
-from preisach_jax.plane import Plane
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import INITIAL_MEMORIES, Record
 from preisach_jax.rows import chain_rows, model_line

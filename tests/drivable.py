@@ -20,7 +20,7 @@ from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.model import Model, Origin, ParameterEstimate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 
 RATE = 1000.0
 PLANE = Plane(levels=11, low=0.0, high=10.0)

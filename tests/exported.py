@@ -19,7 +19,7 @@ from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.export.c import sources
 from preisach_jax.export.description import describe
 from preisach_jax.model import Model, Origin, ParameterEstimate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 STEP_S = 1 / 512  # so that times and their differences are exact

@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experime
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.model import ParameterEstimate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 ROWS = 1200

@@ -12,7 +12,7 @@ from trust.seeds import model_content
 import preisach_jax as pj
 from preisach_jax.chain import Chain
 from preisach_jax.files import plain_json
-from preisach_jax.hysteron import HYSTERONS
+from preisach_jax.operator.checks import HYSTERONS
 
 SAMPLES = 40
 """Samples of every history, so that what is compiled for one serves all."""

@@ -29,16 +29,8 @@ LAYERS = [
     "chunks",
     "manifest",
     "work",
-    "hysteron",
-    "plane",
-    "update",
-    "events",
-    "branches",
-    "moves",
+    "operator",
     "filter",
-    "recursion",
-    "online",
-    "fleet",
     "signals",
     "plant",
     "piezo",
@@ -139,7 +131,7 @@ def layer_of(name):
 
 
 def test_the_imports_of_a_module_are_seen():
-    assert {"errors", "hysteron"} <= imported("plane", late=False)
+    assert {"errors", "operator.hysteron"} <= imported("operator.plane", late=False)
     assert imported("fit", late=True) == {"plot"}
 
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from preisach_jax.branches import branch_starts, output_along_branches, weight_between
 from preisach_jax.errors import InputError
-from preisach_jax.filter import simulate
-from preisach_jax.hysteron import hysteron_states
-from preisach_jax.plane import Plane
+from preisach_jax.operator.branches import branch_starts, output_along_branches, weight_between
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.states import hysteron_states
 
 SAMPLES = 120
 INITIAL = ("low", "high", "demagnetised")

@@ -10,7 +10,7 @@ from preisach_jax.diagnosis.budget import noise_rms, refined_levels
 from preisach_jax.effects.creep import Creep
 from preisach_jax.fit import base_point
 from preisach_jax.identify import Problem
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 LEVELS, RATE = 7, 500.0

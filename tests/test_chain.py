@@ -30,9 +30,9 @@ from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.fit import base_point
-from preisach_jax.hysteron import hysteron_states
 from preisach_jax.identify import Problem, evaluate, linearise, starts_of
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states
 from preisach_jax.record import INITIAL_MEMORIES, Record
 
 PLANE = Plane(levels=6, low=0.0, high=12.0)

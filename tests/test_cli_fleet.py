@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from preisach_jax.cli import main
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.fleet import run_fleet
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.fleet import run_fleet
+from preisach_jax.operator.plane import Plane
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_it_goes_on_and_says_so_when_it_was_interrupted(files, tmp_path, capsys,
             raise KeyboardInterrupt
         return genuine(*arguments)
 
-    monkeypatch.setattr("preisach_jax.fleet.run_fleet", interrupted)
+    monkeypatch.setattr("preisach_jax.filter.fleet.run_fleet", interrupted)
     words = (*files, "--out", tmp_path, "--levels", 5, "--chunk", 1)
     assert run(*words) == 130
     assert "keeps the finished chunks, go on by: preisach fleet" in capsys.readouterr().err

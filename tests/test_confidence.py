@@ -17,7 +17,7 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 SEEDS = 40

@@ -11,7 +11,7 @@ from preisach_jax.chain import Chain, Coefficients, drive, hysteresis_output, si
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.eddy_currents import EddyCurrents
 from preisach_jax.effects.moving import Moving
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 PLANE = Plane(levels=5, low=-1.0, high=9.0)

@@ -8,18 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from preisach_jax.errors import InputError
-from preisach_jax.events import (
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.operator.cells import flat_index
+from preisach_jax.operator.events import (
     EVENTS_TO_REFRESH,
-    adapt_over_events,
     events_and_states,
-    flat_index,
     relays_between,
     room_for_events,
     switching_events,
 )
-from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.hysteron import hysteron_states
-from preisach_jax.plane import Plane
+from preisach_jax.operator.learning import adapt_over_events
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.states import hysteron_states
 
 SAMPLES = 120
 PLANE = Plane(levels=6, low=0.0, high=6.0)

@@ -29,9 +29,9 @@ from preisach_jax.export import export_c
 from preisach_jax.export.c import comment, files, sums_below
 from preisach_jax.export.description import describe
 from preisach_jax.export.stepper import advance, start
-from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
 from preisach_jax.model import Model, exactly_summable
-from preisach_jax.online import OnlineFilter
 
 pytestmark = needs_compiler
 

@@ -12,12 +12,16 @@ import pytest
 from hypothesis import given, settings
 from oracles import slow_relays
 
-import preisach_jax.filter
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.hysteron import HYSTERONS, hysteron_states
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter import adaptive, checks
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.operator import simulation
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.hysteron import hysteron_step
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.states import hysteron_states
 
 PLANE = Plane(levels=6, low=0.0, high=6.0)
 SAMPLES = 300
@@ -618,13 +622,14 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
 def test_the_same_shapes_compile_once(monkeypatch):
     """The step is traced when a function is compiled, and never when it runs."""
     calls = []
-    genuine = preisach_jax.filter.hysteron_step
+    genuine = hysteron_step
 
     def counted(*arguments):
         calls.append(arguments)
         return genuine(*arguments)
 
-    monkeypatch.setattr(preisach_jax.filter, "hysteron_step", counted)
+    for module in (adaptive, checks, simulation):
+        monkeypatch.setattr(module, "hysteron_step", counted)
     plane = Plane(levels=6, low=0.0, high=6.125)
     x = wandering(123) / 2
     state = AdaptiveFilter(plane).init(x[0], 0.0)

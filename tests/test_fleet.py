@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.fleet import fleet_to_folder, run_fleet
-from preisach_jax.hysteron import hysteron_states
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.fleet import fleet_to_folder, run_fleet
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states
 
 PLANE = Plane(levels=6, low=0.0, high=10.0)
 LENGTHS = (400, 900, 650, 120, 900)
@@ -80,8 +80,8 @@ jax.config.update("jax_num_cpu_devices", 3)
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 from test_fleet import PLANE, records
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.fleet import run_fleet
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.fleet import run_fleet
 
 assert jax.device_count() == 3
 np.save(sys.argv[1], run_fleet(AdaptiveFilter(PLANE), *records()).weights)
@@ -132,7 +132,7 @@ def test_a_fleet_goes_on_in_its_folder(x64, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return genuine(adaptive, inputs, outputs, passes)
 
-    monkeypatch.setattr("preisach_jax.fleet.run_fleet", interrupted)
+    monkeypatch.setattr("preisach_jax.filter.fleet.run_fleet", interrupted)
     with pytest.raises(KeyboardInterrupt):
         fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
     done = [path.name for path in (tmp_path / "done").iterdir()]

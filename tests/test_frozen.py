@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import preisach_jax as pj
-from preisach_jax import chunks, model, online, upgrade
+from preisach_jax import manifest, model, upgrade
 from preisach_jax.cli import main
+from preisach_jax.filter import online
 from preisach_jax.sweep import result
 
 FROZEN = Path(__file__).parent / "frozen"
@@ -211,4 +212,6 @@ def test_there_is_a_file_of_each_format_that_is_written():
     assert (FROZEN / f"model_{model.FORMAT_VERSION}.json").exists()
     assert (FROZEN / f"sweep_{result.FORMAT}.npz").exists()
     assert (FROZEN / f"online_{online.FORMAT}.npz").exists()
-    assert chunks.FORMAT == 2, "add a folder of the new format, and test that it is read or refused"
+    assert manifest.FORMAT == 2, (
+        "add a folder of the new format, and test that it is read or refused"
+    )

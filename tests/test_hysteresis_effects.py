@@ -34,10 +34,10 @@ from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.output_quantisation import OutputQuantisation, lattice_step
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.fit import base_point, double_precision, finished, plane_of, with_effect
-from preisach_jax.hysteron import hysteron_states, weighted_states
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
 from preisach_jax.model import Model
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states, weighted_states
 from preisach_jax.plant import simulate_stage
 from preisach_jax.record import Record
 

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 
 from preisach_jax.errors import InputError
-from preisach_jax.hysteron import HYSTERONS, hysteron_states, state_bounds
-from preisach_jax.plane import Plane
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states, state_bounds
 
 LENGTH = 40
 PLANE = Plane(levels=4, low=0.0, high=4.0)  # thresholds 0.5, 1.5, 2.5, 3.5: exact in binary

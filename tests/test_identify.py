@@ -35,7 +35,7 @@ from preisach_jax.identify import (
     with_all_rows,
     with_strength,
 )
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.signature import Projection, prospects
 

@@ -17,10 +17,11 @@ from scipy.special import erf, erfc
 
 import preisach_jax as pj
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter, FilterState
-from preisach_jax.hysteron import HYSTERONS
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.filter.state import FilterState
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
 
 # Thresholds, and positions of ramps, are exact in both precisions.
 PLANE = Plane(levels=6, low=-2.0, high=4.0)

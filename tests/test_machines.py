@@ -22,7 +22,7 @@ from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.errors import InputError
 from preisach_jax.export.description import describe
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.plant import simulate_stage
 
 TICK = 1e-3

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from preisach_jax.filter import LEVELS_FOR_MOVES, AdaptiveFilter
-from preisach_jax.moves import ramp_moves
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import LEVELS_FOR_MOVES, AdaptiveFilter
+from preisach_jax.operator.moves import ramp_moves
+from preisach_jax.operator.plane import Plane
 
 SAMPLES = 150
 PLANE = Plane(levels=6, low=-2.0, high=4.0)

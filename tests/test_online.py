@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-import preisach_jax.online
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter, FilterState
-from preisach_jax.hysteron import HYSTERONS
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter import in_place
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.filter.state import FilterState
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
 
 # Thresholds, and positions of ramps, are exact in both precisions.
 PLANE = Plane(levels=8, low=-2.0, high=6.0)
@@ -175,7 +176,7 @@ def test_the_cells_passed_are_those_on_the_rows_and_columns(levels):
     for first in range(levels):
         for last in range(first, levels + 1):
             on_row, on_column = (first <= i) & (i < last), (first <= j) & (j < last)
-            cells, rows, columns = preisach_jax.online._cells_passed(levels, first, last)
+            cells, rows, columns = in_place._cells_passed(levels, first, last)
             assert sorted(cells.tolist()) == np.flatnonzero(on_row | on_column).tolist()
             np.testing.assert_array_equal(rows, i[cells])
             np.testing.assert_array_equal(columns, j[cells])
@@ -190,8 +191,8 @@ def test_relays_between_two_thresholds_are_left_alone(monkeypatch):
         raise AssertionError("nothing switches")
 
     output = online(1.2, 1.0)
-    monkeypatch.setattr(preisach_jax.online, "_cells_passed", fail)
-    monkeypatch.setattr(preisach_jax.online, "_dot", fail)
+    monkeypatch.setattr(in_place, "_cells_passed", fail)
+    monkeypatch.setattr(in_place, "dot", fail)
     assert {online(x, z) for x, z in ((1.0, 3.0), (1.4, math.nan), (1.4, 2.0), (0.6, -1.0))} == {
         output
     }
@@ -206,14 +207,14 @@ def test_a_sample_touches_few_cells(hysteron, z, monkeypatch):
     plane = Plane(levels=140, low=-2.0, high=6.0)
     online = OnlineFilter(AdaptiveFilter(plane, hysteron))
     one_by_one(online, np.array([-2.0, 5.0, 3.0]), np.ones(3))
-    genuine, sizes = preisach_jax.online._cells_passed, []
+    genuine, sizes = in_place._cells_passed, []
 
     def noted(*arguments):
         found = genuine(*arguments)
         sizes.append(found[0].size)
         return found
 
-    monkeypatch.setattr(preisach_jax.online, "_cells_passed", noted)
+    monkeypatch.setattr(in_place, "_cells_passed", noted)
     for part in (0.3, 0.7, 1.2, 1.6, 0.9, 0.1):
         online(3.0 + part * plane.delta_x, z)
     assert sizes

@@ -11,12 +11,12 @@ import scipy.signal
 from preisach_jax import paper
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes
-from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.comparison import _held_out, _regressors
 from preisach_jax.paper.experiment import identification
 from preisach_jax.paper.noise import power_law_through
 from preisach_jax.piezo import NOTCH_DENOMINATOR, NOTCH_NUMERATOR, paper_stage, resonances
-from preisach_jax.plane import Plane
 from preisach_jax.sweep import realisation, sweep
 
 signal: Any = scipy.signal  # whose results are typed as one of many
@@ -255,7 +255,7 @@ def test_relays_and_ramps_on_a_grid_of_their_own():
 
 
 def test_chunks_of_states_are_one_run():
-    from preisach_jax.hysteron import hysteron_states
+    from preisach_jax.operator.states import hysteron_states
 
     plane = Plane(3, 0.0, 75.0)
     x = 75 * np.abs(np.sin(np.arange(11_003) / 700))

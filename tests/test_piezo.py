@@ -13,7 +13,8 @@ import scipy.signal
 
 from preisach_jax import piezo
 from preisach_jax.errors import InputError
-from preisach_jax.filter import simulate
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
 from preisach_jax.piezo import (
     NOTCH_DENOMINATOR,
     NOTCH_NUMERATOR,
@@ -25,7 +26,6 @@ from preisach_jax.piezo import (
     paper_stage,
     resonances,
 )
-from preisach_jax.plane import Plane
 from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
 from preisach_jax.signals import bernoulli_ramp
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from preisach_jax.filter import simulate
-from preisach_jax.hysteron import HYSTERONS, hysteron_states
-from preisach_jax.plane import Plane
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.states import hysteron_states
 
 quantise = jax.jit(Plane.quantise)
 everett_of = jax.jit(Plane.everett)

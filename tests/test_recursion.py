@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter, simulate
-from preisach_jax.hysteron import HYSTERONS, hysteron_states
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.comparison import compare_recursions
+from preisach_jax.filter.least_squares import RecursiveLeastSquares
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.states import hysteron_states
 from preisach_jax.plant import make_stage
-from preisach_jax.recursion import RecursiveLeastSquares, compare_recursions
 from preisach_jax.signals import bernoulli_ramp
 
 PLANE = Plane(levels=6, low=0.0, high=6.0)

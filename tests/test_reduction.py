@@ -10,9 +10,9 @@ from preisach_jax import identify, reduction
 from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive, hysteresis_output
 from preisach_jax.chain import hysteresis_columns as columns_along
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.hysteron import hysteron_states, state_bounds
 from preisach_jax.identify import Problem, evaluate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states, state_bounds
 from preisach_jax.record import Record
 
 COUNT = 3000

@@ -13,10 +13,10 @@ from scipy import stats
 
 import preisach_jax
 from preisach_jax.errors import InputError
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.hysteron import hysteron_states
+from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.manifest import made_with
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states
 from preisach_jax.sweep import (
     INITIAL_WEIGHT_UM,
     Sweep,

@@ -10,9 +10,10 @@ import pytest
 from oracles import slow_relays
 
 from preisach_jax.errors import InputError
-from preisach_jax.events import adapt_over_events, switching_events
-from preisach_jax.filter import AdaptiveFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.operator.events import switching_events
+from preisach_jax.operator.learning import adapt_over_events
+from preisach_jax.operator.plane import Plane
 from preisach_jax.theory import (
     auxiliary_norm,
     average_over_samples,

@@ -41,7 +41,7 @@ from PIL import Image
 import preisach_jax as pj
 from preisach_jax.cli import main as command_line
 from preisach_jax.files import write_files
-from preisach_jax.filter import FilterState
+from preisach_jax.filter.state import FilterState
 from preisach_jax.sweep.storage import sweep_to_folder
 
 PATIENCE_S = 300

@@ -38,7 +38,8 @@ PACKAGE = Path(preisach_jax.__file__).parent
 MOST_SECONDS = 300.0
 
 TESTS: dict[str, tuple[str, ...]] = {
-    "events.py": ("test_events.py",),
+    "operator/events.py": ("test_events.py",),
+    "operator/learning.py": ("test_events.py",),
     "diagnosis/evidence.py": ("test_decisions.py", "test_evidence.py"),
     "diagnosis/budget.py": ("test_decisions.py", "test_budget.py", "test_evidence.py"),
     "diagnosis/judgement.py": ("test_decisions.py",),
@@ -68,7 +69,7 @@ class Mutant:
 
 
 NAMED: tuple[tuple[str, str, str], ...] = (
-    ("events.py", "np.minimum(lowest[-1], since[0])", "lowest[-1].copy()"),
+    ("operator/events.py", "np.minimum(lowest[-1], since[0])", "lowest[-1].copy()"),
     ("diagnosis/evidence.py", "AR_ORDER = 20", "AR_ORDER = 19"),
     ("diagnosis/evidence.py", "AR_ORDER = 20", "AR_ORDER = 40"),
     ("diagnosis/evidence.py", "AR_ORDER = 20", "AR_ORDER = 1"),

@@ -149,7 +149,7 @@ def model_content() -> dict[str, Any]:
     from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
     from preisach_jax.effects.rate_dependence import RateDependence
     from preisach_jax.model import Model, Origin, ParameterEstimate
-    from preisach_jax.plane import Plane
+    from preisach_jax.operator.plane import Plane
     from preisach_jax.record import Record
 
     arrays = columns()

@@ -29,9 +29,11 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 import jax
 import numpy as np
 
-from preisach_jax.filter import AdaptiveFilter, FilterState, simulate
-from preisach_jax.online import OnlineFilter
-from preisach_jax.plane import Plane
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.filter.state import FilterState
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "trust" / "soak.json"
 

@@ -31,8 +31,8 @@ from preisach_jax.quantity import pretty_unit
 from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
-    from preisach_jax.fleet import FleetResult
-    from preisach_jax.plane import Plane
+    from preisach_jax.filter.fleet import FleetResult
+    from preisach_jax.operator.plane import Plane
     from preisach_jax.record import Record
 
 _NAMES = ("levels", "low", "high", "hysteron", "passes", "step_size", "chunk")
@@ -84,9 +84,9 @@ def fleet(
     """Identify many stages at once by the adaptive filter, each from saturated low."""
     from preisach_jax.devices import disconnect, is_first
     from preisach_jax.files import check_folder, write_files
-    from preisach_jax.filter import AdaptiveFilter
-    from preisach_jax.fleet import fleet_to_folder
-    from preisach_jax.plane import Plane
+    from preisach_jax.filter.adaptive import AdaptiveFilter
+    from preisach_jax.filter.fleet import fleet_to_folder
+    from preisach_jax.operator.plane import Plane
 
     check_folder(out)
     if inside := next((path for path in data if path.resolve().parent == out.resolve()), None):

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 
 MOST_TRIALS = 80
 """Trials in which an input is found; three to five are usual."""
@@ -215,7 +215,7 @@ def inverse(
 
     Example:
         >>> import numpy as np
-        >>> from preisach_jax.plane import Plane
+        >>> from preisach_jax.operator.plane import Plane
         >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
         >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
         >>> wanted = jnp.asarray([1.5, 3.0, 1.0])

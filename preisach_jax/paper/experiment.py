@@ -9,11 +9,11 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from preisach_jax.filter import AdaptiveFilter
+from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.identify import thinned_rows
+from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import experiment, paper_stage
-from preisach_jax.plane import Plane
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import triangle
 from preisach_jax.theory import largest_slope, quantisation_step

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.numbers import FigureData, Progress, report
-from preisach_jax.plane import Plane
 from preisach_jax.plant import RANGE_V
 from preisach_jax.sweep import (
     LEVELS,

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from preisach_jax.hysteron import hysteron_states
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states
 from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import NOTCH_NUMERATOR, RATE_HZ, resonances
-from preisach_jax.plane import Plane
 from preisach_jax.plant import ENCODER_STEP_UM, RANGE_V
 
 

@@ -21,16 +21,11 @@ import numpy as np
 
 from preisach_jax.devices import compiled, evenly, gathered, greatest, local
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.events import (
-    Switching,
-    adapt_over_events,
-    measured_rises,
-    output_rises,
-    room_for_events,
-    switching_events,
-)
+from preisach_jax.operator.events import room_for_events, switching_events
+from preisach_jax.operator.learning import adapt_over_events, measured_rises, output_rises
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.switching import Switching
 from preisach_jax.piezo import PiezoRecord, experiment, paper_stage
-from preisach_jax.plane import Plane
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals.checks import as_key
 from preisach_jax.sweep.result import PowerLaw, Sweep, fit_power_law, merge

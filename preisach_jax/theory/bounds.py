@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
 from preisach_jax.theory.noise import checked_variance
 from preisach_jax.theory.propagation import propagate_error
 

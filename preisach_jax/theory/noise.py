@@ -8,8 +8,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter import simulate
-from preisach_jax.plane import Plane
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import simulate
 
 
 def measured_output(plane: Plane, weights: ArrayLike, x: ArrayLike, noise: ArrayLike) -> np.ndarray:

@@ -9,8 +9,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.events import switching_events
-from preisach_jax.plane import Plane
+from preisach_jax.operator.events import switching_events
+from preisach_jax.operator.plane import Plane
 from preisach_jax.theory.noise import checked_variance
 
 

@@ -17,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.events import flat_index, rounded_up
-from preisach_jax.hysteron import position_on
-from preisach_jax.plane import Plane
-from preisach_jax.update import UpdateRule
+from preisach_jax.operator.cells import flat_index
+from preisach_jax.operator.events import rounded_up
+from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.update import UpdateRule
 
 # An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
 # that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the

@@ -17,9 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.events import laid_out, moves_of, relay_levels
-from preisach_jax.hysteron import as_float, position_on, require_hysteron
-from preisach_jax.plane import Plane
+from preisach_jax.operator.cells import laid_out
+from preisach_jax.operator.checks import as_float, require_hysteron
+from preisach_jax.operator.events import moves_of, relay_levels
+from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import Plane
 
 _Nesting = tuple[jax.Array, jax.Array, jax.Array, jax.Array | bool, jax.Array]
 """Turning points not wiped out yet, their values and number, the direction, and the last value."""

@@ -16,9 +16,12 @@ from jax.typing import ArrayLike
 from preisach_jax.chunks import Chunks, Values
 from preisach_jax.devices import compiled, evenly, from_first, gathered, is_first
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.events import adapt_over_events, measured_rises, room_for_events, switching_events
-from preisach_jax.filter import AdaptiveFilter, input_and_output, simulate
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.checks import input_and_output
 from preisach_jax.manifest import read_manifest
+from preisach_jax.operator.events import room_for_events, switching_events
+from preisach_jax.operator.learning import adapt_over_events, measured_rises
+from preisach_jax.operator.simulation import simulate
 from preisach_jax.work import Work, work_in_chunks
 
 _ROOM = 64
@@ -70,7 +73,7 @@ def run_fleet(
             is below 1.
 
     Example:
-        >>> from preisach_jax.plane import Plane
+        >>> from preisach_jax.operator.plane import Plane
         >>> rows = [np.abs(np.mod(np.linspace(0.0, n, 60 * n), 2.0) - 1.0) for n in (5, 9)]
         >>> adaptive = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
         >>> found = run_fleet(adaptive, rows, [3.0 * rows[0], 2.0 * rows[1]])
@@ -148,7 +151,7 @@ def fleet_to_folder(
 
     Example:
         >>> import tempfile
-        >>> from preisach_jax.plane import Plane
+        >>> from preisach_jax.operator.plane import Plane
         >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 500), 2.0) - 1.0)
         >>> adaptive = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
         >>> with tempfile.TemporaryDirectory() as folder:

@@ -2,33 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.errors import InputError, whole_number
-from preisach_jax.hysteron import (
-    as_float,
-    hysteron_step,
-    position_on,
-    require_hysteron,
-    thresholds_reached,
-)
-
-
-def _levels(value: int) -> int:
-    return whole_number("levels is", value, least=2)
-
-
-def _limit(value: float) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"a limit of the plane is {value!r}: give a number") from error
+from preisach_jax.errors import InputError
+from preisach_jax.operator.checks import as_float, require_hysteron
+from preisach_jax.operator.grid import Grid
+from preisach_jax.operator.hysteron import hysteron_step, position_on, thresholds_reached
 
 
 def _require_memory(kind: str) -> None:
@@ -38,7 +20,7 @@ def _require_memory(kind: str) -> None:
         )
 
 
-class Plane(eqx.Module):
+class Plane(Grid):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
     δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of
@@ -59,52 +41,6 @@ class Plane(eqx.Module):
         >>> plane.cells
         703
     """
-
-    levels: int = eqx.field(static=True, converter=_levels)
-    low: float = eqx.field(static=True, converter=_limit)
-    high: float = eqx.field(static=True, converter=_limit)
-
-    def __check_init__(self) -> None:
-        for name, limit in (("low", self.low), ("high", self.high)):
-            if not math.isfinite(limit):
-                raise InputError(f"{name} is {limit}: the limits of the plane must be finite")
-        if not self.low < self.high:
-            raise InputError(f"low is {self.low} and high is {self.high}: low must be below high")
-
-    @property
-    def cells(self) -> int:
-        """L = N(N+1)/2, the number of hysterons."""
-        return self.levels * (self.levels + 1) // 2
-
-    @property
-    def delta_x(self) -> float:
-        """δx = (high - low)/N, the width of a cell in the unit of the input."""
-        return (self.high - self.low) / self.levels
-
-    @property
-    def thresholds(self) -> np.ndarray:
-        """(levels,) thresholds, ascending, in the unit of the input."""
-        return self.low + (np.arange(self.levels) + 0.5) * self.delta_x
-
-    @property
-    def alpha_index(self) -> np.ndarray:
-        """(cells,) index of each cell's α in `thresholds`."""
-        return np.tril_indices(self.levels)[0]
-
-    @property
-    def beta_index(self) -> np.ndarray:
-        """(cells,) index of each cell's β in `thresholds`."""
-        return np.tril_indices(self.levels)[1]
-
-    @property
-    def alpha(self) -> np.ndarray:
-        """(cells,) upper threshold α of each hysteron, in the unit of the input."""
-        return self.thresholds[self.alpha_index]
-
-    @property
-    def beta(self) -> np.ndarray:
-        """(cells,) lower threshold β of each hysteron, in the unit of the input."""
-        return self.thresholds[self.beta_index]
 
     def quantise(self, x: ArrayLike) -> jax.Array:
         """Quantise an input to the level that relays see, by the direction rule (3), (4).

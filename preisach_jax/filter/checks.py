@@ -1,0 +1,183 @@
+"""What the filters check of records, settings and states, and how they start."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.typing import ArrayLike, DTypeLike
+
+from preisach_jax.errors import InputError
+from preisach_jax.operator.checks import as_float, require_finite, require_hysteron
+from preisach_jax.operator.hysteron import hysteron_step
+from preisach_jax.operator.paths import path_and_start, require_on_plane, require_plane
+from preisach_jax.operator.plane import Plane
+
+MOST_SAMPLES = 2**31 - 1
+"""Samples of one run: they are counted in 32 bits. An `OnlineFilter` takes any number of runs."""
+
+
+def checked_adapt(adapt: Any) -> bool:
+    """Refuse a switch between learning and not learning that is neither true nor false.
+
+    Args:
+        adapt: the switch.
+
+    Returns:
+        It.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(adapt, bool | np.bool_):
+        raise InputError(f"adapt is {adapt!r}: give True or False")
+    return bool(cast(bool, adapt))
+
+
+def require_one_number(name: str, value: ArrayLike) -> None:
+    """Refuse a setting that is not one real number; a traced one may be.
+
+    Args:
+        name: its name.
+        value: () the setting.
+
+    Raises:
+        InputError: it has a shape, or is no number.
+    """
+    _require_numbers(name, value, "give one number")
+    if np.shape(value) != ():
+        raise InputError(f"{name} has the shape {np.shape(value)}: give one number")
+
+
+def require_between(
+    name: str, value: ArrayLike | None, words: str, *, least: bool = False, high: float = 2.0
+) -> None:
+    """Refuse a setting that does not lie between 0, excluded unless it is `least`, and `high`."""
+    if value is None:
+        return
+    require_one_number(name, value)
+    if isinstance(value, Tracer):
+        return
+    number = np.asarray(value).item()
+    if not (0.0 < number < high or (least and number == 0.0)):
+        raise InputError(f"{name} is {value}: give a number {words}")
+
+
+def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
+    """Refuse a state from which a run on a plane cannot be continued.
+
+    Args:
+        plane: the Preisach plane.
+        state: the state.
+        kind: what it must be: `FilterState` for the adaptive filter.
+
+    Raises:
+        InputError: it is something else, or the state of another plane.
+    """
+    if not isinstance(state, kind):
+        raise InputError(f"the state is {type(state).__name__}: give a {kind.__name__}")
+    shape = state.weights.shape
+    if shape != (plane.cells,):
+        raise InputError(
+            f"state has weights of the shape {shape}: give a state of this plane, ({plane.cells},)"
+        )
+
+
+def check_start(plane: Plane, hysteron: str, initial_weight: ArrayLike) -> None:
+    """Refuse what no recursion for the weights can start from.
+
+    Args:
+        plane: the Preisach plane.
+        hysteron: "relay" or "ramp".
+        initial_weight: () or (cells,) weights to start from, in the unit of the output.
+
+    Raises:
+        InputError: there is no plane, the kind of hysteron is unknown, or the weights are no finite
+            numbers or have a wrong shape.
+    """
+    require_plane(plane)
+    require_hysteron(hysteron)
+    remedy = f"give one number or ({plane.cells},)"
+    _require_numbers("initial_weight", initial_weight, remedy)
+    if np.shape(initial_weight) not in ((), (plane.cells,)):
+        raise InputError(f"initial_weight has the shape {np.shape(initial_weight)}: {remedy}")
+    require_finite(initial_weight, "initial_weight")
+
+
+def _require_numbers(name: str, values: ArrayLike, remedy: str) -> None:
+    if isinstance(values, Tracer):
+        return
+    dtype = np.asarray(values).dtype
+    if not any(jnp.issubdtype(dtype, kind) for kind in (jnp.floating, jnp.integer)):
+        raise InputError(f"{name} is {values!r}: {remedy}")
+
+
+def start_at(
+    plane: Plane,
+    hysteron: str,
+    initial_weight: ArrayLike,
+    x0: ArrayLike,
+    z0: ArrayLike,
+    initial_memory: ArrayLike | str,
+    dtype: DTypeLike | None = None,
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Bring weights and hysterons to the first sample of a record.
+
+    Args:
+        plane: the Preisach plane.
+        hysteron: "relay" or "ramp".
+        initial_weight: () or (cells,) weights to start from, in the unit of the output.
+        x0: () input, in the unit of the plane.
+        z0: () measured output, in its unit; NaN if it is missing.
+        initial_memory: (cells,) states before the first sample, or the name of an initial memory.
+        dtype: floating type to compute in; None is that of the sample.
+
+    Returns:
+        `(weights, states, x, z)`: (cells,) twice and () twice, of one floating type.
+
+    Raises:
+        InputError: `x0` is not a number on the plane, `z0` is infinite, or the memory is unknown.
+    """
+    path, output = input_and_output(plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
+    if dtype is not None:
+        path, output = path.astype(dtype), output.astype(dtype)
+    path, states = path_and_start(plane, path, initial_memory, hysteron)
+    x = path[0]
+    states = hysteron_step(plane, states, x, x, hysteron)
+    weights = jnp.broadcast_to(jnp.asarray(initial_weight, x.dtype), states.shape)
+    return weights, states, x, output[0]
+
+
+def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """Check an input and the measured output of it.
+
+    Args:
+        plane: the Preisach plane.
+        x: (time,) input, in the unit of the plane.
+        z: (time,) measured output, in its unit; NaN where it is missing.
+
+    Returns:
+        `(x, z)`, (time,) each, of one floating type.
+
+    Raises:
+        InputError: lengths or types are wrong, an input leaves the plane or is not finite, or an
+            output is infinite.
+    """
+    require_plane(plane)
+    if np.size(x) > MOST_SAMPLES:
+        raise InputError(f"there are {np.size(x)} samples: give them in parts, each with its state")
+    x, z = as_float(x, "the input x"), as_float(z, "the output z")
+    if x.ndim == 1 and z.ndim == 0:
+        z = z.reshape(-1)
+    if x.ndim != 1 or x.shape != z.shape or x.shape[0] == 0:
+        raise InputError(
+            f"the input x has the shape {x.shape} and the output z {z.shape}: "
+            "give both (time,), with time > 0"
+        )
+    require_on_plane(plane, x)
+    require_finite(z, "the output z", missing=True)
+    dtype = jnp.result_type(x, z)
+    return x.astype(dtype), z.astype(dtype)

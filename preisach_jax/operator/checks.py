@@ -1,0 +1,78 @@
+"""What inputs and numbers must be, before they are computed with."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.typing import ArrayLike
+
+from preisach_jax.errors import InputError
+
+HYSTERONS = ("relay", "ramp")
+
+
+def require_hysteron(hysteron: str) -> None:
+    """Refuse a kind of hysteron that does not exist.
+
+    Raises:
+        InputError: `hysteron` is neither "relay" nor "ramp".
+    """
+    if hysteron not in HYSTERONS:
+        raise InputError(f"hysteron is {hysteron!r}: it must be 'relay' or 'ramp'")
+
+
+def as_float(values: ArrayLike, name: str) -> jax.Array:
+    """Convert real numbers to a floating array.
+
+    Whole numbers written in Python are real numbers. An array of integers is refused, because it
+    usually holds a converter's raw counts.
+
+    Args:
+        values: real numbers of any shape.
+        name: what they are, for the message; its last word is the name of the variable.
+
+    Returns:
+        Array of the same shape; float32 and float64 are kept where JAX allows them.
+
+    Raises:
+        InputError: the values are an array of integers, complex or not numbers.
+    """
+    array = jnp.asarray(values)
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        # A Python number is weakly typed; a fixed type saves compiling everything twice.
+        return array.astype(array.dtype)
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"{name} has the type {array.dtype}: give real numbers")
+    if hasattr(values, "dtype"):
+        raise InputError(
+            f"{name} has the type {getattr(values, 'dtype', None)}: convert it first, as in "
+            f"{name.rsplit(maxsplit=1)[-1]}.astype(float)"
+        )
+    return array.astype(jnp.result_type(float))
+
+
+def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
+    """Refuse values that are not finite; traced values have none yet and pass.
+
+    Args:
+        values: numbers of any shape.
+        name: what they are, for the message.
+        missing: whether NaN is allowed, for a value that is missing.
+
+    Raises:
+        InputError: a value is not finite.
+    """
+    if isinstance(values, Tracer):
+        return
+    flat = np.ravel(np.asarray(values))
+    wrong = np.isinf(flat) if missing else ~np.isfinite(flat)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        remedy = "give NaN where the output is missing" if missing else "give finite numbers"
+        raise InputError(f"{name} is {flat[first]}{at_sample(first, flat.size)}: {remedy}")
+
+
+def at_sample(sample: int, samples: int) -> str:
+    return f" at sample {sample}" if samples > 1 else ""

@@ -118,7 +118,7 @@ def residual_tests(traces: Traces) -> Figure:
 def _cloud(axes: Axes, position: np.ndarray, values: np.ndarray, shade: str) -> None:
     rows = np.flatnonzero(np.isfinite(values) & np.isfinite(position))
     if len(rows) > _POINTS:
-        rows = np.sort(np.random.default_rng(0).choice(rows, replace=False))
+        rows = np.sort(np.random.default_rng(0).choice(rows, _POINTS, replace=False))
     axes.plot(
         position[rows], values[rows], ".", color=shade, ms=1.6, alpha=0.25, mew=0, rasterized=True
     )

@@ -10,7 +10,8 @@ import numpy as np
 from telling import COLUMNS, TELLING
 
 import preisach_jax as pj
-from preisach_jax.effects.base import Effect, Parameter, Survey
+from preisach_jax.effects.base import Effect, Survey
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.quantity import number, pretty_unit
 from preisach_jax.signals import diagnostic_record
 

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
         HysteresisEffect,
         InputEffect,
         OutputEffect,
-        Parameter,
         SensorEffect,
         Signals,
         Survey,
         WeightEffect,
     )
+    from preisach_jax.effects.parameter import Parameter
     from preisach_jax.errors import InputError
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.comparison import compare_recursions
@@ -118,7 +118,7 @@ _HOMES = {
     "OnlineFilter": "filter.online",
     "OnlineInverse": "compensation",
     "OutputEffect": "effects.base",
-    "Parameter": "effects.base",
+    "Parameter": "effects.parameter",
     "ParameterEstimate": "model",
     "Plane": "operator.plane",
     "Prediction": "model",

@@ -20,10 +20,10 @@ from preisach_jax.effects.base import (
     HysteresisEffect,
     InputEffect,
     OutputEffect,
-    Parameter,
     SensorEffect,
     WeightEffect,
 )
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
 from preisach_jax.runs import columns_behind, driven_path, response, responses, tangents

@@ -22,12 +22,10 @@ from preisach_jax.effects.base import (
     Effect,
     InputEffect,
     OutputEffect,
-    Parameter,
     SensorEffect,
     Signals,
     Survey,
     WeightEffect,
-    log_grid,
 )
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
@@ -36,6 +34,7 @@ from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.parameter import Parameter, log_grid
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.errors import InputError

@@ -34,11 +34,12 @@ from preisach_jax.diagnosis.evidence import (
     simple_ratio,
     standardised,
 )
-from preisach_jax.effects.base import AddedEffect, Parameter
+from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_quantisation import lattice_step
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import (
     at_levels,
     base_point,

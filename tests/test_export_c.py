@@ -23,7 +23,8 @@ from exported import (
 
 from preisach_jax.chain import Chain
 from preisach_jax.cli.application import run
-from preisach_jax.effects.base import AddedEffect, Parameter
+from preisach_jax.effects.base import AddedEffect
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import InputError
 from preisach_jax.export import export_c
 from preisach_jax.export.c import comment, files, sums_below

@@ -15,11 +15,12 @@ import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import InputEffect, OutputEffect, Parameter, Survey
+from preisach_jax.effects.base import InputEffect, OutputEffect, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import base_point
 from preisach_jax.identify import (
     ALL,

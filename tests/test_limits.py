@@ -8,18 +8,13 @@ import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.diagnosis.limits import Limit, limits
-from preisach_jax.effects.base import (
-    AddedEffect,
-    Effect,
-    InputEffect,
-    Parameter,
-    WeightEffect,
-)
+from preisach_jax.effects.base import AddedEffect, Effect, InputEffect, WeightEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.operator.plane import Plane

@@ -6,16 +6,9 @@ from typing import ClassVar
 
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    CYCLES,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    WeightEffect,
-    log_grid,
-)
+from preisach_jax.effects.base import CYCLES, Signals, Survey, Values, WeightEffect
 from preisach_jax.effects.drift import settling
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class Ageing(WeightEffect):

@@ -7,8 +7,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Values
+from preisach_jax.effects.base import AddedEffect, Signals, Values
 from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.parameter import Parameter
 
 
 class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariableOverride]

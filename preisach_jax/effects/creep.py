@@ -8,16 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    RATES,
-    OutputEffect,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    log_grid,
-    low_pass_step,
-)
+from preisach_jax.effects.base import RATES, OutputEffect, Signals, Survey, Values, low_pass_step
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 def creep_times(survey: Survey) -> tuple[float, ...]:

@@ -7,15 +7,9 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    AddedEffect,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    log_grid,
-)
+from preisach_jax.effects.base import AddedEffect, Signals, Survey, Values
 from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.parameter import Parameter, log_grid
 from preisach_jax.effects.resonance import Resonance
 
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, OutputEffect, Parameter, Survey, Values, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class Delay(OutputEffect):

@@ -9,15 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    CYCLES,
-    AddedEffect,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    log_grid,
-)
+from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 def settling(time_s: Array, tau_s: Array, horizon_s: float) -> Array:

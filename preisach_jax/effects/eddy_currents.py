@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, HysteresisEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import RATES, HysteresisEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 
 
 class EddyCurrents(HysteresisEffect):

@@ -7,15 +7,8 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import (
-    RATES,
-    Effect,
-    Parameter,
-    Survey,
-    Values,
-    log_grid,
-    low_pass_step,
-)
+from preisach_jax.effects.base import RATES, Effect, Survey, Values, low_pass_step
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class FirstOrderLag(Effect):

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, Signals, Survey, Values, WeightEffect
+from preisach_jax.effects.base import Signals, Survey, Values, WeightEffect
 from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.parameter import Parameter
 
 
 class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Parameter, Signals, Survey, Values
+from preisach_jax.effects.base import AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.effects.spectrum import strongest_lines
 
 MAINS_HZ = (50.0, 60.0)

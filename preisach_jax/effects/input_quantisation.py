@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.effects.base import InputEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import InputEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.effects.spectrum import strongest_lines
 
 MOST_STEPS = 5000

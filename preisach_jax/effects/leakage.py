@@ -7,15 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import (
-    RATES,
-    OutputEffect,
-    Parameter,
-    Survey,
-    Values,
-    log_grid,
-    low_pass_step,
-)
+from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values, low_pass_step
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class Leakage(OutputEffect):

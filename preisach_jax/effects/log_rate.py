@@ -7,7 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import Parameter, Survey, Values
+from preisach_jax.effects.base import Survey, Values
+from preisach_jax.effects.parameter import Parameter
 from preisach_jax.effects.rate_dependence import RateDependence
 
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import HysteresisEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 
 
 class Moving(HysteresisEffect):

@@ -9,8 +9,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Effect, Parameter, Signals, Survey, Values, log_grid
+from preisach_jax.effects.base import Effect, Signals, Survey, Values
 from preisach_jax.effects.low_pass import low_passed
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class OfColumn(Effect):

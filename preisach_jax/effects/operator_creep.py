@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, AddedEffect, Parameter, Signals, Survey, Values
+from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey, Values
 from preisach_jax.effects.creep import creep_times
+from preisach_jax.effects.parameter import Parameter
 
 SHARES = (0.05, 0.15, 0.35)
 """Thresholds, in ranges of the input."""

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, SensorEffect, Survey, Values
+from preisach_jax.effects.base import SensorEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 
 HALF_WAVES = 24
 """Half waves over the range up to which ripples are tried where a cubic does not follow."""

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Parameter, SensorEffect, Survey, Values
+from preisach_jax.effects.base import SensorEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 
 RESOLVED = 1e-3
 """Relative half width of the bounds around the step that the record shows."""

@@ -9,15 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    CYCLES,
-    AddedEffect,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    log_grid,
-)
+from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 SHARES = (0.1, 0.2, 0.35)
 """Half widths of the plays, in ranges of the input."""

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, InputEffect, Parameter, Survey, Values
+from preisach_jax.effects.base import RATES, InputEffect, Survey, Values
+from preisach_jax.effects.parameter import Parameter
 
 
 class SlewLimit(InputEffect):

@@ -9,16 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import (
-    RATES,
-    AddedEffect,
-    Parameter,
-    Signals,
-    Survey,
-    Values,
-    log_grid,
-)
+from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey, Values
 from preisach_jax.effects.low_pass import smoothed_rate
+from preisach_jax.effects.parameter import Parameter, log_grid
 
 
 class Viscosity(AddedEffect):

@@ -26,8 +26,6 @@ LAYERS = [
     "upgrade",
     "cores",
     "devices",
-    "chunks",
-    "manifest",
     "work",
     "operator",
     "filter",

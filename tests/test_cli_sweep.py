@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from preisach_jax.cli import main
-from preisach_jax.manifest import made_with
 from preisach_jax.sweep import merge, storage, sweep
+from preisach_jax.work.manifest import made_with
 
 SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)
 WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 2 --samples 1000 --seed 5 --chunk 1".split()

@@ -9,11 +9,11 @@ import jax
 import numpy as np
 import pytest
 
-from preisach_jax.chunks import Chunks
 from preisach_jax.cli import main
 from preisach_jax.devices import compiled, connect, evenly, gathered, local
 from preisach_jax.errors import InputError
 from preisach_jax.sweep import Sweep, storage
+from preisach_jax.work.chunks import Chunks
 
 WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 5 --samples 1000 --seed 5 --chunk 2".split()
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import preisach_jax as pj
-from preisach_jax import manifest, model, upgrade
+from preisach_jax import model, upgrade
 from preisach_jax.cli import main
 from preisach_jax.filter import online
 from preisach_jax.sweep import result
+from preisach_jax.work import manifest
 
 FROZEN = Path(__file__).parent / "frozen"
 EXPECTED = json.loads((FROZEN / "expected.json").read_text(encoding="utf-8"))

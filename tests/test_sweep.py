@@ -14,7 +14,6 @@ from scipy import stats
 import preisach_jax
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.manifest import made_with
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.sweep import (
@@ -28,6 +27,7 @@ from preisach_jax.sweep import (
     true_weights,
 )
 from preisach_jax.theory import largest_slope
+from preisach_jax.work.manifest import made_with
 
 # One setting for most tests, so that little has to be compiled.
 LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1500, 2

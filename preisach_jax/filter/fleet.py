@@ -13,16 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.chunks import Chunks, Values
 from preisach_jax.devices import compiled, evenly, from_first, gathered, is_first
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.checks import input_and_output
-from preisach_jax.manifest import read_manifest
 from preisach_jax.operator.events import room_for_events, switching_events
 from preisach_jax.operator.learning import adapt_over_events, measured_rises
 from preisach_jax.operator.simulation import simulate
-from preisach_jax.work import Work, work_in_chunks
+from preisach_jax.work.chunks import Chunks, Values
+from preisach_jax.work.manifest import read_manifest
+from preisach_jax.work.run import Work, work_in_chunks
 
 _ROOM = 64
 """Room for events comes in steps of so many, so that new inputs rarely need a compilation."""

@@ -14,14 +14,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from preisach_jax.chunks import MANIFEST, Chunks, Values
 from preisach_jax.devices import is_first
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.files import json_bytes, write_files
-from preisach_jax.manifest import read_manifest
 from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings, sweep
 from preisach_jax.sweep.result import Sweep, merge
-from preisach_jax.work import Work, work_in_chunks
+from preisach_jax.work.chunks import MANIFEST, Chunks, Values
+from preisach_jax.work.manifest import read_manifest
+from preisach_jax.work.run import Work, work_in_chunks
 
 RESULT = "sweep.json"
 

@@ -9,10 +9,10 @@ from typing import Generic, NamedTuple, TypeVar, cast
 import jax
 import numpy as np
 
-from preisach_jax.chunks import MANIFEST, Chunks
 from preisach_jax.devices import from_first, is_first
 from preisach_jax.errors import InputError
-from preisach_jax.manifest import open_work
+from preisach_jax.work.chunks import MANIFEST, Chunks
+from preisach_jax.work.manifest import open_work
 
 Part = TypeVar("Part")
 

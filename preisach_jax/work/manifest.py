@@ -9,9 +9,9 @@ from typing import Any, cast
 
 import jax
 
-from preisach_jax.chunks import MANIFEST, Chunks
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
+from preisach_jax.work.chunks import MANIFEST, Chunks
 
 FORMAT = 2
 

@@ -1,0 +1,1 @@
+"""Long work in a folder, chunk by chunk: an interruption loses little."""

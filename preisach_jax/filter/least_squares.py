@@ -354,6 +354,7 @@ def _run(
 
 
 def require_double() -> None:
+    """Refuse single precision, in which the covariance loses its meaning."""
     if jnp.result_type(float) != jnp.float64:
         raise InputError(
             "JAX computes in float32, and recursive least squares needs float64: "

@@ -75,4 +75,5 @@ def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> No
 
 
 def at_sample(sample: int, samples: int) -> str:
+    """Where a value stands among several, for a message; nothing for a single one."""
     return f" at sample {sample}" if samples > 1 else ""

@@ -1,4 +1,8 @@
-"""Figures from result objects, each a new `matplotlib.figure.Figure`."""
+"""Figures from result objects; they compute nothing that a result should hold.
+
+Every function returns a new `matplotlib.figure.Figure` and leaves no global state changed, so it
+works in scripts, servers and notebooks alike.
+"""
 
 from preisach_jax.plot.courses import loop, measured_and_model, overview, where_it_errs_most
 from preisach_jax.plot.diagnosis import candidates, waterfall

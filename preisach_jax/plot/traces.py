@@ -1,4 +1,8 @@
-"""Traces, simulations beside their measurements, and what figures of them share."""
+"""Traces, and what figures of them share.
+
+A *trace* is a simulation beside its measurement: a `Fit`, or whatever else has its record,
+prediction, residual, held-out rows and effects.
+"""
 
 from __future__ import annotations
 
@@ -89,10 +93,12 @@ def worst_stretch(traces: Traces, reversals: int = 10) -> slice:
 
 
 def first_trace(traces: Traces) -> Trace:
+    """The first trace, whose held-out rows and errors choose what is shown."""
     return next(iter(traces.values()))
 
 
 def record_of(traces: Traces) -> Record:
+    """The record that all traces simulate."""
     return first_trace(traces).record
 
 
@@ -106,6 +112,7 @@ def _name(record: Record, role: str) -> str:
 
 
 def residual_scale(traces: Traces) -> tuple[float, str]:
+    """Factor and unit in which the greatest residual of the traces reads best."""
     largest = max(greatest(trace.residual) for trace in traces.values())
     return scaled(largest, record_of(traces).output_unit)
 
@@ -160,6 +167,7 @@ def _starts_within(record: Record, rows: slice) -> list[int]:
 
 
 def draw_loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: float = 2.6) -> None:
+    """Draw output against input: the measurement, and each trace over it."""
     in_factor, in_unit = scaled(greatest(record.input), record.input_unit)
     out_factor, out_unit = scaled(greatest(record.output), record.output_unit)
     # Of a million points, every so-manyth draws the same line.
@@ -210,6 +218,7 @@ def add_legend(
     held_out: bool = True,
     words: Mapping[str, str] | None = None,
 ) -> None:
+    """Add one legend below the figure: measurement, traces, held-out rows."""
     first, words = first_trace(traces), words or {}
     said = words.get("measured", "measured")
     handles = [Patch(color=MEASURED, label=said)] if measured else []

@@ -14,6 +14,7 @@ from preisach_jax.errors import InputError
 
 
 def index_of(samples: int) -> jax.Array:
+    """(samples,) 0, 1, ... as floating numbers; refused where the count is none."""
     if samples != int(samples) or samples < 1:
         raise InputError(f"samples is {samples}: give a whole number of at least 1")
     return jnp.arange(samples, dtype=jnp.result_type(float))
@@ -50,6 +51,7 @@ def as_key(key: jax.Array) -> jax.Array:
 
 
 def ordered(low: float, high: float) -> None:
+    """Refuse a range whose ends are not finite and ascending."""
     if not -math.inf < low < high < math.inf:
         raise InputError(
             f"the range is {low!r} to {high!r}: low must be below high, and both finite"

@@ -93,6 +93,7 @@ def decaying_triangles(
 
 
 def shrinking(low: float, high: float, centre: float, turns: int) -> list[float]:
+    """Turning points about a centre, whose distances from it fall evenly to nothing."""
     ends = (high - centre, low - centre)
     return [centre + (1.0 - j / turns) * ends[j % 2] for j in range(turns)]
 

@@ -28,6 +28,7 @@ PRINT: dict[Any, Any] = {
 
 
 def single(height: float) -> tuple[Figure, Axes]:
+    """A figure of one column in print, and its axes."""
     figure = Figure(figsize=(SINGLE_IN, height), layout="constrained")
     return figure, figure.add_subplot()
 

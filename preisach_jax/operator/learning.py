@@ -32,6 +32,7 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
         (events,) rises, same unit; 0 where there is no event.
 
     Example:
+        >>> from preisach_jax.operator.events import switching_events
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
         >>> switching = switching_events(plane, [0.0, 2.0, 1.0])
         >>> output_rises(plane, switching, jnp.asarray([1.0, 2.0, 4.0])).tolist()
@@ -57,6 +58,7 @@ def measured_rises(switching: Switching, z: jax.Array) -> jax.Array:
         (events, lanes) rises; the first one since the start, and 0 where there is no event.
 
     Example:
+        >>> from preisach_jax.operator.events import switching_events
         >>> switching = switching_events(Plane(levels=2, low=0.0, high=2.0), [0.0, 2.0, 1.0])
         >>> measured_rises(switching, jnp.asarray([[1.0], [8.0], [5.0]]))[:, 0].tolist()
         [7.0, -3.0]
@@ -89,6 +91,7 @@ def adapt_over_events(
         e(k), 0 where there is no event.
 
     Example:
+        >>> from preisach_jax.operator.events import switching_events
         >>> plane = Plane(levels=3, low=0.0, high=3.0)
         >>> switching = switching_events(plane, [0.0, 1.0, 2.0, 1.0, 0.0])
         >>> rises = jnp.asarray([[1.0], [2.0], [-2.0], [-1.0]])
@@ -121,6 +124,7 @@ def adapt_and_share(
         to the weights of its cells, 0 where it adds nothing.
 
     Example:
+        >>> from preisach_jax.operator.events import switching_events
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
         >>> switching = switching_events(plane, [0.0, 2.0, 1.0])
         >>> rises, rule = jnp.asarray([[6.0], [-2.0]]), UpdateRule(0.5)

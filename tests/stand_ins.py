@@ -63,6 +63,7 @@ def make_fit(record: Record, effects=(), error: float = 0.5) -> Any:
         identification=record.measured & ~held_out,
         validation=held_out,
         effects=tuple(effect.name for effect in effects),
+        by_record=(),
     )
 
 

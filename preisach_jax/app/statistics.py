@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.operator.branches import branch_starts
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.fit import double_precision
+from preisach_jax.operator.branches import branch_starts
 from preisach_jax.record import Record
 
 MOST_ROWS = 100_000

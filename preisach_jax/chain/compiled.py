@@ -1,0 +1,222 @@
+"""What effects and the Preisach operator compute, compiled once for all records of a size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from preisach_jax.chain.driven import Drive
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    OutputEffect,
+    SensorEffect,
+    Signals,
+    Values,
+    WeightEffect,
+)
+from preisach_jax.operator.branches import output_along_branches
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import hysteron_states, state_bounds, weighted_states
+
+Given = ParamSpec("Given")
+
+Result = TypeVar("Result")
+
+Kind = TypeVar("Kind", bound=Effect)
+
+Course = TypeVar("Course")
+
+SENSOR_ROUNDS = 16
+"""Steps by which a sensor's map is inverted."""
+
+LEAST_SLOPE = 0.05
+"""Slope of a sensor's map below which it is taken to fold, where there is no inverse."""
+
+ROUND_COLUMNS = 64
+"""Unit of the number of columns that an effect of the output is compiled for."""
+
+
+def _expect(effect: Effect, method: str, got: Array, shape: tuple[int, ...]) -> Array:
+    # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
+    if jnp.shape(got) != shape:
+        raise ValueError(
+            f"the effect {effect.name!r} returns the shape {jnp.shape(got)} from {method}, and it "
+            f"must be {shape}"
+        )
+    return got
+
+
+def as_array(leaf: Any) -> Any:
+    # Python floats would be compiled in as constants; NumPy makes arrays of them in no time.
+    return np.asarray(leaf, jnp.result_type(float)) if isinstance(leaf, float) else leaf
+
+
+def _compiled(
+    function: Callable[Concatenate[Kind, Given], Result],
+) -> Callable[Concatenate[Kind, Given], Result]:
+    """Compile a function of an effect once for all records: its numbers become arguments."""
+    compiled = eqx.filter_jit(function)
+
+    @wraps(function)
+    def call(effect: Kind, *arguments: Given.args, **named: Given.kwargs) -> Result:
+        return compiled(jax.tree.map(as_array, effect), *arguments, **named)
+
+    return call
+
+
+@_compiled
+def apply_effect(
+    effect: InputEffect | OutputEffect, values: Values, signal: Array, time: Array
+) -> Array:
+    return _expect(effect, "apply", effect.apply(values, signal, time), time.shape)
+
+
+@_compiled
+def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, time: Array) -> Array:
+    def apply(column: Array) -> Array:
+        return _expect(effect, "apply", effect.apply(values, column, time), time.shape)
+
+    return jax.vmap(apply, in_axes=1, out_axes=1)(jnp.asarray(matrix))
+
+
+def apply_to_columns(
+    effect: OutputEffect, values: Values, matrix: np.ndarray, time: Array
+) -> np.ndarray:
+    count = matrix.shape[1]
+    # How many columns the initial memory takes differs from record to record.
+    if lacking := -count % ROUND_COLUMNS:
+        matrix = np.pad(matrix, ((0, 0), (0, lacking)))
+    return np.asarray(_apply_to_padded(effect, values, matrix, time))[:, :count]
+
+
+@_compiled
+def gain_of(effect: WeightEffect, values: Values, signals: Signals) -> Array:
+    return _expect(effect, "gain", effect.gain(values, signals), signals.time.shape)
+
+
+@_compiled
+def added_columns_of(
+    effect: AddedEffect | WeightEffect, count: int, values: Values, signals: Signals
+) -> Array:
+    shape = (*signals.time.shape, count)
+    return _expect(effect, "columns", effect.columns(values, signals), shape)
+
+
+@_compiled
+def widening_of(effect: HysteresisEffect, values: Values, path: Array, time: Array) -> Array:
+    return _expect(effect, "widening", effect.widening(values, path, time), time.shape)
+
+
+@_compiled
+def fed_back_along(
+    effect: HysteresisEffect, values: Values, path: Array, output: Array, time: Array
+) -> Array:
+    seen = effect.fed_back(values, path, output, time)
+    return _expect(effect, "fed_back", seen, path.shape)
+
+
+@_compiled
+def free_response_of(effect: OutputEffect, count: int, signals: Signals) -> Array:
+    shape = (*signals.time.shape, count)
+    return _expect(effect, "free_response", effect.free_response(signals), shape)
+
+
+@_compiled
+def sensor_columns_of(effect: SensorEffect, count: int, values: Values, reading: Array) -> Array:
+    shape = (*reading.shape, count)
+    return _expect(effect, "columns", effect.columns(values, reading), shape)
+
+
+@_compiled
+def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal: Array) -> Array:
+    """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal.
+
+    Newton steps that bisect instead where they leave what is known to hold the reading (`rtsafe`
+    in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
+    """
+
+    def excess(reading: Array) -> Array:
+        return reading - effect.columns(values, reading) @ coefficients - signal
+
+    def value_and_slope(reading: Array) -> tuple[Array, Array]:
+        return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
+
+    def closer(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        low, high, reading = state
+        value, slope = value_and_slope(reading)
+        low, high = jnp.where(value < 0, reading, low), jnp.where(value < 0, high, reading)
+        step = reading - value / jnp.where(slope > LEAST_SLOPE, slope, LEAST_SLOPE)
+        inside = (step >= low) & (step <= high)
+        return low, high, jnp.where(inside, step, (low + high) / 2)
+
+    reach = 2 * jnp.max(jnp.abs(excess(signal)))
+    start = (signal - reach, signal + reach, signal)
+    found = cast(tuple[Array, Array, Array], jax.lax.fori_loop(0, SENSOR_ROUNDS, closer, start))
+    reading = jax.lax.stop_gradient(found[2])
+    # The last step has the derivatives of the solution, by the implicit function theorem.
+    value, slope = value_and_slope(reading)
+    reading = reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
+    # Steps have no slope: derivatives are those of what is fitted, the reading before them.
+    return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
+
+
+def compiled_on_a_plane(
+    function: Callable[Concatenate[Plane, Course, Given], Result],
+) -> Callable[Concatenate[Plane, Course, Given], Result]:
+    """Compile a function of a plane and a drive once for all planes of equal levels."""
+    compiled = eqx.filter_jit(function)
+
+    @wraps(function)
+    def call(plane: Plane, course: Course, *arguments: Given.args, **named: Given.kwargs) -> Result:
+        unit = Plane(plane.levels, 0.0, 1.0)
+        low, width = plane.low, plane.high - plane.low
+
+        def scaled(path: Array) -> Array:
+            return (path - low) / width
+
+        return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)
+
+    return call
+
+
+@compiled_on_a_plane
+def bounds_along(plane: Plane, drive: Drive, hysteron: str) -> tuple[Array, Array]:
+    return state_bounds(plane, drive.rising, hysteron, drive.falling, drive.reversible)
+
+
+@compiled_on_a_plane
+def states_from_low(plane: Plane, drive: Drive, hysteron: str) -> Array:
+    others = (drive.falling, drive.reversible)
+    return hysteron_states(plane, drive.rising, "low", hysteron, *others)
+
+
+@compiled_on_a_plane
+def operator_along(
+    plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str
+) -> Array:
+    if drive.falling is None and hysteron == "ramp":
+        # Unknown starts add what they leave open: high less low states, weighed by the memory.
+        from_high = output_along_branches(plane, memory, drive.rising, hysteron, "high")
+        return from_high + output_along_branches(
+            plane, weights - memory, drive.rising, hysteron, "low"
+        )
+    others = (drive.falling, drive.reversible)
+    return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
+
+
+def as_arrays(values: Mapping[str, Any]) -> Values:
+    return {
+        name: as_array(float(value) if isinstance(value, int) else value)
+        for name, value in values.items()
+    }

@@ -1,0 +1,108 @@
+"""What is in a chain, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import equinox as eqx
+
+from preisach_jax.chain.compiled import Kind
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    OutputEffect,
+    Parameter,
+    SensorEffect,
+    WeightEffect,
+)
+from preisach_jax.operator.plane import Plane
+
+PLACES = (
+    InputEffect,
+    HysteresisEffect,
+    WeightEffect,
+    OutputEffect,
+    AddedEffect,
+    SensorEffect,
+)
+
+PLACE_NAMES = ("input", "hysterons", "weights", "output", "sum", "sensor")
+
+MIDDLE = "middle"
+"""Initial memory of which all that the first sample leaves open is halfway: that of a prediction
+whose past is not known."""
+
+EffectValues = Mapping[str, Mapping[str, float]]
+"""Values of the nonlinear parameters, by effect and by name."""
+
+
+class Chain(eqx.Module):
+    """What is in a model and in which order, without its numbers.
+
+    Arguments:
+        plane: the Preisach plane.
+        effects: effects; they act in the order of their places, and within a place in this order.
+        hysteron: `"ramp"` or `"relay"`.
+        polarity: sign of the weights: 1 where the output rises with the input, -1 where it falls.
+        signed: whether there are weights of both signs, as in butterfly loops.
+
+    Raises:
+        ValueError: if two effects have one name, or one has a place that no chain has.
+
+    Example:
+        >>> from preisach_jax.effects.creep import Creep
+        >>> chain = Chain(Plane(levels=5, low=0.0, high=1.0), (Creep(),))
+        >>> [effect.name for effect in chain.at(OutputEffect)]
+        ['creep']
+    """
+
+    plane: Plane
+    effects: tuple[Effect, ...] = ()
+    hysteron: str = eqx.field(static=True, default="ramp")
+    polarity: int = eqx.field(static=True, default=1)
+    signed: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self) -> None:
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) < len(names):
+            raise ValueError(f"the effects {names} have a name twice; give each its own")
+        for effect in self.effects:
+            if not isinstance(effect, PLACES):
+                raise ValueError(
+                    f"the effect {effect.name!r} is a {type(effect).__name__}: derive it from "
+                    + ", ".join(place.__name__ for place in PLACES)
+                )
+
+    def at(self, place: type[Kind]) -> list[Kind]:
+        """The effects of one place, in order."""
+        return [effect for effect in self.effects if isinstance(effect, place)]
+
+    @property
+    def stations(self) -> list[tuple[str, Effect]]:
+        """Place and effect of all effects, in the order in which a signal passes them."""
+        named = zip(PLACE_NAMES, PLACES, strict=True)
+        return [(name, effect) for name, place in named for effect in self.at(place)]
+
+    @property
+    def coefficients(self) -> list[tuple[str, Parameter]]:
+        """Effect and coefficient of each column behind the offset, in order."""
+        beside = [*self.at(AddedEffect), *self.at(WeightEffect), *self.at(OutputEffect)]
+        linear = [*beside, *self.at(SensorEffect)]
+        return [(effect.name, each) for effect in linear for each in effect.coefficients()]
+
+    @property
+    def sensor_coefficients(self) -> int:
+        """How many of the coefficients, the last ones, belong to the sensor."""
+        return sum(len(effect.coefficients()) for effect in self.at(SensorEffect))
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether an effect makes the input of the hysterons depend on their output."""
+        return any(effect.feeds_back for effect in self.at(HysteresisEffect))
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
+        """The same plane and hysterons with other effects."""
+        return replace(self, effects=effects)

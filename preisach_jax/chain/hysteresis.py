@@ -1,0 +1,268 @@
+"""The Preisach operator in a chain: its columns, its first run, and its output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.compiled import (
+    as_array,
+    as_arrays,
+    bounds_along,
+    compiled_on_a_plane,
+    operator_along,
+    states_from_low,
+)
+from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
+from preisach_jax.chain.driven import Drive, all_widen, drive, path_and_widening
+from preisach_jax.chain.matrix import with_memory_columns
+from preisach_jax.effects.base import (
+    HysteresisEffect,
+    Signals,
+    Values,
+)
+from preisach_jax.operator.feedback import fed_back_states
+from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.states import Paths
+
+MOST_COLUMNS = 192
+"""Columns to which an effect of the output is applied at once: more take memory and no less time
+each, fewer take more."""
+
+
+@dataclass(frozen=True)
+class HysteresisColumns:
+    """States of the hysterons along a path, and what their unknown start leaves open.
+
+    Attributes:
+        states: (time, cell + group) states, then a column for each group of cells of the initial
+            memory.
+        switched: (time, column) course of the hysterons of the first run.
+        groups: the cells of each group; none for those of the first run, which come last.
+        start: (cells,) stated initial memory, see `stated_start`; zero where it is unknown.
+        first_run: (2 levels,) bool: which hysterons of the first run have a column.
+        vectors: (column, vector) combinations of states and switched, which stand in their place
+            as states; None where these stand there themselves.
+    """
+
+    states: np.ndarray
+    switched: np.ndarray
+    groups: tuple[np.ndarray, ...]
+    start: np.ndarray
+    first_run: np.ndarray
+    vectors: np.ndarray | None = None
+
+    @property
+    def cells(self) -> int:
+        """How many columns belong to the cells of the plane."""
+        return self.states.shape[1] - sum(1 for group in self.groups if len(group))
+
+    def some(self, first: int) -> np.ndarray:
+        """Up to `MOST_COLUMNS` columns from a first one on; those of the first run come last."""
+        edge, last = self.states.shape[1], first + MOST_COLUMNS
+        if last <= edge:
+            return self.states[:, first:last]
+        beyond = self.switched[:, max(first - edge, 0) : last - edge]
+        return np.concatenate([self.states[:, first:], beyond], axis=1)
+
+    def combined(self, vectors: np.ndarray) -> HysteresisColumns:
+        """Combinations, `(column, vector)`, in place of the columns."""
+        plane = self.states.shape[1]
+        states = self.states @ vectors[:plane] + self.switched @ vectors[plane:]
+        return replace(self, states=states, switched=self.switched[:, :0], vectors=vectors)
+
+
+def hysteresis_columns(
+    chain: Chain, course: Drive, initial_memory: str, open_course: Drive | None = None
+) -> HysteresisColumns:
+    """Columns of the Preisach operator along what drives it.
+
+    Arguments:
+        chain: what is in the model.
+        course: what the hysterons see.
+        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`, `MIDDLE`.
+        open_course: the same without what is fed back, by default the same.
+    """
+    states, groups, start = _plane_columns(chain, course, initial_memory)
+    if initial_memory in ("low", "high", MIDDLE):  # saturated: no threshold lies beyond the range
+        none = np.zeros(2 * chain.plane.levels, dtype=bool)
+        return HysteresisColumns(states, np.zeros((len(states), 0)), groups, start, none)
+    rising, falling = _extremes(open_course or course)
+    switched = np.concatenate([_reached(chain, rising) - 1, _reached(chain, falling)], axis=1)
+    seen = np.ptp(switched, axis=0) > 0
+    groups = (*groups, *[np.zeros(0, dtype=int)] * seen.sum())
+    return HysteresisColumns(states, switched[:, seen], groups, start, seen)
+
+
+def _plane_columns(
+    chain: Chain, course: Drive, initial_memory: str
+) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
+    nothing = np.zeros(chain.plane.cells)
+    first_low, first_high = bounds_along(chain.plane, _first(course), chain.hysteron)
+    start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
+    if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
+        # The first sample forces all hysterons, or those it leaves open are off.
+        states = states_from_low(chain.plane, course, chain.hysteron)
+        return np.asarray(states), (), start
+    bounds = bounds_along(chain.plane, course, chain.hysteron)
+    low, high = (np.asarray(bound) for bound in bounds)
+    if initial_memory == "free":
+        return *with_memory_columns(low, high), nothing
+    return low + start[None, :] * (high - low), (), start
+
+
+@eqx.filter_jit
+def _extremes(course: Drive) -> tuple[jax.Array, jax.Array]:
+    """Greatest input so far at the thresholds α, and least one at the thresholds β."""
+    falling = course.rising if course.falling is None else course.falling
+    return course.rising[_last_records(course.rising)], falling[_last_records(-falling)]
+
+
+def _last_records(path: jax.Array) -> jax.Array:
+    """Where the greatest value so far was reached, `(time,)`.
+
+    The derivative of a value taken from there is a gather; that of `cummax` is a tree of slices,
+    which took twenty times as long.
+    """
+    path = jax.lax.stop_gradient(path)
+    reached = jnp.where(path == jax.lax.cummax(path), jnp.arange(len(path)), 0)
+    return jax.lax.cummax(reached)
+
+
+def _reached(chain: Chain, path: jax.Array) -> np.ndarray:
+    """How far a path has reached each threshold, `(time, levels)`."""
+    plane = chain.plane
+    if chain.hysteron == "relay":
+        return (np.asarray(path)[:, None] >= plane.thresholds).astype(float)
+    position = (np.asarray(path) - plane.low) / plane.delta_x
+    return np.clip(position[:, None] - np.arange(plane.levels), 0.0, 1.0)
+
+
+def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.Array:
+    r"""What hysterons add whose other threshold lies beyond the range of the input, `(time,)`.
+
+    Those with β below it that are off at the start switch on when the input first reaches α, and
+    never off again; those with α above it that are on switch off for good at β.  They make the
+    virgin curve: \(\sum_i h_i (\rho_i(\max_{s \le t} x_s) - 1) +
+    \sum_j g_j \rho_j(\min_{s \le t} x_s)\), zero when the input has been through all its range.
+
+    Arguments:
+        chain: what is in the model.
+        course: what the hysterons see, without what is fed back.
+        first_run: (2 levels,) weights h of the former, then g of the latter; empty for none.
+    """
+    if not len(first_run):
+        return jnp.zeros_like(course.rising)
+    return _switched_output(chain.plane, _extremes(course), jnp.asarray(first_run), chain.hysteron)
+
+
+@compiled_on_a_plane
+def _switched_output(
+    plane: Plane, extremes: tuple[Array, Array], first_run: Array, hysteron: str
+) -> Array:
+    steps = jnp.arange(plane.levels + 1, dtype=first_run.dtype)
+
+    def switched(path: Array, weights: Array) -> Array:
+        whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
+        position = (path - plane.low) / plane.delta_x
+        if hysteron == "relay":
+            position = jnp.floor(position + 0.5)
+        return jnp.interp(position, steps, whole)
+
+    highest, lowest = extremes
+    rising, falling = first_run[: plane.levels], first_run[plane.levels :]
+    return switched(highest, rising) - rising.sum() + switched(lowest, falling)
+
+
+def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray:
+    """Share of what the first sample leaves open that a stated initial memory switches on.
+
+    Arguments:
+        chain: what is in the model.
+        course: what the hysterons see.
+        initial_memory: `"low"`, `"high"`, `"demagnetised"` or `MIDDLE`.
+
+    Returns:
+        (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.
+    """
+    low, high = (
+        np.asarray(bound[0]) for bound in bounds_along(chain.plane, _first(course), chain.hysteron)
+    )
+    first, gap = course.rising[0], high - low
+    if initial_memory == MIDDLE:
+        return np.where(gap > 0, 0.5, 0.0)
+    states = np.asarray(chain.plane.initial_states(initial_memory, first, chain.hysteron))
+    return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
+
+
+def _first(course: Drive) -> Drive:
+    def first(path: Array) -> Array:
+        return path[:1]
+
+    return jax.tree.map(first, course)
+
+
+def hysteresis_output(
+    chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
+) -> jax.Array:
+    """Output of the Preisach operator (6) and of the first run, without offset, `(time,)`.
+
+    Where it is fed back, the output that agrees with itself is found sample by sample.
+    """
+    course = drive(chain, values, signals)
+    first_run = first_run_output(chain, course, coefficients.first_run)
+    if not chain.feeds_back:
+        return operator_output(chain, course, coefficients) + first_run
+    path, widened = path_and_widening(chain, values, signals)
+    inside = [effect for effect in chain.at(HysteresisEffect) if effect.feeds_back]
+    low, width = chain.plane.low, chain.plane.high - chain.plane.low
+    sign = chain.polarity  # what is fed back rises with the input
+    shift = jnp.zeros_like(path) if widened is None else widened
+    output = _fed_back_operator(
+        Plane(chain.plane.levels, 0.0, 1.0),
+        jax.tree.map(as_array, inside),
+        [as_arrays(values[effect.name]) for effect in inside],
+        (path, signals.time, shift, sign * first_run),
+        (jnp.asarray(low), jnp.asarray(width)),
+        (jnp.asarray(sign * coefficients.weights), jnp.asarray(sign * coefficients.memory)),
+        all_widen(chain),
+        chain.hysteron,
+    )
+    return sign * output + first_run
+
+
+@eqx.filter_jit
+def _fed_back_operator(
+    plane: Plane,
+    effects: list[HysteresisEffect],
+    values: list[Values],
+    course: tuple[Array, Array, Array, Array],
+    scale: tuple[Array, Array],
+    coefficients: tuple[Array, Array],
+    all_widen: bool,
+    hysteron: str,
+) -> Array:
+    """Output of the operator on a plane from 0 to 1, whose inputs are scaled to it."""
+
+    def seen(sample: list[Array], before: Array, output: Array) -> Paths:
+        pair, time, shift, beside = sample
+        whole = jnp.stack([before, output]) + beside
+        for effect, own in zip(effects, values, strict=True):
+            pair = effect.fed_back(own, pair, whole, time)
+        path, shift = (pair[-1] - scale[0]) / scale[1], shift[-1] / scale[1]
+        return (path - shift, path + shift, *([] if all_widen else [path]))
+
+    pairs = [jnp.stack([jnp.roll(each, 1).at[0].set(each[0]), each], axis=1) for each in course]
+    weights, memory = coefficients
+    return fed_back_states(plane, weights, memory, pairs, seen, hysteron)
+
+
+def operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
+    weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
+    return operator_along(chain.plane, course, weights, memory, chain.hysteron)

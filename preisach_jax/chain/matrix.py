@@ -1,0 +1,164 @@
+"""The columns that the linear coefficients of a chain multiply."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.chain.coefficients import Columns
+from preisach_jax.chain.compiled import apply_to_columns, as_arrays, sensor_columns_of
+from preisach_jax.chain.description import Chain, EffectValues
+from preisach_jax.chain.hysteresis import MOST_COLUMNS, HysteresisColumns
+from preisach_jax.chain.output import columns_beside, gains_of
+from preisach_jax.cores import on_all_cores
+from preisach_jax.effects.base import (
+    OutputEffect,
+    SensorEffect,
+    Signals,
+)
+
+GATHERED_ROWS = 256
+"""Rows that are gathered at once: they stay in the processor's cache on their way."""
+
+
+def regressors(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    hysteresis: HysteresisColumns,
+    rows: np.ndarray | None = None,
+    measured: np.ndarray | None = None,
+) -> Columns:
+    """The columns that the linear coefficients multiply, at given nonlinear parameters.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        hysteresis: the `hysteresis_columns` along its `driven_path`.
+        rows: (row,) samples to keep, in their order; all by default.
+        measured: (row,) measured output at these samples, for the effects of the sensor.
+
+    Returns:
+        The columns, `(row, column)`.
+    """
+    rows = np.arange(len(signals.time)) if rows is None else rows
+    behind_it = [np.ones((len(signals.time), 1))]
+    behind_it += columns_behind(chain, values, signals, rows, measured)
+    of_hysteresis = hysteresis.states.shape[1] + hysteresis.switched.shape[1]
+    whole = of_hysteresis + sum(part.shape[1] for part in behind_it)
+    matrix = np.empty((len(rows), whole), dtype=hysteresis.states.dtype)
+
+    def place(start: int, part: np.ndarray) -> None:
+        stop = start + part.shape[1]
+        for first in range(0, len(rows), GATHERED_ROWS):
+            some = slice(first, first + GATHERED_ROWS)
+            matrix[some, start:stop] = part[rows[some]]
+
+    through = _behind(chain, values, signals)
+    if through is None:
+        place(0, hysteresis.states)
+        place(hysteresis.states.shape[1], hysteresis.switched)
+    else:
+        starts = range(0, of_hysteresis, MOST_COLUMNS)
+        deque(on_all_cores(lambda at: place(at, through(hysteresis.some(at))), starts), maxlen=0)
+    start = of_hysteresis
+    for part in behind_it:
+        place(start, part)
+        start += part.shape[1]
+    if chain.polarity < 0:
+        matrix[:, :of_hysteresis] *= -1
+    behind = chain.coefficients
+    loose = np.zeros(matrix.shape[1], dtype=bool)
+    loose[len(loose) - len(behind) :] = [not each.amount for _, each in behind]
+    names = tuple(effect for effect, _ in behind)
+    groups, start, first_run = hysteresis.groups, hysteresis.start, hysteresis.first_run
+    cells, sign = chain.plane.cells, chain.polarity
+    return Columns(
+        matrix,
+        cells,
+        groups,
+        start,
+        first_run,
+        names,
+        loose,
+        sign,
+        chain.signed,
+        hysteresis.vectors,
+    )
+
+
+def _behind(
+    chain: Chain, values: EffectValues, signals: Signals
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """What the effects of weights and output make of some columns; None if there are none."""
+    gains = [np.asarray(factor) for factor in gains_of(chain, values, signals)]
+    filters = chain.at(OutputEffect)
+    if not gains and not filters:
+        return None
+
+    def behind(columns: np.ndarray) -> np.ndarray:
+        for gain in gains:
+            columns = columns * gain[:, None]
+        for effect in filters:
+            own = as_arrays(values[effect.name])
+            columns = apply_to_columns(effect, own, columns, signals.time)
+        return columns
+
+    return behind
+
+
+def columns_behind(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    rows: np.ndarray,
+    measured: np.ndarray | None,
+) -> list[np.ndarray]:
+    """What the coefficients of added, output and sensor effects multiply, `(time, column)` each.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        rows: (row,) samples at which the output was measured.
+        measured: (row,) measured output at these samples, for the effects of the sensor.
+    """
+    beside = columns_beside(chain, values, signals, {})
+    parts = [np.asarray(columns) for columns in beside.values()]
+    for effect in chain.at(SensorEffect):
+        reading = np.full(len(signals.time), np.nan)
+        reading[rows] = measured
+        columns = sensor_columns_of(
+            effect, len(effect.coefficients()), as_arrays(values[effect.name]), jnp.asarray(reading)
+        )
+        parts.append(np.asarray(columns))
+    return parts
+
+
+def with_memory_columns(
+    low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Columns of the cells, and one for each group of them whose unknown start goes alike.
+
+    A hysteron that has not been forced since the start adds an unknown constant, a share of what
+    its start leaves open.  Of those whose opening has one course, one column serves the group;
+    those whose opening stays as it was add to the offset.
+    """
+    gap = high - low
+    free = np.flatnonzero(gap[0] > 0)
+    # Equal courses have equal projections on any direction, and different ones hardly ever.
+    direction = np.random.default_rng(0).normal(size=len(gap))
+    course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
+    groups: list[np.ndarray] = []
+    columns: list[np.ndarray] = []
+    for one in range(course.max(initial=-1) + 1):
+        group = free[course == one]
+        column = gap[:, group[0]]
+        if np.ptp(column) > 0:
+            groups.append(group)
+            columns.append(column)
+    return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)

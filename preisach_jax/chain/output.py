@@ -1,0 +1,211 @@
+"""The output of a model, and its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.compiled import (
+    added_columns_of,
+    apply_effect,
+    as_arrays,
+    free_response_of,
+    gain_of,
+    reading_of,
+)
+from preisach_jax.chain.description import PLACES, Chain, EffectValues
+from preisach_jax.chain.driven import drive
+from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, operator_output
+from preisach_jax.effects.base import (
+    AddedEffect,
+    OutputEffect,
+    SensorEffect,
+    Signals,
+    WeightEffect,
+)
+
+
+def behind_hysteresis(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    hysteresis: jax.Array,
+    coefficients: Coefficients,
+    known: Mapping[str, jax.Array] | None = None,
+) -> jax.Array:
+    """From the output of the Preisach operator to that of the model, `(time,)`.
+
+    Arguments:
+        chain: what is in the model.
+        values: its nonlinear parameters.
+        signals: what drives it.
+        hysteresis: (time,) output of the operator.
+        coefficients: its linear coefficients.
+        known: those of the `columns_beside` that need not be computed again.
+    """
+    signal = hysteresis
+    for factor in gains_of(chain, values, signals):
+        signal = signal * factor
+    for effect in chain.at(OutputEffect):
+        signal = apply_effect(effect, as_arrays(values[effect.name]), signal, signals.time)
+    signal = signal + coefficients.offset
+    start = 0
+    for columns in columns_beside(chain, values, signals, known or {}).values():
+        stop = start + columns.shape[1]
+        signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
+        start = stop
+    return sensed(chain, values, signal, coefficients)
+
+
+def sensed(
+    chain: Chain, values: EffectValues, signal: jax.Array, coefficients: Coefficients
+) -> jax.Array:
+    """What the sensor reads of the output of the rest of the model, `(time,)`."""
+    start = len(coefficients.added) - chain.sensor_coefficients
+    for effect in chain.at(SensorEffect):
+        stop = start + len(effect.coefficients())
+        share = jnp.asarray(coefficients.added[start:stop])
+        signal = reading_of(effect, as_arrays(values[effect.name]), share, signal)
+        start = stop
+    return signal
+
+
+def columns_beside(
+    chain: Chain, values: EffectValues, signals: Signals, known: Mapping[str, jax.Array]
+) -> dict[str, jax.Array]:
+    """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
+    others = [*chain.at(WeightEffect), *chain.at(OutputEffect)]
+    beside: dict[str, jax.Array] = {}
+    for effect in (*chain.at(AddedEffect), *(other for other in others if other.coefficients())):
+        count = len(effect.coefficients())
+        if effect.name in known:
+            beside[effect.name] = known[effect.name]
+        elif isinstance(effect, OutputEffect):
+            beside[effect.name] = free_response_of(effect, count, signals)
+        else:
+            own = as_arrays(values[effect.name])
+            columns = added_columns_of(effect, count, own, signals)
+            if isinstance(effect, AddedEffect) and effect.scaled:
+                for factor in gains_of(chain, values, signals):
+                    columns = columns * factor[:, None]
+            beside[effect.name] = columns
+    return beside
+
+
+def gains_of(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
+    """Factors of the effects of the weights, `(time,)` each."""
+    return [
+        gain_of(effect, as_arrays(values[effect.name]), signals)
+        for effect in chain.at(WeightEffect)
+    ]
+
+
+def _unmoved(chain: Chain, beside: Mapping[str, jax.Array], moved: str) -> dict[str, jax.Array]:
+    """Those of the `columns_beside` that stay while the parameters of an effect move."""
+    gone = {moved}
+    if moved in [effect.name for effect in chain.at(WeightEffect)]:
+        gone |= {effect.name for effect in chain.at(AddedEffect) if effect.scaled}
+    return {name: columns for name, columns in beside.items() if name not in gone}
+
+
+def response(
+    chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
+) -> jax.Array:
+    """The output of a model, `(time,)`."""
+    hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    return behind_hysteresis(chain, values, signals, hysteresis, coefficients)
+
+
+def tangents(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    coefficients: Coefficients,
+    parameters: list[tuple[str, str]],
+) -> np.ndarray:
+    """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
+
+    Forward-mode derivatives; the Preisach operator is differentiated only for effects of the input
+    and inside it.  What is fed back is held fixed, as it is in the `regressors`.
+    """
+    if not parameters:
+        return np.zeros((len(signals.time), 0))
+    before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
+    hysteresis = None
+    if chain.feeds_back or any(effect not in before for effect, _ in parameters):
+        hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    beside = columns_beside(chain, values, signals, {})
+
+    def along(effect: str, names: list[str]) -> np.ndarray:
+        others = _unmoved(chain, beside, effect)
+
+        def output(own: dict[str, Array]) -> Array:
+            moved: Mapping[str, Mapping[str, Any]] = {**values, effect: {**values[effect], **own}}
+            if effect in before:
+                plain = course = drive(chain, moved, signals)
+                if chain.feeds_back:
+                    course = drive(chain, moved, signals, hysteresis)
+                given = operator_output(chain, course, coefficients)
+                given = given + first_run_output(chain, plain, coefficients.first_run)
+            else:
+                assert hysteresis is not None
+                given = hysteresis
+            return behind_hysteresis(chain, moved, signals, given, coefficients, others)
+
+        at = {name: jnp.asarray(values[effect][name], dtype=float) for name in names}
+        each = dict(zip(names, jnp.eye(len(names)), strict=True))
+
+        def derivative(step: dict[str, Array]) -> Array:
+            return jax.jvp(output, (at,), (step,))[1]
+
+        return np.asarray(jax.vmap(derivative)(each))
+
+    effects = dict.fromkeys(effect for effect, _ in parameters)
+    columns: dict[tuple[str, str], np.ndarray] = {}
+    for effect in effects:
+        names = [name for of, name in parameters if of == effect]
+        columns |= zip(((effect, name) for name in names), along(effect, names), strict=True)
+    return np.stack([columns[parameter] for parameter in parameters], axis=1)
+
+
+def responses(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    coefficients: Coefficients,
+    effect: str,
+    many: list[dict[str, float]],
+) -> np.ndarray:
+    """Outputs of a model at several values of one effect's parameters, `(values, time)`.
+
+    Arguments:
+        chain: what is in the model.
+        values: nonlinear parameters of the other effects.
+        signals: what drives it.
+        coefficients: its linear coefficients.
+        effect: the effect's name.
+        many: values of its parameters.
+    """
+    before = {each.name for place in PLACES[:2] for each in chain.at(place)}
+    if effect in before or chain.feeds_back:
+        everything = [{**values, effect: own} for own in many]
+        outputs = [response(chain, each, signals, coefficients) for each in everything]
+        return np.stack([np.asarray(output) for output in outputs])
+    hysteresis = hysteresis_output(chain, values, signals, coefficients)
+    others = columns_beside(chain, {**values, effect: many[0]}, signals, {})
+    others = _unmoved(chain, others, effect)
+
+    def output(own: dict[str, Array]) -> Array:
+        moved = cast(EffectValues, {**values, effect: own})
+        return behind_hysteresis(chain, moved, signals, hysteresis, coefficients, others)
+
+    stacked = {name: jnp.asarray([own[name] for own in many], dtype=float) for name in many[0]}
+    if not stacked:
+        return np.stack([np.asarray(output({}))] * len(many))
+    return np.asarray(jax.vmap(output)(stacked))

@@ -1,0 +1,17 @@
+"""A model with its numbers: what it predicts, and its file."""
+
+from preisach_jax.model.core import RANGE_TOLERANCE, Model
+from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.file import FORMAT_VERSION
+from preisach_jax.model.origin import Origin
+from preisach_jax.model.weights import exactly_summable
+
+__all__ = [
+    "FORMAT_VERSION",
+    "RANGE_TOLERANCE",
+    "Model",
+    "Origin",
+    "ParameterEstimate",
+    "Prediction",
+    "exactly_summable",
+]

@@ -1,0 +1,389 @@
+"""A model with its numbers, and what it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax import html
+from preisach_jax.band import Band
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+    behind_hysteresis,
+    drive,
+    hysteresis_output,
+    response,
+    signals_of,
+    stated_start,
+)
+from preisach_jax.effects.base import Effect, OutputEffect, Signals
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.errors import InputError
+from preisach_jax.files import json_bytes, write_files
+from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.origin import Origin
+from preisach_jax.model.weights import exactly_summable
+from preisach_jax.operator.plane import Plane
+from preisach_jax.quantity import pretty_unit
+from preisach_jax.record import Record
+from preisach_jax.rows import chain_rows, model_line
+
+if TYPE_CHECKING:
+    from control import NonlinearIOSystem
+
+
+RANGE_TOLERANCE = 0.01
+"""Share of the input range by which an input may leave the plane: noise of a converter does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """An identified model.
+
+    Attributes:
+        chain: plane, effects, kind of hysteron.
+        values: nonlinear parameters of the effects.
+        coefficients: weights, initial memory, offset, coefficients of added effects.
+        parameters: all parameters of the effects with 95 % intervals.
+        visited: (cells,) whether the identification record moved the hysteron.
+        columns: names of the columns: `"time"`, `"input"`, `"output"`, and a list `"aux"`.
+        units: unit of each of these columns, by role or auxiliary name.
+        origin: the record on which it was identified.
+        rms_validation: held-out RMS error, in output units.
+        noise, discretisation: their shares of it, where a diagnosis has measured them.
+        band: the 95 % band by slices, calibrated on the rows that were held out; of models that
+            were written before there was one, None.
+    """
+
+    chain: Chain
+    values: Mapping[str, Mapping[str, float]]
+    coefficients: Coefficients
+    parameters: Mapping[str, Mapping[str, ParameterEstimate]]
+    visited: np.ndarray
+    columns: Mapping[str, Any]
+    units: Mapping[str, str]
+    origin: Origin
+    rms_validation: float
+    noise: float | None = None
+    discretisation: float | None = None
+    band: Band | None = None
+
+    def __repr__(self) -> str:
+        return f"<Model {model_line(self)}>"
+
+    def _repr_html_(self) -> str:
+        """The chain in its order, with parameters and their intervals, for notebooks."""
+        return html.block(
+            html.heading(model_line(self)),
+            html.table(("acts on", "part", "parameter", "value"), chain_rows(self)),
+            html.sentence(f"Identified on {self.origin.record}, {self.origin.rows:,} rows."),
+        )
+
+    @property
+    def plane(self) -> Plane:
+        """The Preisach plane."""
+        return self.chain.plane
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(cells,) weights R in output units."""
+        return self.coefficients.weights
+
+    @property
+    def offset(self) -> float:
+        """Output with all hysterons off, in output units."""
+        return self.coefficients.offset
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects, in order."""
+        return self.chain.effects
+
+    def with_budget(self, noise: float, discretisation: float) -> Model:
+        """The same model, knowing what its error is made of."""
+        return replace(self, noise=noise, discretisation=discretisation)
+
+    def simulate(self, record: Record) -> np.ndarray:
+        """Output along a record that starts as the identification record did, `(time,)`."""
+        with jax.enable_x64(True):
+            signals = signals_of(record, self.origin.start_s)
+            return np.asarray(response(self.chain, self.values, signals, self.coefficients))
+
+    def predict(self, record: Record) -> Prediction:
+        """Predict the output of a record from its input (and auxiliary columns) alone.
+
+        A record that begins with the one that was identified is continued from it, and so is one
+        whose clock starts where that one's stopped.  Otherwise the memory that the first input
+        does not force is unknown, unless the record states it, and widens the band until the
+        input has forced it.
+
+        Arguments:
+            record: the record; its output is not used.
+
+        Returns:
+            The prediction; its band is that of the slices of `Model.band`, and what memory leaves
+            open.
+
+        Raises:
+            InputError: if the input leaves the range of the plane, or an auxiliary column that the
+                model needs is missing.
+
+        Example:
+            >>> import numpy as np, preisach_jax as pj
+            >>> t = np.arange(2000) / 100
+            >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> model.predict(pj.Record.from_arrays(t, u, u)).output.shape
+            (2000,)
+        """
+        self._check(record)
+        sure = np.zeros(len(record.time))
+        if self.begins_with_origin(record):
+            output, gap = self.simulate(record), sure
+        elif self.follows_origin(record):
+            output, gap = self._continue(record), sure
+        else:
+            output, gap = self._from_unknown_memory(record)
+        half = self.half_width(record) + gap
+        return Prediction(record.time, output, output - half, output + half)
+
+    def half_width(self, record: Record) -> np.ndarray:
+        """Half width of the 95 % band along a record whose past is known, `(time,)`.
+
+        Arguments:
+            record: the record.
+
+        Returns:
+            That of the slices in which rows were held out; without them, 1.96 times the held-out
+            RMS error.
+        """
+        if self.band is None:
+            return np.full(len(record.time), 1.96 * self.rms_validation)
+        return self.band.along(record)
+
+    def _check(self, record: Record) -> None:
+        self._check_units(record)
+        plane = self.plane
+        reach = RANGE_TOLERANCE * (plane.high - plane.low)
+        beyond = np.flatnonzero(
+            (record.input < plane.low - reach) | (record.input > plane.high + reach)
+        )
+        if len(beyond):
+            row = int(beyond[0])
+            unit = self.units.get("input", "")
+            raise InputError(
+                f"{record.name}: the input {record.input[row]:.6g} {unit} in sample {row + 1} lies "
+                f"outside the range {plane.low:.6g} to {plane.high:.6g} {unit} on which the model "
+                f"was identified ({len(beyond)} such samples); identify a model on a record that "
+                "covers it, or cut these samples out"
+            )
+        for effect in self.effects:
+            if isinstance(effect, OfColumn) and effect.column not in record.aux:
+                raise InputError(
+                    f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
+                    f"load the record with it (--aux {effect.column})"
+                )
+
+    def _check_units(self, record: Record) -> None:
+        for role in ("input", "output", *record.aux):
+            own, given = (
+                pretty_unit(units)
+                for units in (self.units.get(role, ""), record.channels[role].unit)
+            )
+            if own and given and own != given:
+                raise InputError(
+                    f"{record.name}, column {record.channels[role].name}: its unit is {given}, and "
+                    f"the model was identified in {own}; convert the column, or fit a model to it"
+                )
+
+    def check_invertible(self) -> None:
+        """Ask whether each output along a branch belongs to one input.
+
+        Raises:
+            InputError: if the weights have both signs, so that branches rise and fall.
+        """
+        if self.chain.signed and self.weights.min() < 0 < self.weights.max():
+            raise InputError(
+                f"the model of {self.origin.record} has weights of both signs: along a branch the "
+                "output rises and falls, and no inverse step is sure; record the part of the "
+                "input's range in which the output rises throughout, and fit a model to that"
+            )
+
+    def begins_with_origin(self, record: Record) -> bool:
+        """Whether a record begins with the one that was identified."""
+        rows = self.origin.rows
+        return len(record.time) >= rows and record.inputs_digest(rows) == self.origin.inputs_sha256
+
+    def follows_origin(self, record: Record) -> bool:
+        """Whether a record's clock starts where that of the one that was identified stopped."""
+        pause = record.time[0] - self.origin.stop_s
+        return 0 < pause <= 10 * self.origin.step_s
+
+    def _continue(self, record: Record) -> np.ndarray:
+        time, values = self.origin.history
+        count = len(time)
+        aux = {name: np.concatenate([np.full(count, v[0]), v]) for name, v in record.aux.items()}
+        whole = Record.from_arrays(
+            np.concatenate([time, record.time]),
+            np.concatenate([values, record.input]),
+            np.full(count + len(record.time), np.nan),
+            aux=aux,
+        )
+        return self.simulate(whole)[count:]
+
+    def _drift_origin_s(self, record: Record) -> float:
+        """Time from which drift and ageing count in a record that is not a continuation.
+
+        A clock that was set back since the fit, or that has run on for longer than the record of
+        the fit lasted, says nothing about how far a drift has come: it starts anew.
+        """
+        start, stop = self.origin.start_s, self.origin.stop_s
+        first = float(record.time[0])
+        return start if start <= first <= stop + (stop - start) else first
+
+    def unknown_start(self, record: Record) -> tuple[Signals, Coefficients]:
+        """What drives the model along a record that continues none, and with which coefficients.
+
+        Arguments:
+            record: the record.
+
+        Returns:
+            The signals, and the coefficients with the memory that the record states, or with the
+            middle of what an unknown memory leaves open.
+        """
+        signals = signals_of(record, self._drift_origin_s(record))
+        weights = self.weights
+        if self.chain.hysteron == "relay":
+            weights = exactly_summable(weights)
+        stated = record.initial_memory
+        if stated == "free":
+            start = np.full(len(weights), 0.5)
+        else:
+            start = stated_start(self.chain, drive(self.chain, self.values, signals), stated)
+        # What the past of the first record has left says nothing about this one's.
+        lasting = np.array([each.amount for _, each in self.chain.coefficients], dtype=bool)
+        added = np.where(lasting, self.coefficients.added, 0.0)
+        return signals, replace(
+            self.coefficients,
+            weights=weights,
+            memory=weights * start,
+            added=added,
+            first_run=np.zeros(0),
+        )
+
+    def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
+        """Output from the middle of what memory leaves open, and half the width of that."""
+        with jax.enable_x64(True):
+            signals, coefficients = self.unknown_start(record)
+            middle = hysteresis_output(self.chain, self.values, signals, coefficients)
+            output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
+            if record.initial_memory != "free":
+                return np.asarray(output), np.zeros(len(record.time))
+            weights = coefficients.weights
+            lowest = replace(coefficients, memory=np.zeros_like(weights))
+            gap = jnp.abs(middle - hysteresis_output(self.chain, self.values, signals, lowest))
+            # The operator lies between all hysterons off and all on.
+            most, first = float(np.abs(weights).sum()), float(jnp.abs(middle[0]))
+            for effect in self.chain.at(OutputEffect):
+                own = self.values[effect.name]
+                gap = gap + effect.past_bound(own, signals, max(first, most - first))
+            return np.asarray(output), np.asarray(gap)
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of the model file."""
+        from preisach_jax.model.file import content_of
+
+        return content_of(self)
+
+    def to_control(
+        self, rate_hz: float | None = None, without: Sequence[str] = (), name: str | None = None
+    ) -> NonlinearIOSystem:
+        """This model as a discrete system of python-control (`pip install preisach_jax[control]`).
+
+        Arguments:
+            rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+            without: names of effects that are left out.
+            name: name of the system; by default that of the record.
+
+        Returns:
+            A `control.NonlinearIOSystem`: inputs and output named as the columns of the record, the
+            sample interval as `dt`. Initial states of zero are those before the first sample.
+
+        Raises:
+            InputError: if python-control is not installed, an effect has no law sample by sample,
+                or the rate is not positive.
+
+        Example:
+            >>> model.to_control(rate_hz=1000.0).dt  # doctest: +SKIP
+            0.001
+        """
+        from preisach_jax.export.control import to_control
+
+        return to_control(self, rate_hz, without, name)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as JSON; an older file stays whole until the new one is.
+
+        Raises:
+            InputError: if the place cannot be written to.
+        """
+        path = Path(path)
+        if not path.parent.is_dir():
+            raise InputError(
+                f"{path}: there is no folder {path.parent}; make it, or choose another"
+            )
+        write_files({path: json_bytes(self.to_json())})
+
+    @staticmethod
+    def load(
+        path: str | Path,
+        effects: Iterable[Effect] = (),
+        *,
+        announce: Callable[[str], object] | None = None,
+    ) -> Model:
+        """Read a model; one of an older format predicts what it did, and is saved in the present.
+
+        Arguments:
+            path: its file.
+            effects: effects of one's own that the model holds.
+            announce: called with a sentence if the file is of an older format.
+
+        Raises:
+            InputError: if the file is missing, broken, or written by a newer version.
+        """
+        from preisach_jax.model.file import load
+
+        return load(path, effects, announce)
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
+        """A model from the content of its file.
+
+        Arguments:
+            content: what `to_json` gave, now or in an older format, or JSON of it.
+            effects: effects of one's own that the model holds.
+
+        Returns:
+            The model.
+
+        Raises:
+            InputError: if the content is that of no model, damaged, or of a newer version.
+
+        Example:
+            >>> import numpy as np, preisach_jax as pj
+            >>> t = np.arange(2000) / 100
+            >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> bool(np.all(pj.Model.from_json(model.to_json()).weights == model.weights))
+            True
+        """
+        from preisach_jax.model.file import model_from
+
+        return model_from(content, effects)

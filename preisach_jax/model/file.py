@@ -1,0 +1,355 @@
+"""The file of a model."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from preisach_jax.band import SLICES, Band
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+)
+from preisach_jax.effects import BUILT_IN, library, placeholder
+from preisach_jax.effects.base import Effect
+from preisach_jax.errors import InputError
+from preisach_jax.model.core import Model
+from preisach_jax.model.estimates import ParameterEstimate
+from preisach_jax.model.origin import Origin
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
+from preisach_jax.record import INITIAL_MEMORIES
+from preisach_jax.schema import (
+    bound,
+    checked,
+    items,
+    like,
+    list_of,
+    number,
+    numbers,
+    one_of,
+    refusal,
+    share,
+    table,
+    table_of,
+    text,
+    whole,
+)
+from preisach_jax.upgrade import upgraded
+
+FORMAT = "preisach_jax model"
+
+FORMAT_VERSION = 3
+
+
+def load(
+    path: str | Path,
+    effects: Iterable[Effect] = (),
+    announce: Callable[[str], object] | None = None,
+) -> Model:
+    """Read a model from its file; see `Model.load`."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise InputError(
+            f"{path}: this is no model file (its JSON is nested too deeply); write one with "
+            "'preisach fit ... --out model.json'"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: the model cannot be read ({error.strerror}); check the path"
+        ) from error
+    except ValueError as error:
+        raise InputError(
+            f"{path}: this is no model file (it is not valid JSON: {error}); write one with "
+            "'preisach fit ... --out model.json'"
+        ) from error
+    try:
+        model = model_from(content, effects)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if announce is not None and content["format_version"] < FORMAT_VERSION:
+        announce(
+            f"{path}: upgraded from format version {content['format_version']} to "
+            f"{FORMAT_VERSION} as it was read; the file stays as it is"
+        )
+    return model
+
+
+def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
+    """A model from the content of its file; see `Model.from_json`."""
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise InputError(
+            f"this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write one with "
+            "'preisach fit ... --out model.json'"
+        )
+    found: Any = content.get("format_version")
+    if isinstance(found, bool) or found not in range(1, FORMAT_VERSION + 1):
+        written_by = content.get("library_version")
+        raise InputError(
+            f"the model has format version {found!r:.20} (written by preisach_jax "
+            f"{written_by if isinstance(written_by, str) else 'of no version':.20}), and this "
+            f"library reads versions 1 to {FORMAT_VERSION}; install the version that wrote it, "
+            "or fit anew"
+        )
+    with _told_as_damage():
+        sound = checked({"band": None, **upgraded(content, int(found))}, _CONTENT)
+    kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
+    with _told_as_damage():
+        return _model_of(sound, kinds)
+
+
+def content_of(model: Model) -> dict[str, Any]:
+    """The content of the file of a model."""
+    origin = asdict(model.origin) | {"history": model.origin.history.tolist()}
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "library_version": version("preisach_jax"),
+        "hysteron": model.chain.hysteron,
+        "levels": model.plane.levels,
+        "low": model.plane.low,
+        "high": model.plane.high,
+        "offset": model.offset,
+        "weights": model.weights.tolist(),
+        "memory": model.coefficients.memory.tolist(),
+        "first_run": model.coefficients.first_run.tolist(),
+        "visited": model.visited.astype(int).tolist(),
+        "effects": [
+            {
+                "name": effect.name,
+                "settings": effect.settings(),
+                "parameters": {
+                    name: asdict(estimate)
+                    for name, estimate in model.parameters[effect.name].items()
+                },
+            }
+            for effect in model.effects
+        ],
+        "columns": dict(model.columns),
+        "units": dict(model.units),
+        "sampling": {"step_s": model.origin.step_s, "rows": model.origin.rows},
+        "identification": origin,
+        "rms_validation": model.rms_validation,
+        "noise": model.noise,
+        "discretisation": model.discretisation,
+        "band": None if model.band is None else model.band.to_json(),
+    }
+
+
+@contextmanager
+def _told_as_damage() -> Generator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(
+            f"the model file is damaged ({error}); mend it, or fit the model anew"
+        ) from error
+
+
+MOST_COLUMNS = 1000
+"""Most columns that an effect may have where a file says how many: a built-in one has some ten."""
+
+_ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
+
+
+def _band(value: Any, place: str) -> Band | None:
+    if value is None:
+        return None
+    found = checked(value, {"speed": numbers, "since_s": numbers, "half": numbers}, place)
+    for key, count in (("speed", SLICES - 1), ("since_s", SLICES - 1), ("half", SLICES**2)):
+        if len(found[key]) != count:
+            raise InputError(f"{place}.{key} is a list of {len(found[key])}: expected {count}")
+    return Band.from_json(found)
+
+
+_CONTENT = {
+    "hysteron": one_of(*HYSTERONS),
+    "levels": whole(2),
+    "low": number(),
+    "high": number(),
+    "offset": number(),
+    "weights": numbers,
+    "memory": numbers,
+    "first_run": numbers,
+    "visited": items,
+    "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
+    "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
+    "units": table_of(text),
+    "sampling": {"step_s": number(0.0), "rows": whole(2)},
+    "identification": {
+        "record": text,
+        "sha256": text,
+        "rows": whole(2),
+        "inputs_sha256": text,
+        "start_s": number(),
+        "stop_s": number(),
+        "step_s": number(0.0),
+        "initial_memory": one_of(*INITIAL_MEMORIES),
+        "history": list_of(numbers, least=2),
+    },
+    "rms_validation": number(0.0),
+    "noise": share,
+    "discretisation": share,
+    "band": _band,
+}
+"""What the file of a model holds, apart from what says that it is one."""
+
+
+def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
+    """A model from checked content; what belongs together is checked first."""
+    _check_plane(content)
+    effects = _effects_from(content["effects"], kinds)
+    plane = Plane(content["levels"], content["low"], content["high"])
+    weights = content["weights"]
+    polarity = -1 if weights.sum() < 0 else 1
+    signed = bool((weights < 0).any() and (weights > 0).any())
+    chain = Chain(plane, effects, content["hysteron"], polarity, signed)
+    parameters = _parameters_from(content["effects"], chain)
+    values = {
+        effect.name: {
+            parameter.name: parameters[effect.name][parameter.name].value
+            for parameter in effect.parameters()
+        }
+        for effect in effects
+    }
+    added = [parameters[effect][each.name].value for effect, each in chain.coefficients]
+    return Model(
+        chain=chain,
+        values=values,
+        coefficients=Coefficients(
+            content["weights"],
+            content["memory"],
+            content["offset"],
+            np.asarray(added),
+            content["first_run"],
+        ),
+        parameters=parameters,
+        visited=np.array(content["visited"], dtype=bool),
+        columns=content["columns"],
+        units=content["units"],
+        origin=_origin_from(content["identification"]),
+        rms_validation=content["rms_validation"],
+        noise=content["noise"],
+        discretisation=content["discretisation"],
+        band=content["band"],
+    )
+
+
+def _check_plane(content: dict[str, Any]) -> None:
+    """Refuse limits that are none, and arrays that do not fit the levels."""
+    if not content["low"] < content["high"]:
+        raise refusal(content["low"], "low", f"a number below high, which is {content['high']}")
+    levels = content["levels"]
+    cells = levels * (levels + 1) // 2
+    counts = {"weights": (cells,), "memory": (cells,), "visited": (cells,)}
+    for name, allowed in (counts | {"first_run": (0, 2 * levels)}).items():
+        if len(content[name]) not in allowed:
+            expected = f"as many numbers as {levels} levels have cells, {cells}"
+            if name == "first_run":
+                expected = f"two numbers a level, {2 * levels}, or none"
+            raise InputError(f"{name} is a list of {len(content[name])}: expected {expected}")
+    for i, visited in enumerate(content["visited"]):
+        if visited not in (0, 1):
+            raise refusal(visited, f"visited[{i}]", "0 or 1")
+
+
+def _kinds_of(entries: list[dict[str, Any]], own: Mapping[str, Effect]) -> list[Effect]:
+    """One effect of the kind of each entry, of one's own or of the library."""
+    known = library() | dict(own) if entries else {}
+    kinds: list[Effect] = []
+    for entry in entries:
+        name = entry["name"]
+        kind = known.get(name if name in own else placeholder(name))
+        if kind is None:
+            raise InputError(
+                f"the model holds the effect {name!r:.60}, which this library does not know; pass "
+                "it: Model.load(path, effects=[...])"
+            )
+        kinds.append(kind)
+    return kinds
+
+
+def _effects_from(entries: list[dict[str, Any]], kinds: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects of a file, with the settings that it gives them."""
+    names = [entry["name"] for entry in entries]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise refusal(name, f"effects[{i}].name", "each effect once")
+    return tuple(
+        _set(kind, entry, f"effects[{i}]")
+        for i, (kind, entry) in enumerate(zip(kinds, entries, strict=True))
+    )
+
+
+def _set(pattern: Effect, entry: dict[str, Any], place: str) -> Effect:
+    """The effect of a pattern's kind with the settings of a file."""
+    most = MOST_COLUMNS if type(pattern) in BUILT_IN else sys.maxsize
+    fields = pattern.settings()
+    for key in entry["settings"]:
+        if key not in fields:
+            expected = f"one of {', '.join(fields)}" if fields else "none"
+            raise InputError(f"{place}.settings has {key!r:.60}: expected {expected}")
+    settings = {
+        key: checked(value, like(fields[key], most), f"{place}.settings.{key}")
+        for key, value in entry["settings"].items()
+    }
+    try:
+        effect = type(pattern)(**settings)
+        declared = [*effect.parameters(), *getattr(effect, "coefficients", tuple)()]
+    except (ArithmeticError, ValueError) as error:
+        raise InputError(f"{place}.settings are of no {entry['name']}: {error}") from error
+    if effect.name != entry["name"]:
+        raise refusal(entry["name"], f"{place}.name", f"{effect.name!r:.60}, by its settings")
+    checked(
+        entry["parameters"],
+        {parameter.name: table for parameter in declared},
+        f"{place}.parameters",
+    )
+    return effect
+
+
+def _parameters_from(
+    entries: list[dict[str, Any]], chain: Chain
+) -> dict[str, dict[str, ParameterEstimate]]:
+    """The estimates of a file; values outside the bounds of their effects are refused."""
+    parameters = {
+        entry["name"]: {
+            name: ParameterEstimate(
+                estimate["value"],
+                -np.inf if estimate["low"] is None else estimate["low"],
+                np.inf if estimate["high"] is None else estimate["high"],
+                estimate["unit"],
+            )
+            for name, estimate in entry["parameters"].items()
+        }
+        for entry in entries
+    }
+    for i, effect in enumerate(chain.effects):
+        for parameter in effect.parameters():
+            place = f"effects[{i}].parameters.{parameter.name}.value"
+            value = parameters[effect.name][parameter.name].value
+            checked(value, number(float(parameter.low), float(parameter.high)), place)
+    return parameters
+
+
+def _origin_from(content: dict[str, Any]) -> Origin:
+    place = "identification.history"
+    if len(content["history"]) != 2 or len({len(row) for row in content["history"]}) != 1:
+        raise InputError(f"{place} must be two lists of one length: time and input")
+    history = np.stack(content["history"])
+    if history.shape[1] < 2 or not np.all(np.diff(history[0]) > 0):
+        raise InputError(f"{place}[0] must be at least two times, each above the one before")
+    if not content["start_s"] < content["stop_s"]:
+        raise refusal(content["stop_s"], "identification.stop_s", "a time above start_s")
+    remembered: dict[str, Any] = content | {"history": history}
+    return Origin(**remembered)

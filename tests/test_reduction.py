@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax import identify, reduction
+from preisach_jax import reduction
 from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive, hysteresis_output
 from preisach_jax.chain import hysteresis_columns as columns_along
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.identify import Problem, evaluate
+from preisach_jax.identify import problem as identified
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds
 from preisach_jax.record import Record
@@ -36,7 +37,7 @@ def measured(noise=0.01, seed=0, memory="free"):
 
 @pytest.fixture(autouse=True)
 def small_planes_too(monkeypatch):
-    monkeypatch.setattr(identify, "WHOLE_CELLS", 0)
+    monkeypatch.setattr(identified, "WHOLE_CELLS", 0)
 
 
 @pytest.fixture
@@ -120,7 +121,7 @@ def test_what_moves_the_input_gets_its_own_columns(x64):
 
 
 def test_few_cells_are_kept_whole(x64, monkeypatch):
-    monkeypatch.setattr(identify, "WHOLE_CELLS", PLANE.cells)
+    monkeypatch.setattr(identified, "WHOLE_CELLS", PLANE.cells)
     point = evaluate(Problem.of(measured()).reduced(), Chain(PLANE), {}, 1e-4)
     assert point.columns.vectors is None
     assert (point.solution[: PLANE.cells] >= 0).all()

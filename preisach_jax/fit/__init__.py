@@ -1,0 +1,67 @@
+"""Fit a model of chosen effects to a record."""
+
+from preisach_jax.fit.chosen import fit
+from preisach_jax.fit.finish import (
+    FINAL_ROWS,
+    REFINEMENT,
+    finished,
+    on_all_rows,
+    settled,
+    with_regressors,
+)
+from preisach_jax.fit.result import Fit
+from preisach_jax.fit.running import Progress, double_precision, in_silence
+from preisach_jax.fit.start import (
+    COARSE_LEVELS,
+    DEFAULT_LEVELS,
+    SEARCH_ROWS,
+    aux_units,
+    base_point,
+    begun,
+    checked_levels,
+    freed_of_spikes,
+    in_reduced_basis,
+    plane_of,
+)
+from preisach_jax.fit.steps import (
+    LEAST_PROMISE,
+    at_levels,
+    feeds_back,
+    moved_to,
+    on_a_coarser_plane,
+    with_effect,
+    with_signs,
+    without_effect,
+)
+
+__all__ = [
+    "COARSE_LEVELS",
+    "DEFAULT_LEVELS",
+    "FINAL_ROWS",
+    "LEAST_PROMISE",
+    "REFINEMENT",
+    "SEARCH_ROWS",
+    "Fit",
+    "Progress",
+    "at_levels",
+    "aux_units",
+    "base_point",
+    "begun",
+    "checked_levels",
+    "double_precision",
+    "feeds_back",
+    "finished",
+    "fit",
+    "freed_of_spikes",
+    "in_reduced_basis",
+    "in_silence",
+    "moved_to",
+    "on_a_coarser_plane",
+    "on_all_rows",
+    "plane_of",
+    "settled",
+    "with_effect",
+    "with_regressors",
+    "with_signs",
+    "without_effect",
+]

@@ -1,0 +1,103 @@
+"""Fit a model of chosen effects to a record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from preisach_jax.confidence import with_grid_error
+from preisach_jax.effects import resolve
+from preisach_jax.effects.base import Effect
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.errors import InputError
+from preisach_jax.fit.finish import on_all_rows
+from preisach_jax.fit.result import Fit
+from preisach_jax.fit.running import Progress, double_precision, in_silence
+from preisach_jax.fit.start import (
+    aux_units,
+    begun,
+    checked_levels,
+    freed_of_spikes,
+    in_reduced_basis,
+)
+from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
+from preisach_jax.record import Record
+from preisach_jax.record.joined import (
+    as_one,
+)
+
+
+def fit(
+    record: Record | Sequence[Record],
+    effects: Iterable[str | Effect] = (),
+    levels: int | None = None,
+    *,
+    hold_out: Sequence[Record] = (),
+    progress: Progress | None = None,
+) -> Fit:
+    r"""Fit the Preisach model with chosen effects to a record.
+
+    Minimises \(\|z - \hat z(R, \theta)\|^2 + \lambda\, R^\top P R\) over weights \(R \ge 0\)
+    and the parameters \(\theta\) of the effects; the record chooses \(\lambda\).
+
+    Arguments:
+        record: the measurement, or several of one machine: one model, with a memory for each.
+        effects: names of the library, or effects of one's own.
+        levels: levels N of the plane; by default 25.
+        hold_out: further records that are held out whole, in place of blocks of the others.
+        progress: called with a text and a share done.
+
+    Returns:
+        The fit.
+
+    Raises:
+        InputError: if what is given is no record, several of them do not belong together, an
+            effect is unknown or that of a constant column, or levels is not an integer from 2 to
+            200.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(2000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> fit = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9)
+        >>> fit.fit_percent > 99
+        True
+    """
+    record = as_one(record, hold_out, "fit")
+    chosen = resolve(effects, aux_units(record))
+    for name, values in record.aux.items():
+        own = [e.name for e in chosen if isinstance(e, OfColumn) and e.column == name]
+        if np.ptp(values) == 0 and own:
+            raise InputError(
+                f"{record.name}, column {name}: the auxiliary column is constant "
+                f"({values[0]:g}), so its effect cannot be seen; leave out {own[0]}"
+            )
+    with double_precision():
+        return freed_of_spikes(
+            record,
+            lambda given: _fitted(given, chosen, checked_levels(levels), progress or in_silence),
+            lambda found: found,
+        )
+
+
+def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
+    record, problem, point = begun(record, levels)
+    backwards = [effect.name for effect in chosen if feeds_back(effect)]
+    if point.chain.signed and backwards:
+        raise InputError(
+            f"{record.name}: the record asks for weights of both signs, beside which "
+            f"{backwards[0]} has no unique output; leave it out"
+        )
+    problem, point = in_reduced_basis(problem, point)
+    for position, effect in enumerate(chosen):
+        progress(f"fitting {effect.name}", position / len(chosen))
+        point = with_effect(problem, point, effect, always=True)
+    found = on_all_rows(record, problem, point)
+    if not point.parameters and not point.chain.coefficients:
+        return found
+    # What the cells add moves parameters as well: intervals from the residual alone are too short.
+    coarser = on_a_coarser_plane(problem, point)
+    parameters = with_grid_error(found.model.parameters, point, coarser)
+    return replace(found, model=replace(found.model, parameters=parameters))

@@ -1,0 +1,125 @@
+"""From the search on some rows to the final model on all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from preisach_jax.band import Band
+from preisach_jax.confidence import estimates
+from preisach_jax.fit.result import Fit
+from preisach_jax.fit.steps import moved_to, with_signs
+from preisach_jax.identify import (
+    ALL,
+    VALIDATION,
+    Point,
+    Problem,
+    evaluate,
+    refine,
+    stepped,
+    with_all_rows,
+    with_strength,
+)
+from preisach_jax.model import Model, Origin
+from preisach_jax.record import Record
+from preisach_jax.record.joined import (
+    last_fitted,
+)
+from preisach_jax.runs import of_last_run, response, signals_of
+
+REFINEMENT = 1.5
+"""Ratio of the levels of two planes that are compared."""
+
+FINAL_TOLERANCE = 1e-3
+"""Relative fall of the objective below which parameters are not refined further on all rows: one
+step without new regressors follows (`finished`)."""
+
+FINAL_ROWS = 60_000
+"""Samples to which a still longer record is thinned for the final fit, to bound its memory."""
+
+
+def on_all_rows(record: Record, problem: Problem, point: Point) -> Fit:
+    """The fit of a point that was found on a thinned record.
+
+    Arguments:
+        record: the record.
+        problem: the record as it was cut for the search.
+        point: the model.
+    """
+    whole = Problem.of(record, FINAL_ROWS)
+    return finished(whole, moved_to(whole.reduced(problem), point), record)
+
+
+def settled(problem: Problem, point: Point) -> Point:
+    """Refined, with the strength of the prior that the data choose for it."""
+    point = refine(problem, point)
+    before = point.strength
+    point = with_strength(problem, point)
+    return point if point.strength == before else refine(problem, point, iterations=4)
+
+
+def finished(problem: Problem, point: Point, record: Record) -> Fit:
+    """The fit of a point: the model identified on all rows, the prediction without those held out.
+
+    Arguments:
+        problem: the record as it was cut for the final fit, with all hysterons.
+        point: the refined point, in a reduced basis or not.
+        record: the record with all its samples.
+    """
+    point = with_signs(problem, point)
+    whole = point
+    if len(problem.identified) == len(ALL):
+        whole = stepped(problem, with_all_rows(point))
+    coefficients = point.coefficients()
+    signals = signals_of(record)
+    prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
+    held_out = _held_out_rows(problem, record)
+    residual = (record.output - prediction)[held_out]
+    cells = whole.chain.plane.cells
+    units = {role: channel.unit for role, channel in record.channels.items()}
+    model = Model(
+        chain=whole.chain,
+        values=whole.values,
+        coefficients=of_last_run(whole.chain, whole.coefficients(), signals),
+        parameters=estimates(problem, whole),
+        visited=np.ptp(whole.matrix[:, :cells], axis=0) > 1e-9,
+        columns={
+            **{role: record.channels[role].name for role in ("time", "input", "output")},
+            "aux": list(record.aux),
+        },
+        units=units,
+        origin=Origin.of(last_fitted(record)),
+        rms_validation=float(np.sqrt(np.mean(residual**2))),
+        band=Band.calibrated(record, record.output - prediction, held_out),
+    )
+    return Fit(record, model, prediction, record.measured & ~held_out, held_out, point)
+
+
+def with_regressors(problem: Problem, fit: Fit) -> Point:
+    """The point of a fit with its regressors, which are computed again where they were let go.
+
+    Arguments:
+        problem: the record as it was cut for the fit.
+        fit: the fit.
+    """
+    point = fit.point
+    if len(point.matrix):
+        return point
+    return evaluate(problem, point.chain, point.values, point.strength, point)
+
+
+def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:
+    """(time,) measured rows of the whole record that lie in the stretches held out."""
+    if len(problem.identified) < len(ALL):
+        mask = np.zeros(len(record.time), dtype=bool)
+        for run in record.runs:
+            mask[run.rows] = run.held_out
+        return mask & record.measured
+    order = problem.in_time
+    times = problem.record.time[problem.rows[order]]
+    held_out = problem.fold[order] == VALIDATION[0]
+    measured = np.flatnonzero(record.measured)
+    # Each row goes with the last row of the cut that is not after it.
+    before = np.searchsorted(times, record.time[measured], side="right") - 1
+    mask = np.zeros(len(record.time), dtype=bool)
+    mask[measured] = held_out[np.maximum(before, 0)]
+    return mask

@@ -1,0 +1,30 @@
+"""How the work of a fit runs: its precision, and how it tells its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import TypeVar
+
+import jax
+from threadpoolctl import threadpool_limits
+
+Progress = Callable[[str, float], None]
+
+Found = TypeVar("Found")
+
+
+def in_silence(text: str, done: float) -> None:
+    """Progress that nobody looks at."""
+    del text, done
+
+
+@contextmanager
+def double_precision() -> Generator[None]:
+    """Work in double precision, and with one thread for the many small factorisations.
+
+    Several threads of the linear algebra library gain nothing at these sizes, and lose a factor
+    of five where other processes want the cores.
+    """
+    with jax.enable_x64(True), threadpool_limits(limits=1, user_api="blas"):
+        yield

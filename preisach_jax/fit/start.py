@@ -1,0 +1,168 @@
+"""From a record to a first model without effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from preisach_jax.chain import Chain
+from preisach_jax.errors import InputError
+from preisach_jax.fit.result import Fit
+from preisach_jax.fit.running import Found
+from preisach_jax.fit.steps import MOST_ROUNDS
+from preisach_jax.identify import (
+    ALL,
+    Point,
+    Problem,
+    evaluate,
+    with_strength,
+)
+from preisach_jax.operator.plane import Plane
+from preisach_jax.record import Record
+from preisach_jax.record.faults import Fault, faults
+from preisach_jax.record.joined import (
+    by_run,
+    parts_of,
+)
+from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
+from preisach_jax.reduction import FIRST_STRENGTH
+from preisach_jax.runs import response, signals_of
+
+DEFAULT_LEVELS = 25
+
+COARSE_LEVELS = 13
+"""Levels of the plane on which both polarities are compared."""
+
+CLEAR_CORRELATION = 0.5
+"""Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
+as it is high, leaves less."""
+
+SIGNS_PAY = 0.1
+"""Held-out mean square, over that with weights of one sign, that weights of both signs must not
+leave.  A butterfly leaves 0.01 or less; where one sign is right but a delay is hidden, weights of
+both signs imitate some of it, and leave 0.3 to 1."""
+
+POOR = 0.05
+"""Held-out error over the spread of the output above which weights of both signs are tried."""
+
+SEARCH_ROWS = 8_000
+"""Samples to which a longer record is thinned while effects are searched for."""
+
+
+def aux_units(record: Record) -> dict[str, str]:
+    """Units of a record's auxiliary columns by name."""
+    return {name: record.channels[name].unit for name in record.aux}
+
+
+def checked_levels(levels: int | None) -> int:
+    """The number of levels, or an error that says what it may be."""
+    if levels is None:
+        return DEFAULT_LEVELS
+    if isinstance(levels, bool) or int(levels) != levels or not 2 <= levels <= 200:
+        raise InputError(f"levels is {levels}; give an integer from 2 to 200 (25 is usual)")
+    return int(levels)
+
+
+def plane_of(problem: Problem, levels: int) -> Plane:
+    """The plane that the input of a record spans; of runs that are held out it is not asked."""
+    record = problem.record
+    values = record.input
+    if len(problem.identified) < len(ALL):
+        values = np.concatenate([values[run.rows] for run in record.runs if not run.held_out])
+    return Plane(levels, float(values.min()), float(values.max()))
+
+
+def base_point(problem: Problem, levels: int) -> Point:
+    """The rate-independent model, with weights of the signs that the record shows."""
+    return _base_point(problem, levels, *_signs(problem))
+
+
+def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
+    """The rate-independent model of a record, freed from the samples that stand out alone.
+
+    Arguments:
+        record: the record.
+        levels: levels N of the plane.
+
+    Returns:
+        The record without its spikes, as it was cut for a search, and the model.
+    """
+    record = record.bridged(by_run(record, input_spikes)).masked(_faults(record))
+    record = record.without(by_run(record, gross_spikes))
+    for _ in range(MOST_ROUNDS):
+        problem = Problem.of(record, SEARCH_ROWS)
+        point = base_point(problem, levels)
+        modelled = response(point.chain, {}, signals_of(record), point.coefficients())
+        left = record.without(by_run(record, isolated_spikes, np.asarray(modelled)))
+        if left is record:
+            return record, problem, point
+        record = left
+    problem = Problem.of(record, SEARCH_ROWS)
+    return record, problem, base_point(problem, levels)
+
+
+def _faults(record: Record) -> tuple[Fault, ...]:
+    """Stretches in which the sensor of a record is at fault, of each run alone."""
+    return tuple(
+        fault._replace(start=fault.start + rows.start, stop=fault.stop + rows.start)
+        for part, rows in zip(parts_of(record), record.stretches, strict=True)
+        for fault in faults(part)
+    )
+
+
+def in_reduced_basis(problem: Problem, point: Point) -> tuple[Problem, Point]:
+    """A record and a model of it, to search on from in the directions that the record decides."""
+    small = problem.reduced()
+    there = evaluate(small, point.chain, point.values, point.strength)
+    return small, with_strength(small, there)
+
+
+def freed_of_spikes(
+    record: Record, work: Callable[[Record], Found], fit_of: Callable[[Found], Fit]
+) -> Found:
+    """What is found in a record, again as long as what its fit leaves shows spikes.
+
+    What the plain model misses hides spikes that one with effects shows.
+
+    Arguments:
+        record: the record.
+        work: finds something in a record.
+        fit_of: the fit in what was found.
+    """
+    found = work(record)
+    for _ in range(MOST_ROUNDS):
+        fit = fit_of(found)
+        if not fit.effects:
+            break  # `begun` has left out what a model without effects shows
+        left = fit.record.without(by_run(fit.record, isolated_spikes, fit.prediction))
+        if left is fit.record:
+            break
+        found = work(left)
+    return found
+
+
+def _base_point(problem: Problem, levels: int, polarity: int, signed: bool) -> Point:
+    chain = Chain(plane_of(problem, levels), polarity=polarity, signed=signed)
+    return with_strength(problem, evaluate(problem, chain, {}, FIRST_STRENGTH))
+
+
+def _signs(problem: Problem) -> tuple[int, bool]:
+    """Polarity of a record's model, and whether its weights have both signs.
+
+    The output rises with the input (1) or falls (-1), and all weights have that sign, unless those
+    of both signs predict what is held out much better.
+    """
+    slot = ("signs",)
+    if slot not in problem.cache:
+        along = float(np.corrcoef(problem.record.input[problem.rows], problem.target)[0, 1])
+        tried = (1, -1) if abs(along) < CLEAR_CORRELATION else (1 if along >= 0 else -1,)
+        plain = [_base_point(problem, COARSE_LEVELS, sign, signed=False) for sign in tried]
+        best = min(plain, key=lambda point: point.objective)
+        signed = False
+        least = SIGNS_PAY * best.validation_mean_square
+        if best.validation_mean_square > POOR**2 * float(np.var(problem.goal)):
+            both = _base_point(problem, COARSE_LEVELS, best.chain.polarity, signed=True)
+            signed = both.validation_mean_square < least
+        problem.cache[slot] = best.chain.polarity, signed
+    return problem.cache[slot]

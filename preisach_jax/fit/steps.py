@@ -1,0 +1,153 @@
+"""From one model to the next: an effect more or less, another plane, other signs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from preisach_jax.effects.base import Effect, HysteresisEffect
+from preisach_jax.fit.finish import FINAL_TOLERANCE, REFINEMENT, settled
+from preisach_jax.fit.start import plane_of
+from preisach_jax.identify import (
+    Point,
+    Problem,
+    evaluate,
+    refine,
+    with_strength,
+)
+from preisach_jax.signature import Projection, Prospect, prospects
+
+MOST_STARTS = 2
+"""Starts of a form of an effect that are refined."""
+
+STARTS_REACH = 2.0
+"""Times what the best start leaves of the residual's power that another one may leave to be refined
+as well."""
+
+FORMS_HOPE = 0.9
+"""Share of the held-out mean square that the most likely form of an effect inside the hysteresis
+must not leave for its other forms to be refined: the wrong form of what is there takes much more
+away."""
+
+FORMS_REACH = 2.0
+"""Times what the most likely form promises to leave which another may leave to be refined."""
+
+MOST_ROUNDS = 3
+"""How often spikes are looked for: great ones hide smaller ones."""
+
+LEAST_PROMISE = 0.01
+"""Relative fall of the objective that a linearisation must promise for an effect to be refined."""
+
+
+def feeds_back(effect: Effect) -> bool:
+    """Whether an effect makes what drives the hysterons depend on their output."""
+    return isinstance(effect, HysteresisEffect) and effect.feeds_back
+
+
+def with_effect(
+    problem: Problem,
+    point: Point,
+    effect: Effect,
+    always: bool = False,
+    known: Sequence[Prospect] = (),
+) -> Point:
+    """The best model that has an effect beside those of a point, all refitted jointly.
+
+    Its forms and starts are compared by what they promise to first order; the best ones are
+    refined.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        effect: the effect.
+        always: whether to refine all its forms whatever they promise.
+        known: the `prospects` of its forms, if they are known.
+    """
+    forms = problem.forms_of(effect, point)
+    promised = known or prospects(problem, point, Projection(problem, point), forms)
+    starts = [[start for start in promised if start.effect is form] for form in forms]
+    left = [1 - max(start.held_out for start in own) for own in starts]
+    likely = int(np.argmin(left))
+    tried = {likely: _with_form(problem, point, starts[likely])}
+    # Forms of an effect inside the hysteresis look alike, and each means all states anew.
+    picks = isinstance(effect, HysteresisEffect) and not always
+    hope = FORMS_HOPE * point.validation_mean_square
+    if picks and tried[likely].validation_mean_square > hope:
+        return tried[likely]
+    for position, own in enumerate(starts):
+        if position != likely and not (picks and left[position] > FORMS_REACH * left[likely]):
+            tried[position] = _with_form(problem, point, own)
+    best, *others = [tried[position] for position in sorted(tried)]
+    for trial in others:
+        if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
+            best = trial
+    return best
+
+
+def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect]) -> Point:
+    """The best model with one form of an effect, from the starts that promise most."""
+    ranked = sorted(starts, key=lambda start: -start.reached)[:MOST_STARTS]
+    effect = ranked[0].effect
+    chain = point.chain.with_effects((*point.chain.effects, effect))
+    trials: list[Point] = []
+    for start in ranked:
+        if trials and 1 - start.reached > STARTS_REACH * (1 - ranked[0].reached):
+            break
+        values = {**point.values, effect.name: start.values}
+        there = evaluate(problem, chain, values, point.strength, point)
+        trials.append(refine(problem, there, iterations=3))
+    return settled(problem, min(trials, key=lambda trial: trial.objective))
+
+
+def without_effect(problem: Problem, point: Point, name: str) -> Point:
+    """The model that lacks one of a point's effects, the others refitted jointly."""
+    effects = tuple(effect for effect in point.chain.effects if effect.name != name)
+    values = {key: value for key, value in point.values.items() if key != name}
+    chain = point.chain.with_effects(effects)
+    return settled(problem, evaluate(problem, chain, values, point.strength, point))
+
+
+def at_levels(problem: Problem, point: Point, levels: int) -> Point:
+    """The same model on a plane of other levels, refitted."""
+    chain = replace(point.chain, plane=plane_of(problem, levels))
+    return settled(problem, evaluate(problem, chain, point.values, point.strength, point))
+
+
+def on_a_coarser_plane(problem: Problem, point: Point) -> Point:
+    """The same model on the next coarser plane, refitted."""
+    return at_levels(problem, point, max(2, round(point.chain.plane.levels / REFINEMENT)))
+
+
+def moved_to(problem: Problem, point: Point) -> Point:
+    """The chain of a point, from its values, refitted to a cut of its record."""
+    if not point.chain.effects:
+        return point
+    there = evaluate(problem, point.chain, point.values, point.strength, point)
+    moved = refine(problem, with_strength(problem, there), iterations=3, tolerance=FINAL_TOLERANCE)
+    thinned = len(point.target) < len(problem.target)
+    for effect in point.chain.effects:
+        if not (thinned and effect.found_in_residual):
+            continue
+        # Thinned rows may have led to a wrong line, from which no refinement leads away.
+        without = without_effect(problem, moved, effect.name)
+        again = with_effect(problem, without, effect, always=True)
+        if again.validation_mean_square < (1 - LEAST_PROMISE) * moved.validation_mean_square:
+            moved = again
+    return moved
+
+
+def with_signs(problem: Problem, point: Point) -> Point:
+    """A point of a reduced basis with all hysterons, whose weights have one sign.
+
+    Arguments:
+        problem: the record, with all hysterons.
+        point: the refined point; returned as it is if it has all hysterons and rows.
+    """
+    if point.columns.vectors is None and len(point.matrix) == len(problem.target):
+        return point
+    there = evaluate(problem, point.chain, point.values, point.strength, point)
+    if point.chain.feeds_back:  # what is fed back now is that of weights of one sign
+        there = evaluate(problem, point.chain, point.values, point.strength, there)
+    return refine(problem, with_strength(problem, there), 2, FINAL_TOLERANCE)

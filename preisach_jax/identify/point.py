@@ -1,0 +1,110 @@
+"""A chain at given nonlinear parameters, with its best linear coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.chain import (
+    Chain,
+    Coefficients,
+    Columns,
+    sensed,
+)
+from preisach_jax.effects.base import (
+    Effect,
+    Parameter,
+    SensorEffect,
+)
+from preisach_jax.identify.blocks import VALIDATION
+from preisach_jax.regression import (
+    NormalEquations,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A chain at given nonlinear parameters, with its best linear coefficients.
+
+    Attributes:
+        chain: what is in the model.
+        values: nonlinear parameters by effect and name.
+        strength: strength of the smoothness prior.
+        folds: folds of rows that identify.
+        unit: output range, in output units.
+        level: mean output, in output units.
+        target: (row,) measured output from its mean, in output ranges.
+        matrix: (row, column) scaled regressors of the measured rows.
+        columns: what the columns are.
+        equations: normal equations, in output ranges.
+        solution: (column,) scaled coefficients from those folds.
+        objective: mean square plus penalty on those folds.
+    """
+
+    chain: Chain
+    values: dict[str, dict[str, float]]
+    strength: float
+    folds: np.ndarray
+    unit: float
+    level: float
+    target: np.ndarray
+    matrix: np.ndarray
+    columns: Columns
+    equations: NormalEquations
+    solution: np.ndarray
+    objective: float
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(row,) residual over all measured rows, in output ranges.
+
+        What the sensor makes of the output is predicted as it would be without the measurement.
+        """
+        if not self.chain.at(SensorEffect):
+            return self.target - self.matrix @ self.solution
+        rest = self.matrix.shape[1] - self.chain.sensor_coefficients
+        signal = self.matrix[:, :rest] @ self.solution[:rest] * self.unit + self.level
+        reading = sensed(self.chain, self.values, jnp.asarray(signal), self.coefficients())
+        return self.target - (np.asarray(reading) - self.level) / self.unit
+
+    @property
+    def validation_mean_square(self) -> float:
+        """Mean square on the held-out blocks, in squared output ranges."""
+        if self.chain.at(SensorEffect):  # what the sensor does is in no normal equations
+            held_out = int(self.equations.count[VALIDATION].sum())
+            return float(np.mean(self.residual[-held_out:] ** 2))
+        return self.equations.mean_square(self.solution, VALIDATION)
+
+    @property
+    def parameters(self) -> list[tuple[str, Parameter]]:
+        """All nonlinear parameters with the effects they belong to."""
+        return parameters_of(self.chain.effects)
+
+    def share_of(self, effect: str) -> np.ndarray:
+        """(row,) what the columns of an added effect give, in output ranges."""
+        own = self.columns.of_effect(effect)
+        return self.matrix[:, own] @ self.solution[own]
+
+    @property
+    def slim(self) -> Point:
+        """The same point without its regressors and products: what a larger model starts from."""
+        matrix = np.zeros((0, self.matrix.shape[1]))
+        columns = replace(self.columns, matrix=matrix)
+        none = np.zeros((0, 0, 0))
+        equations = replace(
+            self.equations, gram=none, prior=np.zeros((0, 0)), memory=np.zeros((0, 0))
+        )
+        return replace(self, matrix=matrix, columns=columns, equations=equations)
+
+    def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
+        """The linear numbers of the model in output units."""
+        solution = self.solution if solution is None else solution
+        found = Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
+        return found.raised(self.level)
+
+
+def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
+    """All nonlinear parameters of some effects, with the effects' names."""
+    return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]

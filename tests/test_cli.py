@@ -394,7 +394,7 @@ STAGE = "stage.csv"
 @pytest.mark.parametrize(
     ("words", "fragments"),
     [
-        (["diagnose"], ["Missing argument 'DATA'", "preisach diagnose --help"]),
+        (["diagnose"], ["Missing argument 'DATA...'", "preisach diagnose --help"]),
         (["diagnose", "stag.csv"], ["stag.csv", "there is no such file", "stage.csv"]),
         (["diagnose", "."], ["this is a folder"]),
         (["diagnose", STAGE, "--input", "u_v"], ["'u_v'", "u_V", "--input"]),

@@ -136,7 +136,12 @@ def resting(rows_a_rest, rests=12, ringing=50, noise=1e-3, seed=0):
     record = SimpleNamespace(time=np.arange(rows + 1) * 1e-3, input=course)
     index = np.arange(rows + 1)
     problem = SimpleNamespace(
-        record=record, rows=index, in_time=index, unit=1.0, target=rng.normal(size=rows + 1)
+        record=record,
+        rows=index,
+        in_time=index,
+        unit=1.0,
+        target=rng.normal(size=rows + 1),
+        breaks=(),
     )
     return cast(Any, problem), cast(Any, SimpleNamespace(residual=residual))
 

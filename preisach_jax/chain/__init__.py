@@ -2,7 +2,7 @@
 
 from preisach_jax.chain.coefficients import Coefficients, Columns, coarsened
 from preisach_jax.chain.description import MIDDLE, PLACE_NAMES, PLACES, Chain, EffectValues
-from preisach_jax.chain.driven import Drive, drive, driven_path
+from preisach_jax.chain.driven import drive, driven_path
 from preisach_jax.chain.hysteresis import (
     HysteresisColumns,
     first_run_output,
@@ -12,7 +12,7 @@ from preisach_jax.chain.hysteresis import (
 )
 from preisach_jax.chain.matrix import columns_behind, regressors
 from preisach_jax.chain.output import behind_hysteresis, response, responses, sensed, tangents
-from preisach_jax.chain.signals import ThinnedSignals, signals_of
+from preisach_jax.chain.signals import Drive, ThinnedSignals, signals_of
 
 __all__ = [
     "MIDDLE",

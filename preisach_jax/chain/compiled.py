@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from preisach_jax.chain.driven import Drive
+from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import equinox as eqx
 
-from preisach_jax.chain.compiled import Kind
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -19,6 +19,8 @@ from preisach_jax.effects.base import (
     WeightEffect,
 )
 from preisach_jax.operator.plane import Plane
+
+Kind = TypeVar("Kind", bound=Effect)
 
 PLACES = (
     InputEffect,

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from preisach_jax.chain.compiled import apply_effect, as_arrays, fed_back_along, widening_of
 from preisach_jax.chain.description import Chain, EffectValues
-from preisach_jax.chain.signals import ThinnedSignals
+from preisach_jax.chain.signals import Drive, ThinnedSignals
 from preisach_jax.effects.base import (
     HysteresisEffect,
     InputEffect,
@@ -26,17 +24,6 @@ def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Arr
     for effect in chain.at(InputEffect):
         path = apply_effect(effect, as_arrays(values[effect.name]), path, signals.time)
     return path
-
-
-class Drive(NamedTuple):
-    """What the hysterons see, `(time,)`: at their thresholds α, and at β where that differs.
-
-    Those on the diagonal, which are reversible, see `reversible` where that differs too.
-    """
-
-    rising: jax.Array
-    falling: jax.Array | None = None
-    reversible: jax.Array | None = None
 
 
 def drive(

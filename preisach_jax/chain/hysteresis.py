@@ -20,8 +20,8 @@ from preisach_jax.chain.compiled import (
     states_from_low,
 )
 from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
-from preisach_jax.chain.driven import Drive, all_widen, drive, path_and_widening
-from preisach_jax.chain.matrix import with_memory_columns
+from preisach_jax.chain.driven import all_widen, drive, path_and_widening
+from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import (
     HysteresisEffect,
     Signals,
@@ -113,7 +113,7 @@ def _plane_columns(
     bounds = bounds_along(chain.plane, course, chain.hysteron)
     low, high = (np.asarray(bound) for bound in bounds)
     if initial_memory == "free":
-        return *with_memory_columns(low, high), nothing
+        return *_with_memory_columns(low, high), nothing
     return low + start[None, :] * (high - low), (), start
 
 
@@ -266,3 +266,28 @@ def _fed_back_operator(
 def operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
     weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
     return operator_along(chain.plane, course, weights, memory, chain.hysteron)
+
+
+def _with_memory_columns(
+    low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Columns of the cells, and one for each group of them whose unknown start goes alike.
+
+    A hysteron that has not been forced since the start adds an unknown constant, a share of what
+    its start leaves open.  Of those whose opening has one course, one column serves the group;
+    those whose opening stays as it was add to the offset.
+    """
+    gap = high - low
+    free = np.flatnonzero(gap[0] > 0)
+    # Equal courses have equal projections on any direction, and different ones hardly ever.
+    direction = np.random.default_rng(0).normal(size=len(gap))
+    course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
+    groups: list[np.ndarray] = []
+    columns: list[np.ndarray] = []
+    for one in range(course.max(initial=-1) + 1):
+        group = free[course == one]
+        column = gap[:, group[0]]
+        if np.ptp(column) > 0:
+            groups.append(group)
+            columns.append(column)
+    return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)

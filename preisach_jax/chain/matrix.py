@@ -137,28 +137,3 @@ def columns_behind(
         )
         parts.append(np.asarray(columns))
     return parts
-
-
-def with_memory_columns(
-    low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Columns of the cells, and one for each group of them whose unknown start goes alike.
-
-    A hysteron that has not been forced since the start adds an unknown constant, a share of what
-    its start leaves open.  Of those whose opening has one course, one column serves the group;
-    those whose opening stays as it was add to the offset.
-    """
-    gap = high - low
-    free = np.flatnonzero(gap[0] > 0)
-    # Equal courses have equal projections on any direction, and different ones hardly ever.
-    direction = np.random.default_rng(0).normal(size=len(gap))
-    course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
-    groups: list[np.ndarray] = []
-    columns: list[np.ndarray] = []
-    for one in range(course.max(initial=-1) + 1):
-        group = free[course == one]
-        column = gap[:, group[0]]
-        if np.ptp(column) > 0:
-            groups.append(group)
-            columns.append(column)
-    return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
@@ -36,3 +38,14 @@ class ThinnedSignals(Signals):
 
     whole: Signals
     kept: Int[Array, " time"]
+
+
+class Drive(NamedTuple):
+    """What the hysterons see, `(time,)`: at their thresholds α, and at β where that differs.
+
+    Those on the diagonal, which are reversible, see `reversible` where that differs too.
+    """
+
+    rising: Array
+    falling: Array | None = None
+    reversible: Array | None = None

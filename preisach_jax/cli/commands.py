@@ -72,8 +72,7 @@ def common(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
-    "preisach diagnose slow.csv fast.csv --hold-out other.csv",
-    "preisach diagnose stage.csv --json > found.json",
+    "preisach diagnose slow.csv fast.csv --hold-out other.csv --json > found.json",
     fits=True,
 )
 def diagnose(

@@ -3,10 +3,8 @@
 from preisach_jax.fit.chosen import fit
 from preisach_jax.fit.finish import (
     FINAL_ROWS,
-    REFINEMENT,
     finished,
     on_all_rows,
-    settled,
     with_regressors,
 )
 from preisach_jax.fit.result import Fit
@@ -25,10 +23,12 @@ from preisach_jax.fit.start import (
 )
 from preisach_jax.fit.steps import (
     LEAST_PROMISE,
+    REFINEMENT,
     at_levels,
     feeds_back,
     moved_to,
     on_a_coarser_plane,
+    settled,
     with_effect,
     with_signs,
     without_effect,

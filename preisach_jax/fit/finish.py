@@ -14,10 +14,8 @@ from preisach_jax.identify import (
     Point,
     Problem,
     evaluate,
-    refine,
     stepped,
     with_all_rows,
-    with_strength,
 )
 from preisach_jax.model import Model, Origin
 from preisach_jax.record import Record
@@ -25,13 +23,6 @@ from preisach_jax.record.joined import (
     last_fitted,
 )
 from preisach_jax.runs import of_last_run, response, signals_of
-
-REFINEMENT = 1.5
-"""Ratio of the levels of two planes that are compared."""
-
-FINAL_TOLERANCE = 1e-3
-"""Relative fall of the objective below which parameters are not refined further on all rows: one
-step without new regressors follows (`finished`)."""
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
@@ -47,14 +38,6 @@ def on_all_rows(record: Record, problem: Problem, point: Point) -> Fit:
     """
     whole = Problem.of(record, FINAL_ROWS)
     return finished(whole, moved_to(whole.reduced(problem), point), record)
-
-
-def settled(problem: Problem, point: Point) -> Point:
-    """Refined, with the strength of the prior that the data choose for it."""
-    point = refine(problem, point)
-    before = point.strength
-    point = with_strength(problem, point)
-    return point if point.strength == before else refine(problem, point, iterations=4)
 
 
 def finished(problem: Problem, point: Point, record: Record) -> Fit:

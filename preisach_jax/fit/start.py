@@ -10,7 +10,6 @@ from preisach_jax.chain import Chain
 from preisach_jax.errors import InputError
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Found
-from preisach_jax.fit.steps import MOST_ROUNDS
 from preisach_jax.identify import (
     ALL,
     Point,
@@ -33,6 +32,9 @@ DEFAULT_LEVELS = 25
 
 COARSE_LEVELS = 13
 """Levels of the plane on which both polarities are compared."""
+
+MOST_ROUNDS = 3
+"""How often spikes are looked for: great ones hide smaller ones."""
 
 CLEAR_CORRELATION = 0.5
 """Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide

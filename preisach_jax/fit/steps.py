@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from preisach_jax.effects.base import Effect, HysteresisEffect
-from preisach_jax.fit.finish import FINAL_TOLERANCE, REFINEMENT, settled
 from preisach_jax.fit.start import plane_of
 from preisach_jax.identify import (
     Point,
@@ -34,8 +33,12 @@ away."""
 FORMS_REACH = 2.0
 """Times what the most likely form promises to leave which another may leave to be refined."""
 
-MOST_ROUNDS = 3
-"""How often spikes are looked for: great ones hide smaller ones."""
+REFINEMENT = 1.5
+"""Ratio of the levels of two planes that are compared."""
+
+FINAL_TOLERANCE = 1e-3
+"""Relative fall of the objective below which parameters are not refined further on all rows: one
+step without new regressors follows (`finished`)."""
 
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
@@ -44,6 +47,14 @@ LEAST_PROMISE = 0.01
 def feeds_back(effect: Effect) -> bool:
     """Whether an effect makes what drives the hysterons depend on their output."""
     return isinstance(effect, HysteresisEffect) and effect.feeds_back
+
+
+def settled(problem: Problem, point: Point) -> Point:
+    """Refined, with the strength of the prior that the data choose for it."""
+    point = refine(problem, point)
+    before = point.strength
+    point = with_strength(problem, point)
+    return point if point.strength == before else refine(problem, point, iterations=4)
 
 
 def with_effect(

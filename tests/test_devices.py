@@ -99,7 +99,7 @@ sweep(jax.random.key(5), (3, 2), (0.1, 0.2, 0.4), 5, 1000).save(sys.argv[2])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_several_devices_compute_what_one_does(tmp_path):
     found = []
     for devices in (1, 2, 3):

@@ -168,7 +168,7 @@ def test_it_is_found_where_it_is_hidden():
     assert k == pytest.approx(2e-3 * world.TOP / 60.0, rel=0.15)
 
 
-@pytest.mark.parametrize("effect", [None, "input_lag"])
+@pytest.mark.parametrize("effect", [None, pytest.param("input_lag", marks=pytest.mark.campaign)])
 def test_it_does_not_take_the_place_of_another(effect):
     made = world.hidden_record(effect, 232, 6.0, 1000.0)
     record = Record.from_arrays(made["t"], made["x"], made["z"])

@@ -216,23 +216,22 @@ RIVALS = [
 ]  # fmt: skip
 
 
-def diagnosed(made):
+def diagnosed(made, rivals=RIVALS, levels=25):
     record = pj.Record.from_arrays(
         made["t"], made["x"], made["z"], aux=made["aux"], units={"input": "V", "output": "um"}
     )
-    return pj.diagnose(record, RIVALS, levels=25)
+    return pj.diagnose(record, rivals, levels=levels)
 
 
-QUICK = ("leakage",)
 SEARCHES = [
-    name if name in QUICK else pytest.param(name, marks=pytest.mark.campaign)
-    for name in machines.EFFECTS
+    ("leakage", ["creep", "drift", "leakage"], 13),
+    *(pytest.param(name, RIVALS, 25, marks=pytest.mark.campaign) for name in machines.EFFECTS),
 ]
 
 
-@pytest.mark.parametrize("effect", SEARCHES)
-def test_what_is_hidden_is_found(effect):
-    found = diagnosed(machines.machine_record(effect, 1, 8.0, 1000.0))
+@pytest.mark.parametrize(("effect", "rivals", "levels"), SEARCHES)
+def test_what_is_hidden_is_found(effect, rivals, levels):
+    found = diagnosed(machines.machine_record(effect, 1, 8.0, 1000.0), rivals, levels)
     assert found.effects == (effect,)
     assert found.ladder[-1].rms_validation < 0.3 * found.ladder[0].rms_validation
 

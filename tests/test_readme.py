@@ -21,7 +21,7 @@ SMALLER = {
 }
 """What makes the blocks small; nothing else of them is changed."""
 
-FIT = importlib.import_module("preisach_jax.fit")  # as an attribute of the package, a function
+START = importlib.import_module("preisach_jax.fit.start")  # `preisach_jax.fit` is a function
 
 FEW = ("creep", "drift", "delay")
 
@@ -55,7 +55,7 @@ def check(names, folder, shown):
 def test_the_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
     """On a short record, a coarse plane that is not refined, and with three effects to try."""
     few = {name: effect for name, effect in library().items() if name in FEW}
-    monkeypatch.setattr(FIT, "DEFAULT_LEVELS", 13)
+    monkeypatch.setattr(START, "DEFAULT_LEVELS", 13)
     monkeypatch.setattr(selection, "refined_levels", lambda rows, levels: None)
     monkeypatch.setattr(selection, "library", lambda: few)
     names = run_blocks(tmp_path, monkeypatch, SMALLER)

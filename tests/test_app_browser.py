@@ -449,7 +449,7 @@ def test_a_course_that_cannot_be_reached_is_told_and_the_page_goes_on(tab, stage
     assert rungs(tab)  # what was open is still there
 
 
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("width", SERIOUS)
 def test_a_course_is_drawn_with_the_mouse_and_fits_the_window(tab, stage, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     tab.set_viewport_size({"width": width, "height": 800})

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -24,23 +24,59 @@ Found = TypeVar("Found")
 NO_UNIQUE_OUTPUT = "not tried: beside weights of both signs its output is not unique"
 
 LEADERS = 3
-"""Effects that are refitted jointly in any case, those that promise most."""
+"""Effects that promise most, which are refitted jointly where none that leads passes."""
 
 MOST_LEADERS = 5
 """Effects that are refitted jointly at most."""
 
 LEADS = 3.0
 """Times the held-out mean square that the best promise leaves which another may leave to be
-refitted as well: joint refits seldom change more."""
+refitted with it: joint refits seldom change more."""
 
 
-def try_beside(
-    problem: Problem, point: Point, effects: Sequence[Effect], step: int, progress: Progress
-) -> list[Trial | NotFitted]:
-    """Try each of some effects beside a model: screened, and refitted jointly if it leads.
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """What effects promise beside a model to first order, and which of them to refit.
 
-    What an effect promises to first order costs a thousandth of a joint refit.  Those that promise
-    most are refitted and judged.
+    Attributes:
+        problem, point: the record and the model.
+        step: how many effects the model has.
+        promised: the prospects of each effect that promises anything.
+        groups: the effects to refit: those that lead, and those to turn to if none of them passes.
+        left: why each of the others is not refitted.
+        least_hope: fall of the held-out mean square that an effect had to promise.
+    """
+
+    problem: Problem
+    point: Point
+    step: int
+    promised: Mapping[Effect, list[Prospect]]
+    groups: tuple[tuple[Effect, ...], ...]
+    left: tuple[NotFitted, ...]
+    least_hope: float
+
+    def passed_over(self, groups: Sequence[Sequence[Effect]]) -> list[Trial | NotFitted]:
+        """The rows of effects that were not refitted, since one before them passed."""
+        return [
+            NotFitted.passed_over(
+                effect, self.step, _best(self.promised[effect]).held_out, self.least_hope
+            )
+            for group in groups
+            for effect in group
+        ]
+
+
+def screened(
+    problem: Problem,
+    point: Point,
+    effects: Sequence[Effect],
+    step: int,
+    progress: Progress,
+    least_gain: float = LEAST_GAIN,
+) -> Screening:
+    """Ask what each of some effects promises beside a model.
+
+    What an effect promises to first order costs a hundredth of a joint refit.
 
     Arguments:
         problem: the record.
@@ -48,38 +84,57 @@ def try_beside(
         effects: effects that it does not have.
         step: how many effects it has.
         progress: called with a text and the share of the work that is done.
+        least_gain: relative fall of the held-out mean square from which on one may be named.
 
     Returns:
-        What came of each, in the order in which they were tried.
+        What they promise, and which of them to refit.
     """
     projection = Projection(problem, point)
-    trials: list[Trial | NotFitted] = []
+    left: list[NotFitted] = []
     promised: dict[Effect, list[Prospect]] = {}
 
     def promise(effect: Effect) -> list[Prospect] | NotFitted:
         return _guarded(effect, step, lambda: _promise(problem, point, effect, step, projection))
 
     for effect, found in zip(effects, on_all_cores(promise, effects), strict=True):
-        progress(f"looking for {effect.name}", 0.5 * (len(trials) + len(promised)) / len(effects))
+        progress(f"looking for {effect.name}", (len(left) + len(promised)) / len(effects))
         if isinstance(found, NotFitted):
-            trials.append(found)
+            left.append(found)
         else:
             promised[effect] = found
-    leading = _leading(problem, point, promised)
-    for effect, found in promised.items():
-        if effect not in leading:
-            promise_held_out = _best(found).held_out
-            trials.append(NotFitted.passed_over(effect, step, promise_held_out, LEAST_HOPE))
+    groups = _leading(problem, point, promised, HOPE * least_gain)
+    chosen = [effect for group in groups for effect in group]
+    left += [
+        NotFitted.passed_over(effect, step, _best(found).held_out, HOPE * least_gain)
+        for effect, found in promised.items()
+        if effect not in chosen
+    ]
+    return Screening(problem, point, step, promised, groups, tuple(left), HOPE * least_gain)
+
+
+def refitted(
+    screening: Screening, effects: Sequence[Effect], progress: Progress
+) -> list[Trial | NotFitted]:
+    """Refit some of the effects that were screened jointly with the rest of the model.
+
+    Arguments:
+        screening: what they promise.
+        effects: which of them.
+        progress: called with a text and the share of the work that is done.
+
+    Returns:
+        What came of each, in their order.
+    """
+    trials: list[Trial | NotFitted] = []
+    problem, point, step = screening.problem, screening.point, screening.step
 
     def refit(effect: Effect) -> Trial | NotFitted:
-        known = promised[effect]
+        known = screening.promised[effect]
         return _guarded(effect, step, lambda: _refitted(problem, point, effect, step, known))
 
-    for done, (effect, trial) in enumerate(
-        zip(leading, on_all_cores(refit, leading), strict=True), start=1
-    ):
+    for effect, trial in zip(effects, on_all_cores(refit, effects), strict=True):
         trials.append(trial)
-        progress(f"tried {effect.name}", 0.5 + 0.5 * done / len(leading))
+        progress(f"tried {effect.name}", len(trials) / len(effects))
     return trials
 
 
@@ -115,8 +170,8 @@ def _promise(
     return found
 
 
-LEAST_HOPE = 0.5 * LEAST_GAIN
-"""Relative fall of the held-out mean square that an effect must promise to be refitted at all."""
+HOPE = 0.5
+"""Share of the least gain for a name that an effect must promise to be refitted at all."""
 
 LEAST_HOPEFUL_Z = 1.0
 """Standardised mean gain over the held-out blocks that it must promise."""
@@ -138,32 +193,33 @@ def _best(found: Sequence[Prospect]) -> Prospect:
 
 
 def _leading(
-    problem: Problem, point: Point, promised: dict[Effect, list[Prospect]]
-) -> list[Effect]:
+    problem: Problem, point: Point, promised: dict[Effect, list[Prospect]], least_hope: float
+) -> tuple[tuple[Effect, ...], ...]:
     """The effects to refit: those that promise most on the rows held out, and may keep it.
 
     Beside a model that misses much, the whitened residual of an effect at a rough start says little
     of what it comes to when refitted: those that promise much are refitted whatever it says.
+
+    Returns:
+        Groups of them; a later one is for where none of those before it passes.
     """
     held_out = {effect: _best(found).held_out for effect, found in promised.items()}
-    ranked = sorted(promised, key=lambda effect: -held_out[effect])
-    leading: list[Effect] = []
-    for effect in ranked:
-        if len(leading) >= MOST_LEADERS or held_out[effect] < LEAST_HOPE:
-            break
-        if len(leading) >= LEADERS and not (
-            1 - held_out[effect] < LEADS * (1 - held_out[leading[0]])
-        ):
-            break
-        if _is_hopeful(problem, point, promised[effect]):
-            leading.append(effect)
-    others = (effect for effect in ranked if effect not in leading)
-    great = (
+    ranked = [e for e in sorted(promised, key=lambda e: -held_out[e]) if held_out[e] >= least_hope]
+    hopeful = [e for e in ranked if _is_hopeful(problem, point, promised[e])]
+    near = [e for e in hopeful if 1 - held_out[e] < LEADS * (1 - held_out[hopeful[0]])]
+    first = near[:MOST_LEADERS]
+    second = [e for e in hopeful[:LEADERS] if e not in first]
+    great = [
         effect
-        for effect in itertools.takewhile(lambda each: held_out[each] >= GREAT_PROMISE, others)
-        if _is_hopeful(problem, point, promised[effect], least_delta_bic=-np.inf)
-    )
-    return leading + list(itertools.islice(great, MOST_OTHERS))
+        for effect in ranked
+        if held_out[effect] >= GREAT_PROMISE
+        and effect not in (*first, *second)
+        and _is_hopeful(problem, point, promised[effect], least_delta_bic=-np.inf)
+    ][:MOST_OTHERS]
+    best = held_out[first[0]] if first else 0.0
+    for effect in great:
+        (first if 1 - held_out[effect] < LEADS * (1 - best) else second).append(effect)
+    return tuple(tuple(group) for group in (first, second) if group)
 
 
 def _is_hopeful(
@@ -186,7 +242,7 @@ def _refitted(
     """An effect refitted jointly with the rest of the model, and what speaks for it."""
     rich = with_effect(problem, point, effect, known=known)
     evidence = compare(problem, point, rich)
-    # What the locks refuse need not be asked how sure it is.
+    # What the tests refuse need not be asked how sure it is.
     certain = (
         Certainty(alone=True, together=True)
         if evidence.against

@@ -1,4 +1,4 @@
-"""The two locks before an effect is named: held-out blocks, and a whitened criterion."""
+"""The two tests before an effect is named: held-out blocks, and a whitened criterion."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class Evidence:
 
     @property
     def against(self) -> str:
-        """Why the locks stay closed; empty if both open."""
+        """Why a test is not passed; empty if both are."""
         reasons: list[str] = []
-        # Written so that numbers that are not finite leave the locks closed.
+        # Written so that numbers that are not finite pass no test.
         if not self.gain >= LEAST_GAIN:
             reasons.append(
                 f"the held-out mean square falls by {100 * self.gain:.1f} %, less than "

@@ -8,16 +8,15 @@ from typing import Any
 
 from preisach_jax import html
 from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
-from preisach_jax.diagnosis.candidates import try_beside
+from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare
-from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.limits import limits
-from preisach_jax.diagnosis.margin import close_calls
-from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
+from preisach_jax.diagnosis.step import Step
 from preisach_jax.diagnosis.trial import Trial
-from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
+from preisach_jax.diagnosis.walk import tried_beside
+from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
@@ -138,7 +137,7 @@ class Exploration:
     def candidates(self, progress: Progress | None = None) -> tuple[Candidate, ...]:
         """Try every effect that is left beside this model, and rank them.
 
-        Those that open both locks come first (see `diagnose`), the one that does best leading;
+        Those that pass both tests come first (see `diagnose`), the one that does best leading;
         then the others by what they gain.
 
         Arguments:
@@ -157,10 +156,7 @@ class Exploration:
 
     def _ranked(self, progress: Progress) -> tuple[Candidate, ...]:
         with double_precision():
-            trials = try_beside(self.problem, self.point, self.left, len(self.effects), progress)
-            trials, best, _ = judged(
-                self.problem, self.point, trials, lambda text: progress(text, 1.0)
-            )
+            trials, best, _ = tried_beside(self._as_step(), 0.0, progress)
         rows: list[tuple[bool, bool, float, Candidate]] = []
         for trial in trials:
             passes = isinstance(trial, Trial) and trial.passes
@@ -168,6 +164,10 @@ class Exploration:
             candidate = replace(candidate, why_not="") if passes else candidate
             rows.append((trial is not best, not passes, -candidate.gain, candidate))
         return tuple(row[-1] for row in sorted(rows, key=lambda row: row[:-1]))
+
+    def _as_step(self) -> Step:
+        """This step as the program walks on from one."""
+        return Step(self.record, self.problem, self.problem, self.tried, (self.point,))
 
     def add(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
         """Add an effect, whatever speaks against it, and refit everything.
@@ -246,35 +246,22 @@ class Exploration:
             'explained'
         """
         budget = self.budget()
-        fits = tuple(step.fit for step in self.steps)
-        findings = tuple(_finding(step, fits[-1]) for step in self.steps[1:])
-        if findings:
-            verdict = "explained" if budget.is_met else "partly_explained"
-        else:
-            verdict = "adequate" if budget.is_met else "unexplained"
-        candidates = [c for step in self.steps for c in _compared(step, self.effects)]
+        findings = tuple(_finding(step, self.fit) for step in self.steps[1:])
+        candidates = tuple(c for step in self.steps for c in _compared(step, self.effects))
         if progress is not None:
             progress("limiting what was not added", 0.5)
         with double_precision():
             whole = Problem.of(self.record, SEARCH_ROWS)
             bounds = limits(whole, with_signs(whole, self.point), self.left)
         notes = [BY_HAND] if findings else []
-        close = close_calls(findings, candidates, budget, budget.is_met)
-        return Diagnosis(
-            verdict=verdict,
-            sentence=sentence(verdict, findings, budget, fits, close=close),
-            close=close,
-            findings=findings,
-            ladder=self.ladder,
-            budget=budget,
-            candidates=tuple(candidates),
-            limits=bounds,
-            alternatives={},
-            next_experiment=next_experiment(verdict, findings, self.tried),
-            located="" if budget.is_met else located(self.record, self.fit),
-            remainder=() if budget.is_met else relations(self.record, self.fit.residual),
-            notes=(*notes, *notes_on(self.record, self.fit.model)),
-            steps=fits,
+        return assembled(
+            [step.fit for step in self.steps],
+            findings,
+            budget,
+            candidates,
+            bounds,
+            self.tried,
+            (*notes, *notes_on(self.record, self.fit.model)),
         )
 
 

@@ -6,9 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import discretisation_rms
-from preisach_jax.diagnosis.evidence import compare, free_parameters
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
 from preisach_jax.diagnosis.tellable import implausible
-from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, NotFitted, Trial
+from preisach_jax.diagnosis.trial import (
+    BY_THE_GRID,
+    BY_THE_PRIOR,
+    WITHIN_BUDGET,
+    NotFitted,
+    Trial,
+)
 from preisach_jax.effects.base import SensorEffect
 from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
@@ -22,6 +28,10 @@ SECOND_OF_A_KIND = 0.5
 """Relative fall of the held-out mean square below which no second effect that goes with the speed
 of the input is named."""
 
+LEAST_GAIN_WITHIN_BUDGET = 0.5
+"""Relative fall of the held-out mean square below which nothing is named beside other effects that
+leave no more than noise and grid."""
+
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
 
@@ -32,6 +42,7 @@ def judged(
     trials: Sequence[Trial | NotFitted],
     announce: Callable[[str], None],
     tolerance: float = 0.0,
+    least_gain: float = LEAST_GAIN,
 ) -> tuple[list[Trial | NotFitted], Trial | None, Point]:
     """Find the best of the effects that were tried beside a model, asked what speaks against it.
 
@@ -41,6 +52,7 @@ def judged(
         trials: what came of each.
         announce: called with a text before what takes long.
         tolerance: RMS error, in output units, that does not matter.
+        least_gain: relative fall of the held-out mean square below which nothing is named.
 
     Returns:
         The trials with the objections that were found, the best one that passes, and the model to
@@ -50,6 +62,8 @@ def judged(
     passing = _ranked(problem, [t for t in trials if isinstance(t, Trial) and t.passes])
     while passing:
         objection = _too_small(problem, now, passing[0], tolerance)
+        if not objection and passing[0].evidence.gain < least_gain:
+            objection = WITHIN_BUDGET
         if not objection:
             objection, now = _objection(problem, now, passing[0], announce)
         if not objection:
@@ -100,7 +114,7 @@ def _too_small(problem: Problem, now: Point, trial: Trial, tolerance: float) -> 
 def _objection(
     problem: Problem, now: Point, trial: Trial, announce: Callable[[str], None]
 ) -> tuple[str, Point]:
-    """What speaks against an effect that opens both locks, and the model to go on from.
+    """What speaks against an effect that passes both tests, and the model to go on from.
 
     If it is the strength of the prior alone that helps, the present model takes it over.
     """

@@ -23,6 +23,11 @@ BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
 
 BY_THE_PRIOR = "with the same smoothness of the density the model does as well without it"
 
+WITHIN_BUDGET = (
+    "what is left without it is within noise and discretisation, and it takes away less than half "
+    "of that"
+)
+
 NOT_ON_ALL_ROWS = "it helps on the rows of the search, and too little on all of the record"
 
 WITH_ANOTHER = "it is no better than one that was given up"
@@ -41,7 +46,7 @@ class Trial:
     Attributes:
         effect, step: the effect, and how many the point has.
         point: the model with it.
-        evidence: what the two locks measured.
+        evidence: what the two tests measured.
         certain: whether its amounts are surely not zero, one alone or all together.
         objection: what was seen later and speaks against it.
     """
@@ -54,14 +59,14 @@ class Trial:
     objection: str = ""
 
     @property
-    def opens_both_locks(self) -> bool:
-        """Whether both locks open, and nothing was seen later that speaks against it."""
+    def passes_both_tests(self) -> bool:
+        """Whether it passes both tests, and nothing was seen later that speaks against it."""
         return not self.evidence.against and not self.objection
 
     @property
     def passes(self) -> bool:
-        """Whether both locks open, and its amounts are surely not zero."""
-        return any(self.certain) and self.opens_both_locks
+        """Whether it passes both tests, and its amounts are surely not zero."""
+        return any(self.certain) and self.passes_both_tests
 
     @property
     def hopeless(self) -> bool:

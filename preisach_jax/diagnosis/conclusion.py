@@ -1,0 +1,250 @@
+"""From the last step of a diagnosis to its result: final fits, budget, limits, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from preisach_jax.confidence import with_grid_error
+from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.limits import Limit, limits
+from preisach_jax.diagnosis.margin import close_calls
+from preisach_jax.diagnosis.remainder import relations
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
+from preisach_jax.diagnosis.step import Step
+from preisach_jax.diagnosis.tellable import notes as untellable_notes
+from preisach_jax.diagnosis.trial import (
+    NOT_ON_ALL_ROWS,
+    TOO_LITTLE,
+    TOO_SLIGHT,
+    WITHOUT_A_LAW,
+    failures,
+    given_up_rows,
+)
+from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import (
+    FINAL_ROWS,
+    Fit,
+    Progress,
+    finished,
+    in_silence,
+    moved_to,
+    with_signs,
+)
+from preisach_jax.identify import Problem
+from preisach_jax.model import Model
+
+MOST_MISSED = 0.3
+"""RMS error of a final model, over the spread of the output, beyond which no effect is named."""
+
+MOST_LEFT_BY_THE_LAWLESS = 0.1
+"""Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
+for what was there."""
+
+LEAST_BESIDE_THE_UNEXPLAINED = 0.1
+"""Mean square that the last effect must take away, over that which stays unexplained beside it."""
+
+
+def verdict_of(budget: Budget, named: bool, tolerance: float = 0.0) -> tuple[str, bool]:
+    """The verdict on a model, and whether what remains is taken to be within the budget.
+
+    Arguments:
+        budget: what the model's error is made of.
+        named: whether the model has effects.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    met = budget.is_met or budget.unexplained <= tolerance
+    if named:
+        return ("explained" if met else "partly_explained"), met
+    return ("adequate" if met else "unexplained"), met
+
+
+def assembled(
+    fits: Sequence[Fit],
+    findings: tuple[Finding, ...],
+    budget: Budget,
+    candidates: tuple[Candidate, ...],
+    bounds: tuple[Limit, ...],
+    tried: Sequence[Effect],
+    notes: Sequence[str],
+    *,
+    tolerance: float = 0.0,
+    alternatives: dict[str, Model] | None = None,
+) -> Diagnosis:
+    """A diagnosis of its parts, whether the program or somebody by hand has chosen the effects.
+
+    Arguments:
+        fits: the fit of each step, first the model without effects.
+        findings: the effects that were named.
+        budget: what the last error is made of.
+        candidates: all that was tried.
+        bounds: limits of what was not found.
+        tried: the effects that were tried.
+        notes: further sentences.
+        tolerance: RMS error, in output units, that does not matter.
+        alternatives: the models with other effects in place of those that were named.
+    """
+    record, last = fits[-1].record, fits[-1]
+    verdict, met = verdict_of(budget, bool(findings), tolerance)
+    close = close_calls(findings, candidates, budget, met)
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence(verdict, findings, budget, fits, tolerance, close),
+        close=close,
+        findings=findings,
+        ladder=tuple(Rung.of(fit) for fit in fits),
+        budget=budget,
+        candidates=candidates,
+        limits=bounds,
+        alternatives=alternatives or {},
+        next_experiment=next_experiment(verdict, findings, tried),
+        located="" if met else located(record, last),
+        remainder=() if met else relations(record, last.residual),
+        notes=tuple(notes),
+        steps=tuple(fits),
+    )
+
+
+def concluded(step: Step, tolerance: float, progress: Progress = in_silence) -> Diagnosis:
+    """The diagnosis that a last step comes to.
+
+    Its models are fitted to all rows; effects that help too little there are given up.
+
+    Arguments:
+        step: the last step.
+        tolerance: RMS error, in output units, that does not matter.
+        progress: called with a text and the share of the work that is done.
+    """
+    problem = Problem.of(step.record, FINAL_ROWS)
+    small = problem.reduced(step.problem)
+    while True:
+        step, fits = _fitted(step.compared, problem, small, progress)
+        other = step.compared.other or step.now
+        discretisation = discretisation_rms(step.problem, step.now, other)
+        progress("measuring the error budget", 0.7)
+        budget = error_budget(problem, fits[-1], discretisation)
+        fewer = _without_the_lawless(step, budget) or _without_the_slight(
+            step, budget, fits, tolerance
+        )
+        if fewer is None:
+            break
+        step = fewer
+    progress("limiting what was not found", 0.75)
+    spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
+    absent = [effect for effect in step.tried if effect.name not in spoken_of]
+    # What the grid of the plane adds must not pass for an effect: the finest plane is best.
+    finest = max(step.now, other, key=lambda point: point.chain.plane.levels)
+    bounds = limits(step.all_hysterons, with_signs(step.all_hysterons, finest), absent)
+    parameters = with_grid_error(fits[-1].model.parameters, step.now, other)
+    model = replace(fits[-1].model, parameters=parameters)
+    model = model.with_budget(budget.noise, budget.discretisation)
+    fits[-1] = replace(fits[-1], model=model)
+    return assembled(
+        fits,
+        _findings(step, fits),
+        budget,
+        step.candidates,
+        bounds,
+        step.tried,
+        (
+            *notes_on(step.record, model),
+            *untellable_notes(problem, step.tried),
+            *failures(list(step.trials)),
+        ),
+        tolerance=tolerance,
+        alternatives={
+            name: finished(problem, moved_to(small, point), step.record).model
+            for named in step.named
+            for name, point in named.rivals.items()
+        },
+    )
+
+
+def without_what_explains_too_little(step: Step) -> Step:
+    """Name nothing where the final model still misses much of the output.
+
+    Where hysteresis is not what makes the output, the first effect that bends the model
+    towards it is seldom what is there: a damper's force looks like a displacement delayed.
+    """
+    measured = step.problem.target / step.problem.unit
+    if step.now.validation_mean_square <= MOST_MISSED**2 * measured.var():
+        return step
+    rows = given_up_rows(list(step.trials), [named.trial for named in step.named], TOO_LITTLE)
+    return replace(step, named=(), path=step.path[:1], trials=tuple(rows), other=None)
+
+
+def _without_the_last(step: Step, objection: str) -> Step:
+    rows = given_up_rows(list(step.trials), [step.named[-1].trial], objection)
+    return replace(step, named=step.named[:-1], path=step.path[:-1], trials=tuple(rows), other=None)
+
+
+def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
+    """Take back a form without a law that leaves much unexplained beside what it takes up.
+
+    Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
+    """
+    for position, named in enumerate(step.named):
+        effect = next(e for e in step.now.chain.effects if e.name == named.name)
+        taken = float(np.std(step.now.share_of(named.name)) * step.problem.unit)
+        if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
+            kept = (*step.named[:position], *step.named[position + 1 :])
+            rows = given_up_rows(list(step.trials), [named.trial], WITHOUT_A_LAW)
+            path = step.ladder([each.name for each in kept])
+            return replace(step, named=kept, path=path, trials=tuple(rows), other=None)
+    return None
+
+
+def _without_the_slight(
+    step: Step, budget: Budget, fits: Sequence[Fit], tolerance: float
+) -> Step | None:
+    """Take back a last effect that does little beside what stays unexplained.
+
+    Beside physics that the library does not have, whatever bends the model a little towards it
+    passes the tests.
+    """
+    if not step.named or budget.is_met or budget.unexplained <= tolerance:
+        return None
+    taken = fits[-2].rms_validation ** 2 - fits[-1].rms_validation ** 2
+    if taken >= LEAST_BESIDE_THE_UNEXPLAINED * budget.unexplained**2:
+        return None
+    return _without_the_last(step, TOO_SLIGHT)
+
+
+def _fitted(
+    step: Step, problem: Problem, small: Problem, progress: Progress
+) -> tuple[Step, list[Fit]]:
+    """The fit of each model; last effects that help too little on all rows are given up."""
+    fits: list[Fit] = []
+    for position, point in enumerate(step.path):
+        progress("fitting all rows", 0.7 * position / len(step.path))
+        if fits:  # regressors of all rows are great: those of one model at a time are enough
+            fits[-1] = replace(fits[-1], point=fits[-1].point.slim)
+        fits.append(finished(problem, moved_to(small, point), step.record))
+    # The first test, on all rows.
+    most = (1 - LEAST_GAIN) ** 0.5
+    while len(fits) > 1 and not fits[-1].rms_validation <= most * fits[-2].rms_validation:
+        step = _without_the_last(step, NOT_ON_ALL_ROWS)
+        fits.pop()
+    return step, fits
+
+
+def _findings(step: Step, fits: Sequence[Fit]) -> tuple[Finding, ...]:
+    findings: list[Finding] = []
+    for position, named in enumerate(step.named):
+        before, after = fits[position], fits[position + 1]
+        evidence = compare(step.problem, step.path[position], step.path[position + 1])
+        findings.append(
+            Finding(
+                named.name,
+                (named.name, *named.rivals),
+                fits[-1].model.parameters[named.name],
+                before.rms_validation,
+                after.rms_validation,
+                evidence.numbers(),
+            )
+        )
+    return tuple(findings)

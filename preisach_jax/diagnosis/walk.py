@@ -1,0 +1,213 @@
+"""From one step of a diagnosis to the next: effects added, taken out, and exchanged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from preisach_jax.confidence import differs_from_nothing
+from preisach_jax.diagnosis.candidates import refitted, screened
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.judgement import LEAST_GAIN_WITHIN_BUDGET, alike, judged
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, accepted_rows, with_rival
+from preisach_jax.effects.gain import Gain
+from preisach_jax.fit import Progress, in_silence, settled, without_effect
+from preisach_jax.identify import Point, evaluate
+
+MOST_EFFECTS = 4
+
+GAIN_TO_LOOK_AHEAD = 0.2
+"""Relative fall of the held-out mean square from which on an effect that does not pass alone is
+tried beside a second one."""
+
+MOST_LOOKED_BEHIND = 2
+"""Effects beside which a second one is looked for."""
+
+SCREENING = 0.4
+"""Share of a round that goes by until all effects are screened."""
+
+
+def tried_beside(
+    step: Step, tolerance: float, progress: Progress = in_silence
+) -> tuple[list[Trial | NotFitted], Trial | None, Point]:
+    """Try all effects beside the model of a step: screened, refitted if they lead, and judged.
+
+    Arguments:
+        step: the step.
+        tolerance: RMS error, in output units, that does not matter.
+        progress: called with a text and the share of the work that is done.
+
+    Returns:
+        What came of each, the best one that passes, and the model to go on from (see `judged`).
+    """
+    problem, now = step.problem, step.now
+    # The law of an effect is never quite that of the machine, and a second one makes up for it.
+    least = LEAST_GAIN_WITHIN_BUDGET if step.position and step.is_within_budget else LEAST_GAIN
+    screening = screened(
+        problem,
+        now,
+        step.left,
+        step.position,
+        lambda text, done: progress(text, SCREENING * done),
+        least,
+    )
+    rows: list[Trial | NotFitted] = list(screening.left)
+    best: Trial | None = None
+    groups = list(screening.groups)
+    while groups and best is None:
+        rows += refitted(
+            screening,
+            groups.pop(0),
+            lambda text, done: progress(text, SCREENING + (1 - SCREENING) * done),
+        )
+        rows, best, now = judged(
+            problem, now, rows, lambda text: progress(text, 1.0), tolerance, least
+        )
+    return rows + screening.passed_over(groups), best, now
+
+
+def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> tuple[Step, bool]:
+    """The step with the best effect that passes, and whether there is one.
+
+    Arguments:
+        step: the step.
+        tolerance: RMS error, in output units, that does not matter.
+        progress: called with a text and the share of the work that is done.
+    """
+    trials, best, now = tried_beside(step, tolerance, progress)
+    name = best.effect.name if best is not None else ""
+    # Of an effect that is tried again on a finer plane, the last trial counts.
+    again = {(trial.effect.name, trial.step) for trial in trials}
+    rows: list[Row] = [r for r in step.trials if (r[0].effect.name, r[0].step) not in again]
+    rows += [(trial, trial is best, name) for trial in trials]
+    step = replace(step, path=(*step.path[:-1], now), trials=tuple(rows))
+    if best is None:
+        return step, False
+    # What passes both tests may stand in the family, even if its amounts alone are uncertain.
+    others = [
+        trial
+        for trial in trials
+        if isinstance(trial, Trial) and trial.passes_both_tests and trial is not best
+    ]
+    # What scales the loop moves it as well: that alone does not make it a rival.
+    others = [t for t in others if any(t.certain) or not isinstance(t.effect, Gain)]
+    like_the_best = [o for o in others if alike(step.problem, best.point, o.point)]
+    rivals = {o.effect.name: o.point for o in like_the_best}
+    named = (*step.named, Named(best, rivals))
+    return replace(step, named=named, path=(*step.path, best.point), other=None), True
+
+
+def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
+    """The step with two effects of which none passes alone, and whether there are any.
+
+    Of two effects of like size each leaves what the other does, so that neither gain is alike
+    over the blocks.  Where one promises much, the others are tried beside it; both are added if
+    each passes beside the other.
+
+    Arguments:
+        step: the step.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    count, problem = step.position, step.problem
+    if count + 2 > MOST_EFFECTS:
+        return step, False
+    here = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == count]
+    promising = [trial for trial in here if trial.evidence.gain >= GAIN_TO_LOOK_AHEAD]
+    promising.sort(key=lambda trial: trial.point.validation_mean_square)
+    for first in promising[:MOST_LOOKED_BEHIND]:
+        ahead = replace(
+            step, path=(*step.path, first.point), named=(*step.named, Named(first, {})), other=None
+        )
+        _, second, _ = tried_beside(ahead, tolerance)
+        # Forms without a law take up a part of whatever another one leaves.
+        if second is None or any(effect.lawless for effect in second.point.chain.effects):
+            continue
+        without = without_effect(problem, second.point, first.effect.name)
+        evidence = compare(problem, without, second.point)
+        certain = differs_from_nothing(problem, second.point, first.effect.name)
+        beside = replace(first, point=second.point, evidence=evidence, certain=certain)
+        _, passed, _ = judged(problem, without, [beside], lambda text: None, tolerance)
+        if passed is None:
+            continue
+        rows = accepted_rows(list(step.trials), [first.effect.name], count)
+        pair = (Named(replace(beside, point=first.point), {}), Named(second, {}))
+        return replace(
+            step,
+            trials=(*rows, (second, True, second.effect.name)),
+            named=(*step.named, *pair),
+            path=(*step.path, first.point, second.point),
+            other=None,
+        ), True
+    return step, False
+
+
+def without_superfluous(step: Step) -> Step:
+    """The step without an effect that those added after it have made superfluous."""
+    for named in step.named[:-1]:
+        without = without_effect(step.problem, step.now, named.name)
+        if compare(step.problem, without, step.now).against:
+            kept = tuple(each for each in step.named if each is not named)
+            path = (*step.ladder([each.name for each in kept[:-1]]), without)
+            return replace(step, named=kept, path=path, other=None)
+    return step
+
+
+def with_families(step: Step, progress: Progress = in_silence) -> Step:
+    """Ask of every rival again whether it could stand in the final model, all refitted.
+
+    What one effect alone could not tell may show beside the others.  A rival that does better
+    now takes the place.
+
+    Arguments:
+        step: the last step.
+        progress: called with a text and the share of the work that is done.
+    """
+    for position, named in enumerate(step.named):
+        progress(f"asking what could stand in place of {named.name}", position / len(step.named))
+        present = {effect.name for effect in step.now.chain.effects}
+        rivals = {
+            name: _in_place_of(step, named.name, name, point)
+            for name, point in named.rivals.items()
+            if name not in present
+        }
+        better = [
+            _tried_again(step, named, name, point)
+            for name, point in rivals.items()
+            if not compare(step.problem, step.now, point).against
+        ]
+        certain = [trial for trial in better if any(trial.certain)]
+        if certain:
+            rivals[named.name] = step.now
+            again = min(certain, key=lambda trial: trial.point.validation_mean_square)
+            rows = with_rival(list(step.trials), named.trial, again)
+            step = _with_named(step, position, Named(again, {}))
+            ladder = step.ladder([each.name for each in step.named[:-1]])
+            path = (*ladder, rivals.pop(again.effect.name))
+            step = replace(step, trials=tuple(rows), path=path, other=None)
+        kept = {name: p for name, p in rivals.items() if alike(step.problem, step.now, p)}
+        step = _with_named(step, position, replace(step.named[position], rivals=kept))
+    return step
+
+
+def _with_named(step: Step, position: int, named: Named) -> Step:
+    return replace(step, named=(*step.named[:position], named, *step.named[position + 1 :]))
+
+
+def _in_place_of(step: Step, name: str, rival: str, point: Point) -> Point:
+    """The present model with a rival, as it is at another point, in place of an effect."""
+    now = step.now
+    effect = next(e for e in point.chain.effects if e.name == rival)
+    effects = tuple(effect if e.name == name else e for e in now.chain.effects)
+    values = {**now.values, rival: point.values[rival]}
+    del values[name]
+    chain = now.chain.with_effects(effects)
+    return settled(step.problem, evaluate(step.problem, chain, values, now.strength, now))
+
+
+def _tried_again(step: Step, named: Named, rival: str, point: Point) -> Trial:
+    """A rival as a trial of its own, judged against the model that has neither."""
+    without = without_effect(step.problem, step.now, named.name)
+    effect = next(effect for effect in step.tried if effect.name == rival)
+    evidence = compare(step.problem, without, point)
+    certain = differs_from_nothing(step.problem, point, rival)
+    return Trial(effect, named.trial.step, point, evidence, certain)

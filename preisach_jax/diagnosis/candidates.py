@@ -128,13 +128,23 @@ def refitted(
     trials: list[Trial | NotFitted] = []
     problem, point, step = screening.problem, screening.point, screening.step
 
-    def refit(effect: Effect) -> Trial | NotFitted:
+    def refit(effect: Effect, best: float) -> Trial | NotFitted:
         known = screening.promised[effect]
-        return _guarded(effect, step, lambda: _refitted(problem, point, effect, step, known))
+        return _guarded(effect, step, lambda: _refitted(problem, point, effect, step, known, best))
 
-    for effect, trial in zip(effects, on_all_cores(refit, effects), strict=True):
+    def add(effect: Effect, trial: Trial | NotFitted) -> None:
         trials.append(trial)
         progress(f"tried {effect.name}", len(trials) / len(effects))
+
+    # What the first one reaches says which of the others need not be refined to their end.
+    add(effects[0], refit(effects[0], np.inf))
+    reached = [t.point.validation_mean_square for t in trials if isinstance(t, Trial) and t.passes]
+    best = min(reached, default=np.inf)
+    others = effects[1:]
+    for effect, trial in zip(
+        others, on_all_cores(lambda effect: refit(effect, best), others), strict=True
+    ):
+        add(effect, trial)
     return trials
 
 
@@ -238,9 +248,10 @@ def _refitted(
     effect: Effect,
     step: int,
     known: Sequence[Prospect],
+    best: float,
 ) -> Trial:
     """An effect refitted jointly with the rest of the model, and what speaks for it."""
-    rich = with_effect(problem, point, effect, known=known)
+    rich = with_effect(problem, point, effect, known=known, best=best)
     evidence = compare(problem, point, rich)
     # What the tests refuse need not be asked how sure it is.
     certain = (

@@ -49,12 +49,12 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         record: the record with all its samples.
     """
     point = with_signs(problem, point)
-    whole = point
+    held_back = whole = stepped(problem, point)
     if len(problem.identified) == len(ALL):
         whole = stepped(problem, with_all_rows(point))
-    coefficients = point.coefficients()
+    coefficients = held_back.coefficients()
     signals = signals_of(record)
-    prediction = np.asarray(response(point.chain, point.values, signals, coefficients))
+    prediction = np.asarray(response(point.chain, held_back.values, signals, coefficients))
     held_out = _held_out_rows(problem, record)
     residual = (record.output - prediction)[held_out]
     cells = whole.chain.plane.cells

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.fit.start import plane_of
 from preisach_jax.identify import (
@@ -25,6 +26,10 @@ STARTS_REACH = 2.0
 """Times what the best start leaves of the residual's power that another one may leave to be refined
 as well."""
 
+BEHIND = 2.0
+"""Times the held-out mean square of the best model so far at which, after the first steps, another
+one is given up: it can be no rival."""
+
 FORMS_HOPE = 0.9
 """Share of the held-out mean square that the most likely form of an effect inside the hysteresis
 must not leave for its other forms to be refined: the wrong form of what is there takes much more
@@ -39,6 +44,10 @@ REFINEMENT = 1.5
 FINAL_TOLERANCE = 1e-3
 """Relative fall of the objective below which parameters are not refined further on all rows: one
 step without new regressors follows (`finished`)."""
+
+SIGNS_TOLERANCE = 0.03
+"""Relative fall of the objective that a step of the parameters must promise for all hysterons with
+signs to be followed anew: what is less, one step without new regressors brings (`finished`)."""
 
 LEAST_PROMISE = 0.01
 """Relative fall of the objective that a linearisation must promise for an effect to be refined."""
@@ -63,6 +72,7 @@ def with_effect(
     effect: Effect,
     always: bool = False,
     known: Sequence[Prospect] = (),
+    best: float = np.inf,
 ) -> Point:
     """The best model that has an effect beside those of a point, all refitted jointly.
 
@@ -75,13 +85,17 @@ def with_effect(
         effect: the effect.
         always: whether to refine all its forms whatever they promise.
         known: the `prospects` of its forms, if they are known.
+        best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
+            refined to its end.
     """
     forms = problem.forms_of(effect, point)
     promised = known or prospects(problem, point, Projection(problem, point), forms)
     starts = [[start for start in promised if start.effect is form] for form in forms]
     left = [1 - max(start.held_out for start in own) for own in starts]
     likely = int(np.argmin(left))
-    tried = {likely: _with_form(problem, point, starts[likely])}
+    tried = {likely: _with_form(problem, point, starts[likely], best)}
+    if tried[likely].validation_mean_square > BEHIND * best:
+        return tried[likely]
     # Forms of an effect inside the hysteresis look alike, and each means all states anew.
     picks = isinstance(effect, HysteresisEffect) and not always
     hope = FORMS_HOPE * point.validation_mean_square
@@ -89,27 +103,34 @@ def with_effect(
         return tried[likely]
     for position, own in enumerate(starts):
         if position != likely and not (picks and left[position] > FORMS_REACH * left[likely]):
-            tried[position] = _with_form(problem, point, own)
-    best, *others = [tried[position] for position in sorted(tried)]
+            tried[position] = _with_form(problem, point, own, best)
+    found, *others = [tried[position] for position in sorted(tried)]
     for trial in others:
-        if trial.validation_mean_square < effect.form_pays * best.validation_mean_square:
-            best = trial
-    return best
+        if trial.validation_mean_square < effect.form_pays * found.validation_mean_square:
+            found = trial
+    return found
 
 
-def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect]) -> Point:
+def _with_form(
+    problem: Problem, point: Point, starts: Sequence[Prospect], best: float = np.inf
+) -> Point:
     """The best model with one form of an effect, from the starts that promise most."""
     ranked = sorted(starts, key=lambda start: -start.reached)[:MOST_STARTS]
     effect = ranked[0].effect
     chain = point.chain.with_effects((*point.chain.effects, effect))
-    trials: list[Point] = []
-    for start in ranked:
-        if trials and 1 - start.reached > STARTS_REACH * (1 - ranked[0].reached):
-            break
+    near = [
+        start for start in ranked if 1 - start.reached <= STARTS_REACH * (1 - ranked[0].reached)
+    ]
+
+    def refined(start: Prospect) -> Point:
         values = {**point.values, effect.name: start.values}
         there = evaluate(problem, chain, values, point.strength, point)
-        trials.append(refine(problem, there, iterations=3))
-    return settled(problem, min(trials, key=lambda trial: trial.objective))
+        return refine(problem, there, iterations=3)
+
+    trial = min(on_all_cores(refined, near or ranked[:1]), key=lambda trial: trial.objective)
+    if trial.validation_mean_square > BEHIND * best:
+        return trial
+    return settled(problem, trial)
 
 
 def without_effect(problem: Problem, point: Point, name: str) -> Point:
@@ -161,4 +182,4 @@ def with_signs(problem: Problem, point: Point) -> Point:
     there = evaluate(problem, point.chain, point.values, point.strength, point)
     if point.chain.feeds_back:  # what is fed back now is that of weights of one sign
         there = evaluate(problem, point.chain, point.values, point.strength, there)
-    return refine(problem, with_strength(problem, there), 2, FINAL_TOLERANCE)
+    return refine(problem, with_strength(problem, there), 2, SIGNS_TOLERANCE)

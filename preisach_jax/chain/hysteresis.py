@@ -277,17 +277,17 @@ def _with_memory_columns(
     its start leaves open.  Of those whose opening has one course, one column serves the group;
     those whose opening stays as it was add to the offset.
     """
-    gap = high - low
-    free = np.flatnonzero(gap[0] > 0)
+    free = np.flatnonzero(high[0] > low[0])
+    gap = high[:, free] - low[:, free]
     # Equal courses have equal projections on any direction, and different ones hardly ever.
     direction = np.random.default_rng(0).normal(size=len(gap))
-    course = np.unique(np.round(direction @ gap[:, free], 9), return_inverse=True)[1]
+    course = np.unique(np.round(direction @ gap, 9), return_inverse=True)[1]
     groups: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     for one in range(course.max(initial=-1) + 1):
-        group = free[course == one]
-        column = gap[:, group[0]]
+        members = np.flatnonzero(course == one)
+        column = gap[:, members[0]]
         if np.ptp(column) > 0:
-            groups.append(group)
+            groups.append(free[members])
             columns.append(column)
     return np.concatenate([low, *[column[:, None] for column in columns]], axis=1), tuple(groups)

@@ -83,6 +83,8 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
     step = replace(step, path=(*step.path[:-1], now), trials=tuple(rows))
     if best is None:
         return step, False
+    filed = tuple((t if t is best else _filed(t), added, other) for t, added, other in step.trials)
+    step = replace(step, trials=filed)
     # What passes both tests may stand in the family, even if its amounts alone are uncertain.
     others = [
         trial
@@ -95,6 +97,11 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
     rivals = {o.effect.name: o.point for o in like_the_best}
     named = (*step.named, Named(best, rivals))
     return replace(step, named=named, path=(*step.path, best.point), other=None), True
+
+
+def _filed(trial: Trial | NotFitted) -> Trial | NotFitted:
+    """A trial that nothing goes on from, without its regressors."""
+    return replace(trial, point=trial.point.slim) if isinstance(trial, Trial) else trial
 
 
 def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:

@@ -41,6 +41,7 @@ class Point:
         equations: normal equations, in output ranges.
         solution: (column,) scaled coefficients from those folds.
         objective: mean square plus penalty on those folds.
+        known_mean_square: that on the held-out blocks of a point without regressors; else None.
     """
 
     chain: Chain
@@ -55,6 +56,7 @@ class Point:
     equations: NormalEquations
     solution: np.ndarray
     objective: float
+    known_mean_square: float | None = None
 
     @property
     def residual(self) -> np.ndarray:
@@ -72,6 +74,8 @@ class Point:
     @property
     def validation_mean_square(self) -> float:
         """Mean square on the held-out blocks, in squared output ranges."""
+        if self.known_mean_square is not None:
+            return self.known_mean_square
         if self.chain.at(SensorEffect):  # what the sensor does is in no normal equations
             held_out = int(self.equations.count[VALIDATION].sum())
             return float(np.mean(self.residual[-held_out:] ** 2))
@@ -96,7 +100,13 @@ class Point:
         equations = replace(
             self.equations, gram=none, prior=np.zeros((0, 0)), memory=np.zeros((0, 0))
         )
-        return replace(self, matrix=matrix, columns=columns, equations=equations)
+        return replace(
+            self,
+            matrix=matrix,
+            columns=columns,
+            equations=equations,
+            known_mean_square=self.validation_mean_square,
+        )
 
     def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
         """The linear numbers of the model in output units."""

@@ -44,6 +44,11 @@ WHOLE_CELLS = 400
 reduced basis, and tell an effect from the density better."""
 
 
+MOST_KEPT = 10_000_000
+"""States beyond which columns are computed anew instead of kept: that takes less than a second,
+and keeping them takes hundreds of megabytes."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A record, cut into blocks and put on the device in double precision; no block spans two runs.
@@ -177,20 +182,17 @@ class Problem:
     def hysteresis(
         self, chain: Chain, values: EffectValues, like: Point | None = None
     ) -> HysteresisColumns:
-        """Columns of the operator; kept while what drives it does not change.
+        """Columns of the operator; those along the recorded input are kept.
 
         Arguments:
             chain: what is in the model.
             values: its nonlinear parameters.
             like: a point whose output is fed back where an effect of the chain asks for that.
         """
-        moving = [*chain.at(InputEffect), *chain.at(HysteresisEffect)]
-        key = tuple((effect, tuple(values[effect.name].items())) for effect in moving)
-        slot = ("hysteresis", chain.plane, chain.hysteron, bool(moving))
-        kept = self.cache.get(slot)
-        # What is fed back differs from one point to the next.
-        if not chain.feeds_back and kept is not None and kept[0] == key:
-            return kept[1]
+        moving = bool(chain.at(InputEffect) or chain.at(HysteresisEffect))
+        slot = ("hysteresis", chain.plane, chain.hysteron)
+        if not moving and slot in self.cache:
+            return self.cache[slot]
         output = None
         if chain.feeds_back and like is not None:
             output = self.hysteresis_output(like)
@@ -198,8 +200,8 @@ class Problem:
         columns = hysteresis_columns(chain, values, self.signals, memory, output)
         if self.reduces_on(chain.plane):
             columns = self.basis(chain, None if moving else columns).applied_to(columns)
-        # Trials run at the same time: what another of them keeps here must not be taken.
-        self.cache[slot] = (key, columns)
+        if not moving and columns.states.size <= MOST_KEPT:
+            self.cache[slot] = columns
         return columns
 
     def reduces_on(self, plane: Plane) -> bool:

@@ -47,6 +47,7 @@ def evaluate(
     """
     hysteresis = problem.hysteresis(chain, values, like)
     columns = regressors(chain, values, problem.signals, hysteresis, problem.rows, problem.target)
+    del hysteresis
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
         raise FloatingPointError(f"the model gives values that are not finite at {values}")

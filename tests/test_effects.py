@@ -4,12 +4,12 @@ import importlib
 import importlib.metadata
 from typing import Any
 
-import equinox as eqx
 import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from acting import applied, columns, gain, signals
 from hypothesis import given
 from scipy import signal
 
@@ -23,7 +23,6 @@ from preisach_jax.effects.base import (
     InputEffect,
     OutputEffect,
     SensorEffect,
-    Signals,
     Survey,
     WeightEffect,
 )
@@ -82,22 +81,6 @@ def lsim_lag(ticks, values, tau):
     system = ([[-1 / tau]], [[1 / tau]], [[1.0]], [[0.0]])
     fine = np.interp(raster, ticks, values)
     return signal.lsim(system, fine, raster * TICK, X0=[values[0]])[1].ravel()[ticks]
-
-
-def signals(time, values, aux=None):
-    columns = {name: jnp.asarray(column, float) for name, column in (aux or {}).items()}
-    return Signals(jnp.asarray(time, float), jnp.asarray(values, float), columns)
-
-
-def applied(effect, values, time, course):
-    """The effect on a signal, run as the models run it: compiled, values as arrays."""
-    arrays = {name: jnp.asarray(value, float) for name, value in values.items()}
-    return compiled(effect, arrays, jnp.asarray(course, float), jnp.asarray(time, float))
-
-
-@eqx.filter_jit
-def compiled(effect, values, course, time):
-    return effect.apply(values, course, time)
 
 
 def output_of(name, values, time, course):
@@ -170,7 +153,7 @@ def test_a_lag_follows_what_bends_and_a_delay_cuts_it_by_a_chord(x64, samples):
 
 def test_drift_approaches_its_end_exponentially(precision, tolerance):
     time = np.array([0.0, 0.1, 0.33, 0.6, 0.9])
-    got = Drift(horizon_s=0.6).columns({"tau_s": jnp.asarray(0.2)}, signals(time, time))
+    got = columns(Drift(horizon_s=0.6), {"tau_s": 0.2}, signals(time, time))
     expected = (1 - np.exp(-time / 0.2)) / (1 - np.exp(-0.6 / 0.2))
     assert got.shape == (5, 1)
     assert got.dtype == precision
@@ -180,21 +163,21 @@ def test_drift_approaches_its_end_exponentially(precision, tolerance):
 @pytest.mark.parametrize("tau", [1e3, 1e6])
 def test_slow_drift_is_a_straight_line(precision, tau):
     time = np.linspace(0.0, 2.0, 9)
-    got = Drift(horizon_s=2.0).columns({"tau_s": jnp.asarray(tau)}, signals(time, time))
+    got = columns(Drift(horizon_s=2.0), {"tau_s": tau}, signals(time, time))
     np.testing.assert_allclose(got[:, 0], time / 2.0, rtol=0, atol=3 / tau + 1e-6)
 
 
 def test_fast_drift_is_a_step(x64):
     time = np.array([0.0, 0.1, 1.0])
-    got = Drift(horizon_s=1.0).columns({"tau_s": jnp.asarray(1e-3)}, signals(time, time))
+    got = columns(Drift(horizon_s=1.0), {"tau_s": 1e-3}, signals(time, time))
     np.testing.assert_allclose(got[:, 0], [0.0, 1.0, 1.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("loss", [-0.3, 0.0, 0.7])
 def test_ageing_ends_at_the_loss(precision, tolerance, loss):
     time = np.linspace(0.0, 4.0, 30)
-    values = {"loss": jnp.asarray(loss), "tau_s": jnp.asarray(1.3)}
-    got = np.asarray(Ageing(horizon_s=4.0).gain(values, signals(time, time)))
+    values = {"loss": loss, "tau_s": 1.3}
+    got = np.asarray(gain(Ageing(horizon_s=4.0), values, signals(time, time)))
     assert got.dtype == precision
     expected = 1 - loss * (1 - np.exp(-time / 1.3)) / (1 - np.exp(-4.0 / 1.3))
     np.testing.assert_allclose(got, expected, rtol=tolerance)
@@ -205,7 +188,7 @@ def test_ageing_ends_at_the_loss(precision, tolerance, loss):
 def test_auxiliary_acts_at_once_at_the_lower_bound(precision):
     _, time, load = course(4)
     effect = Auxiliary(column="load_N", unit="N", tau_low_s=TICK / 100)
-    got = effect.columns({"tau_s": jnp.asarray(TICK / 100)}, signals(time, time, {"load_N": load}))
+    got = columns(effect, {"tau_s": TICK / 100}, signals(time, time, {"load_N": load}))
     assert got.shape == (COUNT, 1)
     assert got.dtype == precision
     np.testing.assert_allclose(got[:, 0], load, rtol=0, atol=0.02 * np.abs(np.diff(load)).max())
@@ -215,7 +198,7 @@ def test_auxiliary_acts_at_once_at_the_lower_bound(precision):
 def test_auxiliary_trails_by_its_lag(precision, tau):
     ticks, time, load = course(5)
     effect = Auxiliary(column="load_N", unit="N")
-    got = effect.columns({"tau_s": jnp.asarray(tau)}, signals(time, time, {"load_N": load}))
+    got = columns(effect, {"tau_s": tau}, signals(time, time, {"load_N": load}))
     atol = 2e-4 if precision == "float32" else 1e-9
     np.testing.assert_allclose(got[:, 0], lsim_lag(ticks, load, tau), rtol=0, atol=atol)
 

@@ -3,17 +3,19 @@
 from dataclasses import replace
 from typing import Any
 
+import acting
 import jax.numpy as jnp
 import machines
 import numpy as np
 import pytest
 import world
+from acting import signals
 from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, tangents
 from preisach_jax.effects import column_of, library, placeholder, resolve
-from preisach_jax.effects.base import Signals, Survey
+from preisach_jax.effects.base import Survey
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.leakage import Leakage
@@ -35,11 +37,6 @@ def course(seed, count=150):
     return ticks, ticks * TICK, 3.0 + np.cumsum(rng.normal(size=count))
 
 
-def signals(time, values, **aux):
-    columns = {name: jnp.asarray(column, float) for name, column in aux.items()}
-    return Signals(jnp.asarray(time, float), jnp.asarray(values, float), columns)
-
-
 def linear(ticks, values, numerator, denominator):
     """b(s)/a(s) of a course that is straight between samples, at rest before it, by SciPy."""
     raster = np.arange(ticks[-1] + 1)
@@ -54,7 +51,7 @@ def linear(ticks, values, numerator, denominator):
 @pytest.mark.parametrize("tau", [0.0005, 0.02, 1.0])
 def test_the_speed_is_a_filtered_derivative(x64, tau):
     ticks, time, u = course(1)
-    got = Viscosity().columns({"tau_s": tau}, signals(time, u))[:, 0]
+    got = acting.columns(Viscosity(), {"tau_s": tau}, signals(time, u))[:, 0]
     expected = linear(ticks, u, [1.0, 0.0], [tau, 1.0])
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
@@ -63,7 +60,7 @@ def test_viscosity_has_a_viscous_a_dry_and_a_rising_part(x64):
     ticks, time, u = course(2)
     values = {"tau_s": 0.01, "speed": 120.0, "stribeck_speed": 300.0}
     effect = Viscosity(fastest=1000.0, saturates=True, stribeck=True)
-    got = effect.columns(values, signals(time, u))
+    got = acting.columns(effect, values, signals(time, u))
     w = linear(ticks, u, [1.0, 0.0], [0.01, 1.0])
     dry = np.tanh(w / 120.0)
     expected = np.stack([w, dry, dry * np.exp(-np.abs(w) / 300.0)], axis=1)
@@ -77,7 +74,7 @@ def test_gain_is_one_in_the_middle_and_monotone_over_the_range(x64):
     time = np.arange(81.0)
     for bend in (-1.0, 0.0, 0.4, 1.0):
         values = {"gain": 0.1, "curvature": bend, "tau_s": 1e-9}
-        factor = np.asarray(effect.gain(values, signals(time, column, T=column)))
+        factor = np.asarray(acting.gain(effect, values, signals(time, column, {"T": column})))
         x = (column - 2.0) / 8.0
         np.testing.assert_allclose(factor, 1 + 0.8 * (x + bend * (x**2 - 0.25)), atol=1e-7)
         assert (np.diff(factor) >= -1e-12).all()
@@ -88,7 +85,7 @@ def test_gain_follows_its_column_late(x64):
     ticks, time, column = course(3)
     effect = Gain("T", "K", 1e-9, 1.0, middle=0.0, span=1.0)
     values = {"gain": 0.01, "curvature": 0.0, "tau_s": 0.05}
-    got = effect.gain(values, signals(time, column, T=column))
+    got = acting.gain(effect, values, signals(time, column, {"T": column}))
     late = column[0] + linear(ticks, column, [1.0], [0.05, 1.0])
     np.testing.assert_allclose(got, 1 + 0.01 * late, rtol=0, atol=1e-9)
 
@@ -104,14 +101,15 @@ def test_gain_is_bound_to_the_range_of_its_column():
 @pytest.mark.parametrize("tau", [0.02, 5.0])
 def test_leakage_is_a_high_pass(x64, tau):
     ticks, time, h = course(4)
-    got = Leakage().apply({"tau_s": jnp.asarray(tau)}, jnp.asarray(h), jnp.asarray(time))
+    got = acting.applied(Leakage(), {"tau_s": tau}, time, h)
     np.testing.assert_allclose(got, linear(ticks, h, [tau, 0.0], [tau, 1.0]), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("f", "zeta"), [(3.0, 0.05), (60.0, 0.5)])
 def test_cross_is_a_mode_of_another_axis(x64, f, zeta):
     ticks, time, axis = course(5)
-    got = Cross("y", "V").columns({"f_hz": f, "zeta": zeta}, signals(time, 0 * time, y=axis))
+    drives = signals(time, 0 * time, {"y": axis})
+    got = acting.columns(Cross("y", "V"), {"f_hz": f, "zeta": zeta}, drives)
     w = 2 * np.pi * f
     expected = axis[0] + linear(ticks, axis, [w * w], [1.0, 2 * zeta * w, w * w])
     np.testing.assert_allclose(got[:, 0], expected, rtol=0, atol=1e-6)
@@ -152,7 +150,7 @@ def damper(x64):
     own = Coefficients(
         rng.uniform(size=plane.cells), np.zeros(plane.cells), 0.7, np.array([0.3, 0.2, 5.0])
     )
-    return chain, values, signals(time, u, c=column, y=np.cos(3 * time)), own
+    return chain, values, signals(time, u, {"c": column, "y": np.cos(3 * time)}), own
 
 
 def test_what_scales_the_loop_scales_the_viscosity_and_nothing_else(damper):
@@ -161,9 +159,9 @@ def test_what_scales_the_loop_scales_the_viscosity_and_nothing_else(damper):
     assert names == [("viscosity", "viscous"), ("cross:y", "gain"), ("gain:c", "shift")]
     bare = np.asarray(response(chain.with_effects(()), {}, drives, replace(own, added=np.zeros(0))))
     gain, viscosity, cross = chain.effects
-    factor = np.asarray(gain.gain(values["gain:c"], drives))
-    speed = np.asarray(viscosity.columns(values["viscosity"], drives))[:, 0]
-    axis = np.asarray(cross.columns(values["cross:y"], drives))[:, 0]
+    factor = np.asarray(acting.gain(gain, values["gain:c"], drives))
+    speed = np.asarray(acting.columns(viscosity, values["viscosity"], drives))[:, 0]
+    axis = np.asarray(acting.columns(cross, values["cross:y"], drives))[:, 0]
     shift = (factor - 1) / values["gain:c"]["gain"]
     expected = factor * (bare - 0.7 + 0.3 * speed) + 0.7 + 0.2 * axis + 5.0 * shift
     np.testing.assert_allclose(response(chain, values, drives, own), expected, rtol=1e-9)

@@ -6,6 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from acting import applied, columns
 from scipy import signal
 
 import preisach_jax as pj
@@ -27,11 +28,6 @@ def course(seed, count=COUNT):
     rng = np.random.default_rng(seed)
     ticks = np.concatenate([[0], np.cumsum(rng.integers(1, 10, count - 1))])
     return ticks, ticks * TICK, 3.0 + np.cumsum(rng.normal(size=count))
-
-
-def applied(effect, values, time, course):
-    arrays = {name: jnp.asarray(value, float) for name, value in values.items()}
-    return effect.apply(arrays, jnp.asarray(course, float), jnp.asarray(time, float))
 
 
 def filtered(ticks, values, numerator, denominator):
@@ -226,7 +222,7 @@ def test_nothing_has_no_lines():
 def test_hum_is_a_sum_of_harmonics(precision, tolerance):
     time = np.array([0.0, 0.013, 0.04, 0.11])
     drives = Signals(jnp.asarray(time, float), jnp.zeros(4), {})
-    got = Hum().columns({"f_hz": jnp.asarray(7.0)}, drives)
+    got = columns(Hum(), {"f_hz": 7.0}, drives)
     assert got.dtype == precision
     waves = [np.exp(2j * np.pi * 7.0 * k * time) for k in (1, 2, 3)]
     expected = np.stack([part(wave) for wave in waves for part in (np.real, np.imag)], axis=1)
@@ -395,7 +391,7 @@ def test_an_input_that_jumps_among_many_values_shows_its_steps():
 def test_ripples_of_a_sensor_join_the_cubic(precision, tolerance):
     reading = np.random.default_rng(13).uniform(2.0, 7.0, 50)
     effect = OutputNonlinearity(low_z=2.0, range_z=5.0, half_waves=6)
-    got = effect.columns({}, jnp.asarray(reading, float))
+    got = columns(effect, {}, jnp.asarray(reading, float))
     assert got.dtype == precision
     x = (reading - 2.0) / 5.0
     legendre = [np.polynomial.legendre.legval(2 * x - 1, np.eye(4)[k]) for k in (2, 3)]

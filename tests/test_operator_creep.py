@@ -1,12 +1,12 @@
 """Creep with thresholds: against small steps, laws of the operator, and a stage that has it."""
 
+import acting
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
 
 import preisach_jax as pj
-from preisach_jax.effects.base import Signals
 from preisach_jax.effects.operator_creep import SHARES, OperatorCreep, creep_step
 
 TAU_S = (0.05, 0.4, 3.0)
@@ -21,7 +21,7 @@ def wandering(seed, count=40):
 
 
 def columns(effect, time, path):
-    return np.asarray(effect.columns({}, Signals(jnp.asarray(time), jnp.asarray(path), {})))
+    return np.asarray(acting.columns(effect, {}, acting.signals(time, path)))
 
 
 def slow_elements(time, path, thresholds, tau_s, parts=4000):

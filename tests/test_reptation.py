@@ -1,5 +1,6 @@
 """Reptation: against small steps, laws of a forgetting by path, and a stage that has it."""
 
+import acting
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,9 +20,7 @@ def wandering(seed, count=60):
 
 def columns(effect, path, values, time=None):
     time = np.arange(len(path)) if time is None else time
-    arrays = {name: jnp.asarray(value, float) for name, value in values.items()}
-    signals = Signals(jnp.asarray(time, float), jnp.asarray(path, float), {})
-    return np.asarray(effect.columns(arrays, signals))
+    return np.asarray(acting.columns(effect, values, acting.signals(time, path)))
 
 
 def slow_columns(path, reach, travel, parts=2000):

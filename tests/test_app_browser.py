@@ -45,10 +45,18 @@ def chromium():
         browser.close()
 
 
+@pytest.fixture(scope="module")
+def window(chromium):
+    """What its pages have loaded and compiled once, they share."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 800})
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def tab(chromium, address):
+def tab(window, address):
     """An open page that fails the test on an error of its scripts or a request to elsewhere."""
-    page = chromium.new_page(viewport={"width": 1280, "height": 800})
+    page = window.new_page()
     page.set_default_timeout(PATIENCE_MS)
     wrong = []
     page.on("pageerror", lambda error: wrong.append(str(error)))

@@ -98,12 +98,16 @@ def test_names_nothing_where_nothing_is_hidden(options):
 
 
 @pytest.mark.parametrize(
-    ("levels", "rate_hz"),
-    [(19, RATE_HZ), pytest.param(None, FINE_HZ, marks=pytest.mark.campaign)],
+    ("effects", "levels", "rate_hz"),
+    [
+        (("input_lag", "slew_limit", "drift", "resonance"), 19, RATE_HZ),
+        pytest.param(None, 19, RATE_HZ, marks=pytest.mark.campaign),
+        pytest.param(None, None, FINE_HZ, marks=pytest.mark.campaign),
+    ],
 )
-def test_an_effect_outside_the_library_is_not_called_adequate(levels, rate_hz):
+def test_an_effect_outside_the_library_is_not_called_adequate(effects, levels, rate_hz):
     _, whole = hidden("stick_slip", 205, rate_hz)
-    found = pj.diagnose(whole.part(0, identified(whole)), levels=levels)
+    found = pj.diagnose(whole.part(0, identified(whole)), effects, levels=levels)
     assert found.verdict in ("unexplained", "partly_explained")
     assert "%" in found.located
     assert found.next_experiment is not None

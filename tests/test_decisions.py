@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from preisach_jax.confidence import Certainty
-from preisach_jax.diagnosis import judgement, selection
+from preisach_jax.diagnosis import conclusion, judgement, step, walk
 from preisach_jax.diagnosis.budget import (
     discretisation_rms,
     error_budget,
@@ -19,7 +19,8 @@ from preisach_jax.diagnosis.budget import (
 from preisach_jax.diagnosis.evidence import Evidence, innovation_variance
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.result import Budget
-from preisach_jax.diagnosis.trial import TOO_SLIGHT, NotFitted, Trial
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.diagnosis.trial import TOO_SLIGHT, WITHIN_BUDGET, NotFitted, Trial
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
@@ -386,21 +387,92 @@ def test_few_rows_hold_no_wander(x64):
     [(3.17, 0.0, True), (3.16, 0.0, False), (3.17, 4.0, False), (0.5, 0.0, False)],
 )
 def test_a_last_effect_that_takes_less_than_a_tenth_of_the_rest_is_given_up(
-    monkeypatch, unexplained, tolerance, given_up
+    unexplained, tolerance, given_up
 ):
-    monkeypatch.setattr(selection, "given_up_rows", lambda rows, trials, why: [(why, *trials)])
-    trial: Any = SimpleNamespace(effect=Drift(), step=0)
-    search: Any = SimpleNamespace(
-        tolerance=tolerance, accepted=[SimpleNamespace(trial=trial)], path=[0, 1], finer=2,
-        trials=[(trial, True, "drift")],
+    trial: Any = Trial(Drift(), 0, cast(Any, None), STRONG, Certainty(True, True))
+    last = Step(
+        cast(Any, None), UNIT, UNIT, (), path=cast(Any, (0, 1)), named=(Named(trial, {}),),
+        trials=((trial, True, "drift"),),
     )  # fmt: skip
     fits: Any = [
         SimpleNamespace(rms_validation=np.sqrt(11)),
         SimpleNamespace(rms_validation=10**0.5),
     ]
     budget = Budget(1.0, 0.0, 0.0, 0.0, 0.0, unexplained, "um")
-    give_up: Any = selection._Search._give_up_the_slight  # pyright: ignore[reportPrivateUsage]
-    assert give_up(search, budget, fits) == given_up
-    assert search.path == ([0] if given_up else [0, 1])
-    assert bool(search.accepted) != given_up
-    assert (search.trials == [(TOO_SLIGHT, trial)]) == given_up
+    left = conclusion._without_the_slight(last, budget, fits, tolerance)
+    assert (left is not None) == given_up
+    if left is not None:
+        assert (left.path, left.named) == ((0,), ())
+        ((given, accepted, _),) = left.trials
+        assert not accepted
+        assert given.effect == trial.effect
+        assert isinstance(given, Trial)
+        assert given.objection == TOO_SLIGHT
+
+
+# --- steps ---
+
+
+def at(now, other=None):
+    """A step at a stand-in of a model, and the same on another plane."""
+    problem = cast(Any, SimpleNamespace(unit=10.0))
+    return Step(cast(Any, range(10_000)), problem, problem, (), path=(now,), other=other)
+
+
+@pytest.mark.parametrize(("noise_squared", "within"), [(250.1, True), (249.9, False)])
+def test_a_model_is_within_its_budget_if_noise_and_grid_explain_half(
+    monkeypatch, noise_squared, within
+):
+    # 900 are held out, and the grid makes 100 · (9 - 7.5) · 4/3 = 200.
+    monkeypatch.setattr(step, "noise_rms", lambda problem, now: noise_squared**0.5)
+    assert at(on_plane(20, 9.0), on_plane(40, 7.5)).is_within_budget == within
+
+
+@pytest.mark.parametrize(("held_out", "levels"), [(0.899, 36), (0.9, 24)])
+def test_a_finer_plane_is_kept_if_it_takes_more_than_a_tenth_away(monkeypatch, held_out, levels):
+    asked = []
+
+    def finer(problem, point, count):
+        asked.append(count)
+        return on_plane(count, held_out if len(asked) == 1 else 99.0)
+
+    monkeypatch.setattr(step, "at_levels", finer)
+    found = step.on_a_refined_plane(at(on_plane(24, 1.0)), False, lambda text: None)
+    assert found.now.chain.plane.levels == levels
+    assert found.other is not None
+    assert found.other.chain.plane.levels == asked[-1]
+    assert step.on_a_refined_plane(at(on_plane(24, 1.0)), True, lambda text: None).now.chain == (
+        SimpleNamespace(plane=SimpleNamespace(levels=24))
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "within", "least"), [(0, True, 0.05), (1, True, 0.5), (1, False, 0.05)]
+)
+def test_beside_a_model_within_its_budget_an_effect_must_take_half(
+    monkeypatch, effects, within, least
+):
+    asked = []
+
+    def screening(problem, now, left, position, progress, least_gain):
+        asked.append(least_gain)
+        return SimpleNamespace(left=[], groups=[], passed_over=lambda groups: [])
+
+    monkeypatch.setattr(walk, "screened", screening)
+    here: Any = SimpleNamespace(
+        problem=UNIT, now=stand_in("now", 4.0), position=effects, is_within_budget=within, left=[]
+    )
+    walk.tried_beside(here, 0.0)
+    assert asked == [least]
+
+
+@pytest.mark.parametrize(("gain", "named"), [(0.499, False), (0.5, True)])
+def test_what_takes_less_than_was_asked_is_not_named(judging, gain, named):
+    sure = Certainty(alone=True, together=True)
+    trial = Trial(Drift(), 0, stand_in("rich", 2.0), Evidence(gain, 9.0, 24, 999.0), sure)
+    (told,), best, _ = judged(
+        UNIT, stand_in("now", 4.0), [trial], lambda text: None, least_gain=0.5
+    )
+    assert (best is not None) == named
+    assert isinstance(told, Trial)
+    assert told.objection == ("" if named else WITHIN_BUDGET)

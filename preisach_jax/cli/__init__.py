@@ -16,6 +16,7 @@ from preisach_jax.cli.interruption import (
     listen,
     stop_listening,
 )
+from preisach_jax.cli.memory import give_back_what_is_freed
 
 __all__ = ["main"]
 
@@ -39,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if is_process:
             listen()
+            give_back_what_is_freed()
         from preisach_jax.cli.application import run
 
         code = run(sys.argv[1:] if arguments is None else list(arguments))

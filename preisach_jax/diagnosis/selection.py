@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
+from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane
 from preisach_jax.diagnosis.tolerance import tolerance_of
@@ -34,10 +35,6 @@ from preisach_jax.record.joined import as_one
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
-
-BEGINNING_WORK, ROUND_WORK, CLOSING_WORK, RUNG_WORK = 1.5, 2.0, 3.0, 3.0
-"""Typical seconds of the plain model, a round of all effects, the conclusion, and of each effect in
-it."""
 
 
 def diagnose(
@@ -119,7 +116,7 @@ def _walk(
     watch: Watch | None,
 ) -> Diagnosis:
     """Forward selection with a backward check, on one record."""
-    pace = _Pace(progress)
+    pace = Pace(progress)
     pace.tell("fitting the rate-independent model", 0.0)
     record, problem, point = begun(record, checked_levels(levels))
     small, point = in_reduced_basis(problem, point)
@@ -144,34 +141,3 @@ def _walk(
     pace.begin_conclusion(len(step.named))
     step = without_what_explains_too_little(with_families(step))
     return concluded(step, tolerance, pace.tell)
-
-
-class _Pace:
-    """How far a diagnosis is; it never goes back, whatever the search decides to try."""
-
-    def __init__(self, progress: Progress):
-        self._progress = progress
-        self._told = 0.0
-        self._done, self._stage, self._whole = 0.0, BEGINNING_WORK, BEGINNING_WORK
-
-    def begin_round(self, named: int) -> None:
-        """All effects are tried beside a model that has some."""
-        self._done, self._stage = BEGINNING_WORK + named * ROUND_WORK, ROUND_WORK
-        self._expect(named)
-
-    def begin_conclusion(self, named: int) -> None:
-        """No further effect is looked for."""
-        self._done = BEGINNING_WORK + (named + 1) * ROUND_WORK
-        self._stage = CLOSING_WORK + named * RUNG_WORK
-        self._expect(named)
-
-    def _expect(self, named: int) -> None:
-        """The whole work, if no further effect is found."""
-        rounds = BEGINNING_WORK + (named + 1) * ROUND_WORK
-        self._whole = rounds + CLOSING_WORK + named * RUNG_WORK
-
-    def tell(self, text: str, share: float) -> None:
-        """Tell what is done now, and the share of the present stage that lies behind."""
-        whole = max(self._whole, BEGINNING_WORK + ROUND_WORK + CLOSING_WORK)
-        self._told = max(self._told, (self._done + share * self._stage) / whole)
-        self._progress(text, min(self._told, 1.0))

@@ -27,8 +27,9 @@ from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script, without_detours
 from preisach_jax.app.statistics import amplitude_spectrum, drawn_rows, plane_course
 from preisach_jax.app.steps import Walk, repeated, time_line
-from preisach_jax.app.upload import MOST_BYTES, Choice, Upload, harmless_name
+from preisach_jax.app.upload import MOST_BYTES, Upload, harmless_name
 from preisach_jax.app.views import AXES, Views
+from preisach_jax.record import ReadOptions
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -73,7 +74,7 @@ class TestUpload:
         names, rows = upload.first_rows()
         assert names == ["t_s", "u_V", "z_um"]
         assert float(rows[3][0]) == pytest.approx(0.06)
-        record = upload.record(Choice("t_s", "u_V", "z_um"))
+        record = upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
         assert record.name == "My stage.csv"
         assert len(record) == 200
 
@@ -81,7 +82,13 @@ class TestUpload:
         upload = Upload.of("x.csv", csv(header="a,b,c"), tmp_path)
         assert upload.guess == {"time": None, "input": None, "output": None}
         assert "choose" in upload.question
-        choice = Choice(None, "b", "c", rate=100.0, units={"input": "V", "output": "um"})
+        choice = {
+            "time": None,
+            "input": "b",
+            "output": "c",
+            "rate": 100.0,
+            "units": {"input": "V", "output": "um"},
+        }
         record = upload.record(choice)
         assert record.step_s == pytest.approx(0.01)
         assert record.output_unit == "um"
@@ -92,7 +99,7 @@ class TestUpload:
         assert str(tmp_path) not in str(caught.value)
         upload = Upload.of("text.csv", csv() + b"4.1,oops,3\n", tmp_path)
         with pytest.raises(pj.InputError, match=r"text\.csv, column u_V, row 202") as caught:
-            upload.record(Choice("t_s", "u_V", "z_um"))
+            upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
         assert str(tmp_path) not in str(caught.value)
 
     def test_a_file_that_is_too_large_is_sent_to_the_command_line(self, tmp_path):
@@ -160,7 +167,7 @@ class TestScript:
         clicks = [
             Click("fit", 7), Click("add", effect="hum"), Click("undo"), Click("add", effect="drift")
         ]  # fmt: skip
-        text = script("stage.csv", Choice("t_s", "u_V", "z_um"), clicks, now)
+        text = script("stage.csv", {"time": "t_s", "input": "u_V", "output": "z_um"}, clicks, now)
         assert "hum" not in text
         (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
         done = subprocess.run(
@@ -175,7 +182,9 @@ class TestScript:
 
     def test_it_refuses_another_record(self, step, tmp_path):
         (tmp_path / "other.csv").write_bytes(csv(300))
-        text = script("stage.csv", Choice("t_s", "u_V", "z_um"), [Click("fit", 7)], step)
+        text = script(
+            "stage.csv", {"time": "t_s", "input": "u_V", "output": "z_um"}, [Click("fit", 7)], step
+        )
         (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
         done = subprocess.run(
             [sys.executable, tmp_path / "repeat.py", tmp_path / "other.csv"],
@@ -186,7 +195,14 @@ class TestScript:
 
     def test_names_stand_in_it_as_text_only(self, step):
         evil = "z'''\"\n__import__('os').system('true')  #"
-        choice = Choice(evil, evil, evil, (evil,), None, {"input": evil})
+        choice = {
+            "time": evil,
+            "input": evil,
+            "output": evil,
+            "aux": (evil,),
+            "rate": None,
+            "units": {"input": evil},
+        }
         text = script(evil, choice, [Click("fit", 9), Click("add", effect=evil)], step)
         called = {
             ast.unparse(node.func)
@@ -330,7 +346,12 @@ def slow_departures(path):
 
 def test_the_export_holds_all_and_agrees(step):
     files = exports(
-        step, None, "x.csv", Choice("t", "u", "z"), [Click("fit", 9)], lambda text, done: None
+        step,
+        None,
+        "x.csv",
+        {"time": "t", "input": "u", "output": "z"},
+        [Click("fit", 9)],
+        lambda text, done: None,
     )
     assert set(files) == {
         "report.html", "model.json", "diagnosis.json", "figures.zip", "repeat.py"
@@ -408,15 +429,24 @@ class TestSteps:
             repeated(step.record, [Click("add", effect="drift")], lambda text, done: None)
 
 
+CHOICE: ReadOptions = {
+    "time": "t_s",
+    "input": "u_V",
+    "output": "z_um",
+    "aux": (),
+    "rate": None,
+    "units": {"input": "V"},
+}
+
+
 class TestProject:
-    choice = Choice("t_s", "u_V", "z_um", (), None, {"input": "V"})
     clicks = (Click("fit", 9), Click("add", effect="drift"))
 
     def test_it_comes_back_as_it_was_saved(self, step):
-        content = packed("My stage.csv", csv(), self.choice, self.clicks, step)
+        content = packed("My stage.csv", csv(), CHOICE, self.clicks, step)
         project = unpacked("x.preisach", content)
         assert (project.name, project.content) == ("My stage.csv", csv())
-        assert (project.choice, project.clicks) == (self.choice, self.clicks)
+        assert (project.choice, project.clicks) == (CHOICE, self.clicks)
         assert list(project.errors) == [each.fit.rms_validation for each in step.steps]
         with zipfile.ZipFile(BytesIO(content)) as archive:
             models = sorted(name for name in archive.namelist() if name.startswith("models/"))
@@ -434,7 +464,7 @@ class TestProject:
         ],
     )  # fmt: skip
     def test_a_wrong_one_is_refused_by_one_line(self, step, change, expected):
-        content = packed("stage.csv", csv(), self.choice, self.clicks, step)
+        content = packed("stage.csv", csv(), CHOICE, self.clicks, step)
         changed = BytesIO()
         with zipfile.ZipFile(BytesIO(content)) as old, zipfile.ZipFile(changed, "w") as new:
             for name in old.namelist():
@@ -450,7 +480,7 @@ class TestProject:
             unpacked("x.preisach", b"PK not a ZIP")
 
     def test_a_name_in_it_leaves_no_folder(self, step):
-        content = packed("../../evil.csv", csv(), self.choice, self.clicks, step)
+        content = packed("../../evil.csv", csv(), CHOICE, self.clicks, step)
         assert unpacked("x.preisach", content).name == "evil.csv"
 
 

@@ -558,11 +558,15 @@ def upgraded(address, origin, token):
 
 def test_the_script_is_python(stage):
     from preisach_jax.app.script import Click, script
-    from preisach_jax.app.upload import Choice
 
     step = pj.explore(pj.Record.load(stage), ["delay"], levels=5)
     evil = "z'''\"\n__import__('os')"
-    text = script(evil, Choice("t_s", "u_V", evil), [Click("fit", 5), Click("undo")], step)
+    text = script(
+        evil,
+        {"time": "t_s", "input": "u_V", "output": evil},
+        [Click("fit", 5), Click("undo")],
+        step,
+    )
     tree = ast.parse(text)
     called = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     assert "__import__" not in called

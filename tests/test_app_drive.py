@@ -373,12 +373,12 @@ def test_reading_a_file_imports_nothing_more_once_the_server_has_loaded_it(tmp_p
     code = (
         "import sys, pathlib\n"
         "from preisach_jax.app import server\n"
-        "from preisach_jax.app.upload import Choice, Upload\n"
+        "from preisach_jax.app.upload import Upload\n"
         "from preisach_jax.look import look\n"
         "server._load(server.READING)\n"
         "before = set(sys.modules)\n"
         f"upload = Upload.at(pathlib.Path({str(path)!r}))\n"
-        "look(upload.record(Choice('t_s', 'u_V', 'z_um')))\n"
+        "look(upload.record({'time': 't_s', 'input': 'u_V', 'output': 'z_um'}))\n"
         "print(*(m for m in set(sys.modules) - before if not m.startswith('encodings')))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_frozen import FROZEN
 
-from preisach_jax.cli import fleet, main, options
+from preisach_jax.cli import fleet, main
 from preisach_jax.errors import InputError
 from preisach_jax.record import Record
 from preisach_jax.rows import holes
@@ -169,7 +169,7 @@ def test_the_command_line_tells_it(tmp_path, capsys, monkeypatch):
         path.write_text(with_last(row))
     for shown in (2, 1):  # with what was guessed, and of many records alone
         monkeypatch.setattr(fleet, "SHOWN", shown)
-        fleet._load(paths, options.Columns())
+        fleet._load(paths, {})
         assert capsys.readouterr().out.count(TOLD) == 1
 
 

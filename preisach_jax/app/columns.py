@@ -9,7 +9,8 @@ import panel as pn
 
 from preisach_jax.app import panels
 from preisach_jax.app.layout import BLOCK, styled
-from preisach_jax.app.upload import Choice, Upload
+from preisach_jax.app.upload import Upload
+from preisach_jax.record import ReadOptions
 
 NO_COLUMN = "(none: sampling rate)"
 
@@ -30,12 +31,15 @@ class ColumnChoice:
     """
 
     def __init__(
-        self, upload: Upload, chosen: Callable[[Choice], None], before: Choice | None = None
+        self,
+        upload: Upload,
+        chosen: Callable[[ReadOptions], None],
+        before: ReadOptions | None = None,
     ):
         self._upload = upload
         self._before = before
         self._chosen = chosen
-        self._last: Choice | None = None
+        self._last: ReadOptions | None = None
         names = upload.offered()
         self._roles: dict[str, Any] = {}
         for role, title, extra in (
@@ -57,14 +61,15 @@ class ColumnChoice:
         }  # fmt: skip
         self._rate = styled(
             pn.widgets.FloatInput(
-                label="Sampling rate (Hz)", value=before.rate if before else None, start=0.0,
+                label="Sampling rate (Hz)", value=before.get("rate") if before else None, start=0.0,
                 width=150, visible=self._roles["time"].value == NO_COLUMN,
             )
         )  # fmt: skip
         self._aux = styled(
             pn.widgets.MultiSelect(
                 label="Auxiliary columns (Ctrl-click)", size=3, options=names,
-                value=list(before.aux) if before else [], width=190, visible=len(names) > 3,
+                value=list(before.get("aux", ())) if before else [],
+                width=190, visible=len(names) > 3,
             )
         )  # fmt: skip
         for role, menu in self._roles.items():
@@ -83,7 +88,7 @@ class ColumnChoice:
             row, self._told, sizing_mode="stretch_width", stylesheets=[BLOCK]
         )
 
-    def choice(self) -> Choice | None:
+    def choice(self) -> ReadOptions | None:
         """What is chosen; None while a column is missing."""
         if self._missing():
             return None
@@ -94,10 +99,14 @@ class ColumnChoice:
             for role, field in self._units.items()
             if field.value.strip() and not (role == "time" and rate)
         }
-        return Choice(
-            None if rate else time, self._roles["input"].value, self._roles["output"].value,
-            tuple(self._aux.value), rate, units,
-        )  # fmt: skip
+        return {
+            "time": None if rate else time,
+            "input": self._roles["input"].value,
+            "output": self._roles["output"].value,
+            "aux": tuple(self._aux.value),
+            "rate": rate,
+            "units": units,
+        }
 
     def take(self) -> None:
         """Hand the choice on, if it is complete and another than before."""
@@ -124,12 +133,12 @@ class ColumnChoice:
 
     def _first(self, role: str, options: list[str]) -> str:
         before = self._before
-        guess = self._upload.guess.get(role) if before is None else getattr(before, role)
+        guess = self._upload.guess.get(role) if before is None else before.get(role)
         return guess if guess in options else options[0]
 
     def _first_unit(self, role: str) -> str:
         before = self._before
-        return self._unit(role) if before is None else (before.units or {}).get(role, "")
+        return self._unit(role) if before is None else (before.get("units") or {}).get(role, "")
 
     def _unit(self, role: str) -> str:
         column = self._roles[role].value

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from preisach_jax.app.script import Click, script
-from preisach_jax.app.upload import Choice
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.diagnosis.result import Diagnosis
 from preisach_jax.fit import Progress
+from preisach_jax.record import ReadOptions
 from preisach_jax.report import write_report
 
 
@@ -20,7 +20,7 @@ def exports(
     step: Exploration,
     found: Diagnosis | None,
     name: str,
-    choice: Choice,
+    choice: ReadOptions,
     clicks: Sequence[Click],
     progress: Progress,
 ) -> dict[str, bytes]:

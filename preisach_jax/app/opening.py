@@ -14,10 +14,10 @@ from preisach_jax.app.first import FirstView
 from preisach_jax.app.jobs import Working
 from preisach_jax.app.layout import Layout, beside, plots
 from preisach_jax.app.project import SUFFIX, Project, unpacked
-from preisach_jax.app.upload import Choice, Upload
+from preisach_jax.app.upload import Upload
 from preisach_jax.fit import Progress
 from preisach_jax.look import Look, columns_of, look
-from preisach_jax.record import Record
+from preisach_jax.record import ReadOptions, Record
 
 
 class Opening(Working):
@@ -32,7 +32,7 @@ class Opening(Working):
         self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
         self._upload: Upload | None = None
         self._choosing: ColumnChoice | None = None
-        self._choice: Choice | None = None
+        self._choice: ReadOptions | None = None
         self._record: Record | None = None
         self._first_view: FirstView | None = None
         self._look: Look | None = None
@@ -78,7 +78,7 @@ class Opening(Working):
 
         self._start(f"opening {name}", read, show)
 
-    def _show_upload(self, upload: Upload, choice: Choice | None = None) -> None:
+    def _show_upload(self, upload: Upload, choice: ReadOptions | None = None) -> None:
         self._upload, self._choice = upload, choice
         self._layout.await_file(height=56)
         if choice is None:
@@ -92,7 +92,7 @@ class Opening(Working):
         self._refresh()
         self._choosing.take()
 
-    def _on_columns(self, choice: Choice) -> None:
+    def _on_columns(self, choice: ReadOptions) -> None:
         upload = self._upload
         assert upload is not None  # the columns are those of an upload
         if self._project is not None and choice != self._project.choice:
@@ -107,7 +107,7 @@ class Opening(Working):
             self._show_pane("Record")
             self._examine(record, upload)
 
-        work = partial(upload.record, choice, announce=notes.append)
+        work = partial(upload.record, {**choice, "announce": notes.append})
         self._start("reading the columns", lambda progress: work(), show)
 
     def _examine(self, record: Record, upload: Upload) -> None:

@@ -11,10 +11,11 @@ from pathlib import PurePosixPath
 from typing import Any, cast
 
 from preisach_jax.app.script import Click
-from preisach_jax.app.upload import MOST_BYTES, Choice, harmless_name
+from preisach_jax.app.upload import MOST_BYTES, harmless_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes
+from preisach_jax.record import ReadOptions
 
 SUFFIX = ".preisach"
 FORMAT = 1
@@ -35,13 +36,17 @@ class Project:
 
     name: str
     content: bytes
-    choice: Choice
+    choice: ReadOptions
     clicks: tuple[Click, ...]
     errors: tuple[float, ...]
 
 
 def packed(
-    name: str, content: bytes, choice: Choice, clicks: Sequence[Click], step: Exploration | None
+    name: str,
+    content: bytes,
+    choice: ReadOptions,
+    clicks: Sequence[Click],
+    step: Exploration | None,
 ) -> bytes:
     """A project as the bytes of a ZIP archive.
 
@@ -57,7 +62,7 @@ def packed(
         "format": FORMAT,
         "name": name,
         "record": f"record/{harmless_name(name)}",
-        "choice": asdict(choice),
+        "choice": dict(choice),
         "clicks": [asdict(click) for click in clicks],
         "errors": [each.fit.rms_validation for each in steps],
     }
@@ -116,10 +121,10 @@ def _project(told: Mapping[str, Any], content: bytes) -> Project:
     return Project(
         PurePosixPath(str(told["name"])).name,
         content,
-        Choice(
-            choice["time"], choice["input"], choice["output"], tuple(choice["aux"]),
-            choice["rate"], choice["units"],
-        ),
+        {
+            "time": choice["time"], "input": choice["input"], "output": choice["output"],
+            "aux": tuple(choice["aux"]), "rate": choice["rate"], "units": choice["units"],
+        },
         tuple(clicks),
         tuple(float(error) for error in told["errors"]),
     )  # fmt: skip

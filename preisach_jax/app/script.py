@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from preisach_jax.app.upload import Choice
 from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.record import ReadOptions
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def without_detours(clicks: Sequence[Click]) -> list[Click]:
     return kept
 
 
-def script(name: str, choice: Choice, clicks: Sequence[Click], step: Exploration) -> str:
+def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Exploration) -> str:
     """The text of a script that repeats the clicks and gives the same numbers.
 
     Arguments:
@@ -61,7 +61,7 @@ def script(name: str, choice: Choice, clicks: Sequence[Click], step: Exploration
         f"data = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent / {name!r}",
         "record = pj.Record.load(",
         "    data,",
-        *(f"    {key}={value!r}," for key, value in _arguments(choice).items()),
+        *(f"    {key}={value!r}," for key, value in choice.items() if value),
         ")",
         f"if record.sha256 != {record.sha256!r}:",
         '    sys.exit(f"{data} is not the record that was clicked through: its values differ")',
@@ -78,18 +78,6 @@ def script(name: str, choice: Choice, clicks: Sequence[Click], step: Exploration
         "",
     ]
     return "\n".join(lines)
-
-
-def _arguments(choice: Choice) -> dict[str, object]:
-    told = {
-        "time": choice.time,
-        "input": choice.input,
-        "output": choice.output,
-        "aux": choice.aux,
-        "rate": choice.rate,
-        "units": dict(choice.units or {}),
-    }
-    return {key: value for key, value in told.items() if value not in (None, (), {})}
 
 
 def _lines_of(click: Click) -> list[str]:

@@ -12,7 +12,7 @@ from preisach_jax.app import panels
 from preisach_jax.app.layout import button
 from preisach_jax.app.project import SUFFIX, packed
 from preisach_jax.app.script import Click, without_detours
-from preisach_jax.app.upload import Choice, Upload
+from preisach_jax.app.upload import Upload
 from preisach_jax.diagnosis import diagnose
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
@@ -20,7 +20,7 @@ from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.errors import InputError
 from preisach_jax.fit import Fit, Progress
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record import ReadOptions, Record
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Wal
     return walk
 
 
-def saved(upload: Upload, choice: Choice, walk: Walk | None) -> dict[str, bytes]:
+def saved(upload: Upload, choice: ReadOptions, walk: Walk | None) -> dict[str, bytes]:
     """A project of a file and the steps on it, by the name that it is offered under."""
     clicks = without_detours(walk.way) if walk else []
     content = upload.path.read_bytes()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
+from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.columns import assign_roles
 from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_table
@@ -24,25 +24,6 @@ MOST_BYTES = 200_000_000
 PREVIEWED_ROWS = 8
 PREVIEWED_COLUMNS = 30
 OFFERED_COLUMNS = 500
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What a person chose for the columns of a file.
-
-    Attributes:
-        time, input, output: names of columns; `time` is None where there is a rate.
-        aux: names of auxiliary columns.
-        rate: sampling rate in Hz, in place of a column of time.
-        units: units by role.
-    """
-
-    time: str | None
-    input: str
-    output: str
-    aux: tuple[str, ...] = ()
-    rate: float | None = None
-    units: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,17 +93,13 @@ class Upload:
         count = min(PREVIEWED_ROWS, len(self.table.rows))
         return names, [[_cell(self.table.columns[name][k]) for name in names] for k in range(count)]
 
-    def record(self, choice: Choice, announce: Callable[[str], object] | None = None) -> Record:
+    def record(self, choice: ReadOptions) -> Record:
         """The record of the chosen columns.
 
         Raises:
             InputError: a column cannot be used; the message says where and why.
         """
-        return Record.of_table(
-            self.table, self.name,
-            time=choice.time, input=choice.input, output=choice.output, aux=choice.aux,
-            rate=choice.rate, units=choice.units, announce=announce,
-        )  # fmt: skip
+        return Record.of_table(self.table, self.name, **choice)
 
 
 _TEXT_ENDINGS = {"csv", "txt", "dat", "tsv", "asc", "lvm", "forc", "frc", "gz", "zip"}

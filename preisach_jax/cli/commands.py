@@ -15,23 +15,18 @@ import typer
 from preisach_jax.cli import screen
 from preisach_jax.cli.completion import complete_effect
 from preisach_jax.cli.options import (
-    Aux,
-    Columns,
+    READING,
     Data,
     Effects,
     HoldOut,
-    InitialMemory,
-    Input,
     Levels,
     ModelFile,
-    Output,
-    Rate,
     SeveralData,
-    Time,
-    Unit,
     check_choice,
     effect_names,
     load_all,
+    with_columns_of,
+    with_effects,
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
@@ -40,6 +35,7 @@ from preisach_jax.rows import torn_line
 if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
     from preisach_jax.plant import StageRecord
+    from preisach_jax.record import ReadOptions
 
 
 FIRST_STEPS = (
@@ -74,19 +70,14 @@ def common(
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
     "preisach diagnose slow.csv fast.csv --hold-out other.csv --json > found.json",
     fits=True,
+    reads=READING,
 )
 def diagnose(
     context: typer.Context,
     data: SeveralData,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    aux: Aux = None,
+    columns: ReadOptions,
     effects: Effects = None,
     levels: Levels = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
     hold_out: HoldOut = None,
     tolerance: Annotated[
         str | None,
@@ -112,11 +103,11 @@ def diagnose(
     check_language(language)
     names = effect_names(effects)
     check_choice(names, levels)
-    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
-    columns = columns.with_effects(names)
-    records, apart = load_all(columns, data, hold_out or (), screen.show_record)
+    records, apart = load_all(
+        with_effects(columns, names), data, hold_out or (), screen.show_record
+    )
     if names:  # a column that was asked for is tried as well
-        names += [f"aux:{name}" for name in aux or () if f"aux:{name}" not in names]
+        names += [f"aux:{name}" for name in columns.get("aux", ()) if f"aux:{name}" not in names]
     with screen.progress() as show:
         found = run(
             records, names or None, levels, hold_out=apart, tolerance=tolerance, progress=show
@@ -134,19 +125,14 @@ def diagnose(
     "preisach fit loop.csv --rate 2000 --input u --output z --out model.json",
     "preisach fit slow.csv fast.csv --effects creep --out model.json",
     fits=True,
+    reads=READING,
 )
 def fit(
     data: SeveralData,
+    columns: ReadOptions,
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the model")],
     effects: Effects = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    aux: Aux = None,
     levels: Levels = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
     hold_out: HoldOut = None,
 ) -> dict[str, Any]:
     """Fit a model with chosen effects, or with none."""
@@ -156,8 +142,7 @@ def fit(
     check_file(out, *data, *(hold_out or ()))
     names = effect_names(effects)
     check_choice(names, levels)
-    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
-    columns = columns.with_effects(names)
+    columns = with_effects(columns, names)
     records, apart = load_all(columns, data, hold_out or (), screen.show_record)
     with screen.progress() as show:
         show("fitting", 0.0)
@@ -170,26 +155,23 @@ def fit(
 @command(
     "preisach predict model.json next.csv --out prediction.csv",
     "preisach predict model.json next.csv --input drive --out prediction.csv",
+    reads=("time", "input", "aux", "rate", "unit", "initial_memory"),
 )
 def predict(
     model: ModelFile,
     data: Data,
+    columns: ReadOptions,
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the prediction (CSV)")],
-    time: Time = None,
-    input: Input = None,
-    aux: Aux = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
 ) -> dict[str, Any]:
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
+    from preisach_jax.record import Record
 
     check_file(out, data, model)
     loaded = Model.load(model, announce=screen.note)
-    columns = Columns(time, input, None, aux or (), rate, unit or (), initial_memory)
-    record = columns.load(data, loaded, need_output=False)
+    columns = with_columns_of(columns, loaded)
+    record = Record.load(data, **{**columns, "need_output": False})
     if record.torn_row is not None:
         screen.note(f"{data}: {torn_line(record)}")
     prediction = loaded.predict(record)

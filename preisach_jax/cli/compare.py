@@ -10,22 +10,17 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
-    Aux,
-    Columns,
+    READING,
     Data,
-    InitialMemory,
-    Input,
     ModelFile,
-    Output,
-    Rate,
-    Time,
-    Unit,
+    with_columns_of,
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.comparison import Comparison
+    from preisach_jax.record import ReadOptions
 
 
 @command(
@@ -33,24 +28,19 @@ if TYPE_CHECKING:
     "preisach compare model.json other.csv --initial-memory low --report other",
     "preisach compare model.json monday.csv tuesday.csv wednesday.csv",
     "preisach compare base.json model.json other.csv --json",
+    reads=READING,
 )
 def compare(
     context: typer.Context,
     model: ModelFile,
     data: Data,
+    columns: ReadOptions,
     others: Annotated[
         list[Path] | None,
         typer.Argument(
             metavar="[MORE]...", help="further records, or further models before one record"
         ),
     ] = None,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    aux: Aux = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-comparison"
     ),
@@ -60,7 +50,6 @@ def compare(
 
     check_folder(report)
     models, records = _sorted([model, data, *(others or ())])
-    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
     pairs = [(one, record) for one in models for record in records]
     found = {
         label: _compared(*pair, columns)
@@ -105,13 +94,15 @@ def _labels(models: Sequence[Path], records: Sequence[Path]) -> list[str]:
     return labels
 
 
-def _compared(model: Path, data: Path, columns: Columns) -> Comparison:
+def _compared(model: Path, data: Path, columns: ReadOptions) -> Comparison:
     from preisach_jax.diagnosis.comparison import compare as run
     from preisach_jax.model import Model
+    from preisach_jax.record import Record
 
     loaded = Model.load(model, announce=screen.note)
     notes: list[str] = []
-    record = columns.load(data, loaded, announce=notes.append)
+    columns = with_columns_of(columns, loaded)
+    record = Record.load(data, **{**columns, "announce": notes.append})
     screen.show_record(record, notes)
     return run(loaded, record)
 

@@ -10,7 +10,6 @@ import typer
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
     Aux,
-    Columns,
     ModelFile,
     Output,
     Rate,
@@ -18,6 +17,7 @@ from preisach_jax.cli.options import (
     Unit,
     numbers,
     units_by_column,
+    with_columns_of,
 )
 from preisach_jax.cli.shared import command
 
@@ -58,6 +58,7 @@ def compensate(
     from preisach_jax.compensation.exchange import COLUMNS, drive_csv, wanted_course
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
+    from preisach_jax.record import Record
     from preisach_jax.record.reading import read_table
 
     check_file(out, wanted, model, *([] if after is None else [after]))
@@ -69,7 +70,8 @@ def compensate(
     )  # fmt: skip
     past = None
     if after is not None:
-        past = Columns(aux=aux or ()).load(after, loaded, need_output=False)
+        columns = with_columns_of({"aux": tuple(aux or ())}, loaded)
+        past = Record.load(after, **{**columns, "need_output": False})
     found = run(loaded, course, after=past, limits=bounds, slew=slew)
     write_files({out: drive_csv(found)})
     for sentence in found.notes:

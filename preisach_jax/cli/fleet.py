@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import Columns, Input, Output, Rate, Time, Unit
 from preisach_jax.cli.resumable import (
     Chunk,
     Coordinator,
@@ -33,7 +32,7 @@ from preisach_jax.rows import torn_line
 if TYPE_CHECKING:
     from preisach_jax.filter.fleet import FleetResult
     from preisach_jax.operator.plane import Plane
-    from preisach_jax.record import Record
+    from preisach_jax.record import ReadOptions, Record
 
 _NAMES = ("levels", "low", "high", "hysteron", "passes", "step_size", "chunk")
 
@@ -46,18 +45,15 @@ SHOWN = 20
     "preisach fleet stages/*.csv --out fleet",
     "preisach fleet stages/*.csv --out fleet --levels 37 --low 0 --high 75",
     "preisach fleet stages/*.csv --out fleet --json --quiet > fleet.json",
+    reads=("time", "input", "output", "rate", "unit"),
 )
 def fleet(
     context: typer.Context,
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="records of like stages")],
+    columns: ReadOptions,
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="folder of the results; a fleet in it goes on")
     ],
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    rate: Rate = None,
-    unit: Unit = None,
     levels: Annotated[int, typer.Option(metavar="N", help="levels of the Preisach plane")] = 37,
     low: Annotated[
         float | None,
@@ -95,7 +91,7 @@ def fleet(
             "taken for a record later"
         )
     start_devices(distributed, coordinator, processes, process)
-    records = _load(data, Columns(time, input, output, (), rate, unit or (), "low"))
+    records = _load(data, {**columns, "initial_memory": "low"})
     low = min(record.input.min() for record in records) if low is None else low
     high = max(record.input.max() for record in records) if high is None else high
     plane = named_by_option(_NAMES, Plane, levels, low, high)
@@ -127,18 +123,20 @@ def fleet(
     return content
 
 
-def _load(paths: Sequence[Path], columns: Columns) -> list[Record]:
+def _load(paths: Sequence[Path], columns: ReadOptions) -> list[Record]:
     """All records; those of a fleet have the same units.
 
     Raises:
         InputError: if one cannot be loaded, is given twice or has other units than the first.
     """
+    from preisach_jax.record import Record
+
     records: list[Record] = []
     for number, path in enumerate(paths):
         if path in paths[:number]:
             raise InputError(f"{path} is given twice: give each record once")
         notes: list[str] = []
-        record = columns.load(path, announce=notes.append)
+        record = Record.load(path, **{**columns, "announce": notes.append})
         for role in ("input", "output"):
             here, first = (one.channels[role].unit for one in (record, (records or [record])[0]))
             if pretty_unit(here) != pretty_unit(first):

@@ -9,22 +9,15 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
-    Aux,
-    Columns,
+    READING,
     Data,
-    InitialMemory,
-    Input,
-    Output,
-    Rate,
-    Time,
-    Unit,
-    units_by_column,
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.look import ColumnView, Look
+    from preisach_jax.record import ReadOptions
     from preisach_jax.record.table import Table
 
 _LINES = 6  # of a terminal, for the picture of a signal
@@ -37,16 +30,11 @@ _GRADES = {"well": "shows well", "poorly": "shows poorly", "not at all": "says n
     "preisach look stage.xlsx --plot stage.png",
     "preisach look stage.h5 --json",
     computes=False,
+    reads=READING,
 )
 def look(
     data: Data,
-    time: Time = None,
-    input: Input = None,
-    output: Output = None,
-    aux: Aux = None,
-    rate: Rate = None,
-    unit: Unit = None,
-    initial_memory: InitialMemory = None,
+    columns: ReadOptions,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="draw it into a PNG as well")
     ] = None,
@@ -62,13 +50,8 @@ def look(
         if plot.suffix.lower() != ".png":
             raise InputError(f"--plot is {str(plot)!r}; give a file that ends in .png")
     table = read_table(data).with_clocks()
-    columns = Columns(time, input, output, aux or (), rate, unit or (), initial_memory)
     try:
-        found = look_at_table(
-            table, data.name, time=columns.time, input=columns.input, output=columns.output,
-            aux=columns.aux, rate=columns.rate, units=units_by_column(columns.unit),
-            initial_memory=columns.initial_memory,
-        )  # fmt: skip
+        found = look_at_table(table, data.name, **columns)
     except QuestionError as question:
         views = columns_of(table, {})
         _show_columns(table, views)

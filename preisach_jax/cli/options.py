@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
 import typer
 
@@ -14,7 +13,7 @@ from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
-    from preisach_jax.record import Record
+    from preisach_jax.record import ReadOptions, Record
 
 _Number = TypeVar("_Number", int, float)
 
@@ -83,66 +82,58 @@ Levels = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Columns:
-    """How to read a record: the options of the same names."""
+READING = {
+    "time": Time,
+    "input": Input,
+    "output": Output,
+    "aux": Aux,
+    "rate": Rate,
+    "unit": Unit,
+    "initial_memory": InitialMemory,
+}
+"""The options of the command line that say how a record is read."""
 
-    time: str | None = None
-    input: str | None = None
-    output: str | None = None
-    aux: Sequence[str] = ()
-    rate: float | None = None
-    unit: Sequence[str] = ()
-    initial_memory: str | None = None
 
-    def with_effects(self, effects: Sequence[str]) -> Columns:
-        """The same with the auxiliary columns that effects are named after."""
-        from preisach_jax.effects import column_of
+def reading(given: Mapping[str, Any]) -> ReadOptions:
+    """The options of `Record.load` from those of the command line.
 
-        named = dict.fromkeys(column_of(name) for name in effects if column_of(name))
-        return replace(self, aux=[*self.aux, *(name for name in named if name not in self.aux)])
+    Raises:
+        InputError: if a unit is not of the form `COL=UNIT`.
 
-    def load(
-        self,
-        path: Path,
-        model: Model | None = None,
-        *,
-        need_output: bool = True,
-        announce: Callable[[str], object] | None = None,
-    ) -> Record:
-        """Load a record; columns that are not told are those that a model remembers.
+    Example:
+        >>> reading({"time": "t", "aux": None, "unit": ["t=ms"]})
+        {'aux': (), 'units': {'t': 'ms'}, 'time': 't'}
+    """
+    told = {name: value for name, value in given.items() if name not in ("aux", "unit")}
+    units = units_by_column(given.get("unit") or ())
+    return cast("ReadOptions", {"aux": tuple(given.get("aux") or ()), "units": units, **told})
 
-        Raises:
-            InputError: if it cannot be loaded.
-        """
-        from preisach_jax.record import Record
 
-        units = units_by_column(self.unit)
-        told = {"time": self.time, "input": self.input, "output": self.output}
-        aux = list(self.aux)
-        if model is not None:
-            for role, name in told.items():
-                if name is None and not (role == "time" and self.rate is not None):
-                    told[role] = model.columns[role]
-                    if unit := model.units.get(role):
-                        units.setdefault(role, unit)
-            aux += [name for name in model.columns["aux"] if name not in aux]
-        return Record.load(
-            path,
-            time=told["time"],
-            input=told["input"],
-            output=told["output"],
-            aux=aux,
-            rate=self.rate,
-            units=units,
-            initial_memory=self.initial_memory,
-            need_output=need_output,
-            announce=announce,
-        )
+def with_effects(options: ReadOptions, effects: Sequence[str]) -> ReadOptions:
+    """The same with the auxiliary columns that effects are named after."""
+    from preisach_jax.effects import column_of
+
+    named = [column_of(name) for name in effects if column_of(name)]
+    return {**options, "aux": tuple(dict.fromkeys([*options.get("aux", ()), *named]))}
+
+
+def with_columns_of(options: ReadOptions, model: Model) -> ReadOptions:
+    """The same with the columns of a model, and their units, where none are given."""
+    units = dict(options.get("units") or {})
+    told: dict[str, str | None] = {}
+    for role in ("time", "input", "output"):
+        name = options.get(role)
+        if name is None and not (role == "time" and options.get("rate") is not None):
+            name = model.columns[role]
+            if unit := model.units.get(role):
+                units.setdefault(role, unit)
+        told[role] = name
+    aux = tuple(dict.fromkeys([*options.get("aux", ()), *model.columns["aux"]]))
+    return cast("ReadOptions", {**options, **told, "aux": aux, "units": units})
 
 
 def load_all(
-    columns: Columns,
+    columns: ReadOptions,
     data: Sequence[Path],
     hold_out: Sequence[Path],
     show: Callable[[Record, list[str]], object],
@@ -157,6 +148,8 @@ def load_all(
     Raises:
         InputError: if one cannot be loaded, or is given twice.
     """
+    from preisach_jax.record import Record
+
     given = [*data, *hold_out]
     for position, path in enumerate(given):
         if path.resolve() in [other.resolve() for other in given[:position]]:
@@ -164,7 +157,7 @@ def load_all(
     records: list[Record] = []
     for path in given:
         notes: list[str] = []
-        records.append(columns.load(path, announce=notes.append))
+        records.append(Record.load(path, **{**columns, "announce": notes.append}))
         show(records[-1], notes)
     return records[: len(data)], records[len(data) :]
 

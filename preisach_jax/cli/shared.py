@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.compiled import kept_between_runs
+from preisach_jax.cli.options import READING, reading
 
 FIRST_RUN = (
     "The first run on this machine compiles the program: this takes about half a minute more, once."
@@ -29,7 +30,7 @@ _OPTIONS = {"as_json": _Json, "quiet": _Quiet}
 
 
 def command(
-    *examples: str, fits: bool = False, computes: bool = True
+    *examples: str, fits: bool = False, computes: bool = True, reads: Iterable[str] = ()
 ) -> Callable[[Callable[..., Any]], Callable[..., None]]:
     """Make a function a command.
 
@@ -41,6 +42,7 @@ def command(
         examples: command lines for the end of its help.
         fits: whether it fits models, which compiles for a while on the first run.
         computes: whether it needs JAX, which takes half a second to load.
+        reads: which of the `READING` options it takes; the function gets them as `columns`.
 
     Returns:
         A decorator; the decorated function takes the shared options too.
@@ -62,6 +64,8 @@ def command(
     def decorate(function: Callable[..., Any]) -> Callable[..., None]:
         @functools.wraps(function)
         def run(*arguments: Any, as_json: bool = False, quiet: bool = False, **named: Any) -> None:
+            if reads:
+                named["columns"] = reading({name: named.pop(name, None) for name in reads})
             if not computes:
                 with screen.manner(as_json=as_json, quiet=quiet):
                     content = function(*arguments, **named)
@@ -84,18 +88,23 @@ def command(
                     screen.show_json(content)
 
         # Typer reads the options of a command from its signature.
-        own = inspect.signature(function, eval_str=True)
-        added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-            for name, kind in _OPTIONS.items()
-        ]
+        own = inspect.signature(function, locals={"ReadOptions": dict}, eval_str=True)
+        shown: list[inspect.Parameter] = []
+        for parameter in own.parameters.values():
+            if parameter.name == "columns":
+                shown += [_option(name, None, READING[name]) for name in reads]
+            else:
+                shown.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        shown += [_option(name, False, kind) for name, kind in _OPTIONS.items()]
         run.__signature__ = own.replace(  # pyright: ignore[reportAttributeAccessIssue]
-            parameters=[*own.parameters.values(), *added], return_annotation=None
+            parameters=shown, return_annotation=None
         )
-        run.__annotations__ = {
-            each.name: each.annotation for each in (*own.parameters.values(), *added)
-        }
+        run.__annotations__ = {each.name: each.annotation for each in shown}
         setattr(run, EXAMPLES, examples)
         return run
 
     return decorate
+
+
+def _option(name: str, default: Any, kind: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)

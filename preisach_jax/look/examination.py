@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import scipy
@@ -14,7 +14,7 @@ from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView, columns_of
 from preisach_jax.look.prospects import Excitation, prospects
 from preisach_jax.look.result import Look
-from preisach_jax.record import Record
+from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.faults import faults
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.spans import spans
@@ -94,14 +94,13 @@ def look(
     )
 
 
-def look_at_table(table: Table, name: str, **options: Any) -> Look:
+def look_at_table(table: Table, name: str, **options: Unpack[ReadOptions]) -> Look:
     """Look at the record in the columns of a file.
 
     Arguments:
         table: the columns.
         name: what reports call the record.
-        options: `time`, `input`, `output`, `aux`, `rate`, `units`, `initial_memory` as for
-            `Record.load`.
+        options: see `ReadOptions`; what is guessed goes into the notes.
 
     Returns:
         What was found.
@@ -110,7 +109,8 @@ def look_at_table(table: Table, name: str, **options: Any) -> Look:
         InputError: a column cannot be used; `QuestionError` where it is not clear which is which.
     """
     notes: list[str] = []
-    record = Record.of_table(table, name, announce=notes.append, **options)
+    options["announce"] = notes.append
+    record = Record.of_table(table, name, **options)
     chosen = {role: channel.name for role, channel in record.channels.items()}
     told = [role for role in ("time", "input", "output") if options.get(role)]
     roles = {role if role in ("time", "input", "output") else "aux": column
@@ -118,7 +118,7 @@ def look_at_table(table: Table, name: str, **options: Any) -> Look:
     return look(record, columns=columns_of(table, roles, told), notes=notes)
 
 
-def look_at_file(path: str | os.PathLike[str], **options: Any) -> Look:
+def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> Look:
     """Look at the record in a file; see `look_at_table`."""
     return look_at_table(read_table(path), Path(path).name, **options)
 

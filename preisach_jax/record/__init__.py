@@ -4,6 +4,9 @@ From below: `units` (names and units), `table` (columns as read), `delimited`, `
 `containers` (the formats), `reading` (which format), `columns` (which column is what), `core`.
 """
 
-from preisach_jax.record.core import INITIAL_MEMORIES, MIN_MEASURED, Channel, Record
+from preisach_jax.record.channels import Channel
+from preisach_jax.record.core import Record
+from preisach_jax.record.options import ReadOptions
+from preisach_jax.record.samples import INITIAL_MEMORIES, MIN_MEASURED, Samples
 
-__all__ = ["INITIAL_MEMORIES", "MIN_MEASURED", "Channel", "Record"]
+__all__ = ["INITIAL_MEMORIES", "MIN_MEASURED", "Channel", "ReadOptions", "Record", "Samples"]

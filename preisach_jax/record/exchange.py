@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from preisach_jax.record.core import Record
+    from preisach_jax.record.samples import Samples
 
 _ROLES = ("time", "input", "output")
 _ATTRIBUTE = "preisach_jax"
@@ -86,7 +86,7 @@ def _known(by_column: Mapping[str, str], names: list[str]) -> dict[str, str]:
     return {column: unit for column, unit in by_column.items() if column in names}
 
 
-def frame_of(record: Record) -> pd.DataFrame:
+def frame_of(record: Samples) -> pd.DataFrame:
     """A record as a data frame that `table_of_frame` reads back; see `Record.to_pandas`."""
     import pandas as pd
 
@@ -155,7 +155,7 @@ def table_of_dataset(dataset: xr.Dataset, source: str) -> tuple[Table, tuple[str
     return replace(table, is_record=is_record), aux
 
 
-def dataset_of(record: Record) -> xr.Dataset:
+def dataset_of(record: Samples) -> xr.Dataset:
     """A record as a dataset that `table_of_dataset` reads back; see `Record.to_xarray`."""
     try:
         import xarray as xr

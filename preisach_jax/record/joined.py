@@ -11,39 +11,13 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import number, pretty_unit, quantity
 from preisach_jax.record.core import Record
+from preisach_jax.record.samples import Run
 
 PAUSE = 100
 """Usual time steps between two runs on the joined clock: above what counts as a gap."""
 
 MOST_APART = 4.0
 """Ratio of the time steps of two records beyond which they are not fitted together."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """One of several records that were joined.
-
-    Attributes:
-        name: the record's name.
-        sha256: digest of its values.
-        start, stop: its first row in the joined record, and the first row after it.
-        clock_s: time of its first row on its own clock, in s.
-        initial_memory: state at its first sample.
-        held_out: whether all its rows are held out.
-    """
-
-    name: str
-    sha256: str
-    start: int
-    stop: int
-    clock_s: float
-    initial_memory: str
-    held_out: bool = False
-
-    @property
-    def rows(self) -> slice:
-        """Its rows in the joined record."""
-        return slice(self.start, self.stop)
 
 
 def as_one(given: Any, hold_out: Any = (), asked_by: str = "fit") -> Record:

@@ -1,0 +1,390 @@
+"""What a measured record holds: its samples, what they span, and cuts and repairs of them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from preisach_jax.errors import InputError
+from preisach_jax.record.channels import Channel
+
+MIN_MEASURED = 50
+"""Fewest measured samples from which a model may be identified."""
+
+LEAST_SOUND = 0.3
+"""Share of the measured samples that faults of a sensor must leave."""
+
+INITIAL_MEMORIES = ("low", "high", "demagnetised", "free")
+"""What is known of the state at the first sample; `"free"`: nothing, it is identified."""
+
+_GAP = 5.0  # a step this many times the usual one is a gap
+
+
+@dataclass(frozen=True)
+class Run:
+    """One of several records that were joined.
+
+    Attributes:
+        name: the record's name.
+        sha256: digest of its values.
+        start, stop: its first row in the joined record, and the first row after it.
+        clock_s: time of its first row on its own clock, in s.
+        initial_memory: state at its first sample.
+        held_out: whether all its rows are held out.
+    """
+
+    name: str
+    sha256: str
+    start: int
+    stop: int
+    clock_s: float
+    initial_memory: str
+    held_out: bool = False
+
+    @property
+    def rows(self) -> slice:
+        """Its rows in the joined record."""
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """K samples of a record. Values are in the file's own units, time is in seconds.
+
+    Arguments:
+        time: (K,) float64, s, strictly increasing.
+        input: (K,) float64, finite, in the input's unit.
+        output: (K,) float64 in the output's unit, NaN where nothing was measured: such a sample
+            belongs to the history of the input only.
+        aux: auxiliary columns by name, each (K,) float64, finite.
+        channels: name and unit of `"time"`, `"input"`, `"output"` and each auxiliary column.
+        name: the file's name without its folder.
+        sha256: digest of time, input and output as little-endian float64.
+        initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
+            `"demagnetised"`, `"free"` (unknown).
+        time_values: (K,) float64, the time column as in the file, in the file's unit.
+        spikes: what was measured at the outputs that `without` left out, by row.
+        input_spikes: what was measured at the inputs that `bridged` replaced, by row.
+        faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
+        torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
+        runs: where each of several records lies that were joined; empty for a record by itself.
+    """
+
+    time: np.ndarray
+    input: np.ndarray
+    output: np.ndarray
+    aux: Mapping[str, np.ndarray]
+    channels: Mapping[str, Channel]
+    name: str
+    sha256: str
+    initial_memory: str
+    time_values: np.ndarray
+    spikes: Mapping[int, float] = field(default_factory=dict[int, float])
+    input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
+    faults: tuple[tuple[str, int, int], ...] = ()
+    torn_row: int | None = None
+    runs: tuple[Run, ...] = ()
+
+    @classmethod
+    def _of(
+        cls,
+        *,
+        time: np.ndarray,
+        input: np.ndarray,
+        output: np.ndarray,
+        aux: Mapping[str, np.ndarray],
+        channels: Mapping[str, Channel],
+        name: str,
+        initial_memory: str,
+        time_values: np.ndarray,
+    ) -> Self:
+        """The record of checked arrays, made read-only, with its digest."""
+        if initial_memory not in INITIAL_MEMORIES:
+            raise InputError(
+                f"initial_memory is {initial_memory!r}; give one of {', '.join(INITIAL_MEMORIES)}"
+            )
+        # A NaN has many bit patterns; the digest knows one.
+        output = np.where(np.isnan(output), np.nan, output)
+        digest = hashlib.sha256()
+        for values in (time, input, output):
+            digest.update(values.astype("<f8").tobytes())
+        return cls(
+            time=_frozen(time),
+            input=_frozen(input),
+            output=_frozen(output),
+            aux={key: _frozen(values) for key, values in aux.items()},
+            channels=dict(channels),
+            name=name,
+            sha256=digest.hexdigest(),
+            initial_memory=initial_memory,
+            time_values=_frozen(time_values),
+        )
+
+    def __len__(self) -> int:
+        """K, the number of samples."""
+        return self.time.size
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(K,) bool: where the output was measured."""
+        return ~np.isnan(self.output)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """First rows of the runs behind the first one; none of a record by itself."""
+        return tuple(run.start for run in self.runs[1:])
+
+    @property
+    def stretches(self) -> list[slice]:
+        """The rows of each run; all of a record by itself."""
+        return [run.rows for run in self.runs] or [slice(0, len(self))]
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last sample, s; of several runs that of the longest one."""
+        return max(float(self.time[rows][-1] - self.time[rows][0]) for rows in self.stretches)
+
+    @property
+    def step_s(self) -> float:
+        """Median time step, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def gaps(self) -> list[tuple[int, float]]:
+        """Steps over 5 times the median one: (index of the first sample after, length in s).
+
+        Where another run starts there is none.
+        """
+        steps = np.diff(self.time)
+        found = np.flatnonzero(steps > _GAP * np.median(steps))
+        return [(int(k) + 1, float(steps[k])) for k in found if int(k) + 1 not in self.starts]
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the time steps that are no gaps, as a share of the median one."""
+        steps = np.diff(self.time)
+        usual = np.median(steps)
+        return float(np.std(steps[steps <= _GAP * usual]) / usual)
+
+    @property
+    def input_unit(self) -> str:
+        """Unit of the input, `""` where unknown."""
+        return self.channels["input"].unit
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the output, `""` where unknown."""
+        return self.channels["output"].unit
+
+    @property
+    def input_range(self) -> float:
+        """Peak-to-peak input over all samples, in its unit."""
+        return float(np.ptp(self.input))
+
+    @property
+    def output_range(self) -> float:
+        """Peak-to-peak measured output in its unit; NaN where nothing was measured."""
+        values = self.output[self.measured]
+        return float(np.ptp(values)) if values.size else float("nan")
+
+    def part(self, start: int, stop: int) -> Self:
+        """The samples from `start` up to, not including, `stop`.
+
+        Arguments:
+            start, stop: indices as for a slice.
+
+        Returns:
+            The record of these samples; its initial memory is `"free"` unless it starts with the
+            first sample.
+
+        Raises:
+            InputError: there are fewer than two samples in that range.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
+            >>> record.part(1, 3).time
+            array([1., 2.])
+        """
+        first, last, _ = slice(start, stop).indices(len(self))
+        if last - first < 2:
+            raise InputError(
+                f"{self.name}: part({start}, {stop}) of {len(self)} samples has "
+                f"{max(last - first, 0)}; give a range of at least 2"
+            )
+        rows = slice(first, last)
+        return type(self)._of(
+            time=self.time[rows],
+            input=self.input[rows],
+            output=self.output[rows],
+            aux={name: values[rows] for name, values in self.aux.items()},
+            channels=self.channels,
+            name=self.name,
+            initial_memory=self.initial_memory if first == 0 else "free",
+            time_values=self.time_values[rows],
+        )
+
+    def without(self, spikes: np.ndarray) -> Self:
+        """The same measurement with some outputs left out, which `spikes` remembers.
+
+        Arguments:
+            spikes: (K,) bool: whose output is not to be used.
+
+        Returns:
+            The record with the same digest, its output NaN there; itself if nothing is left out.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 50, 2])
+            >>> record.without(np.array([False, True, False])).spikes
+            {1: 50.0}
+        """
+        if not spikes.any():
+            return self
+        left_out = {int(row): float(self.output[row]) for row in np.flatnonzero(spikes)}
+        return replace(
+            self,
+            output=_frozen(np.where(spikes, np.nan, self.output)),
+            spikes={**self.spikes, **left_out},
+        )
+
+    def masked(self, faults: Sequence[tuple[str, int, int]]) -> Self:
+        """The same measurement without the output of stretches in which its sensor was at fault.
+
+        Arguments:
+            faults: kind, first row, and first row after it, of each stretch.
+
+        Returns:
+            The record with the same digest, its output NaN there, which `faults` remembers; itself
+            if nothing is left out.
+
+        Raises:
+            InputError: if too little of the output is left to identify anything.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays(np.arange(99.0), np.arange(99.0), np.arange(99.0))
+            >>> int(record.masked([("stuck", 3, 7)]).measured.sum())
+            95
+        """
+        if not faults:
+            return self
+        output = self.output.copy()
+        for _, start, stop in faults:
+            output[start:stop] = np.nan
+        left = int(np.isfinite(output).sum())
+        if left < max(LEAST_SOUND * self.measured.sum(), MIN_MEASURED):
+            kinds = " and ".join(sorted({kind for kind, _, _ in faults}))
+            raise InputError(
+                f"{self.name}, column {self.channels['output'].name}: the sensor is {kinds} in all "
+                f"but {left:,} of its {int(self.measured.sum()):,} readings; record the output "
+                "anew, within the range of its sensor"
+            )
+        return replace(self, output=_frozen(output), faults=(*self.faults, *faults))
+
+    def bridged(self, spikes: np.ndarray) -> Self:
+        """The same measurement with some inputs replaced by straight lines between the others.
+
+        Arguments:
+            spikes: (K,) bool: whose input is not to be used.
+
+        Returns:
+            The record with the same digest, whose `input_spikes` remember what was measured; itself
+            if nothing is replaced.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 50, 2], [0, 1, 2])
+            >>> bridged = record.bridged(np.array([False, True, False]))
+            >>> bridged.input, bridged.input_spikes
+            (array([0., 1., 2.]), {1: 50.0})
+        """
+        if not spikes.any():
+            return self
+        replaced = {int(row): float(self.input[row]) for row in np.flatnonzero(spikes)}
+        parts = [(self.time[rows], self.input[rows], ~spikes[rows]) for rows in self.stretches]
+        line = np.concatenate([np.interp(t, t[kept], u[kept]) for t, u, kept in parts])
+        return replace(
+            self,
+            input=_frozen(np.where(spikes, line, self.input)),
+            input_spikes={**self.input_spikes, **replaced},
+        )
+
+    def inputs_digest(self, n: int) -> str:
+        """Digest of the first `n` samples of time and input.
+
+        Two records with the same digest of `n` samples begin with the same `n` samples.
+
+        Arguments:
+            n: number of samples, at most K.
+
+        Returns:
+            SHA-256 of the `n` rows (time, input) as little-endian float64.
+
+        Raises:
+            ValueError: `n` is negative or above K.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
+            >>> record.inputs_digest(2) == record.part(0, 2).inputs_digest(2)
+            True
+        """
+        if not 0 <= n <= len(self):
+            raise ValueError(f"n is {n}: give at least 0 and at most {len(self)} samples")
+        rows = np.column_stack([self.time[:n], self.input[:n]]).astype("<f8")
+        return hashlib.sha256(rows.tobytes()).hexdigest()
+
+    def check_identifiable(self, source: str | None = None) -> None:
+        """Check that a model can be identified from the record.
+
+        Arguments:
+            source: the file for messages; the record's name by default.
+
+        Raises:
+            InputError: the input or the measured output is constant, nothing was measured, or fewer
+                than `MIN_MEASURED` samples were.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> Record.from_arrays([0.0, 1.0], [2, 2], [0, 1]).check_identifiable()
+            Traceback (most recent call last):
+            ...
+            preisach_jax.errors.InputError: record, column input: the input is constant (2 in all 2
+            rows), so nothing can be learnt from it; record while the input moves
+        """
+        source = self.name if source is None else source
+        if self.input_range == 0:
+            raise InputError(
+                f"{source}, column {self.channels['input'].name}: the input is constant "
+                f"({self.input[0]:g} in all {len(self)} rows), so nothing can be learnt from it; "
+                "record while the input moves"
+            )
+        output = f"{source}, column {self.channels['output'].name}"
+        count = int(np.sum(self.measured))
+        if count == 0:
+            raise InputError(
+                f"{output}: all {len(self)} cells are empty; give the column that holds the "
+                "measured output"
+            )
+        if count < MIN_MEASURED:
+            raise InputError(
+                f"{output}: {count} measured samples are too few, at least {MIN_MEASURED} are "
+                "needed; record longer or sample faster"
+            )
+        if self.output_range == 0:
+            value = self.output[self.measured][0]
+            raise InputError(
+                f"{output}: the output is constant ({value:g} in all {count} measured rows); check "
+                "the sensor and the choice of column"
+            )
+
+
+def _frozen(values: np.ndarray) -> np.ndarray:
+    values = np.array(values, dtype=np.float64)
+    values.setflags(write=False)
+    return values

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
         Survey,
         WeightEffect,
     )
-    from preisach_jax.effects.parameter import Parameter
+    from preisach_jax.effects.parameter import Parameter, coefficient, parameter
     from preisach_jax.errors import InputError
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.comparison import compare_recursions
@@ -83,6 +83,7 @@ __all__ = [
     "Survey",
     "Sweep",
     "WeightEffect",
+    "coefficient",
     "compare_recursions",
     "compensate",
     "design",
@@ -92,6 +93,7 @@ __all__ = [
     "fit",
     "fleet_to_folder",
     "look",
+    "parameter",
     "run_fleet",
     "simulate",
     "simulate_loop",
@@ -129,6 +131,7 @@ _HOMES = {
     "Survey": "effects.base",
     "Sweep": "sweep",
     "WeightEffect": "effects.base",
+    "coefficient": "effects.parameter",
     "compare_recursions": "filter.comparison",
     "compensate": "compensation",
     "design": "diagnosis.design",
@@ -138,6 +141,7 @@ _HOMES = {
     "fit": "fit",
     "fleet_to_folder": "filter.fleet",
     "look": "look",
+    "parameter": "effects.parameter",
     "run_fleet": "filter.fleet",
     "simulate": "operator.simulation",
     "simulate_loop": "compensation",

@@ -1,6 +1,8 @@
-"""The one exception that means: what was given cannot be used, and here is how to mend it.
+"""The errors of this package: what was given cannot be used, and here is how to mend it.
 
-And the checks of single numbers that all modules share.
+`InputError` is the base of all that a user sees: `QuestionError` (record.columns), `EffectError`,
+`NotFiniteError`.  `ContentError` never leaves the package.  And the checks of single numbers that
+all modules share.
 """
 
 from __future__ import annotations
@@ -28,6 +30,31 @@ class InputError(ValueError):
     def __init__(self, message: str):
         # Values quoted from a file may hold line breaks, and the command line promises one line.
         super().__init__(" ".join(str(message).split()))
+
+
+class EffectError(InputError):
+    """An effect's class that is unfinished, or returns something else than its place asks for.
+
+    Example:
+        >>> raise EffectError("the effect 'sag' has no step: write step(self, state, value, dt)")
+        Traceback (most recent call last):
+        ...
+        preisach_jax.errors.EffectError: the effect 'sag' has no step: write step(self, state, value, dt)
+    """  # noqa: E501
+
+
+class NotFiniteError(InputError, FloatingPointError):
+    """A model that gives NaN or infinity at parameters within their bounds.
+
+    A search passes over such parameters; it reaches the user only of a model with chosen effects.
+    """
+
+
+class ContentError(ValueError):
+    """What is wrong inside a file, without its name.
+
+    Whoever opened the file catches it and raises an `InputError` with the path and the remedy.
+    """
 
 
 def require_positive(**values: float) -> None:

@@ -16,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 
 
 def plain_json(value: Any) -> Any:
@@ -240,7 +240,7 @@ def read_arrays(
     """
     try:
         if path.is_file() and not zipfile.is_zipfile(path):
-            raise ValueError("it is no archive of arrays")
+            raise ContentError("it is no archive of arrays")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
             if about["format"] > newest:

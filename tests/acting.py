@@ -27,21 +27,21 @@ def columns(effect, values, drives):
     return _columns(effect, arrays(values), drives)
 
 
-def gain(effect, values, drives):
+def factor(effect, values, drives):
     """The factor of an effect on the weights."""
-    return _gain(effect, arrays(values), drives)
+    return _factor(effect, arrays(values), drives)
 
 
 @eqx.filter_jit
 def _applied(effect, values, course, time):
-    return effect.apply(values, course, time)
+    return effect.at(values).apply(course, time)
 
 
 @eqx.filter_jit
 def _columns(effect, values, drives):
-    return effect.columns(values, drives)
+    return effect.at(values).columns(drives)
 
 
 @eqx.filter_jit
-def _gain(effect, values, drives):
-    return effect.gain(values, drives)
+def _factor(effect, values, drives):
+    return effect.at(values).factor(drives)

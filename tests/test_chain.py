@@ -274,20 +274,14 @@ def test_added_effects_do_not_pass_the_output_effects(x64):
 class Doubled(InputEffect):
     name = "doubled"
 
-    def parameters(self):
-        return ()
-
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return jnp.minimum(2.0 * signal, 10.0)
 
 
 class Halved(InputEffect):
     name = "halved"
 
-    def parameters(self):
-        return ()
-
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return 0.5 * signal
 
 

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
+from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.base import AddedEffect, InputEffect
 from preisach_jax.effects.creep import Creep
@@ -38,13 +39,10 @@ class Slope(AddedEffect):
 
     name = "slope"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (Parameter("per_record", "{z}", -np.inf, np.inf),)
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return signals.time[:, None] / SECONDS
 
 
@@ -164,11 +162,10 @@ def test_units_are_those_of_the_record(x64):
     class Mixed(InputEffect):
         name = "mixed"
 
-        def parameters(self):
-            return (Parameter("a", "{z}/{u}", 0.0, 1.0, start=(0.5,)),)
+        a: float = declare.parameter("{z}/{u}", 0.0, 1.0, start=(0.5,))
 
-        def apply(self, values, signal, time):
-            return signal * (1 - 0.01 * values["a"])
+        def apply(self, signal, time):
+            return signal * (1 - 0.01 * self.a)
 
     record, output, chain = clean((Mixed(), Slope()), {"mixed": {"a": 0.5}, "slope": {}}, (0.1,))
     values = {"mixed": {"a": 0.5}, "slope": {}}

@@ -209,13 +209,10 @@ class Warming(pj.AddedEffect):
 
     name = "warming"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (pj.Parameter("per_s", "{z}/s", -jnp.inf, jnp.inf),)
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return signals.time[:, None]
 
 
@@ -326,14 +323,13 @@ class TooShort(pj.InputEffect):
 
     name = "too_short"
 
-    def parameters(self):
-        return (pj.Parameter("tau_s", "s", 1e-6, 1e-5, start=(3e-6,), log=True),)
+    tau_s: float = pj.parameter("s", 1e-6, 1e-5, start=(3e-6,), log=True)
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         rate = jnp.diff(signal, prepend=signal[:1]) / jnp.maximum(
             jnp.diff(time, prepend=time[:1] - 1.0), 1e-9
         )
-        return signal - values["tau_s"] * rate
+        return signal - self.tau_s * rate
 
 
 def test_a_useless_column_or_bound_is_told_of_that_candidate_alone():

@@ -97,8 +97,8 @@ def test_relays_stop_where_they_would_take_back_their_own_jump(x64):
 def test_a_steady_move_lags_by_k_times_its_speed(x64):
     time = np.linspace(0.0, 2.0, 41)
     output = 3.0 * time
-    seen = EddyCurrents().fed_back(
-        {"k": 0.2}, jnp.asarray(5 * time), jnp.asarray(output), jnp.asarray(time)
+    seen = EddyCurrents(k=0.2).fed_back(
+        jnp.asarray(5 * time), jnp.asarray(output), jnp.asarray(time)
     )
     np.testing.assert_allclose(seen[1:], 5 * time[1:] - 0.6, rtol=1e-12)
 

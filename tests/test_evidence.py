@@ -192,13 +192,10 @@ class Chance(AddedEffect):
     name = "chance"
     place = "added"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (Parameter("gain", "{z}", -np.inf, np.inf),)
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         rng = np.random.default_rng(7)
         return np.asarray(rng.normal(size=(len(signals.time), 1)))
 

@@ -323,9 +323,6 @@ class Own(AddedEffect):
 
     name = "own"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (Parameter("amount", "um", -1.0, 1.0),)
 

@@ -349,7 +349,7 @@ def test_feedback_keeps_the_ends_of_the_loop(x64):
     moving = Moving(low_u=-3.0, range_u=6.0, range_z=40.0)
     for a in (-0.05, 0.0, 0.1):
         path, output = jnp.array([-3.0, 3.0]), jnp.array([0.0, 40.0])
-        ends = moving.fed_back({"a": a}, path, output, jnp.array([0.0, 1.0]))
+        ends = moving.at({"a": a}).fed_back(path, output, jnp.array([0.0, 1.0]))
         np.testing.assert_allclose(ends, [-3.0, 3.0], rtol=0, atol=1e-12)
 
 

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import InputEffect, OutputEffect, Survey
@@ -20,7 +21,6 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import base_point
 from preisach_jax.identify import (
     ALL,
@@ -269,10 +269,9 @@ def test_a_finer_plane_hardly_ever_harms(x64):
 class Broken(OutputEffect):
     name = "broken"
 
-    def parameters(self):
-        return (Parameter("c", "1", 0.0, 1.0),)
+    c: float = declare.parameter("1", 0.0, 1.0)
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return signal * np.nan
 
 
@@ -301,11 +300,8 @@ def test_starts_are_all_combinations():
     class Two(InputEffect):
         name = "two"
 
-        def parameters(self):
-            return (
-                Parameter("a", "1", 0.0, 9.0, start=(1.0, 2.0)),
-                Parameter("b", "1", 0.0, 9.0, start=(3.0, 4.0, 5.0)),
-            )
+        a: float = declare.parameter("1", 0.0, 9.0, start=(1.0, 2.0))
+        b: float = declare.parameter("1", 0.0, 9.0, start=(3.0, 4.0, 5.0))
 
     starts = starts_of(Two())
     assert len(starts) == 6

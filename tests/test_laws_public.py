@@ -28,6 +28,8 @@ LAWS = {
     "OnlineInverse": "compensation_online.the_drive_of_one_sample_after_the_other_gives_the_course",
     "OutputEffect": "effects.effects_on_a_signal_are_linear",
     "Parameter": "laws_model.an_effect_is_its_settings_and_its_parameters_are_in_their_bounds",
+    "coefficient": "laws_model.an_effect_is_its_settings_and_its_parameters_are_in_their_bounds",
+    "parameter": "laws_model.an_effect_is_its_settings_and_its_parameters_are_in_their_bounds",
     "ParameterEstimate": "laws_fit.units_change_numbers_and_nothing_else",
     "Plane": "laws.the_everett_function_gives_the_area_of_the_triangle_switched",
     "Prediction": "laws_model.a_saved_model_predicts_the_same_to_the_last_bit",

@@ -14,7 +14,7 @@ from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_quantisation import OutputQuantisation
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.operator.plane import Plane
@@ -197,9 +197,6 @@ def test_the_limit_is_near_what_can_be_seen(x64, name):
 class Column(AddedEffect):
     """Adds one column that is made of the record."""
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (Parameter("gain", "{z}/{u}", -jnp.inf, jnp.inf),)
 
@@ -207,7 +204,7 @@ class Column(AddedEffect):
 class Shifted(Column):
     name = "shifted"
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return jnp.full((len(signals.time), 1), 3.0)
 
 
@@ -216,14 +213,14 @@ class Linear(Column):
 
     name = "linear"
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return signals.input[:, None]
 
 
 class Noise(Column):
     name = "chance"
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return jnp.asarray(np.random.default_rng(5).normal(size=(len(signals.time), 1)))
 
 
@@ -250,27 +247,25 @@ def test_what_nothing_takes_up_is_limited_by_the_noise(x64):
 class Raising(InputEffect):
     name = "raising"
 
-    def parameters(self):
-        return (Parameter("a", "1", 0.0, 1.0, start=(0.0,)),)
+    a: float = parameter("1", 0.0, 1.0, start=(0.0,))
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         raise KeyError("my table")
 
 
 class NotANumber(WeightEffect):
     name = "not_a_number"
 
-    def parameters(self):
-        return (Parameter("a", "1", 0.0, 1.0, start=(0.0,)),)
+    a: float = parameter("1", 0.0, 1.0, start=(0.0,))
 
-    def gain(self, values, signals):
-        return 1.0 - values["a"] / (signals.time - signals.time)
+    def factor(self, signals):
+        return 1.0 - self.a / (signals.time - signals.time)
 
 
 class WrongShape(Column):
     name = "wrong_shape"
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return signals.time
 
 
@@ -295,7 +290,7 @@ def test_an_effect_that_gives_no_numbers_has_no_limit(x64):
 class Warming(Column):
     name = "warming"
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return -jnp.expm1(-signals.time[:, None] / 6.0)
 
 

@@ -20,7 +20,7 @@ from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.leakage import Leakage
 from preisach_jax.effects.log_rate import LogRate
-from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.speed_widening import SpeedWidening
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.errors import InputError
 from preisach_jax.export.description import describe
@@ -74,7 +74,7 @@ def test_gain_is_one_in_the_middle_and_monotone_over_the_range(x64):
     time = np.arange(81.0)
     for bend in (-1.0, 0.0, 0.4, 1.0):
         values = {"gain": 0.1, "curvature": bend, "tau_s": 1e-9}
-        factor = np.asarray(acting.gain(effect, values, signals(time, column, {"T": column})))
+        factor = np.asarray(acting.factor(effect, values, signals(time, column, {"T": column})))
         x = (column - 2.0) / 8.0
         np.testing.assert_allclose(factor, 1 + 0.8 * (x + bend * (x**2 - 0.25)), atol=1e-7)
         assert (np.diff(factor) >= -1e-12).all()
@@ -85,7 +85,7 @@ def test_gain_follows_its_column_late(x64):
     ticks, time, column = course(3)
     effect = Gain("T", "K", 1e-9, 1.0, middle=0.0, span=1.0)
     values = {"gain": 0.01, "curvature": 0.0, "tau_s": 0.05}
-    got = acting.gain(effect, values, signals(time, column, {"T": column}))
+    got = acting.factor(effect, values, signals(time, column, {"T": column}))
     late = column[0] + linear(ticks, column, [1.0], [0.05, 1.0])
     np.testing.assert_allclose(got, 1 + 0.01 * late, rtol=0, atol=1e-9)
 
@@ -120,14 +120,14 @@ def test_log_rate_widens_by_a_constant_for_a_decade(x64):
     effect = LogRate(reference_per_s=7.0, range_u=10.0, with_corners=True)
     values = {"coefficient": 0.3, "slow_speed": 1e-3}
     widths = [
-        float(effect.widening(values, jnp.asarray(rate * time), jnp.asarray(time))[2])
+        float(effect.at(values).widening(jnp.asarray(rate * time), jnp.asarray(time))[2])
         for rate in (1.0, 10.0, 100.0, 0.0)
     ]
     np.testing.assert_allclose(np.diff(widths[:3]), 0.3, rtol=2e-3)
     assert widths[3] == 0.0
     forms = LogRate().variants(Survey(4.0, 1.0, time, time, time))
     assert {type(form) for form in forms} == {LogRate}
-    assert isinstance(forms[0], RateDependence)
+    assert isinstance(forms[0], SpeedWidening)
 
 
 # --- in a chain ---
@@ -159,7 +159,7 @@ def test_what_scales_the_loop_scales_the_viscosity_and_nothing_else(damper):
     assert names == [("viscosity", "viscous"), ("cross:y", "gain"), ("gain:c", "shift")]
     bare = np.asarray(response(chain.with_effects(()), {}, drives, replace(own, added=np.zeros(0))))
     gain, viscosity, cross = chain.effects
-    factor = np.asarray(acting.gain(gain, values["gain:c"], drives))
+    factor = np.asarray(acting.factor(gain, values["gain:c"], drives))
     speed = np.asarray(acting.columns(viscosity, values["viscosity"], drives))[:, 0]
     axis = np.asarray(acting.columns(cross, values["cross:y"], drives))[:, 0]
     shift = (factor - 1) / values["gain:c"]["gain"]

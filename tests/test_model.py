@@ -18,7 +18,7 @@ from preisach_jax.effects.base import AddedEffect, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
@@ -315,14 +315,13 @@ class Leak(AddedEffect):
     name = "leak"
     share: float = 1.0
 
-    def parameters(self):
-        return (Parameter("tau_s", "s", 0.01, 10.0, start=(1.0,), log=True),)
+    tau_s: float = parameter("s", 0.01, 10.0, start=(1.0,), log=True)
 
     def coefficients(self):
         return (Parameter("gain", "{z}", -np.inf, np.inf),)
 
-    def columns(self, values, signals):
-        return (self.share * signals.time / (signals.time + values["tau_s"]))[:, None]
+    def columns(self, signals):
+        return (self.share * signals.time / (signals.time + self.tau_s))[:, None]
 
 
 def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):

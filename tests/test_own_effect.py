@@ -23,15 +23,14 @@ class SensorLag(pj.OutputEffect):
     signature = "residual in proportion to the rate of the output"
     experiment = "a chirp: the gain falls with frequency"
 
-    def parameters(self):
-        return (pj.Parameter("tau_s", "s", 1e-4, 1.0, start=(3e-3, 0.03, 0.3), log=True),)
+    tau_s: float = pj.parameter("s", 1e-4, 1.0, start=(3e-3, 0.03, 0.3), log=True)
 
-    def init(self, values, first):
+    def init(self, first):
         return first, first
 
-    def step(self, values, state, value, dt):
+    def step(self, state, value, dt):
         before, y = state
-        share = -jnp.expm1(-dt / values["tau_s"])
+        share = -jnp.expm1(-dt / self.tau_s)
         y = y + share * ((before + value) / 2 - y)
         return (value, y), y
 
@@ -41,13 +40,10 @@ class Mains(pj.AddedEffect):
 
     name = "mains"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return tuple(pj.Parameter(name, "{z}", -jnp.inf, jnp.inf) for name in ("cosine", "sine"))
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         phase = 2 * jnp.pi * 50.0 * signals.time
         return jnp.stack([jnp.cos(phase), jnp.sin(phase)], axis=1)
 
@@ -110,59 +106,54 @@ def test_an_effect_without_parameters_is_found():
 
 
 class Mistaken(pj.InputEffect):
-    def parameters(self):
-        return (pj.Parameter("a", "1", 0.0, 1.0, start=(0.5,)),)
+    a: float = pj.parameter("1", 0.0, 1.0, start=(0.5,))
 
 
 class Raising(Mistaken):
     name = "raising"
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         raise KeyError("my table")
 
 
 class Dividing(Mistaken):
     name = "dividing"
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return signal / (time - time)
 
 
 class TooLong(Mistaken):
     name = "too_long"
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return jnp.append(signal, signal[-1])
 
 
 class OneNumber(Mistaken):
     name = "one_number"
 
-    def apply(self, values, signal, time):
+    def apply(self, signal, time):
         return jnp.mean(signal)
 
 
 class Flat(pj.AddedEffect):
     name = "flat"
 
-    def parameters(self):
-        return ()
-
     def coefficients(self):
         return (pj.Parameter("gain", "{z}", -jnp.inf, jnp.inf),)
 
-    def columns(self, values, signals):
+    def columns(self, signals):
         return signals.time
 
 
 class Scalar(pj.WeightEffect):
     name = "scalar"
 
-    def parameters(self):
-        return (pj.Parameter("a", "1", 0.0, 1.0),)
+    a: float = pj.parameter("1", 0.0, 1.0)
 
-    def gain(self, values, signals):
-        return 1 - values["a"]
+    def factor(self, signals):
+        return 1 - self.a
 
 
 class Unfinished(pj.OutputEffect):
@@ -171,9 +162,6 @@ class Unfinished(pj.OutputEffect):
 
 class Homeless(pj.Effect):
     name = "homeless"
-
-    def parameters(self):
-        return ()
 
 
 class Unbounded(Mistaken):
@@ -186,12 +174,12 @@ class Unbounded(Mistaken):
 MISTAKES = {
     "raising": "failed: KeyError: 'my table'",
     "dividing": "could not be fitted: .*not finite",
-    "too_long": r"failed: ValueError: .*'too_long' returns the shape \(6001,\).*must be \(6000,\)",
-    "one_number": r"failed: ValueError: .*'one_number' returns the shape \(\)",
-    "flat": r"failed: ValueError: .*'flat' returns the shape \(6000,\) from columns.*\(6000, 1\)",
-    "scalar": r"failed: ValueError: .*'scalar' returns the shape \(\) from gain",
-    "unfinished": "failed: NotImplementedError: Unfinished must say what its parameters are",
-    "homeless": "failed: ValueError: .*derive it from InputEffect",
+    "too_long": r"failed: EffectError: .*'too_long' returns the shape \(6001,\).*return \(6000,\)",
+    "one_number": r"failed: EffectError: .*'one_number' returns the shape \(\)",
+    "flat": r"failed: EffectError: .*'flat' returns the shape \(6000,\) from columns.*\(6000, 1\)",
+    "scalar": r"failed: EffectError: .*'scalar' returns the shape \(\) from factor",
+    "unfinished": r"failed: EffectError: .*lacks a method of its place: write init\(self, first\)",
+    "homeless": "failed: EffectError: .*derive it from InputEffect",
     "unbounded": "failed: ZeroDivisionError: no span",
 }
 

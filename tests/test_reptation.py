@@ -85,7 +85,7 @@ def test_derivatives_against_finite_differences(x64):
     signals = Signals(jnp.arange(60.0), jnp.asarray(path), {})
 
     def traced(value):
-        return Reptation(1.0).columns({"path": value}, signals)
+        return Reptation(1.0).at({"path": value}).columns(signals)
 
     got = jax.jvp(traced, (1.3,), (1.0,))[1]
     expected = (at(1.3 + 1e-5) - at(1.3 - 1e-5)) / 2e-5

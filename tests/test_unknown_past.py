@@ -46,7 +46,7 @@ def test_the_bound_is_that_of_elements_that_stood_elsewhere():
     values = {f"c_{i + 1}": 0.01 * (i + 1) for i in range(len(effect.tau_s))}
     t = np.linspace(0.0, 8.0, 400)
     signals = signals_of(pj.Record.from_arrays(t, t, t))
-    got = np.asarray(effect.past_bound(values, signals, 30.0))
+    got = np.asarray(effect.at(values).past_bound(signals, 30.0))
     longer = 30.0 * sum(values.values()) / (2 * 2)  # half a decade of them, two elements each
     # An element at 30 beside a signal that stays at 0 falls back to it.
     slow = sum(

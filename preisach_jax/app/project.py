@@ -13,7 +13,7 @@ from typing import Any, cast
 from preisach_jax.app.script import Click
 from preisach_jax.app.upload import MOST_BYTES, harmless_name
 from preisach_jax.diagnosis.exploration import Exploration
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import json_bytes
 from preisach_jax.record import ReadOptions
 
@@ -117,7 +117,7 @@ def _project(told: Mapping[str, Any], content: bytes) -> Project:
     choice = cast(Mapping[str, Any], told["choice"])
     clicks = [Click(str(c["what"]), c["levels"], str(c["effect"])) for c in told["clicks"]]
     if len(clicks) > _MOST_CLICKS or {c.what for c in clicks} - {"fit", "find", "add", "undo"}:
-        raise ValueError("the clicks are none of the page's")
+        raise ContentError("the clicks are none of the page's")
     return Project(
         PurePosixPath(str(told["name"])).name,
         content,

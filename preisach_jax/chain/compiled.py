@@ -25,6 +25,7 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
+from preisach_jax.errors import EffectError
 from preisach_jax.operator.branches import output_along_branches
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds, weighted_states
@@ -50,9 +51,9 @@ ROUND_COLUMNS = 64
 def _expect(effect: Effect, method: str, got: Array, shape: tuple[int, ...]) -> Array:
     # Checked because a wrong shape can also fit somewhere by broadcasting or cutting.
     if jnp.shape(got) != shape:
-        raise ValueError(
-            f"the effect {effect.name!r} returns the shape {jnp.shape(got)} from {method}, and it "
-            f"must be {shape}"
+        raise EffectError(
+            f"the effect {effect.name!r} returns the shape {jnp.shape(got)} from {method}; make it "
+            f"return {shape}"
         )
     return got
 
@@ -79,13 +80,15 @@ def _compiled(
 def apply_effect(
     effect: InputEffect | OutputEffect, values: Values, signal: Array, time: Array
 ) -> Array:
-    return _expect(effect, "apply", effect.apply(values, signal, time), time.shape)
+    return _expect(effect, "apply", effect.at(values).apply(signal, time), time.shape)
 
 
 @_compiled
 def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, time: Array) -> Array:
+    acting = effect.at(values)
+
     def apply(column: Array) -> Array:
-        return _expect(effect, "apply", effect.apply(values, column, time), time.shape)
+        return _expect(effect, "apply", acting.apply(column, time), time.shape)
 
     return jax.vmap(apply, in_axes=1, out_axes=1)(jnp.asarray(matrix))
 
@@ -101,8 +104,8 @@ def apply_to_columns(
 
 
 @_compiled
-def gain_of(effect: WeightEffect, values: Values, signals: Signals) -> Array:
-    return _expect(effect, "gain", effect.gain(values, signals), signals.time.shape)
+def factor_of(effect: WeightEffect, values: Values, signals: Signals) -> Array:
+    return _expect(effect, "factor", effect.at(values).factor(signals), signals.time.shape)
 
 
 @_compiled
@@ -110,19 +113,19 @@ def added_columns_of(
     effect: AddedEffect | WeightEffect, count: int, values: Values, signals: Signals
 ) -> Array:
     shape = (*signals.time.shape, count)
-    return _expect(effect, "columns", effect.columns(values, signals), shape)
+    return _expect(effect, "columns", effect.at(values).columns(signals), shape)
 
 
 @_compiled
 def widening_of(effect: HysteresisEffect, values: Values, path: Array, time: Array) -> Array:
-    return _expect(effect, "widening", effect.widening(values, path, time), time.shape)
+    return _expect(effect, "widening", effect.at(values).widening(path, time), time.shape)
 
 
 @_compiled
 def fed_back_along(
     effect: HysteresisEffect, values: Values, path: Array, output: Array, time: Array
 ) -> Array:
-    seen = effect.fed_back(values, path, output, time)
+    seen = effect.at(values).fed_back(path, output, time)
     return _expect(effect, "fed_back", seen, path.shape)
 
 
@@ -135,7 +138,7 @@ def free_response_of(effect: OutputEffect, count: int, signals: Signals) -> Arra
 @_compiled
 def sensor_columns_of(effect: SensorEffect, count: int, values: Values, reading: Array) -> Array:
     shape = (*reading.shape, count)
-    return _expect(effect, "columns", effect.columns(values, reading), shape)
+    return _expect(effect, "columns", effect.at(values).columns(reading), shape)
 
 
 @_compiled
@@ -146,8 +149,10 @@ def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal
     in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
     """
 
+    acting = effect.at(values)
+
     def excess(reading: Array) -> Array:
-        return reading - effect.columns(values, reading) @ coefficients - signal
+        return reading - acting.columns(reading) @ coefficients - signal
 
     def value_and_slope(reading: Array) -> tuple[Array, Array]:
         return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
@@ -168,7 +173,7 @@ def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal
     value, slope = value_and_slope(reading)
     reading = reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
     # Steps have no slope: derivatives are those of what is fitted, the reading before them.
-    return reading + jax.lax.stop_gradient(effect.converted(values, reading) - reading)
+    return reading + jax.lax.stop_gradient(acting.converted(reading) - reading)
 
 
 def compiled_on_a_plane(

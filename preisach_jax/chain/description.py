@@ -18,6 +18,7 @@ from preisach_jax.effects.base import (
     SensorEffect,
     WeightEffect,
 )
+from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 
 Kind = TypeVar("Kind", bound=Effect)
@@ -52,7 +53,7 @@ class Chain(eqx.Module):
         signed: whether there are weights of both signs, as in butterfly loops.
 
     Raises:
-        ValueError: if two effects have one name, or one has a place that no chain has.
+        EffectError: if two effects have one name, or one has a place that no chain has.
 
     Example:
         >>> from preisach_jax.effects.creep import Creep
@@ -70,10 +71,10 @@ class Chain(eqx.Module):
     def __check_init__(self) -> None:
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
-            raise ValueError(f"the effects {names} have a name twice; give each its own")
+            raise EffectError(f"the effects {names} have a name twice; give each its own")
         for effect in self.effects:
             if not isinstance(effect, PLACES):
-                raise ValueError(
+                raise EffectError(
                     f"the effect {effect.name!r} is a {type(effect).__name__}: derive it from "
                     + ", ".join(place.__name__ for place in PLACES)
                 )

@@ -254,7 +254,7 @@ def _fed_back_operator(
         pair, time, shift, beside = sample
         whole = jnp.stack([before, output]) + beside
         for effect, own in zip(effects, values, strict=True):
-            pair = effect.fed_back(own, pair, whole, time)
+            pair = effect.at(own).fed_back(pair, whole, time)
         path, shift = (pair[-1] - scale[0]) / scale[1], shift[-1] / scale[1]
         return (path - shift, path + shift, *([] if all_widen else [path]))
 

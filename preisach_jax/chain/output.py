@@ -15,8 +15,8 @@ from preisach_jax.chain.compiled import (
     added_columns_of,
     apply_effect,
     as_arrays,
+    factor_of,
     free_response_of,
-    gain_of,
     reading_of,
 )
 from preisach_jax.chain.description import PLACES, Chain, EffectValues
@@ -101,7 +101,7 @@ def columns_beside(
 def gains_of(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
     """Factors of the effects of the weights, `(time,)` each."""
     return [
-        gain_of(effect, as_arrays(values[effect.name]), signals)
+        factor_of(effect, as_arrays(values[effect.name]), signals)
         for effect in chain.at(WeightEffect)
     ]
 

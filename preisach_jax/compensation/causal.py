@@ -174,7 +174,7 @@ class Causal:
         before, _ = self._in_front.ran(signals.input[:count], dt)
         signal = jnp.asarray(whole.hysteresis[:count])
         for effect in chain.at(WeightEffect):
-            signal = signal * effect.gain(self.forward.values[effect.name], signals)[:count]
+            signal = signal * effect.at(self.forward.values[effect.name]).factor(signals)[:count]
         behind, aim = self._after.ran(signal, dt)
         aux = [
             jax.lax.scan(
@@ -211,7 +211,7 @@ class Causal:
         signals = self._at(time)
         gain = jnp.ones(())
         for effect in self.forward.chain.at(WeightEffect):
-            gain = gain * effect.gain(self.forward.values[effect.name], signals)[0]
+            gain = gain * effect.at(self.forward.values[effect.name]).factor(signals)[0]
         return gain
 
     def _at(self, time: Array) -> Signals:
@@ -232,7 +232,7 @@ class Causal:
             elif isinstance(effect, OutputEffect):
                 value = value + effect.free_response(self._at(time))[0] @ share
             elif effect.name in timed:
-                columns = effect.columns(self.forward.values[effect.name], self._at(time))
+                columns = effect.at(self.forward.values[effect.name]).columns(self._at(time))
                 value = value + columns[0] @ share
         return value
 
@@ -248,13 +248,13 @@ class Causal:
         time, width = self.step_s * jnp.arange(3.0), jnp.zeros(())
         for effect in self.forward.chain.at(HysteresisEffect):
             own = self.forward.values[effect.name]
-            width = width + effect.widening(own, path, time)[-1]
+            width = width + effect.at(own).widening(path, time)[-1]
         return width
 
     def _seen(self, path: Array, hysteresis: Array) -> Array:
         time = jnp.asarray([0.0, self.step_s])
         for effect in self.forward.chain.at(HysteresisEffect):
-            path = effect.fed_back(self.forward.values[effect.name], path, hysteresis, time)
+            path = effect.at(self.forward.values[effect.name]).fed_back(path, hysteresis, time)
         return path[-1]
 
     def inverse(
@@ -362,7 +362,7 @@ class Causal:
 
     def _before_sensor(self, reading: Array) -> Array:
         for effect, share in reversed(self.forward.sensors):
-            columns = effect.columns(self.forward.values[effect.name], reading[None])
+            columns = effect.at(self.forward.values[effect.name]).columns(reading[None])
             reading = reading - (columns @ jnp.asarray(share))[0]
         return reading
 

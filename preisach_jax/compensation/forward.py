@@ -126,7 +126,7 @@ class Forward:
         """The output of the rest of the model at which the sensor reads a value."""
         output = jnp.asarray(reading)
         for effect, share in reversed(self.sensors):
-            columns = effect.columns(self.values[effect.name], output)
+            columns = effect.at(self.values[effect.name]).columns(output)
             output = output - columns @ jnp.asarray(share)
         return np.asarray(output)
 
@@ -135,7 +135,7 @@ class Forward:
         signals = self.signals(along)
         factor = np.ones(len(signals.time))
         for effect in self.chain.at(WeightEffect):
-            factor = factor * np.asarray(effect.gain(self.values[effect.name], signals))
+            factor = factor * np.asarray(effect.at(self.values[effect.name]).factor(signals))
         return factor[self.past.count :]
 
     def fed_back(self, path: np.ndarray, hysteresis: np.ndarray) -> np.ndarray:
@@ -143,5 +143,5 @@ class Forward:
         time = self.signals(path[self.past.count :]).time
         seen, rising = jnp.asarray(path), jnp.asarray(self.chain.polarity * hysteresis)
         for effect in self.chain.at(HysteresisEffect):
-            seen = effect.fed_back(self.values[effect.name], seen, rising, time)
+            seen = effect.at(self.values[effect.name]).fed_back(seen, rising, time)
         return np.asarray(seen)

@@ -61,7 +61,7 @@ class Lead:
         signal = jnp.zeros(count // 2).at[1].set(height)
         time = step_s * jnp.arange(count // 2)
         for effect in effects:
-            signal = effect.apply(values[effect.name], signal, time)
+            signal = effect.at(values[effect.name]).apply(signal, time)
         passed = np.fft.rfft(np.asarray(signal)[1:] / height, count)
         return Lead((1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2), samples)
 

@@ -22,7 +22,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import auxiliary_columns
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -240,7 +240,7 @@ class OnlineInverse:
             def kept(old: Array) -> Array:
                 leaf = stored[f"leaf.{next(places)}"]
                 if leaf.shape != old.shape:
-                    raise ValueError("its state is that of another model")
+                    raise ContentError("its state is that of another model")
                 return jnp.asarray(leaf)
 
             with jax.enable_x64(True):

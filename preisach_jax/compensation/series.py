@@ -41,14 +41,12 @@ class Series:
         """States after a signal, `(time,)`, whose time steps are given, and what has come out."""
         ends: list[Any] = []
         for effect in self.effects:
-            own = self.values[effect.name]
+            acting = effect.at(self.values[effect.name])
 
-            def advance(
-                state: Any, now: tuple[Array, Array], e: Any = effect, v: Any = own
-            ) -> tuple[Any, Array]:
-                return e.step(v, state, *now)
+            def advance(state: Any, now: tuple[Array, Array], e: Any = acting) -> tuple[Any, Array]:
+                return e.step(state, *now)
 
-            end, signal = jax.lax.scan(advance, effect.init(own, signal[0]), (signal, dt))
+            end, signal = jax.lax.scan(advance, acting.init(signal[0]), (signal, dt))
             ends.append(end)
         return tuple(ends), signal
 
@@ -57,13 +55,13 @@ class Series:
         after: list[Any] = []
         dt = jnp.asarray(self.step_s)
         for effect, state in zip(self.effects, states, strict=True):
-            new, value = effect.step(self.values[effect.name], state, value, dt)
+            new, value = effect.at(self.values[effect.name]).step(state, value, dt)
             after.append(new)
         return tuple(after), value
 
     def ahead(self) -> int:
         """Samples ahead at which enough of a straight course has come through."""
-        states = tuple(e.init(self.values[e.name], jnp.zeros(())) for e in self.effects)
+        states = tuple(e.at(self.values[e.name]).init(jnp.zeros(())) for e in self.effects)
         for ahead in range(MOST_AHEAD):
             states, out = self.passed(states, jnp.asarray(ahead + 1.0))
             if float(out) >= PASSED * (ahead + 1):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import CYCLES, Signals, Survey, Values, WeightEffect
-from preisach_jax.effects.drift import settling
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import CYCLES, Signals, Survey, WeightEffect
+from preisach_jax.effects.drift import settling, settling_time
+from preisach_jax.effects.parameter import parameter
 
 
 class Ageing(WeightEffect):
@@ -40,25 +41,13 @@ class Ageing(WeightEffect):
         "its height, drift its place"
     )
     horizon_s: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = self.horizon_s / 30, self.horizon_s * 30
-        return (
-            Parameter("loss", "1", -0.5, 0.9, meaning="share of the stroke lost over the record"),
-            Parameter(
-                "tau_s",
-                "s",
-                low,
-                high,
-                start=log_grid(low * 3, high / 3, per_decade=1),
-                log=True,
-                meaning="time constant; far above the record's length the loss is a straight line",
-                open_ended=True,
-            ),
-        )
+    loss: float = parameter("1", -0.5, 0.9, meaning="share of the stroke lost over the record")
+    tau_s: float = settling_time(
+        "time constant; far above the record's length the loss is a straight line"
+    )
 
     def bound_to(self, survey: Survey) -> Ageing:
-        return Ageing(horizon_s=survey.duration_s)
+        return replace(self, horizon_s=survey.duration_s)
 
-    def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
-        return 1 - values["loss"] * settling(signals.time, values["tau_s"], self.horizon_s)
+    def factor(self, signals: Signals) -> Float[Array, " time"]:
+        return 1 - self.loss * settling(signals.time, self.tau_s, self.horizon_s)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Signals, Values
-from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import AddedEffect, Signals
+from preisach_jax.effects.of_column import OfColumn, behind_lag, column_lag
+from preisach_jax.effects.parameter import Parameter, coefficient
 
 
 class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -39,13 +38,11 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
     signature: ClassVar[str] = "residual that follows the auxiliary column"
     confused_with: ClassVar[tuple[str, ...]] = ("drift", "gain:COL", "cross:COL")
     experiment: ClassVar[str] = "change the auxiliary quantity while the input rests"
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.lag(),)
+    tau_s: float = column_lag()
 
     def coefficients(self) -> tuple[Parameter, ...]:
         unit = f"{{z}}/{self.unit or '1'}"
-        return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per auxiliary unit"),)
+        return (coefficient("gain", unit, "output per auxiliary unit"),)
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
-        return self.lagged(values, signals)[:, None]
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        return behind_lag(self, signals, self.tau_s)[:, None]

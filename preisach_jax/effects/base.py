@@ -6,18 +6,18 @@ The signal chain of every model is::
         effects     effects    effects   effects     │     effects
                                       added effects ─┘
 
-An effect is one small class.  It derives from the class of its *place* and says what its
-parameters are (`parameters`) and what it does to a signal.  Effects of the input and of the
-output are written as `init` and `step` for one scalar signal; the base class runs them over time
-with the actual time step, and the model maps them over regressors.
+An effect is one small class.  It derives from the class of its *place*, declares its parameters
+as fields, and says what it does to a signal.  Effects of the input and of the output are written
+as `init` and `step` for one scalar signal; the base class runs them over time with the actual
+time step, and the model maps them over regressors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -26,7 +26,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.parameter import Parameter, declared_by
+from preisach_jax.errors import EffectError, InputError
 
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
@@ -77,6 +78,14 @@ class Signals(eqx.Module):
     aux: dict[str, Float[Array, " time"]]
 
 
+def unfinished(effect: Any, method: str) -> EffectError:
+    """The error that says which method of an effect's class is missing."""
+    return EffectError(
+        f"{type(effect).__name__}, the class of the effect {effect.name!r}, lacks a method of its "
+        f"place: write {method}"
+    )
+
+
 class Effect(eqx.Module):
     """What all effects share: the texts of the library, and the parameters.
 
@@ -102,9 +111,10 @@ class Effect(eqx.Module):
         own_each_run: whether its coefficients differ from one record to the next, where several are
             fitted together.
 
-    Its fields say how it is bound to a record.  Floats, and tuples of them, are traced where the
-    effect acts, so that code compiled for one record serves others; to branch on them there, or to
-    print them, declare them static (`eqx.field(static=True)`).
+    Fields that are declared by `parameter` hold the values of the parameters where the effect acts
+    (see `at`).  The other fields say how it is bound to a record.  Floats, and tuples of them, are
+    traced where the effect acts, so that code compiled for one record serves others; to branch on
+    them there, or to print them, declare them static (`eqx.field(static=True)`).
     """
 
     name: ClassVar[str] = ""
@@ -129,7 +139,46 @@ class Effect(eqx.Module):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the search must find (those that enter the model nonlinearly)."""
-        raise NotImplementedError(f"{type(self).__name__} must say what its parameters are")
+        found: list[Parameter] = []
+        for own in fields(self):
+            if declared := declared_by(own):
+                found += declared.parameters(self, own.name)
+        return tuple(found)
+
+    def at(self, values: Values) -> Self:
+        """This effect with values of its parameters.
+
+        Arguments:
+            values: the values by the parameters' names; a parameter that is missing keeps its own.
+
+        Returns:
+            The effect, ready to act on signals.
+
+        Raises:
+            InputError: if it has no parameter of such a name.
+
+        Example:
+            >>> from preisach_jax.effects.resonance import Resonance
+            >>> Resonance().at({"f_hz": 200.0, "zeta": 0.02}).f_hz
+            200.0
+        """
+        found: dict[str, Any] = {}
+        known: list[str] = []
+        for own in fields(self):
+            if declared := declared_by(own):
+                names = declared.names(self, own.name)
+                known += names
+                given = [values[name] for name in names if name in values]
+                if given and declared.count is not None:
+                    found[own.name] = tuple(given)
+                elif given:
+                    found[own.name] = given[0]
+        if strange := set(values) - set(known):
+            raise InputError(
+                f"the effect {self.name!r} has no parameter {min(strange)!r}; give values of "
+                f"{', '.join(known) or 'none'}"
+            )
+        return replace(self, **found) if found else self
 
     def bound_to(self, survey: Survey) -> Effect:
         """This effect with its scales and starts set to a record's; by default unchanged."""
@@ -149,27 +198,28 @@ class Effect(eqx.Module):
 
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
-        return {own.name: getattr(self, own.name) for own in fields(self)}
+        return {
+            own.name: getattr(self, own.name) for own in fields(self) if declared_by(own) is None
+        }
 
 
 class _Stepped(Effect):
     """An effect on one scalar signal, written as `init` and `step`."""
 
-    def init(self, values: Values, first: Array) -> Any:
+    def init(self, first: Array) -> Any:
         """State before the first sample, whose value is `first` (the machine was at rest)."""
-        raise NotImplementedError(f"{type(self).__name__} must have init(values, first)")
+        raise unfinished(self, "init(self, first)")
 
-    def step(self, values: Values, state: Any, value: Array, dt: Array) -> tuple[Any, Array]:
+    def step(self, state: Any, value: Array, dt: Array) -> tuple[Any, Array]:
         """New state and output after `dt` seconds, at whose end the signal is `value`."""
-        raise NotImplementedError(f"{type(self).__name__} must have step(values, state, value, dt)")
+        raise unfinished(self, "step(self, state, value, dt)")
 
     def apply(
-        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+        self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         """The signal after the effect, sample by sample with the actual time step.
 
         Arguments:
-            values: parameters by name.
             signal: the signal, `(time,)`.
             time: time in s, `(time,)`.
 
@@ -181,15 +231,15 @@ class _Stepped(Effect):
             >>> from preisach_jax.effects.input_lag import InputLag
             >>> t = jnp.linspace(0.0, 1.0, 101)
             >>> step = jnp.where(t > 0, 1.0, 0.0)
-            >>> u = InputLag().apply({"tau_s": 0.1}, step, t)
+            >>> u = InputLag(tau_s=0.1).apply(step, t)
             >>> bool(abs(u[-1] - 1) < 1e-3)
             True
         """
         dt = jnp.diff(time, prepend=time[:1])
-        state = self.init(values, signal[0])
+        state = self.init(signal[0])
 
         def advance(state: Any, sample: tuple[Array, Array]) -> tuple[Any, Array]:
-            return self.step(values, state, *sample)
+            return self.step(state, *sample)
 
         return jax.lax.scan(advance, state, (signal, dt))[1]
 
@@ -213,15 +263,14 @@ class HysteresisEffect(Effect):
         return False
 
     def widening(
-        self, values: Values, path: Float[Array, " time"], time: Float[Array, " time"]
+        self, path: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         """By how much thresholds move outward, α + δ and β - δ, `(time,)`, in input units."""
-        del values, time
+        del time
         return jnp.zeros_like(path)
 
     def fed_back(
         self,
-        values: Values,
         path: Float[Array, " time"],
         output: Float[Array, " time"],
         time: Float[Array, " time"],
@@ -232,7 +281,7 @@ class HysteresisEffect(Effect):
         of which the model finds the output that agrees with itself. Of an actuator whose output
         falls as the input rises, it is the negative output.
         """
-        del values, output, time
+        del output, time
         return path
 
 
@@ -253,13 +302,10 @@ class OutputEffect(_Stepped):
         """What states that were not at rest at the first sample add, `(time, columns)`."""
         return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
 
-    def past_bound(
-        self, values: Values, signals: Signals, furthest: float
-    ) -> Float[Array, " time"]:
+    def past_bound(self, signals: Signals, furthest: float) -> Float[Array, " time"]:
         """How far a past that is not known can move the output from that of a machine at rest.
 
         Arguments:
-            values: the effect's parameters.
             signals: what drives the record.
             furthest: greatest distance of the effect's input, at any time before the record, from
                 its first value.
@@ -267,7 +313,7 @@ class OutputEffect(_Stepped):
         Returns:
             (time,) bound, in the output's unit; by default zero.
         """
-        del values, furthest
+        del furthest
         return jnp.zeros_like(signals.time)
 
 
@@ -283,14 +329,13 @@ class WeightEffect(Effect):
         """The coefficient of each of the `columns`, found by least squares; by default none."""
         return ()
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         """What is added for a coefficient of one, `(time, columns)`; by default nothing."""
-        del values
         return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
 
-    def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
+    def factor(self, signals: Signals) -> Float[Array, " time"]:
         """Factor on all weights at each sample, `(time,)`."""
-        raise NotImplementedError(f"{type(self).__name__} must have gain(values, signals)")
+        raise unfinished(self, "factor(self, signals)")
 
 
 class AddedEffect(Effect):
@@ -305,11 +350,11 @@ class AddedEffect(Effect):
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each column, found by linear least squares."""
-        raise NotImplementedError(f"{type(self).__name__} must name its coefficients")
+        raise unfinished(self, "coefficients(self)")
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         """What is added for a coefficient of one, `(time, columns)`."""
-        raise NotImplementedError(f"{type(self).__name__} must have columns(values, signals)")
+        raise unfinished(self, "columns(self, signals)")
 
 
 class SensorEffect(Effect):
@@ -325,17 +370,13 @@ class SensorEffect(Effect):
         """The coefficient of each φ, found by linear least squares; by default none."""
         return ()
 
-    def columns(
-        self, values: Values, reading: Float[Array, " time"]
-    ) -> Float[Array, "time column"]:
+    def columns(self, reading: Float[Array, " time"]) -> Float[Array, "time column"]:
         """The functions φ_k of a reading, `(time, columns)`, smooth; by default none."""
-        del values
         return jnp.zeros((*reading.shape, 0), reading.dtype)
 
-    def converted(self, values: Values, reading: Float[Array, " time"]) -> Float[Array, " time"]:
+    def converted(self, reading: Float[Array, " time"]) -> Float[Array, " time"]:
         """The reading in the steps of a converter; by default as it is.
 
         What the steps depend on is not fitted: it keeps the start that `bound_to` gives it.
         """
-        del values
         return reading

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, OutputEffect, Signals, Survey, Values, low_pass_step
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Signals, Survey, low_pass_step
+from preisach_jax.effects.parameter import Parameter, coefficient, log_grid, parameter
 
 
 def creep_times(survey: Survey) -> tuple[float, ...]:
@@ -59,21 +60,20 @@ class Creep(OutputEffect):
         "drift does not care"
     )
     tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"c_{i}", "1", 0.0, 0.5, meaning=f"gain of the element of {tau:.3g} s")
-            for i, tau in enumerate(self.tau_s, start=1)
-        )
+    c: tuple[float, ...] = parameter(
+        "1",
+        0.0,
+        0.5,
+        count=lambda own: len(own.tau_s),
+        meaning=lambda own: [f"gain of the element of {tau:.3g} s" for tau in own.tau_s],
+    )
 
     def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(
+            coefficient(
                 f"start_{i}",
                 "{z}",
-                -np.inf,
-                np.inf,
-                meaning=f"what the past before the record leaves in the element of {tau:.3g} s",
+                f"what the past before the record leaves in the element of {tau:.3g} s",
                 amount=False,
             )
             for i, tau in enumerate(self.tau_s, start=1)
@@ -82,30 +82,31 @@ class Creep(OutputEffect):
     def free_response(self, signals: Signals) -> Float[Array, "time column"]:
         return jnp.exp(-signals.time[:, None] / jnp.asarray(self.tau_s)[None, :])
 
-    def past_bound(
-        self, values: Values, signals: Signals, furthest: float
-    ) -> Float[Array, " time"]:
-        gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
+    def past_bound(self, signals: Signals, furthest: float) -> Float[Array, " time"]:
+        gains = self._gains
         # Creep goes on beyond the elements that the record could show: by a decade, half of which
         # an average past has used up.
         beyond = 0.5 * gains.sum() / self._per_decade
         return furthest * (self.free_response(signals) @ gains + beyond)
 
     def bound_to(self, survey: Survey) -> Creep:
-        return Creep(tau_s=creep_times(survey))
+        return replace(self, tau_s=creep_times(survey))
 
     def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
         return np.full(len(amounts), 1 / self._per_decade), "gain_per_decade", "1"
+
+    @property
+    def _gains(self) -> Array:
+        return jnp.stack([jnp.asarray(gain) for gain in self.c])
 
     @property
     def _per_decade(self) -> float:
         """Elements in a decade of time."""
         return (len(self.tau_s) - 1) / float(np.log10(self.tau_s[-1] / self.tau_s[0]))
 
-    def init(self, values: Values, first: Array) -> Array:
+    def init(self, first: Array) -> Array:
         return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))
 
-    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         state = low_pass_step(state, value, dt, jnp.asarray(self.tau_s))
-        gains = jnp.stack([jnp.asarray(values[f"c_{i + 1}"]) for i in range(len(self.tau_s))])
-        return state, value + gains @ state[:, 0]
+        return state, value + self._gains @ state[:, 0]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.base import AddedEffect, Signals, Survey
 from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.parameter import Parameter, coefficient, log_grid, parameter
 from preisach_jax.effects.resonance import Resonance
 
 
@@ -46,34 +47,37 @@ class Cross(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariabl
     experiment: ClassVar[str] = (
         "a multisine up to beyond the mode on the other axis while this one rests"
     )
+    f_hz: float = parameter(
+        "Hz",
+        lambda own: own.lowest_hz,
+        lambda own: own.highest_hz,
+        log=True,
+        start=lambda own: log_grid(
+            max(own.highest_hz / 10**2.5, own.lowest_hz) * 1.1, own.highest_hz / 1.1, per_decade=6
+        ),
+        meaning="natural frequency of the mode between the axes",
+    )
+    zeta: float = parameter("1", 0.001, 0.95, log=True, start=(0.05, 0.4), meaning="damping ratio")
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = (1 / (2 * jnp.pi * tau) for tau in (self.tau_high_s, self.tau_low_s))
-        low, high = float(low), float(high)
-        lowest = max(high / 10**2.5, low)
-        return (
-            Parameter(
-                "f_hz",
-                "Hz",
-                low,
-                high,
-                start=log_grid(lowest * 1.1, high / 1.1, per_decade=6),
-                log=True,
-                meaning="natural frequency of the mode between the axes",
-            ),
-            Parameter(
-                "zeta", "1", 0.001, 0.95, start=(0.05, 0.4), log=True, meaning="damping ratio"
-            ),
-        )
+    @property
+    def lowest_hz(self) -> float:
+        """The lowest natural frequency that is searched."""
+        return float(1 / (2 * jnp.pi * self.tau_high_s))
+
+    @property
+    def highest_hz(self) -> float:
+        """The highest natural frequency that is searched."""
+        return float(1 / (2 * jnp.pi * self.tau_low_s))
 
     def coefficients(self) -> tuple[Parameter, ...]:
         unit = f"{{z}}/{self.unit or '1'}"
-        return (Parameter("gain", unit, -jnp.inf, jnp.inf, meaning="output per unit of the axis"),)
+        return (coefficient("gain", unit, "output per unit of the axis"),)
 
     def bound_to(self, survey: Survey) -> Self:
         slowest = survey.duration_s / 20
-        return type(self)(self.column, self.unit, survey.step_s / 2.8, slowest)
+        return replace(self, tau_low_s=survey.step_s / 2.8, tau_high_s=slowest)
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         column = signals.aux[self.column]
-        return Resonance().apply(values, column, signals.time)[:, None]
+        mode = Resonance(f_hz=self.f_hz, zeta=self.zeta)
+        return mode.apply(column, signals.time)[:, None]

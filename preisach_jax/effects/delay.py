@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Survey
+from preisach_jax.effects.parameter import parameter
 
 
 class Delay(OutputEffect):
@@ -20,7 +20,7 @@ class Delay(OutputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.arange(5.0)
-        >>> Delay().apply({"delay_s": 0.5}, t, t).tolist()
+        >>> Delay(delay_s=0.5).apply(t, t).tolist()
         [0.0, 0.5, 1.5, 2.5, 3.5]
     """
 
@@ -45,27 +45,22 @@ class Delay(OutputEffect):
     )
     delay_low_s: float = 1e-5
     delay_high_s: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                "delay_s",
-                "s",
-                self.delay_low_s,
-                self.delay_high_s,
-                start=log_grid(self.delay_low_s * 2, self.delay_high_s / 2, per_decade=2),
-                log=True,
-                meaning="delay",
-            ),
-        )
+    delay_s: float = parameter(
+        "s",
+        lambda own: own.delay_low_s,
+        lambda own: own.delay_high_s,
+        log=True,
+        margins=(2, 2),
+        meaning="delay",
+    )
 
     def bound_to(self, survey: Survey) -> Delay:
         return Delay(delay_low_s=survey.step_s / 4, delay_high_s=survey.duration_s / 20)
 
     def apply(
-        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+        self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         # A delay needs the past of its signal, not a state of fixed size.  The output is shifted,
         # and not the input: a shifted input would be sampled beside its turning points, and the
         # hysteresis would remember the wrong ones.
-        return jnp.interp(time - values["delay_s"], time, signal)
+        return jnp.interp(time - self.delay_s, time, signal)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey, Values
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey
+from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 
-def settling(time_s: Array, tau_s: Array, horizon_s: float) -> Array:
+def settling(time_s: Array, tau_s: Array | float, horizon_s: float) -> Array:
     r"""Exponential approach that is 0 at the start and 1 at the horizon \(T\).
 
     \[ g(t) = \frac{1 - e^{-t/\tau}}{1 - e^{-T/\tau}} \]
@@ -21,6 +23,21 @@ def settling(time_s: Array, tau_s: Array, horizon_s: float) -> Array:
     It is a straight line for \(\tau \gg T\), so one formula serves for both.
     """
     return jnp.expm1(-time_s / tau_s) / jnp.expm1(-horizon_s / tau_s)
+
+
+def settling_time(meaning: str, when: Callable[[Any], bool] | None = None) -> Any:
+    """The time constant of `settling` as a parameter, around the horizon of an effect."""
+    return parameter(
+        "s",
+        lambda own: own.horizon_s / 30,
+        lambda own: own.horizon_s * 30,
+        log=True,
+        margins=(3, 3),
+        per_decade=1.0,
+        meaning=meaning,
+        open_ended=True,
+        when=when,
+    )
 
 
 WAVES = (6, 12, 24, 48)
@@ -68,42 +85,28 @@ class Drift(AddedEffect):
     horizon_s: float = 1.0
 
     waves: int = eqx.field(static=True, default=0)
+    tau_s: float = settling_time(
+        "time constant; far above the record's length it is a straight line",
+        when=lambda own: not own.waves,
+    )
 
     @property
     def lawless(self) -> bool:
         return self.waves > 0
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        if self.waves:
-            return ()
-        low, high = self.horizon_s / 30, self.horizon_s * 30
-        return (
-            Parameter(
-                "tau_s",
-                "s",
-                low,
-                high,
-                start=log_grid(low * 3, high / 3, per_decade=1),
-                log=True,
-                meaning="time constant; far above the record's length it is a straight line",
-                open_ended=True,
-            ),
-        )
-
     def coefficients(self) -> tuple[Parameter, ...]:
-        def free(name: str, meaning: str) -> Parameter:
-            return Parameter(name, "{z}", -jnp.inf, jnp.inf, meaning=meaning)
-
         if self.waves:
             period = 2 * self.horizon_s
             return tuple(
-                free(f"wave_{k}", f"amplitude of the wave of period {period / k:.3g} s")
+                coefficient(
+                    f"wave_{k}", "{z}", f"amplitude of the wave of period {period / k:.3g} s"
+                )
                 for k in range(1, self.waves + 1)
             )
-        return (free("amplitude", "change over the record"),)
+        return (coefficient("amplitude", "{z}", "change over the record"),)
 
     def bound_to(self, survey: Survey) -> Drift:
-        return Drift(horizon_s=survey.duration_s)
+        return replace(self, horizon_s=survey.duration_s, waves=0)
 
     def variants(self, survey: Survey) -> tuple[Drift, ...]:
         settled = self.bound_to(survey)
@@ -113,16 +116,16 @@ class Drift(AddedEffect):
         wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
         for waves in WAVES:
             trial = Drift(horizon_s=survey.duration_s, waves=waves)
-            left = _left(survey.residual, trial.columns({}, signals))
+            left = _left(survey.residual, trial.columns(signals))
             if left < WANDERS * least:
                 wander, least = trial, left
         return (settled,) if wander is None else (settled, wander)
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         if self.waves:
             phase = jnp.pi * jnp.clip(signals.time / self.horizon_s, 0.0, 1.0)
             return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
-        return settling(signals.time, values["tau_s"], self.horizon_s)[:, None]
+        return settling(signals.time, self.tau_s, self.horizon_s)[:, None]
 
 
 def _left(residual: np.ndarray, columns: Array) -> float:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, HysteresisEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import RATES, HysteresisEffect, Survey
+from preisach_jax.effects.parameter import parameter
 
 
 class EddyCurrents(HysteresisEffect):
@@ -26,7 +27,7 @@ class EddyCurrents(HysteresisEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> path, output, time = jnp.array([0.0, 4.0]), jnp.array([0.0, 1.0]), jnp.array([0.0, 0.5])
-        >>> EddyCurrents().fed_back({"k": 0.25}, path, output, time).tolist()
+        >>> EddyCurrents(k=0.25).fed_back(path, output, time).tolist()
         [0.0, 3.5]
     """
 
@@ -58,10 +59,12 @@ class EddyCurrents(HysteresisEffect):
     )
     range_u: float = 1.0
     speed_z: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        most = self.range_u / self.speed_z
-        return (Parameter("k", "{u} s/{z}", 0.0, most, meaning="input for unit speed of output"),)
+    k: float = parameter(
+        "{u} s/{z}",
+        0.0,
+        lambda own: own.range_u / own.speed_z,
+        meaning="input for unit speed of output",
+    )
 
     def bound_to(self, survey: Survey) -> EddyCurrents:
         if len(survey.time) < 2:
@@ -69,11 +72,10 @@ class EddyCurrents(HysteresisEffect):
         speed = float(np.quantile(survey.speeds, 0.9))
         swing = float(np.ptp(survey.input)) or 1.0
         ratio = float(np.ptp(survey.output)) / swing or 1.0
-        return EddyCurrents(swing, ratio * (speed or swing / survey.step_s))
+        return replace(self, range_u=swing, speed_z=ratio * (speed or swing / survey.step_s))
 
     def fed_back(
         self,
-        values: Values,
         path: Float[Array, " time"],
         output: Float[Array, " time"],
         time: Float[Array, " time"],
@@ -82,4 +84,4 @@ class EddyCurrents(HysteresisEffect):
         moved = jnp.diff(output, prepend=output[:1])
         # The first sample has none before it.
         speed = jnp.where(dt > 0, moved / jnp.where(dt > 0, dt, 1.0), 0.0)
-        return path - values["k"] * speed
+        return path - self.k * speed

@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, Effect, Survey, Values, low_pass_step
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import RATES, Effect, Survey, low_pass_step
+from preisach_jax.effects.parameter import time_constant
 
 
 class FirstOrderLag(Effect):
@@ -22,26 +22,14 @@ class FirstOrderLag(Effect):
 
     tau_low_s: float = 1e-5
     tau_high_s: float = 10.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                "tau_s",
-                "s",
-                self.tau_low_s,
-                self.tau_high_s,
-                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 4, per_decade=2),
-                log=True,
-                meaning="time constant",
-            ),
-        )
+    tau_s: float = time_constant("time constant", margins=(2, 4))
 
     def bound_to(self, survey: Survey) -> Self:
         return type(self)(tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20)
 
-    def init(self, values: Values, first: Array) -> Array:
+    def init(self, first: Array) -> Array:
         return jnp.stack([first, first])
 
-    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        state = low_pass_step(state, value, dt, values["tau_s"])
+    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+        state = low_pass_step(state, value, dt, self.tau_s)
         return state, state[0]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Self
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Signals, Survey, Values, WeightEffect
-from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import Signals, Survey, WeightEffect
+from preisach_jax.effects.of_column import OfColumn, behind_lag, column_lag
+from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 
 class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -34,8 +34,8 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
         >>> coil = Gain(column="current_A", unit="A", middle=0.5, span=1.0)
         >>> current = jnp.array([0.0, 0.5, 1.0])
         >>> signals = Signals(jnp.arange(3.0), current, {"current_A": current})
-        >>> values = {"gain": 1.0, "curvature": 0.0, "tau_s": 1e-3}
-        >>> coil.name, coil.gain(values, signals).round(1).tolist()
+        >>> coil = coil.at({"gain": 1.0, "curvature": 0.0, "tau_s": 1e-3})
+        >>> coil.name, coil.factor(signals).round(1).tolist()
         ('gain:current_A', [0.5, 1.0, 1.5])
     """
 
@@ -60,48 +60,34 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
     )
     middle: float = 0.5
     span: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        most = 2 / self.span
-        return (
-            Parameter(
-                "gain",
-                f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit or '1'}",
-                -most,
-                most,
-                meaning="change of the factor for unit column, over the column's range",
-            ),
-            Parameter(
-                "curvature",
-                "1",
-                -1.0,
-                1.0,
-                start=(-0.5, 0.5),
-                meaning="bend of the factor over the column's range; 0 is straight",
-                amount=False,
-            ),
-            self.lag(),
-        )
+    gain: float = parameter(
+        lambda own: f"1/({own.unit})" if "/" in own.unit else f"1/{own.unit or '1'}",
+        lambda own: -2 / own.span,
+        lambda own: 2 / own.span,
+        meaning="change of the factor for unit column, over the column's range",
+    )
+    curvature: float = parameter(
+        "1",
+        -1.0,
+        1.0,
+        start=(-0.5, 0.5),
+        meaning="bend of the factor over the column's range; 0 is straight",
+        amount=False,
+    )
+    tau_s: float = column_lag()
 
     def coefficients(self) -> tuple[Parameter, ...]:
         unit = f"{{z}}/{self.unit or '1'}"
-        return (Parameter("shift", unit, -jnp.inf, jnp.inf, meaning="what is added as well"),)
+        return (coefficient("shift", unit, "what is added as well"),)
 
     def bound_to(self, survey: Survey) -> Self:
         column = survey.aux.get(self.column, np.zeros(0))
         low, high = (float(column.min()), float(column.max())) if len(column) else (0.0, 1.0)
-        return type(self)(
-            self.column,
-            self.unit,
-            survey.step_s / 10,
-            survey.duration_s / 5,
-            (low + high) / 2,
-            (high - low) or 1.0,
-        )
+        return replace(super().bound_to(survey), middle=(low + high) / 2, span=(high - low) or 1.0)
 
-    def gain(self, values: Values, signals: Signals) -> Float[Array, " time"]:
-        return 1 + values["gain"] * self.columns(values, signals)[:, 0]
+    def factor(self, signals: Signals) -> Float[Array, " time"]:
+        return 1 + self.gain * self.columns(signals)[:, 0]
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
-        place = (self.lagged(values, signals) - self.middle) / self.span
-        return self.span * (place + values["curvature"] * (place**2 - 0.25))[:, None]
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        place = (behind_lag(self, signals, self.tau_s) - self.middle) / self.span
+        return self.span * (place + self.curvature * (place**2 - 0.25))[:, None]

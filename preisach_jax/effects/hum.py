@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import AddedEffect, Signals, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import AddedEffect, Signals, Survey
+from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 from preisach_jax.effects.spectrum import strongest_lines
 
 MAINS_HZ = (50.0, 60.0)
@@ -63,14 +63,17 @@ class Hum(AddedEffect):
     own_each_run: ClassVar[bool] = True
     starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = 0.99 * min(self.starts_hz), 1.01 * max(self.starts_hz)
-        return (Parameter("f_hz", "Hz", low, high, start=self.starts_hz, meaning="frequency"),)
+    f_hz: float = parameter(
+        "Hz",
+        lambda own: 0.99 * min(own.starts_hz),
+        lambda own: 1.01 * max(own.starts_hz),
+        start=lambda own: own.starts_hz,
+        meaning="frequency",
+    )
 
     def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(f"{part}_{k}", "{z}", -jnp.inf, jnp.inf, meaning=f"{part} of {k} f_hz")
+            coefficient(f"{part}_{k}", "{z}", f"{part} of {k} f_hz")
             for k in range(1, self.harmonics + 1)
             for part in ("cosine", "sine")
         )
@@ -90,8 +93,8 @@ class Hum(AddedEffect):
         below = int(0.5 / survey.step_s / (1.01 * max(starts)))
         return Hum(starts_hz=starts, harmonics=min(max(below, 1), 3))
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
-        phase = 2 * jnp.pi * values["f_hz"] * signals.time
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        phase = 2 * jnp.pi * self.f_hz * signals.time
         waves = [
             part(k * phase) for k in range(1, self.harmonics + 1) for part in (jnp.cos, jnp.sin)
         ]

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import InputEffect, Values
+from preisach_jax.effects.base import InputEffect
 from preisach_jax.effects.first_order import FirstOrderLag
 
 
@@ -48,7 +48,7 @@ class InputLag(FirstOrderLag, InputEffect):
     )
 
     def apply(
-        self, values: Values, signal: Float[Array, " time"], time: Float[Array, " time"]
+        self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
         # with its chord a twelfth of (curvature x step²), by which the ends are moved.  Of the last
@@ -61,4 +61,4 @@ class InputLag(FirstOrderLag, InputEffect):
         last = jnp.pad(bend, (1, 0))[:-1]
         smaller = jnp.where(jnp.abs(bend) < jnp.abs(last), bend, last)
         smaller = jnp.where(bend * last > 0, smaller, 0.0)
-        return super().apply(values, signal - smaller / 12, time)
+        return super().apply(signal - smaller / 12, time)

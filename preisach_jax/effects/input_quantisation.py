@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.effects.base import InputEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import InputEffect, Survey
+from preisach_jax.effects.parameter import parameter
 from preisach_jax.effects.spectrum import strongest_lines
 
 MOST_STEPS = 5000
@@ -30,7 +30,7 @@ class InputQuantisation(InputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> u = jnp.array([0.0, 0.2, 0.3, 0.7])
-        >>> InputQuantisation().apply({"step": 0.5}, u, jnp.arange(4.0)).tolist()
+        >>> InputQuantisation(quantum=0.5).apply(u, jnp.arange(4.0)).tolist()
         [0.0, 0.0, 0.5, 0.5]
     """
 
@@ -50,12 +50,14 @@ class InputQuantisation(InputEffect):
         "input, those of the output at equal distances of the output"
     )
     starts: tuple[float, ...] = (1e-6,)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = 0.995 * min(self.starts), 1.005 * max(self.starts)
-        return (
-            Parameter("step", "{u}", low, high, start=self.starts, meaning="step of the converter"),
-        )
+    quantum: float = parameter(
+        "{u}",
+        lambda own: 0.995 * min(own.starts),
+        lambda own: 1.005 * max(own.starts),
+        start=lambda own: own.starts,
+        meaning="step of the converter",
+        name="step",
+    )
 
     def bound_to(self, survey: Survey) -> InputQuantisation:
         values = survey.input
@@ -74,13 +76,11 @@ class InputQuantisation(InputEffect):
         # Where there are none, one too fine to do anything.
         return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,))
 
-    def init(self, values: Values, first: Array) -> tuple[()]:
+    def init(self, first: Array) -> tuple[()]:
         return ()
 
-    def step(
-        self, values: Values, state: tuple[()], value: Array, dt: Array
-    ) -> tuple[tuple[()], Array]:
-        return state, values["step"] * jnp.round(value / values["step"])
+    def step(self, state: tuple[()], value: Array, dt: Array) -> tuple[tuple[()], Array]:
+        return state, self.quantum * jnp.round(value / self.quantum)
 
 
 def _steps_of(values: np.ndarray, residual: np.ndarray, low: float, high: float) -> list[float]:

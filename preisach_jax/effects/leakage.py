@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values, low_pass_step
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Survey, low_pass_step
+from preisach_jax.effects.parameter import time_constant
 
 
 class Leakage(OutputEffect):
@@ -23,7 +24,7 @@ class Leakage(OutputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.linspace(0.0, 1.0, 101)
-        >>> z = Leakage().apply({"tau_s": 0.5}, jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> z = Leakage(tau_s=0.5).apply(jnp.where(t > 0.0, 1.0, 0.0), t)
         >>> round(float(z[-1]), 3)  # exp(-2), less half a sample
         0.137
     """
@@ -52,26 +53,14 @@ class Leakage(OutputEffect):
     )
     tau_low_s: float = 0.1
     tau_high_s: float = 100.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                "tau_s",
-                "s",
-                self.tau_low_s,
-                self.tau_high_s,
-                start=log_grid(self.tau_low_s * 2, self.tau_high_s / 2, per_decade=2),
-                log=True,
-                meaning="time constant of the decay",
-            ),
-        )
+    tau_s: float = time_constant("time constant of the decay", margins=(2, 2))
 
     def bound_to(self, survey: Survey) -> Leakage:
-        return Leakage(tau_low_s=20 * survey.step_s, tau_high_s=10 * survey.duration_s)
+        return replace(self, tau_low_s=20 * survey.step_s, tau_high_s=10 * survey.duration_s)
 
-    def init(self, values: Values, first: Array) -> Array:
+    def init(self, first: Array) -> Array:
         return jnp.stack([first, first])
 
-    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        state = low_pass_step(state, value, dt, values["tau_s"])
+    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+        state = low_pass_step(state, value, dt, self.tau_s)
         return state, value - state[0]

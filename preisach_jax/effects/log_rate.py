@@ -7,12 +7,11 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import Survey, Values
-from preisach_jax.effects.parameter import Parameter
-from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.parameter import parameter
+from preisach_jax.effects.speed_widening import SpeedWidening
 
 
-class LogRate(RateDependence):
+class LogRate(SpeedWidening):
     r"""Thresholds that move outward with the logarithm of the speed.
 
     \[ \delta = c\,\log_{10}(1 + |\dot u| / v_0) \]
@@ -21,12 +20,12 @@ class LogRate(RateDependence):
         reference_per_s: greatest speed of the record, in input units per s, below which \(v_0\) is
             searched.
         range_u: range of the input; bounds the coefficient c, the widening by a decade of speed.
-        with_reversible, with_corners: as for `RateDependence`.
+        with_reversible, with_corners: as for `SpeedWidening`.
 
     Example:
         >>> t = jnp.arange(4.0)
-        >>> values = {"coefficient": 0.5, "slow_speed": 0.25}
-        >>> LogRate(with_corners=True).widening(values, 2.25 * t, t).tolist()
+        >>> law = LogRate(with_corners=True, coefficient=0.5, slow_speed=0.25)
+        >>> law.widening(2.25 * t, t).tolist()
         [0.5, 0.5, 0.5, 0.5]
     """
 
@@ -52,33 +51,22 @@ class LogRate(RateDependence):
         "logarithm of the rate or by a power of it"
     )
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                "coefficient",
-                "{u}",
-                0.0,
-                0.1 * self.range_u,
-                start=(0.005 * self.range_u,),
-                meaning="widening of each threshold by a decade of the rate",
-            ),
-            Parameter(
-                "slow_speed",
-                "{u}/s",
-                1e-6 * self.reference_per_s,
-                0.03 * self.reference_per_s,
-                start=(3e-4 * self.reference_per_s, 1e-2 * self.reference_per_s),
-                log=True,
-                meaning="speed below which there is no widening",
-                open_ended=True,
-            ),
-        )
+    coefficient: float = parameter(
+        "{u}",
+        0.0,
+        lambda own: 0.1 * own.range_u,
+        start=lambda own: (0.005 * own.range_u,),
+        meaning="widening of each threshold by a decade of the rate",
+    )
+    slow_speed: float = parameter(
+        "{u}/s",
+        lambda own: 1e-6 * own.reference_per_s,
+        lambda own: 0.03 * own.reference_per_s,
+        log=True,
+        start=lambda own: (3e-4 * own.reference_per_s, 1e-2 * own.reference_per_s),
+        meaning="speed below which there is no widening",
+        open_ended=True,
+    )
 
-    def bound_to(self, survey: Survey) -> LogRate:
-        bound = super().bound_to(survey)
-        return LogRate(bound.reference_per_s, bound.range_u)
-
-    def law(self, values: Values, speed: Array) -> Array:
-        return values["coefficient"] * jnp.log10(
-            1 + speed * (self.reference_per_s / values["slow_speed"])
-        )
+    def law(self, speed: Array) -> Array:
+        return self.coefficient * jnp.log10(1 + speed * (self.reference_per_s / self.slow_speed))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array) -> Array:
+def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array | float) -> Array:
     r"""First-order low-pass after `dt`, exact for a signal that goes straight to its new value.
 
     \[ \tau \dot y = v - y,\quad

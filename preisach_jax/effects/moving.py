@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import HysteresisEffect, Survey
+from preisach_jax.effects.parameter import parameter
 
 
 class Moving(HysteresisEffect):
@@ -25,7 +26,7 @@ class Moving(HysteresisEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> ends = jnp.array([0.0, 1.0])
-        >>> Moving().fed_back({"a": 0.5}, ends, ends, ends).tolist()
+        >>> Moving(a=0.5).fed_back(ends, ends, ends).tolist()
         [0.0, 1.0]
     """
 
@@ -54,25 +55,24 @@ class Moving(HysteresisEffect):
     low_u: float = 0.0
     range_u: float = 1.0
     range_z: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        ratio = self.range_u / self.range_z
-        return (
-            Parameter("a", "{u}/{z}", -0.4 * ratio, 1.0 * ratio, meaning="input for unit output"),
-        )
+    a: float = parameter(
+        "{u}/{z}",
+        lambda own: -0.4 * (own.range_u / own.range_z),
+        lambda own: 1.0 * (own.range_u / own.range_z),
+        meaning="input for unit output",
+    )
 
     def bound_to(self, survey: Survey) -> Moving:
         if len(survey.time) < 2:
             return self
         swing_u, swing_z = float(np.ptp(survey.input)), float(np.ptp(survey.output))
-        return Moving(float(survey.input.min()), swing_u, swing_z)
+        return replace(self, low_u=float(survey.input.min()), range_u=swing_u, range_z=swing_z)
 
     def fed_back(
         self,
-        values: Values,
         path: Float[Array, " time"],
         output: Float[Array, " time"],
         time: Float[Array, " time"],
     ) -> Float[Array, " time"]:
-        moved = path - self.low_u + values["a"] * output
-        return self.low_u + moved / (1 + values["a"] * self.range_z / self.range_u)
+        moved = path - self.low_u + self.a * output
+        return self.low_u + moved / (1 + self.a * self.range_z / self.range_u)

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar, Self
+from dataclasses import replace
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Effect, Signals, Survey, Values
+from preisach_jax.effects.base import Effect, Signals, Survey
 from preisach_jax.effects.low_pass import low_passed
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.parameter import time_constant
+
+
+def column_lag() -> Any:
+    """The lag behind an auxiliary column, as a parameter of an effect."""
+    return time_constant(
+        "lag; at its lower bound the action is immediate",
+        margins=(1, 2),
+        per_decade=1.0,
+        open_ended=True,
+    )
 
 
 class OfColumn(Effect):
@@ -37,30 +48,13 @@ class OfColumn(Effect):
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         return f"{self.prefix}:{self.column}"
 
-    def lag(self, per_decade: float = 1.0) -> Parameter:
-        """The time constant of the lag, with so many starts a decade."""
-        return Parameter(
-            "tau_s",
-            "s",
-            self.tau_low_s,
-            self.tau_high_s,
-            start=log_grid(self.tau_low_s, self.tau_high_s / 2, per_decade),
-            log=True,
-            meaning="lag; at its lower bound the action is immediate",
-            open_ended=True,
-        )
-
     def bound_to(self, survey: Survey) -> Self:
-        return type(self)(
-            column=self.column,
-            unit=self.unit,
-            tau_low_s=survey.step_s / 10,
-            tau_high_s=survey.duration_s / 5,
-        )
+        return replace(self, tau_low_s=survey.step_s / 10, tau_high_s=survey.duration_s / 5)
 
-    def lagged(self, values: Values, signals: Signals) -> Float[Array, " time"]:
-        """The column behind its lag, `(time,)`, at rest before the first sample."""
-        return low_passed(signals.aux[self.column], signals.time, jnp.asarray(values["tau_s"]))
+
+def behind_lag(effect: OfColumn, signals: Signals, tau_s: float) -> Float[Array, " time"]:
+    """The column of an effect behind a lag, `(time,)`, at rest before the first sample."""
+    return low_passed(signals.aux[effect.column], signals.time, jnp.asarray(tau_s))
 
 
 def auxiliary_columns(effects: Iterable[Effect]) -> list[str]:

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey
 from preisach_jax.effects.creep import creep_times
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.parameter import Parameter, coefficient
 
 SHARES = (0.05, 0.15, 0.35)
 """Thresholds, in ranges of the input."""
@@ -58,9 +58,6 @@ class OperatorCreep(AddedEffect):
     tau_s: tuple[float, ...] = (0.1, 1.0, 10.0)
     range_u: float = 1.0
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        return ()
-
     def coefficients(self) -> tuple[Parameter, ...]:
         forms = {
             "gain": "mean creep a decade of time beyond",
@@ -68,12 +65,8 @@ class OperatorCreep(AddedEffect):
             "bend": "how much more of it in short and long times than between beyond",
         }
         return tuple(
-            Parameter(
-                f"{name}_{i}",
-                "{z}/{u}",
-                -np.inf,
-                np.inf,
-                meaning=f"{meaning} {100 * share:.0f} % of the input's range",
+            coefficient(
+                f"{name}_{i}", "{z}/{u}", f"{meaning} {100 * share:.0f} % of the input's range"
             )
             for i, share in enumerate(SHARES, start=1)
             for name, meaning in forms.items()
@@ -83,7 +76,7 @@ class OperatorCreep(AddedEffect):
         swing = float(np.ptp(survey.input)) if len(survey.input) else 1.0
         return OperatorCreep(creep_times(survey), swing)
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         tau_s = jnp.asarray(self.tau_s)[None, :]
         threshold = (self.range_u * jnp.asarray(SHARES))[:, None]
         decades = jnp.log10(tau_s[0, -1] / tau_s[0, 0])

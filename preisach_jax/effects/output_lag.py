@@ -15,7 +15,7 @@ class OutputLag(FirstOrderLag, OutputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.arange(5.0)
-        >>> late = t - OutputLag().apply({"tau_s": 0.125}, t, t)
+        >>> late = t - OutputLag(tau_s=0.125).apply(t, t)
         >>> late.round(3).tolist()
         [0.0, 0.125, 0.125, 0.125, 0.125]
     """

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import SensorEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import SensorEffect, Survey
+from preisach_jax.effects.parameter import Parameter, coefficient
 
 HALF_WAVES = 24
 """Half waves over the range up to which ripples are tried where a cubic does not follow."""
@@ -57,15 +57,11 @@ class OutputNonlinearity(SensorEffect):
     range_z: float = 1.0
     half_waves: int = eqx.field(static=True, default=0)
 
-    def parameters(self) -> tuple[Parameter, ...]:
-        return ()
-
     def coefficients(self) -> tuple[Parameter, ...]:
         parts = {"c_2": "the quadratic part", "c_3": "the cubic part"}
         parts |= {f"ripple_{k}": f"the ripple of {k / 2:g} waves" for k in self._ripples}
         return tuple(
-            Parameter(name, "{z}", -jnp.inf, jnp.inf, meaning=f"amplitude of {part}")
-            for name, part in parts.items()
+            coefficient(name, "{z}", f"amplitude of {part}") for name, part in parts.items()
         )
 
     @property
@@ -81,9 +77,7 @@ class OutputNonlinearity(SensorEffect):
         cubic = self.bound_to(survey)
         return (cubic, replace(cubic, half_waves=HALF_WAVES))
 
-    def columns(
-        self, values: Values, reading: Float[Array, " time"]
-    ) -> Float[Array, "time column"]:
+    def columns(self, reading: Float[Array, " time"]) -> Float[Array, "time column"]:
         x = 2 * (reading - self.low_z) / self.range_z - 1
         # Beyond what was read the map goes straight on.
         end = jnp.clip(x, -1.0, 1.0)

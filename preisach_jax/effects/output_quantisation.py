@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import SensorEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import SensorEffect, Survey
+from preisach_jax.effects.parameter import parameter
 
 RESOLVED = 1e-3
 """Relative half width of the bounds around the step that the record shows."""
@@ -53,7 +53,7 @@ class OutputQuantisation(SensorEffect):
 
     Example:
         >>> import jax.numpy as jnp
-        >>> OutputQuantisation().converted({"step": 0.5}, jnp.array([0.2, 0.3])).tolist()
+        >>> OutputQuantisation(quantum=0.5).converted(jnp.array([0.2, 0.3])).tolist()
         [0.0, 0.5]
     """
 
@@ -75,18 +75,18 @@ class OutputQuantisation(SensorEffect):
         "output itself moves in jumps with a coarse drive; or a finer range of the converter"
     )
     step_z: float = 1e-9
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = self.step_z * (1 - RESOLVED), self.step_z * (1 + RESOLVED)
-        return (
-            Parameter(
-                "step", "{z}", low, high, start=(self.step_z,), meaning="step of the reading"
-            ),
-        )
+    quantum: float = parameter(
+        "{z}",
+        lambda own: own.step_z * (1 - RESOLVED),
+        lambda own: own.step_z * (1 + RESOLVED),
+        start=lambda own: (own.step_z,),
+        meaning="step of the reading",
+        name="step",
+    )
 
     def bound_to(self, survey: Survey) -> OutputQuantisation:
         fine = 1e-9 * float(np.ptp(survey.output)) if len(survey.output) else self.step_z
         return OutputQuantisation(lattice_step(survey.output) or fine or 1e-9)
 
-    def converted(self, values: Values, reading: Float[Array, " time"]) -> Float[Array, " time"]:
-        return values["step"] * jnp.round(reading / values["step"])
+    def converted(self, reading: Float[Array, " time"]) -> Float[Array, " time"]:
+        return self.quantum * jnp.round(reading / self.quantum)

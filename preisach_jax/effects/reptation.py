@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey, Values
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey
+from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 SHARES = (0.1, 0.2, 0.35)
 """Half widths of the plays, in ranges of the input."""
@@ -53,30 +53,22 @@ class Reptation(AddedEffect):
         "reptation goes by the number of loops, creep and drift by the time"
     )
     range_u: float = 1.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        low, high = 0.3 * self.range_u, 30.0 * self.range_u
-        return (
-            Parameter(
-                "path",
-                "{u}",
-                low,
-                high,
-                start=log_grid(low, high, per_decade=1),
-                log=True,
-                meaning="travel of the input on which what it does not hold is forgotten to 1/e",
-                open_ended=True,
-            ),
-        )
+    path: float = parameter(
+        "{u}",
+        lambda own: 0.3 * own.range_u,
+        lambda own: 30.0 * own.range_u,
+        log=True,
+        per_decade=1.0,
+        meaning="travel of the input on which what it does not hold is forgotten to 1/e",
+        open_ended=True,
+    )
 
     def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(
+            coefficient(
                 f"gain_{i}",
                 "{z}/{u}",
-                -np.inf,
-                np.inf,
-                meaning=f"output of the play of {100 * share:.0f} % of the input's range",
+                f"output of the play of {100 * share:.0f} % of the input's range",
             )
             for i, share in enumerate(SHARES, start=1)
         )
@@ -84,7 +76,7 @@ class Reptation(AddedEffect):
     def bound_to(self, survey: Survey) -> Reptation:
         return Reptation((float(np.ptp(survey.input)) if len(survey.input) else 0.0) or 1.0)
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
         reach = self.range_u * jnp.asarray(SHARES)
 
         def advance(
@@ -93,7 +85,7 @@ class Reptation(AddedEffect):
             tight, leaky, before = state
             tight = jnp.clip(tight, now - reach, now + reach)
             # Exact on the straight way between two samples, on which a bound is met but once.
-            travel = jnp.abs(now - before) / values["path"]
+            travel = jnp.abs(now - before) / self.path
             safe = jnp.where(travel > 0, travel, 1.0)
             trail = (now - before) * jnp.where(travel > 0, -jnp.expm1(-safe) / safe, 1.0)
             leaky = now - trail + jnp.exp(-travel) * (leaky - before)

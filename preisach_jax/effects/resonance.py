@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.base import RATES, OutputEffect, Survey
+from preisach_jax.effects.parameter import log_grid, parameter
 
 
 class Resonance(OutputEffect):
@@ -20,7 +20,7 @@ class Resonance(OutputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> t = jnp.linspace(0.0, 1.0, 101)
-        >>> z = Resonance().apply({"f_hz": 10.0, "zeta": 0.05}, jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> z = Resonance(f_hz=10.0, zeta=0.05).apply(jnp.where(t > 0.0, 1.0, 0.0), t)
         >>> round(float(z.max()), 1)
         1.8
     """
@@ -48,35 +48,29 @@ class Resonance(OutputEffect):
     )
     f_low_hz: float = 1.0
     f_high_hz: float = 1000.0
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        # Lower ones are as slow as the excitation itself, and are reached by the search.
-        lowest = max(self.f_high_hz / 10**2.5, self.f_low_hz)
-        return (
-            Parameter(
-                "f_hz",
-                "Hz",
-                self.f_low_hz,
-                self.f_high_hz,
-                start=log_grid(lowest * 1.05, self.f_high_hz / 1.05, per_decade=10),
-                log=True,
-                meaning="natural frequency without damping",
-            ),
-            Parameter(
-                "zeta", "1", 0.001, 0.7, start=(0.02, 0.2), log=True, meaning="damping ratio"
-            ),
-        )
+    # Lower starts are as slow as the excitation itself, and are reached by the search.
+    f_hz: float = parameter(
+        "Hz",
+        lambda own: own.f_low_hz,
+        lambda own: own.f_high_hz,
+        log=True,
+        start=lambda own: log_grid(
+            max(own.f_high_hz / 10**2.5, own.f_low_hz) * 1.05, own.f_high_hz / 1.05, per_decade=10
+        ),
+        meaning="natural frequency without damping",
+    )
+    zeta: float = parameter("1", 0.001, 0.7, log=True, start=(0.02, 0.2), meaning="damping ratio")
 
     def bound_to(self, survey: Survey) -> Resonance:
         return Resonance(f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
 
-    def init(self, values: Values, first: Array) -> Array:
+    def init(self, first: Array) -> Array:
         return jnp.stack([jnp.zeros_like(first), jnp.zeros_like(first), first])
 
-    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         # The state is (z - h, dz/dt / omega, h): small numbers, and zero at rest.
         away, speed, last = state
-        omega, zeta = 2 * jnp.pi * values["f_hz"], values["zeta"]
+        omega, zeta = 2 * jnp.pi * self.f_hz, self.zeta
         # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
         angle = omega * jnp.where(dt > 0, dt, 1.0)
         root = jnp.sqrt(1 - zeta**2)

@@ -8,8 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, InputEffect, Survey, Values
-from preisach_jax.effects.parameter import Parameter
+from preisach_jax.effects.base import RATES, InputEffect, Survey
+from preisach_jax.effects.parameter import parameter
+
+
+def starts_between(low: float, high: float) -> tuple[float, ...]:
+    """Eight values between two bounds, evenly spaced on a logarithmic scale."""
+    ratio = (high / low) ** (1 / 9)
+    return tuple(low * ratio**k for k in range(1, 9))
 
 
 class SlewLimit(InputEffect):
@@ -21,7 +27,7 @@ class SlewLimit(InputEffect):
     Example:
         >>> import jax.numpy as jnp
         >>> step = jnp.array([0.0, 4.0, 4.0, 4.0])
-        >>> SlewLimit().apply({"slew": 1.5}, step, jnp.arange(4.0)).tolist()
+        >>> SlewLimit(slew=1.5).apply(step, jnp.arange(4.0)).tolist()
         [0.0, 1.5, 3.0, 4.0]
     """
 
@@ -46,20 +52,14 @@ class SlewLimit(InputEffect):
     )
     slew_low: float = 1e-3
     slew_high: float = 1e6
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        ratio = (self.slew_high / self.slew_low) ** (1 / 9)
-        return (
-            Parameter(
-                "slew",
-                "{u}/s",
-                self.slew_low,
-                self.slew_high,
-                start=tuple(self.slew_low * ratio**k for k in range(1, 9)),
-                log=True,
-                meaning="greatest rate of the drive",
-            ),
-        )
+    slew: float = parameter(
+        "{u}/s",
+        lambda own: own.slew_low,
+        lambda own: own.slew_high,
+        log=True,
+        start=lambda own: starts_between(own.slew_low, own.slew_high),
+        meaning="greatest rate of the drive",
+    )
 
     def bound_to(self, survey: Survey) -> SlewLimit:
         if len(survey.input) < 2 or not np.ptp(survey.input) > 0:
@@ -67,14 +67,14 @@ class SlewLimit(InputEffect):
         fastest = float(np.max(survey.speeds))
         return SlewLimit(slew_low=0.02 * fastest, slew_high=fastest)
 
-    def init(self, values: Values, first: Array) -> Array:
+    def init(self, first: Array) -> Array:
         return jnp.stack([first, first])
 
-    def step(self, values: Values, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
+    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
         # The input goes straight from `last` to `value`: u' runs to meet it, then stays with it
         # as far as the limit lets it.
         driven, last = state
-        slew = values["slew"]
+        slew = self.slew
         rate = (value - last) / jnp.where(dt > 0, dt, 1.0)
         side = jnp.sign(last - driven)
         closing = slew - side * rate

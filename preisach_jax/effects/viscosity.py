@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import equinox as eqx
@@ -9,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey, Values
+from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey
 from preisach_jax.effects.low_pass import smoothed_rate
-from preisach_jax.effects.parameter import Parameter, log_grid
+from preisach_jax.effects.parameter import Parameter, coefficient, parameter, time_constant
 
 
 class Viscosity(AddedEffect):
@@ -33,7 +34,7 @@ class Viscosity(AddedEffect):
         >>> import jax.numpy as jnp
         >>> t = jnp.arange(3.0)
         >>> signals = Signals(t, 2 * t, {})
-        >>> Viscosity().columns({"tau_s": jnp.array(0.1)}, signals).round(2).tolist()
+        >>> Viscosity(tau_s=0.1).columns(signals).round(2).tolist()
         [[0.0], [2.0], [2.0]]
     """
 
@@ -68,49 +69,37 @@ class Viscosity(AddedEffect):
     tau_high_s: float = 0.1
     saturates: bool = eqx.field(static=True, default=False)
     stribeck: bool = eqx.field(static=True, default=False)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        smoothing = Parameter(
-            "tau_s",
-            "s",
-            self.tau_low_s,
-            self.tau_high_s,
-            start=log_grid(2 * self.tau_low_s, self.tau_high_s / 2, per_decade=1.5),
-            log=True,
-            meaning="lag behind the speed; at its lower bound it is immediate",
-            open_ended=True,
-        )
-        if not self.saturates:
-            return (smoothing,)
-        scale = Parameter(
-            "speed",
-            "{u}/s",
-            1e-3 * self.fastest,
-            3 * self.fastest,
-            start=(0.03 * self.fastest, 0.12 * self.fastest, 0.5 * self.fastest),
-            log=True,
-            meaning="speed at which three quarters of the saturating part are reached",
-            open_ended=True,
-        )
-        if not self.stribeck:
-            return (smoothing, scale)
-        decay = Parameter(
-            "stribeck_speed",
-            "{u}/s",
-            1e-2 * self.fastest,
-            self.fastest,
-            start=(0.1 * self.fastest, 0.4 * self.fastest),
-            log=True,
-            meaning="speed over which the dry part falls to its size at speed",
-            open_ended=True,
-        )
-        return (smoothing, scale, decay)
+    tau_s: float = time_constant(
+        "lag behind the speed; at its lower bound it is immediate",
+        margins=(2, 2),
+        per_decade=1.5,
+        open_ended=True,
+    )
+    speed: float = parameter(
+        "{u}/s",
+        lambda own: 1e-3 * own.fastest,
+        lambda own: 3 * own.fastest,
+        log=True,
+        start=lambda own: (0.03 * own.fastest, 0.12 * own.fastest, 0.5 * own.fastest),
+        meaning="speed at which three quarters of the saturating part are reached",
+        open_ended=True,
+        when=lambda own: own.saturates,
+    )
+    stribeck_speed: float = parameter(
+        "{u}/s",
+        lambda own: 1e-2 * own.fastest,
+        lambda own: own.fastest,
+        log=True,
+        start=lambda own: (0.1 * own.fastest, 0.4 * own.fastest),
+        meaning="speed over which the dry part falls to its size at speed",
+        open_ended=True,
+        when=lambda own: own.saturates and own.stribeck,
+    )
 
     def coefficients(self) -> tuple[Parameter, ...]:
-        free = (-jnp.inf, jnp.inf)
-        viscous = Parameter("viscous", "{z} s/{u}", *free, meaning="output for unit speed")
-        dry = Parameter("saturating", "{z}", *free, meaning="size of the part that saturates")
-        rise = Parameter("stribeck", "{z}", *free, meaning="what it is greater near rest")
+        viscous = coefficient("viscous", "{z} s/{u}", "output for unit speed")
+        dry = coefficient("saturating", "{z}", "size of the part that saturates")
+        rise = coefficient("stribeck", "{z}", "what it is greater near rest")
         return (viscous, dry, rise)[: 1 + self.saturates + self.stribeck]
 
     def bound_to(self, survey: Survey) -> Viscosity:
@@ -119,19 +108,27 @@ class Viscosity(AddedEffect):
         if len(survey.time) > 1 and np.ptp(survey.input) > 0:
             speed = survey.speeds
             fastest = float(np.quantile(speed, 0.98)) or float(np.ptp(survey.input)) / survey.step_s
-        return Viscosity(fastest, survey.step_s / 4, longest)
+        return replace(
+            self,
+            fastest=fastest,
+            tau_low_s=survey.step_s / 4,
+            tau_high_s=longest,
+            saturates=False,
+            stribeck=False,
+        )
 
     def variants(self, survey: Survey) -> tuple[Viscosity, ...]:
         bound = self.bound_to(survey)
-        scales = (bound.fastest, bound.tau_low_s, bound.tau_high_s)
         forms = ((False, False), (True, False), (True, True))
-        return tuple(Viscosity(*scales, *form) for form in forms)
+        return tuple(
+            replace(bound, saturates=saturates, stribeck=stribeck) for saturates, stribeck in forms
+        )
 
-    def columns(self, values: Values, signals: Signals) -> Float[Array, "time column"]:
-        speed = smoothed_rate(signals.input, signals.time, jnp.asarray(values["tau_s"]))
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        speed = smoothed_rate(signals.input, signals.time, jnp.asarray(self.tau_s))
         parts = [speed]
         if self.saturates:
-            parts.append(jnp.tanh(speed / values["speed"]))
+            parts.append(jnp.tanh(speed / self.speed))
         if self.stribeck:
-            parts.append(parts[1] * jnp.exp(-jnp.abs(speed) / values["stribeck_speed"]))
+            parts.append(parts[1] * jnp.exp(-jnp.abs(speed) / self.stribeck_speed))
         return jnp.stack(parts, axis=1)

@@ -292,8 +292,8 @@ class Model:
             # The operator lies between all hysterons off and all on.
             most, first = float(np.abs(weights).sum()), float(jnp.abs(middle[0]))
             for effect in self.chain.at(OutputEffect):
-                own = self.values[effect.name]
-                gap = gap + effect.past_bound(own, signals, max(first, most - first))
+                acting = effect.at(self.values[effect.name])
+                gap = gap + acting.past_bound(signals, max(first, most - first))
             return np.asarray(output), np.asarray(gap)
 
     def to_json(self) -> dict[str, Any]:

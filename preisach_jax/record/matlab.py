@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.errors import ContentError
+
 _NUMBERS = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
@@ -71,7 +73,7 @@ def matlab_arrays(content: bytes, most_values: float) -> dict[str, Any]:
     """
     order = ">" if content[126:128] == b"MI" else "<"
     if content[126:128] not in (b"MI", b"IM"):
-        raise ValueError("its header does not say in which order the bytes stand")
+        raise ContentError("its header does not say in which order the bytes stand")
     budget = _Budget(int(8 * most_values), most_values)
     found: dict[str, Any] = {}
     at = 128
@@ -79,7 +81,7 @@ def matlab_arrays(content: bytes, most_values: float) -> dict[str, Any]:
         kind, size = struct.unpack_from(f"{order}II", content, at)
         inside = memoryview(content)[at + 8 : at + 8 + size]
         if len(inside) < size:
-            raise ValueError("it breaks off")
+            raise ContentError("it breaks off")
         at += 8 + size
         if kind == _COMPRESSED:
             kind, inside, _ = _element(_inflated(inside, budget), 0, order)
@@ -95,7 +97,7 @@ def _inflated(packed: memoryview, budget: _Budget) -> memoryview:
     try:
         plain = decompress.decompress(packed, budget.bytes + 1)
     except zlib.error as error:
-        raise ValueError(f"a variable cannot be decompressed: {error}") from None
+        raise ContentError(f"a variable cannot be decompressed: {error}") from None
     if len(plain) > budget.bytes:
         raise TooMuchError(budget.bytes // 8)
     budget.bytes -= len(plain)
@@ -105,7 +107,7 @@ def _inflated(packed: memoryview, budget: _Budget) -> memoryview:
 def _element(view: memoryview, at: int, order: str) -> tuple[int, memoryview, int]:
     """Kind and data of the element that begins at a byte, and where the next one begins."""
     if at + 8 > len(view):
-        raise ValueError("a variable breaks off")
+        raise ContentError("a variable breaks off")
     (word,) = struct.unpack_from(f"{order}I", view, at)
     if word >> 16:  # up to four bytes stand in the tag
         kind, size, start, after = word & 0xFFFF, word >> 16, at + 4, at + 8
@@ -115,7 +117,7 @@ def _element(view: memoryview, at: int, order: str) -> tuple[int, memoryview, in
         after = start + size + -size % 8
     data = view[start : start + size]
     if len(data) < size or (word >> 16 and size > 4):
-        raise ValueError("a variable breaks off")
+        raise ContentError("a variable breaks off")
     return kind, data, after
 
 
@@ -127,10 +129,10 @@ def _elements(view: memoryview, at: int, order: str) -> Iterator[tuple[int, memo
 
 def _numbers(kind: int, data: memoryview, order: str) -> np.ndarray:
     if kind not in _NUMBERS:
-        raise ValueError(f"numbers of an unknown kind, {kind}")
+        raise ContentError(f"numbers of an unknown kind, {kind}")
     dtype = np.dtype(order + _NUMBERS[kind])
     if len(data) % dtype.itemsize:
-        raise ValueError("a variable breaks off")
+        raise ContentError("a variable breaks off")
     return np.frombuffer(data, dtype)
 
 
@@ -143,7 +145,7 @@ def _matrix(view: memoryview, order: str, budget: _Budget) -> tuple[str, Any]:
     shape = [int(size) for size in _numbers(*next(parts), order)]
     name = bytes(next(parts)[1]).decode("utf-8", errors="replace")
     if min(shape, default=0) < 0 or len(shape) > 32:
-        raise ValueError(f"{name[:60]} has the shape {shape[:32]}")
+        raise ContentError(f"{name[:60]} has the shape {shape[:32]}")
     kind, count = flags & 0xFF, math.prod(shape)
     budget.take(count)
     if kind in _CLASSES:
@@ -168,7 +170,7 @@ def _values(
     """The numbers of an array, which may be stored in fewer bytes than they have in MATLAB."""
     values = _numbers(*next(parts), order)
     if values.size != count:
-        raise ValueError(f"a variable has {values.size} values where its shape has {count}")
+        raise ContentError(f"a variable has {values.size} values where its shape has {count}")
     with np.errstate(all="ignore"):
         return values.astype(_CLASSES[kind])
 
@@ -176,7 +178,7 @@ def _values(
 def _child(element: tuple[int, memoryview]) -> memoryview:
     kind, data = element
     if kind != _MATRIX:
-        raise ValueError(f"a field of the kind {kind} where a variable should be")
+        raise ContentError(f"a field of the kind {kind} where a variable should be")
     return data
 
 
@@ -186,7 +188,7 @@ def _structure(
     width = int(_numbers(*next(parts), order)[:1].sum())
     names = bytes(next(parts)[1])
     if width < 1:
-        raise ValueError("a structure's names have no length")
+        raise ContentError("a structure's names have no length")
     fields = [names[i : i + width].split(b"\0")[0] for i in range(0, len(names), width)]
     found = {
         field.decode("latin-1"): _matrix(_child(next(parts)), order, budget)[1] for field in fields
@@ -197,7 +199,7 @@ def _structure(
 def _text(kind: int, data: memoryview, shape: list[int], order: str) -> str | np.ndarray:
     """A text, or the rows of a matrix of characters as an array of texts."""
     if kind not in _ENCODINGS:
-        raise ValueError(f"characters of an unknown kind, {kind}")
+        raise ContentError(f"characters of an unknown kind, {kind}")
     encoding = _ENCODINGS[kind]
     if encoding in {"utf-16", "utf-32"}:
         encoding += "-be" if order == ">" else "-le"
@@ -206,5 +208,5 @@ def _text(kind: int, data: memoryview, shape: list[int], order: str) -> str | np
     if rows <= 1:
         return signs
     if len(signs) != math.prod(shape):
-        raise ValueError("a matrix of characters breaks off")
+        raise ContentError("a matrix of characters breaks off")
     return np.array([signs[i::rows].rstrip() for i in range(rows)], dtype=object)

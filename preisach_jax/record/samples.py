@@ -326,7 +326,7 @@ class Samples:
             SHA-256 of the `n` rows (time, input) as little-endian float64.
 
         Raises:
-            ValueError: `n` is negative or above K.
+            InputError: `n` is negative or above K.
 
         Example:
             >>> from preisach_jax.record import Record
@@ -335,7 +335,7 @@ class Samples:
             True
         """
         if not 0 <= n <= len(self):
-            raise ValueError(f"n is {n}: give at least 0 and at most {len(self)} samples")
+            raise InputError(f"n is {n}: give at least 0 and at most {len(self)} samples")
         rows = np.column_stack([self.time[:n], self.input[:n]]).astype("<f8")
         return hashlib.sha256(rows.tobytes()).hexdigest()
 

@@ -9,7 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.record.clock import clock_seconds
 
 GREAT = 1e8
@@ -199,11 +199,11 @@ def _number(cell: object, decimal: str) -> float:
     """One cell as a number; NaN if empty; ValueError or TypeError if it is text."""
     if not isinstance(cell, str):
         if isinstance(cell, bool | np.bool_):
-            raise TypeError("a truth value")
+            raise ContentError("a truth value")
         return float(cell)  # pyright: ignore[reportArgumentType]
     text = cell.strip()
     if decimal == ",":
         text = text.replace(",", ".")
     if "_" in text:
-        raise ValueError("Python reads 1_000 as a number, nobody else does")
+        raise ContentError("Python reads 1_000 as a number, nobody else does")
     return float(text) if text else float("nan")

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import json_bytes, write_files
 
 MANIFEST, DONE = "manifest.json", "done"
@@ -147,7 +147,7 @@ class Chunks:
             arrays = self._read(numbers, names)
             fits = about.pop("checksum") == _checksum(arrays.values())
             if about.pop(f"{self.item}s") != list(numbers) or not fits:
-                raise ValueError("its arrays are not those that were written with it")
+                raise ContentError("its arrays are not those that were written with it")
         # Zarr and its codecs raise errors of many kinds on damaged files.
         except Exception as error:
             raise InputError(

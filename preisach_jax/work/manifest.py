@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import jax
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.work.chunks import MANIFEST, Chunks
 
@@ -87,7 +87,7 @@ def read_manifest(folder: Path, work: str, items: str) -> dict[str, Any] | None:
         if content.get("work", "sweep") != work:
             raise InputError(f"{folder} holds a {content['work']} and no {work}: {_REMEDY}")
         if not (content["settings"].keys() >= {items, "chunk"} and content["made_with"].keys()):
-            raise ValueError(f"it lacks the {items}, the chunk or the versions")
+            raise ContentError(f"it lacks the {items}, the chunk or the versions")
         return content
     except (FileNotFoundError, NotADirectoryError):
         return None

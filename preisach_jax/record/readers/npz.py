@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.record.containers import table_of_arrays
 from preisach_jax.record.readers.base import Reader, check_unpacked, not_readable
 from preisach_jax.record.table import Table
@@ -60,11 +60,13 @@ def _values_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
         shape, _, dtype = read(file)
         values = math.prod(shape)
         if dtype.hasobject:
-            raise ValueError(f"{member.filename[:60]} holds Python objects, which may be programs")
+            raise ContentError(
+                f"{member.filename[:60]} holds Python objects, which may be programs"
+            )
         if min(shape, default=0) < 0 or dtype.itemsize == 0:
-            raise ValueError(f"{member.filename[:60]} has the shape {shape} of {dtype}")
+            raise ContentError(f"{member.filename[:60]} has the shape {shape} of {dtype}")
         if values * dtype.itemsize > member.file_size:
-            raise ValueError(f"{member.filename[:60]} breaks off")
+            raise ContentError(f"{member.filename[:60]} breaks off")
     return values
 
 
@@ -93,7 +95,7 @@ def read_npy(path: Path, source: str) -> Table:
     try:
         array: Any = np.load(path, allow_pickle=False, mmap_mode="r")
         if not isinstance(array, np.ndarray):
-            raise ValueError("it is an archive of several arrays")
+            raise ContentError("it is an archive of several arrays")
     except Exception as error:  # NumPy raises many kinds on a broken file
         raise not_readable("NPY", error, source, "write it with numpy.save(path, array)") from None
     if names := cast(tuple[str, ...] | None, array.dtype.names):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import ContentError, InputError
 from preisach_jax.record.containers import table_of_arrays
 from preisach_jax.record.layout import Sampling
 from preisach_jax.record.readers.base import Reader, check_unpacked, library, not_readable
@@ -48,7 +48,7 @@ def read_tdms(path: Path, source: str) -> Table:
             arrays = {name: np.asarray(each[:]) for name, each in channels.items()}
             about = {name: dict(each.properties) for name, each in channels.items()}
             if not arrays:
-                raise ValueError("it holds no channels with samples")
+                raise ContentError("it holds no channels with samples")
     except InputError:
         raise
     except Exception as error:  # npTDMS raises many kinds on a broken file

@@ -71,7 +71,7 @@ def connect(
     missing = [name for name, value in given.items() if value is None]
     if 0 < len(missing) < len(given):
         raise InputError(
-            f"{' and '.join(missing)} must be given too: all three of {', '.join(given)}, or none "
+            f"{' and '.join(missing)} is missing: give all three of {', '.join(given)}, or none "
             "where a scheduler such as Slurm tells them"
         )
     if coordinator is not None:
@@ -81,7 +81,7 @@ def connect(
         count = whole_number("processes is", processes, 1)
         if whole_number("process is", process, 0) >= count:
             raise InputError(
-                f"process is {process}: of {count} processes the last one is {count - 1}"
+                f"process is {process} of {count} processes: give a number from 0 to {count - 1}"
             )
     failure: list[Exception] = []
 

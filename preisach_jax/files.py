@@ -76,7 +76,7 @@ def check_folder(folder: Path) -> None:
     while not place.exists():
         place = place.parent
     if not place.is_dir():
-        raise InputError(f"{folder}: {place} is a file, so no folder can be made in it")
+        raise InputError(f"{folder}: {place} is a file, not a folder; choose another folder")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{folder}: {place} cannot be written to; choose another folder")
 
@@ -127,7 +127,7 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
     """
     for path in contents:
         if path.is_dir():
-            raise InputError(f"{path}: this is a folder, and a file is to be written there")
+            raise InputError(f"{path} is a folder; choose a file to be written")
     unfinished: dict[Path, Path] = {}
     path = None
     try:

@@ -48,7 +48,8 @@ def checked(value: Any, check: Check, place: str = "") -> Any:
     by_key = cast(Mapping[str, Any], check)
     for key in by_key:
         if key not in value:
-            raise InputError(f"{_inside(place, key)} is missing")
+            beside = ", ".join(value) or "nothing"
+            raise InputError(f"{_inside(place, key)} is missing: expected it beside {beside}")
     return {key: checked(value[key], inner, _inside(place, key)) for key, inner in by_key.items()}
 
 

@@ -24,6 +24,7 @@ from preisach_jax.effects.base import (
     WeightEffect,
 )
 from preisach_jax.effects.parameter import Parameter
+from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.regression import solve_nonnegative
 from preisach_jax.runs import columns_behind, driven_path, response, responses, tangents
@@ -150,11 +151,13 @@ class Projection:
             with sizes of one.
 
         Raises:
-            FloatingPointError: if none of them is finite.
+            NotFiniteError: if none of them is finite.
         """
         finite = np.isfinite(signatures).all(axis=0)
         if not finite.any():
-            raise FloatingPointError("its change of the output is not finite")
+            raise NotFiniteError(
+                f"all {finite.size} changes of the output are not finite; check the effect's law"
+            )
         sizes = np.linalg.norm(signatures[self.rows], axis=0)
         kept = finite & (sizes > 0)
         power = float(self.residual @ self.residual)
@@ -269,7 +272,7 @@ def _values_with(
         return everything
     # Hysterons saturate, so that an infinite input would not show in the output.
     if not np.isfinite(driven_path(chain, everything, problem.signals)).all():
-        raise FloatingPointError(f"it gives values that are not finite at {values}")
+        raise NotFiniteError(f"it gives values that are not finite at {values}; check its law")
     return everything
 
 

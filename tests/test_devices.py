@@ -168,13 +168,13 @@ def test_processes_that_never_come_are_told(process, tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (("node:1", 2, None), "^process must be given too: all three of coordinator, proc"),
-        ((None, 2, None), "^coordinator and process must be given too"),
+        (("node:1", 2, None), "^process is missing: give all three of coordinator, proc"),
+        ((None, 2, None), "^coordinator and process is missing"),
         (("node", 2, 0), "coordinator is 'node': give HOST:PORT"),
         ((":80", 2, 0), "coordinator is ':80'"),
         (("node:one", 2, 0), "coordinator is 'node:one'"),
         (("node:1", 0, 0), "processes is 0"),
-        (("node:1", 2, 2), "process is 2: of 2 processes the last one is 1"),
+        (("node:1", 2, 2), "process is 2 of 2 processes: give a number from 0 to 1"),
         (("node:1", 2, -1), "process is -1"),
     ],
 )
@@ -185,10 +185,10 @@ def test_numbers_that_do_not_fit_are_told_before_anything_starts(given, message)
 
 def test_options_that_do_not_fit_are_told_by_their_names(tmp_path, capsys):
     for words, message in [
-        (["--processes", "2"], "preisach: --coordinator and process must be given too"),
+        (["--processes", "2"], "preisach: --coordinator and process is missing"),
         (
             ["--coordinator", "node:1", "--processes", "2", "--process", "2"],
-            "preisach: --process is 2: of 2 processes the last one is 1",
+            "preisach: --process is 2 of 2 processes: give a number from 0 to 1",
         ),
         (["--distributed"], "preisach: no scheduler such as Slurm or Open MPI was found"),
     ]:

@@ -347,7 +347,7 @@ def test_what_cannot_be_exported_is_told_in_one_line(tmp_path, capsys):
         (["--to", "rust"], "--to is 'rust'; give one of c, fmu"),
         (
             ["--to", "c", "--without", "drift"],
-            "no effect 'drift' to leave out (in the model: creep)",
+            "no effect 'drift' to leave out; give one of the model: creep",
         ),
     ):
         out = ["--out", str(tmp_path / "none")]

@@ -79,7 +79,7 @@ def test_many_columns_are_refused_soon(tmp_path):
 
 def test_names_in_messages_are_cut(tmp_path):
     names = ",".join(f"{k}{'x' * 290}" for k in range(40))
-    assert "there is no row of data" in refused(tmp_path / "a.csv", f"{names}\n")
+    assert "there is no row below the names" in refused(tmp_path / "a.csv", f"{names}\n")
 
 
 @pytest.mark.parametrize("digits", [30, 400])

@@ -282,6 +282,17 @@ def test_an_effect_that_fails_does_not_stop_the_others(x64):
     assert [limit.effect for limit in found] == ["drift", "output_lag"]
 
 
+def test_a_failure_of_a_built_in_effect_is_not_swallowed(x64, monkeypatch):
+    problem, point = plain_point(hidden())
+
+    def failing(self, survey):
+        raise KeyError("its table")
+
+    monkeypatch.setattr(Drift, "bound_to", failing)
+    with pytest.raises(KeyError, match="its table"):
+        limits(problem, point, [Drift()])
+
+
 def test_an_effect_that_gives_no_numbers_has_no_limit(x64):
     found = limit_of(hidden(), NotANumber())
     assert found.value is None

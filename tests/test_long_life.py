@@ -728,7 +728,7 @@ def test_options_are_saved_and_older_files_have_none(x64, tmp_path):
         ({"error_limit": 1j}, "error_limit is 1j: give one number"),
         ({"leakage": 1.0}, r"leakage is 1\.0: give a number from 0 to 1, 1 excluded"),
         ({"leakage": -1e-3}, "leakage is -0.001"),
-        ({"leakage": 0.5, "step_size": 1.5}, "their sum must be below 2"),
+        ({"leakage": 0.5, "step_size": 1.5}, "make their sum less than 2"),
         ({"nonnegative": 1}, "nonnegative is 1: give True or False"),
         ({"nonnegative": True, "initial_weight": -0.5}, "initial_weight is -0.5 with nonnegative"),
         ({"step_size": None}, "step_size is None: give one number"),

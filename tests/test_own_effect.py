@@ -222,6 +222,35 @@ def test_a_mistake_in_a_fit_is_the_users_to_see():
         pj.fit(stage()[1], [Raising()], levels=5)
 
 
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        (TooLong(), r"returns the shape \(6001,\) from apply; make it return \(6000,\)"),
+        (Unfinished(), r"lacks a method of its place: write init\(self, first\)"),
+        (Homeless(), "derive it from InputEffect"),
+    ],
+)
+def test_a_mistake_in_the_class_is_told_as_the_users_and_not_as_ours(effect, says):
+    with pytest.raises(pj.InputError, match=says):
+        pj.fit(stage()[1], [effect], levels=5)
+
+
+def test_bounds_of_a_parameter_in_the_wrong_order_are_the_users_mistake():
+    with pytest.raises(pj.InputError, match=r"'a' has bounds 2.0 and 1.0"):
+        pj.Parameter("a", "1", 2.0, 1.0)
+
+
+def test_a_parameter_that_an_effect_does_not_have_is_told():
+    with pytest.raises(pj.InputError, match="no parameter 'tau'; give values of tau_s"):
+        SensorLag().at({"tau": 1.0})
+
+
+def test_an_effect_can_be_looked_at_with_a_value_of_its_parameter():
+    time = jnp.arange(5.0)
+    late = time - SensorLag(tau_s=0.01).apply(time, time)
+    assert float(late[-1]) == pytest.approx(0.5, abs=0.02)
+
+
 def test_a_name_of_the_library_cannot_be_taken():
     class Creep(SensorLag):
         name = "creep"

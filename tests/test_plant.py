@@ -337,7 +337,7 @@ def test_moving_ends_congruency(stage):
 
 
 def test_feedback_that_runs_away_is_refused(stage):
-    with pytest.raises(ValueError, match="run away"):
+    with pytest.raises(ValueError, match="where it is stable"):
         stage.moving_hysteresis(np.array([0.0, 1.0]), 5.0)
 
 

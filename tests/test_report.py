@@ -260,7 +260,7 @@ def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
     file.write_text("")
     with pytest.raises(InputError, match="this is a file"):
         check_folder(file)
-    with pytest.raises(InputError, match="is a file, so no folder"):
+    with pytest.raises(InputError, match="is a file, not a folder"):
         check_folder(file / "report")
     with pytest.raises(InputError, match="this is a folder"):
         check_file(tmp_path)

@@ -250,7 +250,7 @@ ONE, UP = np.array([1.0]), np.array([0.0, 2.0])
         (lambda: propagate_error(plane_of(2), UP, ONE), r"shape \(1,\): give .* \(3,\)"),
         (lambda: average_over_samples(ONE, 3 * ONE, 2, 9), r"2 to 9.* first event, at sample 3\.0"),
         (lambda: average_over_samples(ONE, 3 * ONE, 5, 5), "5 to 5: it must not be empty"),
-        (lambda: mean_output_error(ONE), "1 errors are given: .* needs at least 2"),
+        (lambda: mean_output_error(ONE), "there are 1 errors: give at least 2"),
         (lambda: largest_slope(UP, ONE), r"shape \(2,\) and z \(1,\)"),
         (lambda: largest_slope(0 * UP, UP), "x crosses no two lines"),
         (lambda: check_bound(1), "levels is 1"),
@@ -433,7 +433,7 @@ def test_the_bound_is_compared_on_the_input_that_it_asks_for(levels):
 
 def test_what_cannot_be_averaged_is_refused():
     plane = Plane(levels=2, low=0.0, high=2.0)
-    with pytest.raises(ValueError, match="last is 9: the input has only 3 samples"):
+    with pytest.raises(ValueError, match="last is 9: give at most 3"):
         noise_coefficient(plane, np.array([0.0, 2.0, 2.0]), first=1, last=9)
     with pytest.raises(ValueError, match="not in order"):
         average_over_samples(np.array([1.0, 2.0]), np.array([3, 0]), 3, 5)

@@ -220,7 +220,7 @@ def points_of(text: str) -> Points:
                 "0.5 20"
             ) from None
         if not np.isfinite([time, output]).all():
-            raise InputError(f"line {place} of the points has no finite number: {line.strip()}")
+            raise InputError(f"line {place} of the points is {line.strip()!r}; give finite numbers")
         found.append((time, output))
     found.sort()
     times = [time for time, _ in found]
@@ -255,7 +255,7 @@ def joined(points: Points, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     if not 2 <= count <= MOST_ROWS:
         raise InputError(
             f"the points span {quantity(last - first, 's')}, which are {count:,} rows of "
-            f"{quantity(step_s, 's')}; from 2 to {MOST_ROWS:,} can be driven here"
+            f"{quantity(step_s, 's')}; give from 2 to {MOST_ROWS:,} rows here"
         )
     time = step_s * np.arange(count)
     times, outputs = ([point[k] for point in points] for k in (0, 1))

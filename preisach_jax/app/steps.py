@@ -110,13 +110,13 @@ def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Wal
             found = diagnose(record, levels=click.levels, progress=progress)
             walk = Walk(Exploration.of(found), (click,), found)
         elif walk is None:
-            raise InputError(f"the steps begin with {click.what!r}; they must begin with a fit")
+            raise InputError(f"the steps begin with {click.what!r}; let them begin with a fit")
         elif click.what == "add":
             walk = walk.on(walk.step.add(click.effect, progress), click)
         elif walk.step.before is not None:
             walk = walk.at(len(walk.step.effects) - 1)
     if walk is None:
-        raise InputError("the project has no steps; open the record itself")
+        raise InputError(f"the project {record.name!r} holds no steps; open the record itself")
     return walk
 
 

@@ -140,9 +140,14 @@ def of_control(system: Any) -> Controller:
         InputError: the system has other inputs or outputs, or runs in continuous time.
     """
     if getattr(system, "ninputs", 1) != 1 or getattr(system, "noutputs", 1) != 1:
-        raise InputError("the controller must have one input, the error, and one output")
+        raise InputError(
+            f"the controller has {system.ninputs} inputs and {system.noutputs} outputs; give "
+            "one with one input, the error, and one output"
+        )
     if system.dt is None or system.dt == 0:
-        raise InputError("the controller runs in continuous time; make it discrete (control.c2d)")
+        raise InputError(
+            f"the controller is continuous (dt is {system.dt}); make it discrete (control.c2d)"
+        )
     if not hasattr(system, "dynamics"):
         import control  # pyright: ignore[reportMissingImports]
 

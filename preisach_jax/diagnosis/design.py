@@ -135,7 +135,9 @@ def _bounds(
     given = {"noise": noise, "seconds": seconds, "rate_limit": rate_limit}
     require_positive(**{name: value for name, value in given.items() if value is not None})
     if not all(np.isfinite(value) for value in given.values() if value is not None):
-        raise InputError("noise, seconds and rate_limit must be finite: give numbers that are")
+        raise InputError(
+            f"noise, seconds and rate_limit are {tuple(given.values())}: give finite numbers"
+        )
     ends = {(model.plane.low, model.plane.high) for model in models}
     if len(ends) > 1:
         raise InputError(

@@ -73,7 +73,8 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
         effects: effects that it does not have.
 
     Returns:
-        One limit an effect, in their order; those whose signature fails are left out.
+        One limit an effect, in their order; without those whose signature is not finite, and those
+        of a user's own that fail.
     """
     whole = with_all_rows(point, problem.identified)
     projection = Projection(problem, whole)
@@ -83,8 +84,12 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
             return _limit(
                 problem, whole, projection, effect.bound_to(problem.survey_of(whole, effect))
             )
+        except (FloatingPointError, np.linalg.LinAlgError):
+            return None  # its signature is not finite: nothing can be said
         except Exception:
-            # The same failure stands in the table of candidates, where the effect was tried.
+            if type(effect).__module__.startswith("preisach_jax."):
+                raise
+            # The same failure of a user's own effect stands in the table of candidates.
             return None
 
     return tuple(limit for limit in on_all_cores(limit_of, effects) if limit is not None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from preisach_jax.errors import InputError
 from preisach_jax.record import Record
 from preisach_jax.record.course import input_rate, last_reversal, reversals, time_since_reversal
 
@@ -236,7 +237,7 @@ def cumulated_periodogram(values: np.ndarray, step_s: float = 1.0) -> CumulatedP
         10.0
     """
     if len(values) < 5:
-        raise ValueError(f"there are {len(values)} samples; a periodogram needs at least 5")
+        raise InputError(f"there are {len(values)} samples; give at least 5 for a periodogram")
     clean, there = _centred(values)
     count = (len(values) - 1) // 2
     power = np.abs(np.asarray(scipy.fft.rfft(clean)))[1 : count + 1] ** 2

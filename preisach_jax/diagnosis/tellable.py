@@ -19,6 +19,7 @@ from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.spectrum import strongest_lines, without
+from preisach_jax.errors import EffectError
 from preisach_jax.identify import Point, Problem
 from preisach_jax.runs import parts_of
 
@@ -88,7 +89,7 @@ class InputSurvey:
             return self._varied >= LEAST_VARIED or self._rests >= LEAST_RESTS
         if need == CYCLES:
             return self._passages_of_a_place >= LEAST_PASSAGES
-        raise ValueError(f"{need!r} is no need of an effect: give {RATES!r} or {CYCLES!r}")
+        raise EffectError(f"{need!r} is no need of an effect: give {RATES!r} or {CYCLES!r}")
 
     @cached_property
     def cycle_s(self) -> float:

@@ -143,7 +143,7 @@ def resolve(
             near = get_close_matches(item, names, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise InputError(
-                f"there is no effect {item!r}{hint} (known: {', '.join(sorted(names))})"
+                f"there is no effect {item!r}{hint}; give one of {', '.join(sorted(names))}"
             )
         if effect.name in [other.name for other in found]:
             raise InputError(f"the effect {effect.name!r} is asked for twice; name it once")

@@ -156,7 +156,9 @@ def left_out(model: Model, without: Sequence[str]) -> Model:
     for name in without:
         if name not in names:
             have = ", ".join(names) or "none"
-            raise InputError(f"there is no effect {name!r} to leave out (in the model: {have})")
+            raise InputError(
+                f"there is no effect {name!r} to leave out; give one of the model: {have}"
+            )
     if not without:
         return model
     linear = zip(model.chain.coefficients, model.coefficients.added.tolist(), strict=True)

@@ -132,7 +132,7 @@ class AdaptiveFilter(eqx.Module):
             leakage, step_size = (float(np.asarray(one)) for one in numbers)
             if leakage + step_size >= 2.0:
                 raise InputError(
-                    f"leakage is {leakage} and step_size {step_size}: their sum must be below 2"
+                    f"leakage is {leakage} and step_size {step_size}: make their sum less than 2"
                 )
         if not isinstance(self.nonnegative, bool):
             raise InputError(f"nonnegative is {self.nonnegative!r}: give True or False")

@@ -11,6 +11,7 @@ from preisach_jax.effects.base import (
     Effect,
     Parameter,
 )
+from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem
 from preisach_jax.identify.solution import evaluate
@@ -56,7 +57,9 @@ def linearise(
         if parameter.log:
             raw[:, column] *= point.values[effect][parameter.name]
     if not np.isfinite(raw).all():
-        raise FloatingPointError(f"the derivatives are not finite at {point.values}")
+        raise NotFiniteError(
+            f"the derivatives are not finite at {point.values}; narrow the bounds of the effect"
+        )
     scale = np.maximum(np.sqrt(np.mean(raw**2, axis=0)), 1e-12)
     raw = raw / scale
     target = problem.goal

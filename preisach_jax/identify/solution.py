@@ -10,6 +10,7 @@ import numpy as np
 from preisach_jax.chain import (
     Chain,
 )
+from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem, equations_of
@@ -50,7 +51,9 @@ def evaluate(
     del hysteresis
     matrix = columns.matrix
     if not np.isfinite(matrix).all():
-        raise FloatingPointError(f"the model gives values that are not finite at {values}")
+        raise NotFiniteError(
+            f"the model gives values that are not finite at {values}; narrow the effect's bounds"
+        )
     basis = problem.basis(chain) if problem.reduces_on(chain.plane) else None
     equations = equations_of(problem, columns, basis)
     matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]

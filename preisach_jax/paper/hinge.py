@@ -54,7 +54,7 @@ def fit_hinge(k: ArrayLike, y: ArrayLike, candidates: int = 500) -> Hinge:
     """
     k, y = np.asarray(k, float), np.asarray(y, float)
     if k.size < 10:
-        raise InputError(f"{k.size} points are given: two lines need at least 10")
+        raise InputError(f"there are {k.size} points: give at least 10 for two lines")
     knees = np.linspace(float(k[1]), float(k[-2]), candidates)
     bent = np.minimum(k - knees[:, np.newaxis], 0.0)
     bent_mean, y_mean = bent.mean(axis=1), y.mean()

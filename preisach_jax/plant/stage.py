@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from preisach_jax.errors import InputError
+
 RANGE_V = 75.0  # drive from 0 to here
 PLAYS = 64
 CHUNK = 20_000  # samples of a ramp that are in memory at once, for all plays
@@ -116,7 +118,10 @@ class Stage:
             True
         """
         if abs(a) * self.weights.sum() >= 1.0:
-            raise ValueError(f"a is {a!r} V/µm: the stage would run away by itself")
+            most = 1 / self.weights.sum()
+            raise InputError(
+                f"a is {a!r} V/µm: give a magnitude below {most:.3g}, where it is stable"
+            )
         inside, h = u, self.hysteresis(u, widening)
         while np.max(np.abs(u + a * h - inside)) > SETTLED_V:
             inside = u + a * h

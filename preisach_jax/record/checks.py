@@ -15,7 +15,7 @@ def as_vector(values: ArrayLike, key: str, name: str) -> np.ndarray:
     try:
         vector = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name}, {key}: not an array of numbers ({error})") from None
+        raise InputError(f"{name}, {key}: {error}; give an array of numbers") from None
     if vector.ndim != 1:
         raise InputError(
             f"{name}, {key}: an array of shape {vector.shape}; give one of shape (samples,)"

@@ -143,7 +143,9 @@ def _table(lines: list[str], source: str) -> Table:
     if is_open and kept and _breaks_off([lines[i] for i in kept[-2:]], len(header), delimiter):
         torn_row = kept.pop() + 1
     if not kept:
-        raise InputError(f"{source}: there is no row of data below the names {shortened(header)}")
+        raise InputError(
+            f"{source}: there is no row below the names {shortened(header)}; give a file with data"
+        )
     rows = np.array(kept) + 1
     body = [lines[i] for i in kept]
     width = _check_widths(body, rows, header, delimiter, source)

@@ -32,7 +32,7 @@ _CELL, _STRUCTURE, _TEXT = 1, 2, 4
 _IS_COMPLEX = 0x800
 
 
-class TooMuchError(ValueError):
+class TooMuchError(ContentError):
     """A file unpacks to more values than it may; `args[0]` is how many at least."""
 
 

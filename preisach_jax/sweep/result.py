@@ -64,7 +64,10 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
         raise InputError(f"a power law is fitted to {min(x.min(), y.min())}: give positive numbers")
     freedom = x.size - x.shape[0] - 1
     if freedom < 1:
-        raise InputError(f"{x.size} points in {x.shape[0]} rows are too few to fit an exponent")
+        raise InputError(
+            f"there are {x.size} points in {x.shape[0]} rows: give at least two more points than "
+            "rows to fit an exponent"
+        )
     u, v = (np.log(a) - np.log(a).mean(axis=1, keepdims=True) for a in (x, y))
     value = float(np.sum(u * v) / np.sum(u * u))
     left = float(np.sum((v - value * u) ** 2))

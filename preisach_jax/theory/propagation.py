@@ -130,7 +130,7 @@ def noise_coefficient(
         0.666667
     """
     if last > np.shape(x)[0]:
-        raise InputError(f"last is {last}: the input has only {np.shape(x)[0]} samples")
+        raise InputError(f"last is {last}: give at most {np.shape(x)[0]}, the number of samples")
     moments = propagate_error(plane, x, 0.0, progress=progress)
     return float(average_over_samples(moments.variance, moments.sample, first, last))
 
@@ -158,7 +158,9 @@ def average_over_samples(
     """
     values, sample = np.asarray(values, float), np.asarray(sample)
     if np.any(np.diff(sample) < 0):
-        raise InputError("the samples of the events are not in order: sort them with their values")
+        raise InputError(
+            f"sample holds {sample.size} events that are not in order: sort them with their values"
+        )
     if not sample[0] <= first < last:
         raise InputError(
             f"the interval is {first} to {last}: it must not be empty, nor begin before the first "

@@ -98,7 +98,7 @@ def mean_output_error(error: ArrayLike) -> float:
     """
     error = np.asarray(error, float)
     if error.size < 2:
-        raise InputError(f"{error.size} errors are given: the average (30) needs at least 2")
+        raise InputError(f"there are {error.size} errors: give at least 2 for the average (30)")
     return math.sqrt(float(np.sum(error**2)) / (error.size - 1))
 
 

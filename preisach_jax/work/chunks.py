@@ -151,7 +151,8 @@ class Chunks:
         # Zarr and its codecs raise errors of many kinds on damaged files.
         except Exception as error:
             raise InputError(
-                f"{note} or its part of {self.arrays.name} cannot be read ({error})"
+                f"{note} or its part of {self.arrays.name} cannot be read ({error}); remove it "
+                "to compute it again"
             ) from error
         return arrays, about
 

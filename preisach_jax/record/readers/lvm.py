@@ -99,7 +99,9 @@ def _table(segment: _Segment, kind: str, separator: str, decimal: str, source: s
     while names and names[-1] in {"", "Comment"}:
         names.pop()
     if not segment.body or len(names) < 2:
-        raise InputError(f"{source}, row {segment.row}: there are no samples below the header")
+        raise InputError(
+            f"{source}, row {segment.row}: no samples below the header; give a file with data"
+        )
     body = segment.body
     first = body[: body.find("\n")] if "\n" in body else body
     if first.count(separator) + 1 != len(names) or "Comment" in segment.names:

@@ -122,7 +122,9 @@ def _table_of_sheet(rows: Sequence[Sequence[Any]], place: str, source: str) -> T
             data += 1
     body = kept[data:]
     if not body:
-        raise InputError(f"{place}: there is no row of data below row {kept[begin] + 1}")
+        raise InputError(
+            f"{place}: there is no row below row {kept[begin] + 1}; give a sheet with data"
+        )
     names = [name or f"column {k + 1}" for k, name in enumerate(names)]
     columns = {k: [rows[i][k] if k < len(rows[i]) else "" for i in body] for k in range(used)}
     columns = {

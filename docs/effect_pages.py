@@ -15,13 +15,6 @@ from preisach_jax.effects.parameter import Parameter
 from preisach_jax.quantity import number, pretty_unit
 from preisach_jax.signals import diagnostic_record
 
-PLACES = {
-    "input": "the input, before the hysteresis",
-    "hysteresis": "the thresholds of the hysterons",
-    "weights": "the weights of the hysterons",
-    "output": "the output of the hysteresis",
-    "added": "the sum, beside the hysteresis",
-}
 EXAMPLE = "24 s at 500 Hz, 0 to 75 V, 60 µm"
 
 
@@ -66,7 +59,7 @@ def page(effect: Effect, others: Mapping[str, Effect]) -> str:
     confused = ", ".join(_link(name, others) for name in effect.confused_with) or "nothing known"
     return f"""# {effect.name}
 
-Acts on {PLACES[effect.place]}.
+Acts on {effect.place.acts_on}.
 {only}
 ## Physics
 
@@ -110,7 +103,7 @@ Code and docstring: [reference](../reference/effects.md).
 def index(effects: Mapping[str, Effect]) -> str:
     """The overview of all effects in Markdown."""
     rows = [
-        f"| {_link(effect.name, effects)}{' *' * effect.on_request} | {PLACES[effect.place]} "
+        f"| {_link(effect.name, effects)}{' *' * effect.on_request} | {effect.place.acts_on} "
         f"| {effect.signature} "
         f"| {', '.join(_link(name, effects) for name in effect.confused_with)} |"
         for effect in effects.values()

@@ -380,11 +380,11 @@ def chain_rows(model: Model) -> list[tuple[str, str, str, str]]:
     """A model in the order in which a signal passes it: place, part, parameter, value."""
     rows: list[tuple[str, str, str, str]] = []
     operator = [("hysteresis", "Preisach operator", "plane", plane_text(model))]
-    for place, effect in model.chain.stations:
-        if place != "input":
+    for effect in model.chain.in_order:
+        if effect.place != "input":
             rows += operator
             operator = []
-        where, part = place, effect.name
+        where, part = str(effect.place), effect.name
         for parameter, value in parameter_rows(
             model.parameters[effect.name], "Model.parameters"
         ) or [("", "")]:

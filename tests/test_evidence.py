@@ -190,7 +190,6 @@ class Chance(AddedEffect):
     """White noise of its own, that no record holds."""
 
     name = "chance"
-    place = "added"
 
     def coefficients(self):
         return (Parameter("gain", "{z}", -np.inf, np.inf),)

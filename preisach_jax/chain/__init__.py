@@ -1,7 +1,7 @@
 """The signal chain: input effects, Preisach operator, weight, output, added and sensor effects."""
 
 from preisach_jax.chain.coefficients import Coefficients, Columns, coarsened
-from preisach_jax.chain.description import MIDDLE, PLACE_NAMES, PLACES, Chain, EffectValues
+from preisach_jax.chain.description import MIDDLE, PLACES, Chain, EffectValues
 from preisach_jax.chain.driven import drive, driven_path
 from preisach_jax.chain.hysteresis import (
     HysteresisColumns,
@@ -17,7 +17,6 @@ from preisach_jax.chain.signals import Drive, ThinnedSignals, signals_of
 __all__ = [
     "MIDDLE",
     "PLACES",
-    "PLACE_NAMES",
     "Chain",
     "Coefficients",
     "Columns",

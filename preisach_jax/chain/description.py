@@ -32,8 +32,6 @@ PLACES = (
     SensorEffect,
 )
 
-PLACE_NAMES = ("input", "hysterons", "weights", "output", "sum", "sensor")
-
 MIDDLE = "middle"
 """Initial memory of which all that the first sample leaves open is halfway: that of a prediction
 whose past is not known."""
@@ -84,10 +82,9 @@ class Chain(eqx.Module):
         return [effect for effect in self.effects if isinstance(effect, place)]
 
     @property
-    def stations(self) -> list[tuple[str, Effect]]:
-        """Place and effect of all effects, in the order in which a signal passes them."""
-        named = zip(PLACE_NAMES, PLACES, strict=True)
-        return [(name, effect) for name, place in named for effect in self.at(place)]
+    def in_order(self) -> list[Effect]:
+        """All effects in the order in which a signal passes them."""
+        return [effect for place in PLACES for effect in self.at(place)]
 
     @property
     def coefficients(self) -> list[tuple[str, Parameter]]:

@@ -272,7 +272,7 @@ def effects(
         return [_about(effect) for effect in known.values()]
     name = placeholder(name)
     (effect,) = [known[name]] if name in known else resolve([name], {})
-    screen.say(f"{effect.name}: acts on the {_PLACES.get(effect.place, effect.place)}\n")
+    screen.say(f"{effect.name}: acts on {effect.place.acts_on}\n")
     screen.say(effect.physics)
     screen.say(f"\nParameters ({_UNITS})")
     for parameter in _parameters(effect):
@@ -312,15 +312,6 @@ def _about(effect: Effect) -> dict[str, Any]:
         "source": effect.source,
         "on_request": effect.on_request,
     }
-
-
-_PLACES = {
-    "input": "input, before the hysteresis",
-    "hysteresis": "thresholds of the hysterons",
-    "weights": "weights of the hysterons",
-    "output": "output of the hysteresis",
-    "added": "sum, beside the hysteresis",
-}
 
 
 _UNITS = "units: {u} is that of the input, {z} of the output, {aux} of the auxiliary column"

@@ -25,7 +25,6 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
     """
 
     prefix: ClassVar[str] = "aux"
-    place: ClassVar[str] = "added"
     physics: ClassVar[str] = (
         "A load bends the stage by its compliance, at once; a temperature stretches it by its "
         "expansion, with the lag of the heat. Whatever is recorded beside the input can act on the "

@@ -27,6 +27,7 @@ from jaxtyping import Array, Float
 
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
 from preisach_jax.effects.parameter import Parameter, declared_by
+from preisach_jax.effects.places import Place
 from preisach_jax.errors import EffectError, InputError
 
 Values = Mapping[str, Any]
@@ -91,7 +92,7 @@ class Effect(eqx.Module):
 
     Class attributes:
         name: name in models, reports and on the command line.
-        place: `"input"`, `"hysteresis"`, `"weights"`, `"output"` or `"added"`.
+        place: where it acts.
         physics: one paragraph on what happens in the machine.
         source: where that can be read.
         signature: what the residual of a model without it looks like.
@@ -118,7 +119,7 @@ class Effect(eqx.Module):
     """
 
     name: ClassVar[str] = ""
-    place: ClassVar[str] = ""
+    place: ClassVar[Place]
     physics: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""
@@ -247,13 +248,13 @@ class _Stepped(Effect):
 class InputEffect(_Stepped):
     """An effect between the recorded input and the hysteresis."""
 
-    place: ClassVar[str] = "input"
+    place: ClassVar[Place] = Place.INPUT
 
 
 class HysteresisEffect(Effect):
     """An effect inside the hysteresis: it moves thresholds with speed, or feeds the output back."""
 
-    place: ClassVar[str] = "hysteresis"
+    place: ClassVar[Place] = Place.HYSTERESIS
     feeds_back: ClassVar[bool] = False
     """Whether `fed_back` makes the input of the hysterons depend on their output."""
 
@@ -292,7 +293,7 @@ class OutputEffect(_Stepped):
     in `free_response` what another past leaves, as columns of free coefficients.
     """
 
-    place: ClassVar[str] = "output"
+    place: ClassVar[Place] = Place.OUTPUT
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each column of the free response; by default none."""
@@ -323,7 +324,7 @@ class WeightEffect(Effect):
     What scales them may move the output as well, with coefficients of its own.
     """
 
-    place: ClassVar[str] = "weights"
+    place: ClassVar[Place] = Place.WEIGHTS
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each of the `columns`, found by least squares; by default none."""
@@ -345,7 +346,7 @@ class AddedEffect(Effect):
         scaled: whether effects of the weights scale what it adds, as they scale the loop.
     """
 
-    place: ClassVar[str] = "added"
+    place: ClassVar[Place] = Place.ADDED
     scaled: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -364,7 +365,7 @@ class SensorEffect(Effect):
     solves z - Σ c_k φ_k(z) = y, with y the output of the rest of the model.
     """
 
-    place: ClassVar[str] = "output"
+    place: ClassVar[Place] = Place.OUTPUT
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each φ, found by linear least squares; by default none."""

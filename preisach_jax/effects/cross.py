@@ -30,7 +30,6 @@ class Cross(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVariabl
     """
 
     prefix: ClassVar[str] = "cross"
-    place: ClassVar[str] = "added"
     physics: ClassVar[str] = (
         "The axes of a stage, a mirror or a scanner share a frame and flexures that are not quite "
         "square: a drive of one axis moves the reading of another, in proportion where it is slow, "

@@ -10,6 +10,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from preisach_jax.effects.places import Place
 from preisach_jax.export.account import differences, jumps, sizes
 from preisach_jax.export.description import Description, Part, describe, left_out
 from preisach_jax.export.selftest import self_test
@@ -85,11 +86,11 @@ def view(model: Description) -> dict[str, Any]:
     separate = rate is not None and not rate.numbers["reversible"]
     rows, columns = np.tril_indices(model.levels)
     off = np.where((rows == columns) & separate, 0.0, model.weights)
-    outputs = model.at("output")
+    outputs = model.at(Place.OUTPUT)
     auxiliaries = [_with_column(model, part) for part in model.parts if part.kind == "auxiliary"]
     used = {each["column"].identifier for each in auxiliaries}
     by_name = {each["name"]: each for each in auxiliaries}
-    feedback = [p for p in model.at("hysterons") if p.kind in ("eddy_currents", "moving")]
+    feedback = [p for p in model.at(Place.HYSTERESIS) if p.kind in ("eddy_currents", "moving")]
     low_passes = {"input_lag", "creep", "output_lag", "auxiliary"}
     kinds = {part.kind for part in model.parts}
     single = {
@@ -117,14 +118,14 @@ def view(model: Description) -> dict[str, Any]:
         "low_passes": bool(kinds & low_passes),
         "timed": bool(kinds & {"ageing", "drift", "hum"}),
         "sensor_map": model.part("output_nonlinearity"),
-        "inputs": model.at("input"),
+        "inputs": model.at(Place.INPUT),
         "outputs": outputs,
         "led_outputs": bool(kinds & {"output_lag", "delay", "resonance"}),
         "led_output": "output_lag" in kinds,
         "led_input": "input_lag" in kinds,
-        "sensors": model.at("sensor"),
+        "sensors": model.sensor,
         "auxiliaries": auxiliaries,
-        "added": [by_name.get(part.name, part) for part in model.at("sum")],
+        "added": [by_name.get(part.name, part) for part in model.at(Place.ADDED)],
         "unused_aux": [column for column in model.aux if column.identifier not in used],
         "aux_parameters": "".join(f", preisach_real {name}" for name in aux),
         "aux_reals": "".join(f", real {name}" for name in aux),

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.effects.base import Effect, OutputEffect
+from preisach_jax.effects.base import Effect, OutputEffect, SensorEffect
+from preisach_jax.effects.places import Place
 from preisach_jax.errors import InputError
 from preisach_jax.export.laws import LAWS
 from preisach_jax.model import RANGE_TOLERANCE, Model, exactly_summable
@@ -21,14 +22,16 @@ class Part:
     Attributes:
         kind: the law that it follows, the name of its section in the templates.
         name: the effect's name in the model.
-        place: where it acts, one of `PLACE_NAMES`.
+        place: where it acts.
+        in_sensor: whether it acts last of all, on the reading.
         numbers: its coefficients for the sample interval.
         said: its parameters as the model has them, for the reader of the code.
     """
 
     kind: str
     name: str
-    place: str
+    place: Place
+    in_sensor: bool
     numbers: Mapping[str, float | int | bool | tuple[float, ...]]
     said: str
 
@@ -84,9 +87,14 @@ class Description:
         """The part of a kind, if there is one."""
         return next((part for part in self.parts if part.kind == kind), None)
 
-    def at(self, place: str) -> list[Part]:
-        """The parts at a place, in order."""
-        return [part for part in self.parts if part.place == place]
+    def at(self, place: Place) -> list[Part]:
+        """The parts at a place, in order, without those of the sensor."""
+        return [part for part in self.parts if part.place == place and not part.in_sensor]
+
+    @property
+    def sensor(self) -> list[Part]:
+        """The parts of the sensor, in order."""
+        return [part for part in self.parts if part.in_sensor]
 
 
 def describe(
@@ -112,8 +120,7 @@ def describe(
     step_s = model.origin.step_s if rate_hz is None else 1 / rate_hz
     own = _own_coefficients(model)
     parts = tuple(
-        _part(model, effect, place, own.get(effect.name, ()), step_s)
-        for place, effect in model.chain.stations
+        _part(model, effect, own.get(effect.name, ()), step_s) for effect in model.chain.in_order
     )
     plane, weights = model.plane, np.asarray(model.weights, dtype=float)
     reach = RANGE_TOLERANCE * (plane.high - plane.low)
@@ -194,7 +201,7 @@ def _columns(names: Sequence[str], units: Mapping[str, str]) -> tuple[Column, ..
     return tuple(columns)
 
 
-def _part(model: Model, effect: Effect, place: str, own: tuple[float, ...], step_s: float) -> Part:
+def _part(model: Model, effect: Effect, own: tuple[float, ...], step_s: float) -> Part:
     law = LAWS.get(type(effect))
     if law is None:
         raise InputError(
@@ -208,7 +215,9 @@ def _part(model: Model, effect: Effect, place: str, own: tuple[float, ...], step
         for name, estimate in model.parameters[effect.name].items()
         if not (isinstance(effect, OutputEffect) and name in _free(effect))
     )
-    return Part(kind, effect.name, place, numbers_of(effect, values, own, step_s), said)
+    in_sensor = isinstance(effect, SensorEffect)
+    numbers = numbers_of(effect, values, own, step_s)
+    return Part(kind, effect.name, effect.place, in_sensor, numbers, said)
 
 
 def _free(effect: OutputEffect) -> set[str]:

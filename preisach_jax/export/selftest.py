@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.effects.places import Place
 from preisach_jax.export.account import jumps, looks_ahead
 from preisach_jax.export.description import Description
 from preisach_jax.model import Model
@@ -31,7 +32,7 @@ def course(model: Description) -> np.ndarray:
     else:
         samples = np.arange(SAMPLES_A_LINE * (len(TURNS) - 1) + 1)
         part = np.interp(samples, SAMPLES_A_LINE * np.arange(len(TURNS)), TURNS)
-    if model.hysteron == "relay" and not model.at("input") and not model.at("hysterons"):
+    if model.hysteron == "relay" and not model.at(Place.INPUT) and not model.at(Place.HYSTERESIS):
         # Away from the thresholds, so that the rounding of a float does not move one.
         part = (np.round(4 * model.levels * part - 0.5) + 0.5) / (4 * model.levels)
         part = np.clip(part, 0.0, 1.0)

@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from preisach_jax.effects.places import Place
 from preisach_jax.export.description import Description, Part
 
 State = dict[str, np.ndarray]
@@ -96,18 +97,18 @@ def _taken_in(
     h, hysterons = _hysterons(model, state, path, shift)
     new |= hysterons
     signal = h * _gain(model, state)
-    for part in model.at("output"):
+    for part in model.at(Place.OUTPUT):
         signal, own = _OUTPUT[part.kind](part, state, signal)
         new[part.name] = own
     signal += model.offset
-    for part in model.at("sum"):
+    for part in model.at(Place.ADDED):
         column = [c.name for c in model.aux].index(part.name[4:]) if part.kind == "auxiliary" else 0
         value = float(inputs[1 + column]) if part.kind == "auxiliary" else u
         added, own = _ADDED[part.kind](part, state, value)
         signal += added
         if own is not None:
             new[part.name] = own
-    for part in model.at("sensor"):
+    for part in model.sensor:
         if part.kind == "output_nonlinearity":
             signal = _mapped(part, signal)
         else:
@@ -131,7 +132,7 @@ def _driven(model: Description, state: State, u: float) -> tuple[float, State]:
     """What drives the hysterons, and what the effects of the input remember."""
     new: State = {}
     begun, path = bool(state["started"][0]), u
-    for part in model.at("input"):
+    for part in model.at(Place.INPUT):
         if part.kind == "input_quantisation":
             path = _number(part, "step") * float(np.round(path / _number(part, "step")))
             continue
@@ -181,7 +182,9 @@ def _widening(model: Description, state: State, path: float) -> float:
 
 def _hysterons(model: Description, state: State, path: float, shift: float) -> tuple[float, State]:
     """Output of the hysterons, and their state; one that agrees with itself if it is fed back."""
-    feedback = [part for part in model.at("hysterons") if part.kind in ("moving", "eddy_currents")]
+    feedback = [
+        part for part in model.at(Place.HYSTERESIS) if part.kind in ("moving", "eddy_currents")
+    ]
     if not feedback:
         return _switched(model, state, path, shift)
 

@@ -271,7 +271,7 @@ Counting a name as right when the truth is in its family changes {family - exact
 In {len(absorbed)} singles the model with the true effect lowers the held-out mean square by less
 than 5 %, so that the record shows nothing of it, though the machine has the effect.
 
-The simpler ways give the right name about as often where an effect *is* hidden. What the two locks
+The simpler ways give the right name about as often where an effect *is* hidden. What the two tests
 are for stands in the rows of records with nothing hidden.
 
 ## What was said of each effect that was hidden alone
@@ -292,7 +292,7 @@ What they teach:
   great they could be.
 - **Stages of some dozens of relays or of narrow ridges** are called unexplained though nothing is
   hidden, because no plane of 50 levels holds them.
-- **Rate dependence was named beside ageing** in two samples (the same record); the held-out lock is
+- **Rate dependence was named beside ageing** in two samples (the same record); the held-out test is
   asked on all rows since, and the strength of the prior is compared.
 - **A hum of a frequency wrong by 0.07 Hz** passed as *explained* although its error was 32 times
   that of the true effects: the verdict does not see that, where what it leaves looks like noise.

@@ -142,9 +142,10 @@ def abandon(code: int) -> None:
 
 @contextmanager
 def quiet_output() -> Generator[None]:
-    """Lead what libraries write to standard output to standard error, while processes share work.
+    """Redirect standard output to standard error while processes share work.
 
-    Gloo, which carries numbers between processes, greets there, and Python cannot hinder it.
+    Gloo, the transport between processes, prints a banner to the file descriptor itself, beyond the
+    reach of `contextlib.redirect_stdout`.
     """
     if not jax.distributed.is_initialized():
         yield

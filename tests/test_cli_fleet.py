@@ -80,7 +80,7 @@ def test_it_goes_on_and_says_so_when_it_was_interrupted(files, tmp_path, capsys,
     monkeypatch.setattr("preisach_jax.filter.fleet.run_fleet", interrupted)
     words = (*files, "--out", tmp_path, "--levels", 5, "--chunk", 1)
     assert run(*words) == 130
-    assert "keeps the finished chunks, go on by: preisach fleet" in capsys.readouterr().err
+    assert "keeps the finished chunks; resume with: preisach fleet" in capsys.readouterr().err
     assert run(*words) == 0
     assert calls == [1, 1, 1, 1]
     assert run(*words, "--restart") == 0

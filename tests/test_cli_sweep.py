@@ -130,7 +130,7 @@ def test_what_was_ended_from_outside_goes_on_to_the_same_numbers(how, expected, 
         assert code == 130
         again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])
         assert said.splitlines()[-1] == (
-            f"preisach: interrupted; {out} keeps the finished chunks, go on by: {again}"
+            f"preisach: interrupted; {out} keeps the finished chunks; resume with: {again}"
         )
         assert "Traceback" not in said
     else:

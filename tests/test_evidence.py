@@ -1,4 +1,4 @@
-"""The two locks and the error budget: what they let pass, and what their numbers are."""
+"""The two tests and the error budget: what they let pass, and what their numbers are."""
 
 import re
 from dataclasses import replace

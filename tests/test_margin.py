@@ -27,7 +27,7 @@ def named(**numbers):
 
 
 def refused(step=0, **numbers):
-    return Candidate("delay", step, 0.1, 1.0, evidence(**numbers), False, "a lock stays closed")
+    return Candidate("delay", step, 0.1, 1.0, evidence(**numbers), False, "a test is not passed")
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def refused(step=0, **numbers):
         ({}, False),
         ({"gain": 0.0558}, True),
         ({"gain": 0.0562}, False),
-        # From a gain of a quarter on, a z of 2 opens the first lock, below it one of 3.
+        # From a gain of a quarter on, a z of 2 passes the first test, below it one of 3.
         ({"z": 2.23}, True),
         ({"z": 2.24}, False),
         ({"gain": 0.2, "z": 3.35}, True),
@@ -61,7 +61,7 @@ def test_a_name_is_close_if_a_quarter_less_data_would_close_a_lock(numbers, clos
         ({"gain": 0.044}, False),
         ({"gain": 0.2, "z": 2.7}, True),
         ({"gain": 0.2, "z": 2.6}, False),
-        # Both locks are open: what refused it is no matter of data.
+        # Both tests are passed: what refused it is no matter of data.
         ({}, False),
     ],
 )

@@ -141,7 +141,7 @@ def test_a_clock_goes_on_behind_midnight_and_says_so(path):
     moments = [datetime(2024, 1, 1, 23, 59, 59) + k * STEP for k in range(K)]
     record, notes = load(path, [m.strftime("%H:%M:%S.%f") for m in moments])
     np.testing.assert_array_equal(record.time, SECONDS)
-    assert "clock times that go on behind midnight" in notes
+    assert "clock times that run past midnight" in notes
 
 
 def test_offsets_from_universal_time_are_taken_off(path):

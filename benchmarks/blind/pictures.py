@@ -17,7 +17,7 @@ VERDICTS = ("adequate", "unexplained")
 # Okabe and Ito's palette, with a marker each.
 EXCITATIONS = {"rich": ("#0072B2", "o"), "fair": ("#E69F00", "s"), "poor": ("#D55E00", "^")}
 LABELS = {
-    "diagnose": "diagnose\n(both locks)",
+    "diagnose": "diagnose\n(both tests)",
     "criterion": "criterion\nalone",
     "held_out": "held-out error\nalone",
     "correlation": "largest\ncorrelation",

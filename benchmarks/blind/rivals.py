@@ -1,11 +1,11 @@
-"""Simpler ways to name an effect, judged on the same records, to show what both locks are for.
+"""Simpler ways to name an effect, judged on the same records, to show what both tests are for.
 
 The first two see the joint refits of the effects that were worth fitting, the third one sees the
 residual of the model without effects:
 
-- `criterion`: the first lock alone, the greatest fall of the Bayesian information criterion on
+- `criterion`: the first test alone, the greatest fall of the Bayesian information criterion on
   whitened residuals, if it is 10 or more;
-- `held_out`: the second lock without its threshold, the greatest fall of the held-out error, if it
+- `held_out`: the second test without its threshold, the greatest fall of the held-out error, if it
   falls at all;
 - `correlation`: the effect whose simple sign correlates most with the residual, if the ordinary
   information criterion, which takes samples as independent, prefers a term for it.

@@ -108,7 +108,7 @@ class DriveView:
             self._preview()
             if had_result and not self._told.object:
                 name = model_name(step.effects)
-                self._told.object = panels.doing(f"The model is now {name}: find the drive anew.")
+                self._told.object = panels.doing(f"The model is now {name}: find the drive again.")
 
         self._hand_over(show)
 

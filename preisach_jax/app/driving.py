@@ -32,7 +32,7 @@ class Order:
     Attributes:
         course: makes the wanted course; called where the page need not wait for it.
         low, high: limits of the drive, None for those of the model.
-        slew: greatest rate of the drive per s, None for any.
+        slew: maximum slew rate of the drive, per s, None for any.
     """
 
     course: Callable[[], CourseFile]

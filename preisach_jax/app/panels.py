@@ -77,7 +77,7 @@ def failure(error: Exception) -> Markup:
     """A user's mistake as its message; a failure of ours as such."""
     text = str(error)
     if not isinstance(error, InputError):
-        text = f"This is a failure of the program, not of yours: {type(error).__name__}: {text}"
+        text = f"Internal error: {type(error).__name__}: {text}"
     return mistake(text)
 
 
@@ -183,10 +183,10 @@ def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup,
     name = model_name(step.effects)
     budget = step.known_budget
     if budget is None:
-        return name, paragraph.format("How much of this is noise is being worked out."), None
+        return name, paragraph.format("Estimating how much of this is noise."), None
     if budget.is_met:
         head = "Nothing more is missing" if step.effects else "Nothing is missing"
-        return head, paragraph.format(f"{name}: what remains is noise and the grid."), True
+        return head, paragraph.format(f"{name}: what remains is noise and discretisation."), True
     rest = quantity(budget.unexplained, budget.unit, 3)
     words = paragraph.format(f"{name}: {rest} of the error are neither noise nor grid.")
     return "Something is missing", words, False

@@ -12,11 +12,11 @@ from preisach_jax.operator.branches import branch_starts
 from preisach_jax.record import Record
 
 MOST_ROWS = 100_000
-"""Rows that are drawn; of a longer record every so-manyth, the extremes of the input kept."""
+"""Rows that are drawn; of a longer record every n-th, the extremes of the input kept."""
 
 
 def drawn_rows(record: Record) -> np.ndarray:
-    """(row,) the rows that are drawn: all, or every so-manyth and the turning points."""
+    """(row,) the rows that are drawn: all, or every n-th and the turning points."""
     count = len(record)
     if count <= MOST_ROWS:
         return np.arange(count)

@@ -139,7 +139,7 @@ def _fail(error: Exception) -> int:
     if os.environ.get(TRACEBACK, "0") not in {"", "0"}:
         traceback.print_exception(error)
     return _complain(
-        f"this is a failure of the program, not of yours: {type(error).__name__}: {error} "
+        f"internal error: {type(error).__name__}: {error} "
         f"(set {TRACEBACK}=1 for the traceback, and report it)",
         FAILURE,
     )

@@ -83,7 +83,7 @@ def diagnose(
         str | None,
         typer.Option(
             metavar="SIZE",
-            help="error that does not matter: per cent of the stroke (0.1%), or with a unit (20nm)",
+            help="error that may be ignored: per cent of the stroke (0.1%), or with a unit (20nm)",
         ),
     ] = None,
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
@@ -200,11 +200,11 @@ def predict(
 def simulate(
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the record (CSV)")],
     effects: Effects = None,
-    seed: Annotated[int, typer.Option(metavar="S", help="draws the stage and its effects")] = 0,
+    seed: Annotated[int, typer.Option(metavar="S", help="seed of the stage and its effects")] = 0,
     seconds: Annotated[float, typer.Option(metavar="T", help="duration in s")] = 24.0,
     rate: Annotated[float, typer.Option(metavar="HZ", help="sampling rate")] = 2000.0,
     truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="where to write what is hidden (JSON)")
+        Path | None, typer.Option(metavar="FILE", help="where to write the hidden effects (JSON)")
     ] = None,
 ) -> dict[str, Any]:
     """Simulate a piezo stage with chosen effects."""
@@ -221,7 +221,7 @@ def simulate(
     columns = ["t_s", "u_V", "z_um", *stage.aux]
     screen.say(f"{out}: {len(stage.time):,} rows of {', '.join(columns)}")
     if truth is not None:
-        screen.say(f"{truth}: what is hidden in it")
+        screen.say(f"{truth}: the hidden effects")
     files = [out] if truth is None else [out, truth]
     return screen.written(files, columns=columns, rows=len(stage.time))
 

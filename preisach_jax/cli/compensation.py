@@ -37,7 +37,7 @@ def compensate(
         Path | None,
         typer.Option(
             metavar="RECORD",
-            help="what was played before, which sets the memory; default: the (last) fitted record",
+            help="record of what was played before; it sets the memory; default: the (last) fitted record",
         ),
     ] = None,
     limits: Annotated[
@@ -45,7 +45,7 @@ def compensate(
         typer.Option(metavar="LOW,HIGH", help="limits of the drive; default: the model's range"),
     ] = None,
     slew: Annotated[
-        float | None, typer.Option(metavar="MAX", help="greatest rate of the drive per s")
+        float | None, typer.Option(metavar="MAX", help="maximum slew rate of the drive, per s")
     ] = None,
     time: Time = None,
     output: Output = None,

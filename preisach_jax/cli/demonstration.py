@@ -32,7 +32,9 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="folder of the two reports")] = Path(
         "preisach-demo"
     ),
-    seed: Annotated[int, typer.Option(metavar="S", help="draws the stage and what it hides")] = 1,
+    seed: Annotated[
+        int, typer.Option(metavar="S", help="seed of the stage and its hidden effect")
+    ] = 1,
 ) -> dict[str, Any]:
     """Diagnose a bundled measurement and a simulated stage."""
     from preisach_jax.files import check_folder

@@ -15,7 +15,7 @@ from preisach_jax.errors import InputError, require_positive
 if TYPE_CHECKING:
     from preisach_jax.model import Model
 
-_AGAIN = "write the report anew with 'preisach diagnose'"
+_AGAIN = "write the report again with 'preisach diagnose'"
 
 
 @command(

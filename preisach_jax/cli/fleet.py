@@ -52,7 +52,7 @@ def fleet(
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="records of like stages")],
     columns: ReadOptions,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="folder of the results; a fleet in it goes on")
+        Path, typer.Option(metavar="DIR", help="folder of the results; a fleet in it is resumed")
     ],
     levels: Annotated[int, typer.Option(metavar="N", help="levels of the Preisach plane")] = 37,
     low: Annotated[
@@ -66,7 +66,7 @@ def fleet(
         float | None, typer.Option(metavar="X", help="upper limit of the plane [of all inputs]")
     ] = None,
     hysteron: Annotated[str, typer.Option(metavar="KIND", help="ramp or relay")] = "ramp",
-    passes: Annotated[int, typer.Option(metavar="P", help="how often each record is taken in")] = 5,
+    passes: Annotated[int, typer.Option(metavar="P", help="number of passes over each record")] = 5,
     step_size: Annotated[
         float, typer.Option(metavar="MU", help="step size; below 1 for noisy records")
     ] = 1.0,
@@ -142,7 +142,7 @@ def _load(paths: Sequence[Path], columns: ReadOptions) -> list[Record]:
             if pretty_unit(here) != pretty_unit(first):
                 raise InputError(
                     f"{path}: its {role} has the unit {here!r}, and that of {paths[0]} {first!r}: "
-                    "convert the numbers of one of them (--unit names a unit, it converts nothing)"
+                    "convert the numbers of one of them (--unit only names a unit and converts nothing)"
                 )
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)

@@ -45,7 +45,7 @@ _NAMES = ("levels", "noise", "seeds", "samples", "chunk")
 def sweep(
     context: typer.Context,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="folder of the results; a sweep in it goes on")
+        Path, typer.Option(metavar="DIR", help="folder of the results; a sweep in it is resumed")
     ],
     levels: Annotated[
         str | None, typer.Option(metavar="N1,N2", help="levels of the planes [75,37,19,13,9]")
@@ -127,8 +127,7 @@ def show_sweep(found: Sweep) -> None:
     short = [str(N) for N in found.levels[found.unsettled]]
     if short:
         screen.say(
-            f"N = {', '.join(short)}: a record has fewer events than cells, and the initial error "
-            "rules; take more --samples"
+            f"N = {', '.join(short)}: a record has fewer events than cells, and the initial error dominates; take more --samples"
         )
     if not laws:
         screen.say("There are too few points for exponents: take more --levels or --noise.")
@@ -151,7 +150,7 @@ def figures(
         str | None, typer.Option(metavar="4,8", help="numbers of figures, by commas; else all")
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="short records: a look, not the result")
+        bool, typer.Option("--quick", help="short records: a preview, not the published result")
     ] = False,
 ) -> dict[str, Any]:
     """Draw the figures of the paper, and those that go further."""

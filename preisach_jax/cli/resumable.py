@@ -14,11 +14,13 @@ from preisach_jax.errors import InputError
 
 Found = TypeVar("Found")
 
-Chunk = Annotated[int, typer.Option(metavar="C", help="records computed at once, and then written")]
+Chunk = Annotated[
+    int, typer.Option(metavar="C", help="records that are computed together and then written")
+]
 Resume = Annotated[
     bool,
     typer.Option(
-        "--resume/--restart", help="go on with what the folder holds, or lose it and start anew"
+        "--resume/--restart", help="resume what the folder holds, or delete it and start again"
     ),
 ]
 Distributed = Annotated[
@@ -86,7 +88,7 @@ def run_in_folder(out: Path, command: str, run: Callable[..., Found]) -> Found:
     except KeyboardInterrupt:
         again = shlex.join(word for word in shlex.split(command) if word != "--restart")
         raise Interrupted(
-            f"interrupted; {out} keeps the finished chunks, go on by: {again}"
+            f"interrupted; {out} keeps the finished chunks; resume with: {again}"
         ) from None
     for note in notes:
         screen.note(note)

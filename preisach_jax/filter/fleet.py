@@ -63,7 +63,7 @@ def run_fleet(
         adaptive: the filter.
         inputs: (records, time) inputs, or a sequence of rows of any lengths, in the plane's unit.
         outputs: measured outputs of the same shapes; NaN where they are missing.
-        passes: how often each record is taken in.
+        passes: number of passes over each record.
 
     Returns:
         The weights and errors of each record, the same in every process.
@@ -134,7 +134,7 @@ def fleet_to_folder(
         names: a name of each, which the folder keeps; by default their numbers. Records that a
             folder holds are known again by a digest of their values, in any order, and more of them
             continue its fleet.
-        passes: how often each record is taken in.
+        passes: number of passes over each record.
         chunk: how many records are computed at once, and written when they are done.
         resume: keep the chunks that are there; otherwise start anew.
         progress: called with a text and the part that is done.

@@ -245,7 +245,7 @@ _AGAIN = "the same loop at the beginning and at the end, and three times in a ro
 def _repeated(found: Excitation) -> tuple[Grade, str, str]:
     """Drift, ageing: the same loop must come again later."""
     count = found.repeats()
-    why = f"the most frequent loop comes {count} times" if count else "no loop comes again"
+    why = f"the most frequent loop occurs {count} times" if count else "no loop comes again"
     if count >= LEAST_LOOPS:
         return "well", why, ""
     return ("poorly" if count == 2 else "not at all"), why, _AGAIN

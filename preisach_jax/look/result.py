@@ -146,7 +146,7 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
         seconds = quantity(found.period * record.step_s, "s", 3)
         kinds += f"; the input repeats itself every {seconds}, {len(record) // found.period} times"
     elif found.repeats() > 1:
-        kinds += f"; the most frequent loop comes {found.repeats():,} times"
+        kinds += f"; the most frequent loop occurs {found.repeats():,} times"
     if places := found.biases():
         kinds += f"; minor loops at {places} place{'s' * (places > 1)}"
     rows.append(("loops", kinds))
@@ -164,7 +164,7 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
         text = f"{len(lengths):,} of {each}, {total} in all"
         rows.append(("rests", text if len(lengths) > 1 else f"one of {total}"))
     else:
-        rows.append(("rests", "none: the input never keeps still"))
+        rows.append(("rests", "none: the input never rests"))
     return rows
 
 

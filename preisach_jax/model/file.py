@@ -152,7 +152,7 @@ def _told_as_damage() -> Generator[None]:
         yield
     except InputError as error:
         raise InputError(
-            f"the model file is damaged ({error}); mend it, or fit the model anew"
+            f"the model file is damaged ({error}); correct it, or fit the model again"
         ) from error
 
 

@@ -170,7 +170,7 @@ def draw_loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: fl
     """Draw output against input: the measurement, and each trace over it."""
     in_factor, in_unit = scaled(greatest(record.input), record.input_unit)
     out_factor, out_unit = scaled(greatest(record.output), record.output_unit)
-    # Of a million points, every so-manyth draws the same line.
+    # Of a million points, every n-th draws the same line.
     chosen = np.arange(len(record))[rows]
     chosen = chosen[:: max(len(chosen) // 40_000, 1)]
     u = in_factor * record.input[chosen]

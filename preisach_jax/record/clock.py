@@ -38,7 +38,7 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
 
     Example:
         >>> clock_seconds(np.array(["23:59:59.5", "00:00:00.75"], dtype=object))
-        (array([0.  , 1.25]), 'clock times that go on behind midnight')
+        (array([0.  , 1.25]), 'clock times that run past midnight')
     """
     filled = [cell for cell in cells if isinstance(cell, str) and cell.strip()]
     pattern = _pattern(filled[:_LOOKED_AT])
@@ -158,4 +158,4 @@ def _unrolled(ticks: Sequence[int | None]) -> tuple[list[int | None], str]:
             days += before is not None and before - tick > _DAY // 2
             before = tick
         unrolled.append(None if tick is None else tick + days * _DAY)
-    return unrolled, "clock times that go on behind midnight" if days else ""
+    return unrolled, "clock times that run past midnight" if days else ""

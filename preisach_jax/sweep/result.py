@@ -193,7 +193,7 @@ class Sweep:
 
     @property
     def unsettled(self) -> np.ndarray:
-        """(level,) whether a record has fewer events than cells: the initial error then rules."""
+        """(level,) whether a record has fewer events than cells: the initial error then dominates."""
         return self.events.min(axis=1) < self.cells
 
     @property

@@ -93,7 +93,7 @@ class Chunks:
         return self.folder / DONE / f"{self.item}s_{numbers[0]:04d}-{numbers[-1]:04d}.json"
 
     def clear(self) -> None:
-        """Lose all chunks."""
+        """Delete all chunks."""
         for path in self.folder.glob(f"{DONE}/{self.item}s_*.json"):
             path.unlink(missing_ok=True)
         shutil.rmtree(self.arrays, ignore_errors=True)

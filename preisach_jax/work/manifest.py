@@ -15,7 +15,7 @@ from preisach_jax.work.chunks import MANIFEST, Chunks
 
 FORMAT = 2
 
-_REMEDY = "choose another folder with --out, or start anew with --restart"
+_REMEDY = "choose another folder with --out, or start again with --restart"
 
 
 def open_work(chunks: Chunks, resume: bool, result: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Pages that are made when the site is built: effects, blind scores, command line; and formulas."""
+"""Pages that are made when the site is built (effects, scores, architecture, ...); formulas."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ for folder in (HERE, HERE.parent, HERE.parent / "benchmarks"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
+import architecture  # noqa: E402
 import command_line  # noqa: E402
 import effect_pages  # noqa: E402
 import formulas  # noqa: E402
@@ -27,6 +28,7 @@ def generated() -> dict[str, str]:
         "method/measurements.md": measurements.page(),
         "method/scores.md": scores.page(),
         "method/trust.md": trials.page(),
+        "reference/architecture.md": architecture.page(),
         "reference/command-line.md": command_line.page(),
     }
 

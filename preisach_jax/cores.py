@@ -32,7 +32,7 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
     Threads are enough where compiled code does the work.  They compute in the caller's precision.
 
-    Args:
+    Arguments:
         function: what to compute; it must not change what its other calls use.
         items: what to compute it of.
 

@@ -53,7 +53,7 @@ def connect(
 
     Under Slurm, Open MPI and the like JAX finds the others itself, and nothing need be given.
 
-    Args:
+    Arguments:
         coordinator: address `HOST:PORT` of process 0, which the others can reach.
         processes: how many processes there are.
         process: which of them this is, from 0.
@@ -128,7 +128,7 @@ def abandon(code: int) -> None:
 
     A process that failed would else wait for all others at its end, and then be aborted.
 
-    Args:
+    Arguments:
         code: exit code of the process.
 
     Example:
@@ -169,7 +169,7 @@ def is_first() -> bool:
 def evenly(count: int) -> int:
     """The least number of batch entries, from a count on, that all devices share evenly.
 
-    Args:
+    Arguments:
         count: how many entries there are.
 
     Example:
@@ -187,7 +187,7 @@ def compiled(
     It is compiled ahead of time, so that compiling and running are measured apart. Each device
     computes its entries, which lie along the first axis of all that goes in and comes out.
 
-    Args:
+    Arguments:
         function: called as `function(common, batch)` with a part of the batch; returns a pytree.
         common: example of the first argument, or its shapes.
         batch: example of the second, or its shapes; as many entries as `evenly` says.
@@ -228,7 +228,7 @@ def compiled(
 def local(rows: jax.Array) -> np.ndarray:
     """The entries of a batch that lie on this process's own devices.
 
-    Args:
+    Arguments:
         rows: what a function from `compiled` gave.
     """
     parts = sorted(rows.addressable_shards, key=lambda shard: shard.index[0].start or 0)
@@ -238,7 +238,7 @@ def local(rows: jax.Array) -> np.ndarray:
 def gathered(tree: Any) -> Any:
     """All entries of batches, as NumPy arrays, for every process.
 
-    Args:
+    Arguments:
         tree: what a function from `compiled` gave.
 
     Raises:
@@ -253,7 +253,7 @@ def gathered(tree: Any) -> Any:
 def greatest(values: np.ndarray) -> np.ndarray:
     """The greatest of each of some numbers over all processes.
 
-    Args:
+    Arguments:
         values: this process's numbers; of one shape in all of them.
 
     Raises:
@@ -272,7 +272,7 @@ def greatest(values: np.ndarray) -> np.ndarray:
 def from_first(values: np.ndarray) -> np.ndarray:
     """What the first process holds, for all.
 
-    Args:
+    Arguments:
         values: numbers; of one shape and type in all processes.
 
     Raises:

@@ -17,7 +17,7 @@ class InputError(ValueError):
     The message is one line. It names the value received, where it was found (file, column, row)
     and the remedy. The command line prints it and exits with code 2, without a traceback.
 
-    Args:
+    Arguments:
         message: the message; runs of white space, line breaks included, become single spaces.
 
     Example:
@@ -60,7 +60,7 @@ class ContentError(ValueError):
 def require_positive(**values: float) -> None:
     """Refuse numbers that are not above 0, NaN among them.
 
-    Args:
+    Arguments:
         **values: the numbers by their names.
 
     Raises:
@@ -80,7 +80,7 @@ def require_positive(**values: float) -> None:
 def whole_number(what: str, value: Any, least: int) -> int:
     """A whole number as Python's own, or an error that says which ones are taken.
 
-    Args:
+    Arguments:
         what: where the value stands, with the verb, as in "levels is" or "seeds holds".
         value: a whole number of Python's or NumPy's; 2.0 is none.
         least: the least one that is taken.

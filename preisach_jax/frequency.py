@@ -20,7 +20,7 @@ START_DAMPING = 0.02
 class MeasuredResponse(NamedTuple):
     """Frequency response measured on the excited lines.
 
-    Args:
+    Arguments:
         frequency_hz: (lines,) Hz.
         response: (lines,) complex H, output over input.
         deviation: (lines,) standard deviation of H, of both parts together, from period to period.
@@ -34,7 +34,7 @@ class MeasuredResponse(NamedTuple):
 class ModalFit(NamedTuple):
     """Linear model of a frequency response: a rational filter with lightly damped modes.
 
-    Args:
+    Arguments:
         gain: gain at rest, output unit per input unit.
         frequency_hz: (modes,) natural frequencies, ascending, Hz.
         damping: (modes,) damping ratios.
@@ -57,7 +57,7 @@ class ModalFit(NamedTuple):
     def response(self, frequency_hz: ArrayLike) -> np.ndarray:
         """Frequency response of the model.
 
-        Args:
+        Arguments:
             frequency_hz: frequencies, Hz, of any shape.
 
         Returns:
@@ -74,7 +74,7 @@ def frequency_response(
 
     F(e^{jωT}) = Σ b_i e^{-ijωT} / Σ a_i e^{-ijωT}.
 
-    Args:
+    Arguments:
         numerator: (order_b + 1,) coefficients b_i of d^-i.
         denominator: (order_a + 1,) coefficients a_i of d^-i.
         frequency_hz: frequencies, Hz, of any shape.
@@ -107,7 +107,7 @@ def measure_frequency_response(
     √P |mean_p U_p|. What repeats from period to period, as the distortion by a hysteresis does, is
     no part of the deviation: it shows as scatter from line to line.
 
-    Args:
+    Arguments:
         u: (time,) input, `periods` equal periods.
         z: (time,) output.
         periods: number of periods in the record, at least 3.
@@ -166,7 +166,7 @@ def fit_modes(
     search over the modes' (ω, ζ) alone (variable projection: Golub and Pereyra, SIAM J. Numer.
     Anal. 10, 413, 1973). The search starts at the highest peaks of |response|.
 
-    Args:
+    Arguments:
         frequency_hz: (lines,) Hz, ascending, above 0 and below half the rate.
         response: (lines,) complex, output unit per input unit.
         rate_hz: sampling rate 1/T, Hz.

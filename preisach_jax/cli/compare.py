@@ -72,7 +72,8 @@ def _sorted(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     records = [path for path in others if path.suffix.lower() != ".json"]
     if not records:
         raise InputError(
-            f"{', '.join(map(str, paths))}: there is no record among them; give one after the models, as in 'preisach compare base.json model.json stage.csv'"
+            f"{', '.join(map(str, paths))}: there is no record among them; give one after the "
+            f"models, as in 'preisach compare base.json model.json stage.csv'"
         )
     if len(models) > 1 and len(records) > 1:
         raise InputError(

@@ -37,7 +37,8 @@ def compensate(
         Path | None,
         typer.Option(
             metavar="RECORD",
-            help="record of what was played before; it sets the memory; default: the (last) fitted record",
+            help="record of what was played before; it sets the memory; default: the (last) "
+            "fitted record",
         ),
     ] = None,
     limits: Annotated[

@@ -142,7 +142,8 @@ def _load(paths: Sequence[Path], columns: ReadOptions) -> list[Record]:
             if pretty_unit(here) != pretty_unit(first):
                 raise InputError(
                     f"{path}: its {role} has the unit {here!r}, and that of {paths[0]} {first!r}: "
-                    "convert the numbers of one of them (--unit only names a unit and converts nothing)"
+                    "convert the numbers of one of them (--unit only names a unit and converts "
+                    "nothing)"
                 )
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)

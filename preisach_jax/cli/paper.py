@@ -127,7 +127,8 @@ def show_sweep(found: Sweep) -> None:
     short = [str(N) for N in found.levels[found.unsettled]]
     if short:
         screen.say(
-            f"N = {', '.join(short)}: a record has fewer events than cells, and the initial error dominates; take more --samples"
+            f"N = {', '.join(short)}: a record has fewer events than cells, and the initial "
+            f"error dominates; take more --samples"
         )
     if not laws:
         screen.say("There are too few points for exponents: take more --levels or --noise.")

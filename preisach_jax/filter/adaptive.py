@@ -82,7 +82,7 @@ class AdaptiveFilter(eqx.Module):
     - `nonnegative`: a projection onto weights R̂ ≥ 0, which takes R̂ no farther from a truth R ≥ 0,
       so that (15) bounds ‖E(k+1)‖² from above, and (21) holds as it is.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         hysteron: "relay" or "ramp".
         sampling: "event" or "sample".
@@ -160,7 +160,7 @@ class AdaptiveFilter(eqx.Module):
     def rule(self, dtype: DTypeLike) -> UpdateRule:
         """What an error does to the weights, leakage aside.
 
-        Args:
+        Arguments:
             dtype: floating type to compute in.
 
         Returns:
@@ -184,7 +184,7 @@ class AdaptiveFilter(eqx.Module):
     ) -> FilterState:
         """Start the filter at the first sample.
 
-        Args:
+        Arguments:
             x0: () input, in the unit of the plane.
             z0: () measured output, in its unit; NaN if it is missing.
             initial_memory: (cells,) states before the first sample, or the name of an initial
@@ -211,7 +211,7 @@ class AdaptiveFilter(eqx.Module):
         The error is taken with the weights R̂(k) on both sides of the difference; they are updated
         after it, at k + 0.5. Pure; values are not checked here.
 
-        Args:
+        Arguments:
             state: the state after the sample before.
             x: () input, in the unit of the plane; beyond the plane it saturates, and a sample
                 without it (NaN) changes nothing.
@@ -290,7 +290,7 @@ class AdaptiveFilter(eqx.Module):
         the end of the one before. A noise-free record is so learnt to the end; with noise the
         weights settle on a cycle that fits the noise as well.
 
-        Args:
+        Arguments:
             x: (time,) input, in the unit of the plane.
             z: (time,) measured output, in its unit; NaN where it is missing.
             state: the state after an earlier part of the record, which this run continues; without

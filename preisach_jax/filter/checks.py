@@ -23,7 +23,7 @@ MOST_SAMPLES = 2**31 - 1
 def checked_adapt(adapt: Any) -> bool:
     """Refuse a switch between learning and not learning that is neither true nor false.
 
-    Args:
+    Arguments:
         adapt: the switch.
 
     Returns:
@@ -40,7 +40,7 @@ def checked_adapt(adapt: Any) -> bool:
 def require_one_number(name: str, value: ArrayLike) -> None:
     """Refuse a setting that is not one real number; a traced one may be.
 
-    Args:
+    Arguments:
         name: its name.
         value: () the setting.
 
@@ -69,7 +69,7 @@ def require_between(
 def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
     """Refuse a state from which a run on a plane cannot be continued.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         state: the state.
         kind: what it must be: `FilterState` for the adaptive filter.
@@ -89,7 +89,7 @@ def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
 def check_start(plane: Plane, hysteron: str, initial_weight: ArrayLike) -> None:
     """Refuse what no recursion for the weights can start from.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         hysteron: "relay" or "ramp".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
@@ -126,7 +126,7 @@ def start_at(
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Bring weights and hysterons to the first sample of a record.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         hysteron: "relay" or "ramp".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
@@ -154,7 +154,7 @@ def start_at(
 def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """Check an input and the measured output of it.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit; NaN where it is missing.

@@ -70,7 +70,7 @@ def compare_recursions(
     Both records start from saturated low. The error during a run flatters rules that only explain
     the last few events; the replay shows whether the weights hold everywhere.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit.

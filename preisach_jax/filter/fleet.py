@@ -59,7 +59,7 @@ def run_fleet(
     The same as `AdaptiveFilter.run` on one record after another, from saturated low. Relays go from
     one switching event to the next where no output is missing.
 
-    Args:
+    Arguments:
         adaptive: the filter.
         inputs: (records, time) inputs, or a sequence of rows of any lengths, in the plane's unit.
         outputs: measured outputs of the same shapes; NaN where they are missing.
@@ -127,7 +127,7 @@ def fleet_to_folder(
 
     The folder holds `manifest.json`, and `fleet.zarr` with the fields of `FleetResult`.
 
-    Args:
+    Arguments:
         folder: the folder; it need not exist.
         adaptive: the filter.
         records: input and output of each, as for `run_fleet`.

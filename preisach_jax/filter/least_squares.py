@@ -104,7 +104,7 @@ class RecursiveLeastSquares(eqx.Module):
 
     Rounding grows with the ratio of the variances, so it works in double precision only.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         hysteron: "relay" or "ramp".
         forgetting: () λ, 0 < λ ≤ 1, that an event leaves of the ones before; it remembers
@@ -155,7 +155,7 @@ class RecursiveLeastSquares(eqx.Module):
     ) -> LeastSquaresState:
         """Start at the first sample.
 
-        Args:
+        Arguments:
             x0: () input, in the unit of the plane.
             z0: () measured output, in its unit; NaN if it is missing.
             initial_memory: (cells,) states before the first sample, or the name of an initial
@@ -186,7 +186,7 @@ class RecursiveLeastSquares(eqx.Module):
 
         Pure; values are not checked here. `run` is quicker, as it goes from event to event.
 
-        Args:
+        Arguments:
             state: the state after the sample before.
             x: () input, in the unit of the plane; finite, and beyond the plane it saturates.
             z: () measured output, in its unit; NaN if it is missing.
@@ -210,7 +210,7 @@ class RecursiveLeastSquares(eqx.Module):
     ) -> LeastSquaresResult:
         """Run over a record, from event to event.
 
-        Args:
+        Arguments:
             x: (time,) input, in the unit of the plane.
             z: (time,) measured output, in its unit; NaN where it is missing.
             state: the state after an earlier part of the record, which this run continues; without

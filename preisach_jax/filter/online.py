@@ -61,7 +61,7 @@ class OnlineFilter:
     What is kept does not age: ẑ is summed afresh from weights and states whenever one of them has
     changed, differences run from the last event alone, and counts are whole numbers of any size.
 
-    Args:
+    Arguments:
         filt: the adaptive filter.
         state: the state to continue from; without it the first call starts from saturated low.
         saturate: whether inputs beyond the plane are moved to its limits, and counted.
@@ -132,7 +132,7 @@ class OnlineFilter:
     def __call__(self, x: float, z: float = math.nan, adapt: bool = True) -> float:
         """Take in one sample, adapt, and return the model's output.
 
-        Args:
+        Arguments:
             x: input, in the unit of the plane; NaN if it is missing (the sample is then skipped).
             z: measured output, in its unit; NaN if it is missing (the weights then stay).
             adapt: whether to learn; without it the weights stay, and all else goes on.
@@ -187,7 +187,7 @@ class OnlineFilter:
         The same as one call a sample. Blocks of like lengths share what is compiled: there are at
         most eight lengths an octave.
 
-        Args:
+        Arguments:
             x: (time,) input, in the unit of the plane; NaN where it is missing.
             z: (time,) measured output, in its unit; NaN where it is missing, and None if it is
                 missing throughout.
@@ -244,7 +244,7 @@ class OnlineFilter:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the filter and its state to a file; an existing one is replaced in one go.
 
-        Args:
+        Arguments:
             path: the file, NumPy's `.npz` format whatever its name.
 
         Raises:
@@ -276,7 +276,7 @@ class OnlineFilter:
     def load(cls, path: str | os.PathLike[str]) -> OnlineFilter:
         """Read a filter and its state from a file written by `save`.
 
-        Args:
+        Arguments:
             path: the file.
 
         Returns:

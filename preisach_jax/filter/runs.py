@@ -51,7 +51,7 @@ def run_over_samples(
 ) -> FilterResult:
     """Run sample by sample, in a scan of the filter's step.
 
-    Args:
+    Arguments:
         filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit; NaN where it is missing.
@@ -90,7 +90,7 @@ def run_over_events(
 ) -> FilterResult:
     """Run relays from switching event to switching event, O(N) an event.
 
-    Args:
+    Arguments:
         filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit.
@@ -198,7 +198,7 @@ def run_over_moves(
 ) -> FilterResult:
     """Run ramps over the lines of the plane that each sample moves, O(N) a sample.
 
-    Args:
+    Arguments:
         filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit.

@@ -33,7 +33,7 @@ def branch_starts(path: ArrayLike) -> jax.Array:
     That is the last one that the path has not wiped out by reaching beyond it; at a turning point
     it is still the one before.
 
-    Args:
+    Arguments:
         path: (time,) values; the first is the lowest there can be.
 
     Returns:
@@ -83,7 +83,7 @@ def weight_between(
     2E = Σ R max(ρ_i(upper) - ρ_j(lower), 0) in constant time, from sums of weights above, right of,
     and above and right of each cell, of which ramps take a part.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         upper: positions (x - low)/δx, in 0 ... levels, any shape.
@@ -125,7 +125,7 @@ def output_along_branches(
     along nested branches double their reach log₂(time) times. Work and memory do not depend on the
     plane.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         x: (time,) input, in the unit of the plane; beyond it hysterons saturate.

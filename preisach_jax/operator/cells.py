@@ -12,7 +12,7 @@ from preisach_jax.operator.plane import Plane
 def flat_index(alpha_index: ArrayLike, beta_index: ArrayLike) -> jax.Array:
     """Flat index i(i+1)/2 + j of a cell.
 
-    Args:
+    Arguments:
         alpha_index: row i of the plane, any shape.
         beta_index: column j ≤ i, a shape that broadcasts with it.
 
@@ -30,7 +30,7 @@ def flat_index(alpha_index: ArrayLike, beta_index: ArrayLike) -> jax.Array:
 def laid_out(plane: Plane, values: ArrayLike) -> jax.Array:
     """Lay values of the cells out on the plane, for sums along its rows and columns.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         values: (cells,) one value a cell.
 

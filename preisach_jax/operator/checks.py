@@ -29,7 +29,7 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
     Whole numbers written in Python are real numbers. An array of integers is refused, because it
     usually holds a converter's raw counts.
 
-    Args:
+    Arguments:
         values: real numbers of any shape.
         name: what they are, for the message; its last word is the name of the variable.
 
@@ -56,7 +56,7 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
 def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
     """Refuse values that are not finite; traced values have none yet and pass.
 
-    Args:
+    Arguments:
         values: numbers of any shape.
         name: what they are, for the message.
         missing: whether NaN is allowed, for a value that is missing.

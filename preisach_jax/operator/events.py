@@ -38,7 +38,7 @@ def switching_events(
     the row was last passed upward; a fall switches off, in each column, those below the highest
     level since that column was last passed downward.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         events: room for so many events.
@@ -76,7 +76,7 @@ def room_for_events(plane: Plane, x: ArrayLike, step: int = 1) -> tuple[int, int
     A stretch between two turning points passes at most one threshold more than its length holds
     cells, and so does a step.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (..., time) inputs, in the unit of the plane; concrete.
         step: what the bound on the events is rounded up to a multiple of, so that other inputs
@@ -105,7 +105,7 @@ def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]
 
     Inputs of equal length, and about as many events, share what is compiled for them.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
 
@@ -181,7 +181,7 @@ def relays_between(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the relays that are on before some of the events, from which sums can begin afresh.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
         switching: its events, as `events_and_states` finds them.
@@ -223,7 +223,7 @@ def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | ja
     As `Plane.quantise`, but a threshold on which the input rests at its start is not passed, as the
     states there are those of the initial memory by rule (1).
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         before: the level at which the initial memory ends.
@@ -260,7 +260,7 @@ def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | ja
 def moves_of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pick the samples at which a level moves.
 
-    Args:
+    Arguments:
         levels: (time,) integers.
 
     Returns:
@@ -320,7 +320,7 @@ def _crossings(
 def rounded_up(count: int) -> int:
     """Round up to one of eight sizes an octave: inputs of like length share what is compiled.
 
-    Args:
+    Arguments:
         count: how many there are.
 
     Returns:

@@ -37,7 +37,7 @@ def fed_back_states(
     At every sample the output is found that agrees with itself, by Newton steps kept inside a
     bracket: a hysteresis never falls with its input, and its output has bounds.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, not negative.
         memory: (cells,) output m that each unknown start adds, not negative.

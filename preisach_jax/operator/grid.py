@@ -24,7 +24,7 @@ def _limit(value: float) -> float:
 class Grid(eqx.Module):
     """Where the thresholds of a `Plane` lie.
 
-    Args:
+    Arguments:
         levels: N ≥ 2, the levels of each axis.
         low: lower limit of the input, in its unit.
         high: upper limit of the input, in its unit; above `low`.

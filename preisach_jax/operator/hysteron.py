@@ -13,7 +13,7 @@ from preisach_jax.operator.grid import Grid
 def position_on(plane: Grid, x: Any) -> Any:
     """Position of an input on an axis of the plane, (x - low)/δx, 0 to levels.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: inputs in the unit of the plane, a floating array of JAX or NumPy.
 
@@ -36,7 +36,7 @@ def thresholds_reached(
 
     Ramp: ρ_i(x) = clip((x - low)/δx - i, 0, 1), a ramp of width δx centred on threshold i.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         previous: () input one sample before; equal to `x` at the first sample.
         x: () input.
@@ -63,7 +63,7 @@ def hysteron_step(
 
     Eq. (2) in 0/1 form, y(k) = min(on_β, max(y(k-1), on_α)), for relays and ramps alike.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         states: (cells,) states y(k-1) in [0, 1].
         previous: () input x(k-1), in the unit of the plane; pass x(k) at the first sample, so that

@@ -23,7 +23,7 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
     Sums along a line of the plane are differences of cumulated weights, so that an event costs as
     much as it has lines.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         switching: the events.
         weights: (cells,) weights R, in the unit of the output.
@@ -50,7 +50,7 @@ def output_rises(plane: Plane, switching: Switching, weights: ArrayLike) -> jax.
 def measured_rises(switching: Switching, z: jax.Array) -> jax.Array:
     """Rise of measured outputs from event to event, as `adapt_over_events` takes it.
 
-    Args:
+    Arguments:
         switching: the events.
         z: (time, lanes) outputs.
 
@@ -78,7 +78,7 @@ def adapt_over_events(
     At each event e = Δz - (Σ R̂ on S⁺ - Σ R̂ on S⁻), eq. (7), and then R̂ ← R̂ ± e/A on S±, eq. (8),
     (12), which touches only the cells that switch: O(N) an event. The same as `AdaptiveFilter`.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         switching: the events of the input that all lanes share.
         increments: (events, lanes) rise of the measured output since the event before (at the first
@@ -112,7 +112,7 @@ def adapt_and_share(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Do what `adapt_over_events` does, and tell what the updates add to the weights in sum.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         switching: the events of the input that all lanes share.
         increments: (events, lanes) rise of the measured output since the event before.

@@ -52,7 +52,7 @@ class RampMoves(eqx.Module):
     def cells(self, plane: Plane) -> jax.Array:
         """Flat indices of the cells of a line.
 
-        Args:
+        Arguments:
             plane: the Preisach plane.
 
         Returns:
@@ -67,7 +67,7 @@ class RampMoves(eqx.Module):
 def ramp_moves(plane: Plane, x: ArrayLike) -> RampMoves:
     """Find the moves that an input makes ramps do.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane; concrete.
 
@@ -164,7 +164,7 @@ def adapt_over_moves(
     the last one are touched. Output, R̂ᵀs and sᵀs are carried along, and are summed afresh from time
     to time.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         moves: of the input.
         z: (time,) measured output; no value is missing.

@@ -21,7 +21,7 @@ LIMIT_TOLERANCE = 1e-6
 def require_plane(plane: Plane) -> None:
     """Refuse what is no plane.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
 
     Raises:
@@ -36,7 +36,7 @@ def require_plane(plane: Plane) -> None:
 def require_on_plane(plane: Plane, x: ArrayLike) -> None:
     """Refuse an input that is not finite or leaves the plane; a traced one passes and saturates.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: () or (time,) floating input, in the unit of the plane.
 
@@ -66,7 +66,7 @@ def as_path(plane: Plane, x: ArrayLike) -> jax.Array:
     Values are checked where there are any: inside a compiled function an input beyond the plane
     passes, and the hysterons saturate.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
 
@@ -88,7 +88,7 @@ def path_and_start(
 ) -> tuple[jax.Array, jax.Array]:
     """Check an input and the states before it, and bring both to one floating type.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         initial_states: (cells,) states in [0, 1], or the name of an initial memory.

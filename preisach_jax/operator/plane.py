@@ -28,7 +28,7 @@ class Plane(Grid):
     to the plane. Cells are in flat order: α index i outer (0 ... N-1), β index j = 0 ... i inner,
     flat index i(i+1)/2 + j.
 
-    Args:
+    Arguments:
         levels: N ≥ 2, the levels of each axis.
         low: lower limit of the input, in its unit.
         high: upper limit of the input, in its unit; above `low`.
@@ -48,7 +48,7 @@ class Plane(Grid):
         A rising input (and the first sample) counts the thresholds at or below it, a falling one
         those below it; while the input does not move, the level is kept.
 
-        Args:
+        Arguments:
             x: (time,) input, in the unit of the plane.
 
         Returns:
@@ -81,7 +81,7 @@ class Plane(Grid):
     def matrix(self, values: ArrayLike) -> np.ndarray:
         """Lay values of the cells out on the plane.
 
-        Args:
+        Arguments:
             values: (cells,) one value a cell.
 
         Returns:
@@ -109,7 +109,7 @@ class Plane(Grid):
         from low, turns at α and goes back to β. As states are 0 and 1 here, that is half the weight
         of the hysterons switched on the way back: Σ R max(ρ_i(α) - ρ_j(β), 0)/2.
 
-        Args:
+        Arguments:
             weights: (cells,) weights R, in the unit of the output.
             alpha: turning points, in the unit of the input, any shape.
             beta: end points, in the unit of the input, a shape that broadcasts with `alpha`.
@@ -152,7 +152,7 @@ class Plane(Grid):
         ramps are half on and relays off. The hysterons that the input forces at x0 are then set by
         rule (1).
 
-        Args:
+        Arguments:
             kind: "low", "high" or "demagnetised".
             x0: () input at the first sample, in its unit.
             hysteron: "relay" or "ramp".
@@ -184,7 +184,7 @@ class Plane(Grid):
     def initial_turns(self, kind: str, hysteron: str = "ramp") -> np.ndarray:
         """Turning points that leave a named initial memory behind, see `initial_states`.
 
-        Args:
+        Arguments:
             kind: "low", "high" or "demagnetised".
             hysteron: "relay" or "ramp".
 

@@ -37,7 +37,7 @@ def simulate(
     for 2√time of them. The event form goes from one turning point of the input to the next, and
     does not become slower with the number of hysterons (`output_along_branches`).
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         x: (time,) input, in the unit of the plane.
@@ -75,7 +75,7 @@ def simulate(
 def chosen_form(form: str, why_not: str) -> str:
     """Choose between the dense form and the event form.
 
-    Args:
+    Arguments:
         form: "auto", "dense" or "event".
         why_not: why there is no event form; empty if there is one.
 

@@ -21,7 +21,7 @@ def hysteron_states(
 ) -> jax.Array:
     """Follow the states of all hysterons along an input, eq. (1)-(4).
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         initial_states: (cells,) states in [0, 1] before the first sample, or the name of an initial
@@ -107,7 +107,7 @@ def weighted_states(
     h(k) = Σ_i R_i low_i(k) + m_i (high_i(k) - low_i(k)) with the `state_bounds`, and without
     keeping these.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, in output units.
         memory: (cells,) output m that each unknown start adds until the input forces it.
@@ -177,7 +177,7 @@ def state_bounds(
     Eq. (2) with fixed input maps y(k-1) by a clamp, and clamps compose to clamps, so that the state
     from any initial state y0 is exactly clip(y0, low, high).
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         hysteron: "relay" or "ramp".

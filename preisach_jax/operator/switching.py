@@ -45,7 +45,7 @@ class Switching(eqx.Module):
     def cells(self, plane: Plane) -> jax.Array:
         """Flat indices of the relays that switch.
 
-        Args:
+        Arguments:
             plane: the Preisach plane that the events are of.
 
         Returns:

@@ -14,7 +14,7 @@ class UpdateRule(eqx.Module):
     The error ê that is used is e, without update where |e| ≤ the dead zone, and cut off at ± the
     limit. Without options it is the paper's rule.
 
-    Args:
+    Arguments:
         step_size: () or (lanes,) step size μ; 0 learns nothing.
         dead_zone: () or (lanes,) size of errors that update nothing, in the unit of the output.
         error_limit: () or (lanes,) size at which errors are cut off, same unit.
@@ -35,7 +35,7 @@ class UpdateRule(eqx.Module):
     def learns(self, error: jax.Array) -> jax.Array:
         """Tell which errors update the weights.
 
-        Args:
+        Arguments:
             error: e, any shape that broadcasts with the settings.
 
         Returns:
@@ -48,7 +48,7 @@ class UpdateRule(eqx.Module):
     def rate(self, error: jax.Array, squared: ArrayLike) -> jax.Array:
         """The factor of s in an update, μ ê/(sᵀs).
 
-        Args:
+        Arguments:
             error: e, any shape that broadcasts with the settings, in the unit of the output.
             squared: sᵀs > 0.
 

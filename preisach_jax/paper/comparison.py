@@ -104,7 +104,7 @@ def relays_and_ramps(
 ) -> HysteronComparison:
     """Fit a smooth stage with relays and with ramps on planes of several sizes, Fig. 10.
 
-    Args:
+    Arguments:
         levels: N of the planes, ascending, at least three.
         samples: time steps at 2 kHz; the first half is fitted, the second one predicted.
         every: one of so many samples is a row of the regression.
@@ -248,7 +248,7 @@ def recursions(
 ) -> RecursionComparison:
     """Compare the paper's rule, its passes and step sizes, and least squares, Fig. 11.
 
-    Args:
+    Arguments:
         levels: N.
         samples: time steps of the record, and of the one that is replayed, at 2 kHz.
         seed: draws the two.

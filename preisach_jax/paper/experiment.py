@@ -46,7 +46,7 @@ class Identification(NamedTuple):
 def identification(seed: int, samples: int, levels: int) -> Identification:
     """Simulate the experiment at 2 kHz and run the adaptive filter over it, once for all figures.
 
-    Args:
+    Arguments:
         seed: draws the coin of the command.
         samples: time steps.
         levels: N of the plane over 0 to 75 V.
@@ -107,7 +107,7 @@ def loops(
 ) -> Loops:
     """Measured loops of the Bernoulli experiment, Fig. 5.
 
-    Args:
+    Arguments:
         seconds: how much of the record is shown.
         seed: draws the coin.
         samples: time steps of the record at 2 kHz.
@@ -186,7 +186,7 @@ def time_frame(
 ) -> TimeFrame:
     """A stretch of measurement and filter output, Fig. 7.
 
-    Args:
+    Arguments:
         levels: N.
         seed: draws the coin.
         samples: time steps of the record at 2 kHz; the frame begins after 90 % of them.

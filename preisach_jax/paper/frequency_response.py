@@ -91,7 +91,7 @@ def bode(
 ) -> Bode:
     """Measure the frequency response of the simulated stage and fit a linear model, Fig. 4.
 
-    Args:
+    Arguments:
         realisations: how many excitations with phases of their own, at least 2.
         seed: draws the phases and the noise.
         noise_um: standard deviation of the sensor's noise, µm.

@@ -35,7 +35,7 @@ def fit_hinge(k: ArrayLike, y: ArrayLike, candidates: int = 500) -> Hinge:
 
     y = level + slope · min(k - knee, 0). Level and slope are solved for at each candidate knee.
 
-    Args:
+    Arguments:
         k: (points,) abscissae, ascending.
         y: (points,) values.
         candidates: number of knees tried, evenly between the second point and the last but one.
@@ -76,7 +76,7 @@ def knee_interval(
 ) -> tuple[float, float]:
     """95 % interval of the knee of log10 of the mean of rows, by drawing rows with replacement.
 
-    Args:
+    Arguments:
         k: (points,) abscissae, ascending.
         rows: (rows, points) positive values, each row an independent realisation.
         draws: how often as many rows are drawn and fitted.

@@ -30,7 +30,7 @@ from preisach_jax.theory import noise_coefficient, residual_ratio_bound
 def noise_sweep(seed: int, levels: tuple[int, ...], seeds: int, samples: int) -> Sweep:
     """Run the sweep of Fig. 8 and 9, once for both.
 
-    Args:
+    Arguments:
         seed: makes the random key.
         levels: N of the planes.
         seeds: number of realisations.
@@ -106,7 +106,7 @@ def proportionality(
 ) -> Proportionality:
     """Auxiliary norm of the weight error against the quantisation noise, Fig. 8.
 
-    Args:
+    Arguments:
         levels: N of the planes, at least three.
         seeds: number of realisations.
         samples: time steps of each at 2 kHz.
@@ -148,7 +148,7 @@ def proportionality(
 def power_law_through(x: np.ndarray, y: np.ndarray, exponent: float, at: np.ndarray) -> np.ndarray:
     """Values of the power law of a given exponent that goes through the middle of some points.
 
-    Args:
+    Arguments:
         x: (points,) positive numbers.
         y: (points,) positive numbers.
         exponent: the exponent.
@@ -241,7 +241,7 @@ def coefficients(
 ) -> Coefficients:
     """What noise adds to the weight error, simulated, exact and bounded, Fig. 9.
 
-    Args:
+    Arguments:
         levels: N of the planes.
         seeds: number of realisations.
         samples: time steps of each at 2 kHz.
@@ -285,7 +285,7 @@ def coefficients(
 def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.ndarray:
     """Exact ratio of what noise adds to ⟨‖E‖²⟩ and W, for the first input of a sweep.
 
-    Args:
+    Arguments:
         found: the sweep.
         progress: called with a text and the part that is done.
 

@@ -75,7 +75,7 @@ def convergence(
 ) -> Convergence:
     """Squared output error of the recursive identification, Fig. 6.
 
-    Args:
+    Arguments:
         levels: N.
         seed: draws the coin of the first record; the others have the seeds after it.
         samples: time steps of a record at 2 kHz; the residual interval is the last 80 %.

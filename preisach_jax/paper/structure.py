@@ -51,7 +51,7 @@ class HysteronLoops(FigureData):
 def hysteron_loops(points: int = 241, progress: Progress | None = None) -> HysteronLoops:
     """Follow one relay and one ramp through a loop of the input, Fig. 1.
 
-    Args:
+    Arguments:
         points: points of a branch.
         progress: called with a text and the part that is done.
 
@@ -126,7 +126,7 @@ class Diagram(FigureData):
 def filter_diagram(progress: Progress | None = None) -> Diagram:
     """The data flow of the adaptive hysteresis filter, Fig. 2.
 
-    Args:
+    Arguments:
         progress: called with a text and the part that is done.
 
     Returns:
@@ -184,7 +184,7 @@ def filter_diagram(progress: Progress | None = None) -> Diagram:
 def experiment_diagram(progress: Progress | None = None) -> Diagram:
     """The principal structure of the experiment, Fig. 3.
 
-    Args:
+    Arguments:
         progress: called with a text and the part that is done.
 
     Returns:

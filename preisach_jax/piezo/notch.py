@@ -25,7 +25,7 @@ LIGHT_DAMPING = 0.1
 class Modes(NamedTuple):
     """Lightly damped modes, in ascending order of frequency.
 
-    Args:
+    Arguments:
         frequency_hz: (modes,) natural frequencies |s|/2π, Hz.
         damping: (modes,) damping ratios -Re(s)/|s|.
     """
@@ -42,7 +42,7 @@ def linear_filter(numerator: ArrayLike, denominator: ArrayLike, x: ArrayLike) ->
     So the settled state is zero, and the state holds small numbers only: with the resonances of
     `paper_stage` single precision then costs 0.1 nm, where B/A itself costs 2.7 nm.
 
-    Args:
+    Arguments:
         numerator: (order_b + 1,) coefficients b_0, b_1, ... of 1, d^-1, ...
         denominator: (order_a + 1,) coefficients a_0, a_1, ...; a_0 and their sum are not zero.
         x: (time,) signal.
@@ -83,7 +83,7 @@ def _filter(b: jax.Array, a: jax.Array, x: jax.Array) -> jax.Array:
 def notch_filter(u: ArrayLike) -> jax.Array:
     """The paper's notch filter F(d), eq. (26), settled at the first sample; its gain at rest is 1.
 
-    Args:
+    Arguments:
         u: (time,) command at 5 kHz, V.
 
     Returns:
@@ -104,7 +104,7 @@ def resonances(polynomial: ArrayLike, rate_hz: float = RATE_HZ) -> Modes:
 
     A root d belongs to s = ln(d)/T; its natural frequency is |s|/2π and its damping -Re(s)/|s|.
 
-    Args:
+    Arguments:
         polynomial: (order + 1,) real coefficients, those of 1, d^-1, d^-2, ...
         rate_hz: sampling rate 1/T, Hz.
 

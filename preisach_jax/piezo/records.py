@@ -22,7 +22,7 @@ from preisach_jax.signals.checks import as_key
 class PiezoRecord(NamedTuple):
     """One record of the experiment.
 
-    Args:
+    Arguments:
         time_s: (time,) s.
         command_v: (time,) command before the notch filter, V.
         input_v: (time,) drive of the stage, V: what the identification calls x.
@@ -54,7 +54,7 @@ def encode(position: jax.Array, step: float) -> jax.Array:
 
     The derivative is that without an encoder, since the true one is zero wherever it exists.
 
-    Args:
+    Arguments:
         position: z, µm, of any shape.
         step: step of the encoder, µm; 0 is none.
 
@@ -85,7 +85,7 @@ def experiment(
     at 2 kHz every second or third. To a rate-independent hysteresis uneven steps of time mean
     nothing, while interpolated pairs would lie on chords along which the stage never ran.
 
-    Args:
+    Arguments:
         key: random key (`jax.random.key`).
         samples: number of samples at the lower rate.
         stage: the stage; None is `paper_stage()`.

@@ -29,7 +29,7 @@ class PiezoStage(eqx.Module):
     It starts saturated low: a play is then where it comes to rest whenever the drive returns to
     0 V, which is the memory of a Preisach model over 0 V to 75 V with all hysterons off.
 
-    Args:
+    Arguments:
         slack_up: (plays,) V, by which a rising drive is ahead.
         slack_down: (plays,) V, by which a falling drive is behind.
         slope: (plays,) µm/V.
@@ -53,7 +53,7 @@ class PiezoStage(eqx.Module):
     def hysteresis(self, v: ArrayLike) -> jax.Array:
         """Stroke without the resonances along a drive, from saturated low.
 
-        Args:
+        Arguments:
             v: (time,) drive, V.
 
         Returns:
@@ -67,7 +67,7 @@ class PiezoStage(eqx.Module):
     def response(self, v: ArrayLike) -> jax.Array:
         """Stroke along a drive at 5 kHz: hysteresis, then resonances, settled at the first sample.
 
-        Args:
+        Arguments:
             v: (time,) drive at 5 kHz, V.
 
         Returns:
@@ -106,7 +106,7 @@ def paper_stage(plays: int = PLAYS) -> PiezoStage:
     with the drive, which makes the branches differ: at the lower vertex the slope is 2.47 µm/V. The
     resonances are those that the notch filter (26) removes.
 
-    Args:
+    Arguments:
         plays: number of plays, at least 2. With 256 the stroke is within 0.8 nm (RMS 0.15 nm) of
             that with ever more, with 128 within 2.1 nm; the encoder's step is 1.22 nm.
 

@@ -19,7 +19,7 @@ CREEP_DECADES = (-2.0, 1.0)  # of the time constants in s
 class Measurement:
     """What sizes of effects go by.
 
-    Args:
+    Arguments:
         duration_s: of the record, s.
         stroke_um: stroke over the whole range, µm, without feedback.
         fastest: greatest rate of the drive, V/s.
@@ -33,7 +33,7 @@ class Measurement:
 def effect_names(effects: Sequence[str]) -> list[str]:
     """Full names of effects.
 
-    Args:
+    Arguments:
         effects: names out of `EFFECTS`; "aux", "gain", "cross" are short for those of a column.
 
     Returns:
@@ -60,7 +60,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
 def draw_effect(name: str, seed: int, measurement: Measurement) -> dict[str, Any]:
     """Parameters of an effect; each has its own stream, so that effects can be combined.
 
-    Args:
+    Arguments:
         name: out of `EFFECTS`.
         seed: whole number, at least 0.
         measurement: what its size goes by.

@@ -46,7 +46,7 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
     The rate that widens the slacks is du/dt on the way to each instant, of the drive as it arrives
     behind the amplifier but without the steps of the converter, which are quick and small.
 
-    Args:
+    Arguments:
         stage: the hysteresis.
         hidden: parameters of the hidden effects.
         command: (time,) V, at inner instants.
@@ -80,7 +80,7 @@ def _amplify(hidden: Hidden, drive: np.ndarray, step_s: float) -> np.ndarray:
 def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> np.ndarray:
     """Position of the mechanics, late by the electronics behind its sensor.
 
-    Args:
+    Arguments:
         hidden: parameters of the hidden effects.
         h: (time,) output of the hysteresis, µm, at inner instants.
         time: (time,) s.
@@ -111,7 +111,7 @@ def add_disturbances(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Position with what comes without the drive, and the column of the load.
 
-    Args:
+    Arguments:
         hidden: parameters of the hidden effects.
         z: (time,) position, µm, at inner instants.
         time: (time,) s.
@@ -139,7 +139,7 @@ def low_pass(x: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
 
     τ y' = x - y, (τ/T + 1/2) y(k) = (τ/T - 1/2) y(k-1) + (x(k) + x(k-1))/2.
 
-    Args:
+    Arguments:
         x: (time,) signal.
         tau_s: time constant τ, s.
         step_s: time step T, s.
@@ -165,7 +165,7 @@ def resonate(x: np.ndarray, f_hz: float, zeta: float, step_s: float) -> np.ndarr
 
     y'' + 2 ζ ω y' + ω² y = ω² x, ω = 2π f.
 
-    Args:
+    Arguments:
         x: (time,) signal.
         f_hz: natural frequency f without damping, Hz.
         zeta: damping ratio ζ.
@@ -189,7 +189,7 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
 
     y(k) = y(k-1) + max(-s T, min(s T, x(k) - y(k-1))).
 
-    Args:
+    Arguments:
         x: (time,) signal.
         slew: greatest rate s, in the unit of the signal per s.
         step_s: time step T, s.
@@ -212,7 +212,7 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
 def round_to(x: np.ndarray, step: float) -> np.ndarray:
     """Nearest multiple of a step, halves upward.
 
-    Args:
+    Arguments:
         x: signal of any shape.
         step: of the converter, in the unit of the signal.
 
@@ -232,7 +232,7 @@ def bend(z: np.ndarray, coefficients_um: Sequence[float], stroke_um: float) -> n
     z + a₂ (1 - s²) + a₃ (3√3/2) (s - s³) with s = 2 z / stroke - 1, so that a₂ and a₃ are the
     greatest deviations within the stroke.
 
-    Args:
+    Arguments:
         z: position, µm, of any shape.
         coefficients_um: a₂ and a₃, µm.
         stroke_um: stroke, µm.

@@ -36,7 +36,7 @@ INNER_RATE_HZ = 10_000.0  # the stage is integrated at least this often
 class StageRecord:
     """What the simulated experiment has measured, and what was hidden in it.
 
-    Args:
+    Arguments:
         time: (time,) s.
         input: (time,) drive, V.
         output: (time,) position, µm, with noise and encoder steps.
@@ -53,7 +53,7 @@ class StageRecord:
     def save(self, path: str | Path) -> None:
         """Write the measured columns t_s, u_V, z_um and the auxiliary ones, comma-separated.
 
-        Args:
+        Arguments:
             path: the file to write.
 
         Example:
@@ -88,7 +88,7 @@ def simulate_stage(
     each effect does, what its parameters mean and in which order they act stands in
     `preisach_jax.plant.effects`.
 
-    Args:
+    Arguments:
         seed: whole number, at least 0, which draws the stage, the effects and the noise.
         seconds: duration, s; with `drive`, its own length counts.
         effects: names out of `plant.EFFECTS`; "aux" is short for "aux:load_N", "gain" for

@@ -67,7 +67,7 @@ def draw_leakage(rng: np.random.Generator, duration_s: float) -> dict[str, float
 def columns(hidden: Hidden, time: np.ndarray, seed: int) -> dict[str, np.ndarray]:
     """Courses of a temperature about 20 °C and of another axis, as far as they are asked for.
 
-    Args:
+    Arguments:
         hidden: parameters of the hidden effects.
         time: (time,) s.
         seed: draws the courses.
@@ -113,7 +113,7 @@ def with_forces(
 ) -> np.ndarray:
     """Position, µm, with what goes with the speed of the drive and what leaks from another axis.
 
-    Args:
+    Arguments:
         hidden: parameters of the hidden effects.
         z: (time,) position, µm.
         drive: (time,) V.

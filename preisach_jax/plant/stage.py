@@ -25,7 +25,7 @@ class Stage:
     actuators: Al Janaideh, Rakheja and Su, Smart Mater. Struct. 18, 045001, 2009). A slack of zero
     is the reversible part.
 
-    Args:
+    Arguments:
         slack_up: (plays,) V, by which a rising drive is ahead.
         slack_down: (plays,) V, by which a falling drive is behind.
         weights: (plays,) µm per V of generating function.
@@ -48,7 +48,7 @@ class Stage:
     def generate(self, v: np.ndarray) -> np.ndarray:
         """Generating function g, V.
 
-        Args:
+        Arguments:
             v: play, V, of any shape.
 
         Returns:
@@ -61,7 +61,7 @@ class Stage:
 
         Each play keeps v between u - slack_up - widening and u + slack_down + widening.
 
-        Args:
+        Arguments:
             u: (time,) drive, V.
             widening: (time,) or one value, at least 0, V, by which all slacks are greater, also
                 those of zero; a slack that shrinks takes its play along.
@@ -100,7 +100,7 @@ class Stage:
         by repeated substitution into the whole course. Γ is Lipschitz in the largest deviation with
         a constant of at most Σ_k weight_k, so that this contracts where |a| Σ_k weight_k < 1.
 
-        Args:
+        Arguments:
             u: (time,) drive, V.
             a: feedback, V/µm.
             widening: as in `hysteresis`.
@@ -142,7 +142,7 @@ def _heading(moves: np.ndarray) -> np.ndarray:
 def make_stage(seed: int = 0) -> Stage:
     """Draw a stage with 40 to 90 µm stroke and a loop 10 to 18 % of it wide.
 
-    Args:
+    Arguments:
         seed: whole number, at least 0; the same seed gives the same stage.
 
     Returns:

@@ -28,7 +28,7 @@ def uniform(key: jax.Array, count: int) -> jax.Array:
 def as_key(key: jax.Array) -> jax.Array:
     """A random key, or an error that says how to make one.
 
-    Args:
+    Arguments:
         key: a key of `jax.random.key`, or the older kind of `jax.random.PRNGKey`.
 
     Returns:
@@ -61,7 +61,7 @@ def ordered(low: float, high: float) -> None:
 def checked_lines(lines: Sequence[int], period: int) -> np.ndarray:
     """Lines of a periodic excitation, for those who play it and those who measure its response.
 
-    Args:
+    Arguments:
         lines: whole cycles a period of each sine.
         period: samples of a period.
 

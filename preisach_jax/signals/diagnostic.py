@@ -125,7 +125,7 @@ def diagnostic_record(
     (drift), turning points all over the range, a short multisine (delay against lag), and the
     reference loop again (drift, ageing).
 
-    Args:
+    Arguments:
         seconds: duration, s; all times stretch with it, and rates in proportion fall. In 24 s the
             slowest decaying triangle moves 0.8 ranges a second and the fastest 26.
         rate_hz: sampling rate, Hz.

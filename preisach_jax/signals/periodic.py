@@ -19,7 +19,7 @@ def triangle(
 
     u(t) = low + (high - low) (1 - |2 frac(f t) - 1|).
 
-    Args:
+    Arguments:
         samples: number of samples.
         rate_hz: sampling rate, Hz.
         frequency_hz: loops a second; the rate of the input is 2 (high - low) f.
@@ -62,7 +62,7 @@ def decaying_triangles(
     Turning point j = 1 ... turns has the distance (1 - (j-1)/turns) (end - centre) from the centre,
     upper end first.
 
-    Args:
+    Arguments:
         samples: number of samples.
         rate_hz: sampling rate, Hz.
         slope: rate of the input, in its unit per second.
@@ -114,7 +114,7 @@ def staircase(
 ) -> jax.Array:
     """Equal steps from the lower level to the upper one and back, with a hold after each.
 
-    Args:
+    Arguments:
         samples: number of samples.
         rate_hz: sampling rate, Hz.
         hold_s: duration of a hold, s; at least one sample.
@@ -154,7 +154,7 @@ def chirp(
 
     u(t) = centre + amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / 2T)).
 
-    Args:
+    Arguments:
         samples: number of samples.
         rate_hz: sampling rate, Hz.
         low_hz: frequency f0 at the first sample, Hz.
@@ -192,7 +192,7 @@ def multisine(
 ) -> jax.Array:
     """Sum of equal sines with random phases, periodic in its own length, so without leakage.
 
-    Args:
+    Arguments:
         key: random key (`jax.random.key`).
         samples: number of samples, one period.
         lines: whole cycles a period of each sine: line n has the frequency n rate / samples.

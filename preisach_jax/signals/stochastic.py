@@ -30,7 +30,7 @@ def bernoulli_ramp(
     The excitation of the paper's experiment, a coin tossed at 10 Hz. A folded random walk:
     turning points are u(0) plus multiples of slope / coin_hz, folded into the range.
 
-    Args:
+    Arguments:
         key: random key (`jax.random.key`).
         samples: number of samples.
         rate_hz: sampling rate, Hz.
@@ -77,7 +77,7 @@ def random_steps(
 ) -> jax.Array:
     """Steps to uniformly drawn levels, each held for the same time.
 
-    Args:
+    Arguments:
         key: random key (`jax.random.key`).
         samples: number of samples.
         rate_hz: sampling rate, Hz.

@@ -69,7 +69,7 @@ def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:
 
     R ∝ exp(-4 (α - β)/range) (1 + (α + β - 2 low)/(2 range)), scaled so that Σ R is the stroke.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         stroke: Σ R, in the unit of the output.
 
@@ -101,7 +101,7 @@ class Realisation(NamedTuple):
 def realisation(key: jax.Array, seed: int | jax.Array, samples: int, noises: int) -> Realisation:
     """Draw the experiment and the noise of one seed of a sweep.
 
-    Args:
+    Arguments:
         key: random key of the sweep (`jax.random.key`).
         seed: number of the realisation.
         samples: time steps at 2 kHz.
@@ -134,7 +134,7 @@ def sweep(
     The paper's experiment of section IV for Fig. 8, and the same with the truth known. Computes in
     double precision whatever JAX is set to, and shares the seeds among all devices.
 
-    Args:
+    Arguments:
         key: random key (`jax.random.key`); realisation i depends on the key and on i only.
         levels: N of the planes, each at least 2.
         noise: standard deviations of the noise where the truth is known, µm; the noise-free case is
@@ -331,7 +331,7 @@ def checked_settings(
 ) -> tuple[tuple[int, ...], tuple[float, ...], tuple[int, ...], int]:
     """Settings of a sweep as plain numbers.
 
-    Args:
+    Arguments:
         levels: N of the planes.
         noise: standard deviations of the noise, µm.
         seeds: how many realisations, or their numbers.

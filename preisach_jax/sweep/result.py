@@ -45,7 +45,7 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
 
     log y = log c_g + value · log x, with one constant for each row g; the interval is Student's.
 
-    Args:
+    Arguments:
         x: (points,) or (rows, points) positive numbers.
         y: positive numbers of the same shape.
 
@@ -158,7 +158,7 @@ class Sweep:
     def mean_output_error(self, over: str = "events") -> np.ndarray:
         """⟨e⟩, eq. (30), of all seeds together.
 
-        Args:
+        Arguments:
             over: "events" averages e² over the switching samples; "samples" over all of them, with
                 e = 0 where nothing switches, as (7) has it.
 
@@ -180,7 +180,7 @@ class Sweep:
     def auxiliary_norm(self, over: str = "events") -> np.ndarray:
         """Auxiliary norm of the weight error, eq. (31).
 
-        Args:
+        Arguments:
             over: what ⟨e⟩ is averaged over, "events" or "samples".
 
         Returns:
@@ -193,7 +193,7 @@ class Sweep:
 
     @property
     def unsettled(self) -> np.ndarray:
-        """(level,) whether a record has fewer events than cells: the initial error then dominates."""
+        """(level,) whether there are fewer events than cells: the initial error dominates."""
         return self.events.min(axis=1) < self.cells
 
     @property
@@ -308,7 +308,7 @@ class Sweep:
     def save(self, path: str | Path) -> None:
         """Write everything into one file of NumPy's `.npz` format; it replaces an old one whole.
 
-        Args:
+        Arguments:
             path: the file.
 
         Raises:
@@ -323,7 +323,7 @@ class Sweep:
     def load(cls, path: str | Path) -> Sweep:
         """Read a file that `save` wrote, or the folder of a sweep on the command line.
 
-        Args:
+        Arguments:
             path: the file or folder.
 
         Returns:
@@ -350,7 +350,7 @@ _PLAIN = ("samples", "first", "slope", "compile_s", "run_s", "device")
 def merge(parts: Sequence[Sweep]) -> Sweep:
     """Join sweeps that differ in their seeds only.
 
-    Args:
+    Arguments:
         parts: at least one sweep.
 
     Returns:

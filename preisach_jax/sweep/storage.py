@@ -42,7 +42,7 @@ def sweep_to_folder(
 ) -> Sweep | None:
     """Run a sweep by chunks of seeds into a folder, or go on with one that was interrupted.
 
-    Args:
+    Arguments:
         folder: the folder; it need not exist.
         key: random key (`jax.random.key`); realisation i depends on the key and on i only.
         levels: N of the planes, each at least 2.
@@ -98,7 +98,7 @@ def sweep_to_folder(
 def load_folder(folder: str | Path) -> Sweep:
     """Read a sweep that `sweep_to_folder` finished.
 
-    Args:
+    Arguments:
         folder: the folder.
 
     Returns:
@@ -132,7 +132,7 @@ def sweep_settings(
 ) -> dict[str, Any]:
     """Settings of a sweep on disk as they stand in its manifest.
 
-    Args:
+    Arguments:
         key: random key.
         levels: N of the planes.
         noise: standard deviations of the noise, µm.

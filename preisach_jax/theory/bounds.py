@@ -22,7 +22,7 @@ from preisach_jax.theory.propagation import propagate_error
 def contraction_bound(T: ArrayLike, N: ArrayLike) -> np.ndarray:
     """Least share of ‖E‖² that is lost in T steps without noise, C ≥ 1/(16 N (N T + 2)²), eq. (24).
 
-    Args:
+    Arguments:
         T: steps in which every triangle is created, any shape.
         N: levels of the plane, a shape that broadcasts.
 
@@ -43,7 +43,7 @@ def contraction_bound(T: ArrayLike, N: ArrayLike) -> np.ndarray:
 def noise_gain_bound(T: ArrayLike, N: ArrayLike) -> np.ndarray:
     """Most that noise takes from the switching sum, D ≤ T² N², eq. (24).
 
-    Args:
+    Arguments:
         T: steps in which every triangle is created, any shape.
         N: levels of the plane, a shape that broadcasts.
 
@@ -64,7 +64,7 @@ def noise_gain_bound(T: ArrayLike, N: ArrayLike) -> np.ndarray:
 def error_recursion(T: ArrayLike, N: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of ‖E(k+T)‖² ≤ q ‖E(k)‖² + (B/T) Σ ν², eq. (17): q = 1 - C, B = D + T, eq. (18).
 
-    Args:
+    Arguments:
         T: steps in which every triangle is created, any shape.
         N: levels of the plane, a shape that broadcasts.
 
@@ -87,7 +87,7 @@ def switching_sum_bound(
 ) -> np.ndarray:
     """What the largest (Σ_S E)² of a period reaches at least, C ‖E‖² - (D/T) Σ ν², eq. (16).
 
-    Args:
+    Arguments:
         squared_error: ‖E‖² at the beginning of the period.
         nu: (steps,) ν of the period.
         T: steps of the period, in which every triangle is created.
@@ -112,7 +112,7 @@ def error_after_period(
 ) -> np.ndarray:
     """Bound of ‖E‖² after a period, q ‖E‖² + (B/T) Σ ν², eq. (17).
 
-    Args:
+    Arguments:
         squared_error: ‖E‖² at the beginning of the period.
         nu: (steps,) ν of the period.
         T: steps of the period, in which every triangle is created.
@@ -140,7 +140,7 @@ def expected_error(
 
     ⟨‖E(k_l)‖²⟩ ≤ (1 - ⟨C⟩)^l ‖E(0)‖² + 2 (⟨B⟩/⟨C⟩) W; one period adds 2 ⟨B⟩ W.
 
-    Args:
+    Arguments:
         squared_error: ‖E(0)‖².
         noise_variance: W.
         T: steps of a period (20), or (periods,) draws of it where they are random (22).
@@ -166,7 +166,7 @@ def expected_error(
 def residual_error_bound(noise_variance: float, T: ArrayLike, N: int) -> float:
     """Bound of ⟨‖E‖²⟩ in the long run, 2 (⟨B⟩/⟨C⟩) W, eq. (21), and (23) where T is random.
 
-    Args:
+    Arguments:
         noise_variance: W.
         T: steps of a period (21), or (periods,) draws of it (23).
         N: levels of the plane.
@@ -189,7 +189,7 @@ def residual_error_bound(noise_variance: float, T: ArrayLike, N: int) -> float:
 def residual_ratio_bound(T: ArrayLike, N: ArrayLike) -> np.ndarray:
     """Bound of ⟨‖E_res‖²⟩/W, 32 N T (N T + 2)² (T N² + 1), eq. (25).
 
-    Args:
+    Arguments:
         T: steps in which every triangle is created, any shape.
         N: levels of the plane, a shape that broadcasts.
 
@@ -213,7 +213,7 @@ def every_triangle(plane: Plane) -> np.ndarray:
     From below all thresholds it goes over α_i, then below β_j in one step, which switches off just
     the triangle Δ = {β_j ≤ β ≤ α ≤ α_i}, and then below all thresholds.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
 
     Returns:
@@ -253,7 +253,7 @@ def check_bound(levels: int, periods: int = 10) -> BoundCheck:
 
     The input repeats `every_triangle`, and the error starts at the truth.
 
-    Args:
+    Arguments:
         levels: N of the plane.
         periods: how often every triangle is created; the ratio grows towards its limit.
 

@@ -15,7 +15,7 @@ from preisach_jax.operator.simulation import simulate
 def measured_output(plane: Plane, weights: ArrayLike, x: ArrayLike, noise: ArrayLike) -> np.ndarray:
     """Output of a hysteresis on the grid as a sensor sees it, z(k) = Σ_{P⁺} R_i + n(k), eq. (13).
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         x: (time,) input, in the unit of the plane; relays start from saturated low.
@@ -43,7 +43,7 @@ def measured_output(plane: Plane, weights: ArrayLike, x: ArrayLike, noise: Array
 def noise_power(noise: ArrayLike) -> float:
     """Average power of measurement noise, W = (1/K) Σ n²(k), eq. (14).
 
-    Args:
+    Arguments:
         noise: (time,) noise n.
 
     Returns:
@@ -63,7 +63,7 @@ def next_squared_error(
 
     ‖E(k+1)‖² = ‖E(k)‖² - (Σ_S E)²/A + ν²/A, with E of S⁻ counted negative in the sum.
 
-    Args:
+    Arguments:
         squared_error: ‖E(k)‖², any shape.
         switching_sum: signed sum of the weight errors over S(k).
         area: A(k) ≥ 1, eq. (11).
@@ -83,7 +83,7 @@ def next_squared_error(
 def checked_variance(noise_variance: float) -> float:
     """A noise power, or an error that says what it may be.
 
-    Args:
+    Arguments:
         noise_variance: W.
 
     Returns:

@@ -51,7 +51,7 @@ def propagate_error(
     and ⟨E⟩⁺ = (I - s sᵀ/A) ⟨E⟩. As s has at most about N entries, an event costs O(N L) operations;
     the covariance takes 8 L² bytes.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane; relays start from saturated low.
         initial_error: (cells,) or () E(0) = R̂(0) - R, in the unit of the output.
@@ -111,7 +111,7 @@ def noise_coefficient(
 
     What noise adds to ⟨‖E‖²⟩ for W = 1, tr Cov(E), averaged over the samples of an interval.
 
-    Args:
+    Arguments:
         plane: the Preisach plane.
         x: (time,) input, in the unit of the plane; relays start from saturated low.
         first: first sample m of the interval, at or after the first event.
@@ -140,7 +140,7 @@ def average_over_samples(
 ) -> np.ndarray | float:
     """Average over samples of what only changes at events.
 
-    Args:
+    Arguments:
         values: (events, ...) values after each event.
         sample: (events,) samples of the events, ascending.
         first: first sample m of the average; at or after the first event.

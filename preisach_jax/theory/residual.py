@@ -16,7 +16,7 @@ def largest_slope(x: ArrayLike, z: ArrayLike, span: float | None = None) -> floa
     Slopes are taken between crossings of neighbouring lines on the axis of the input, `span` apart,
     so that neither noise nor a turning point is divided by a small step.
 
-    Args:
+    Arguments:
         x: (time,) input.
         z: (time,) output.
         span: distance of the lines, in the unit of the input; None is 2 % of its range.
@@ -48,7 +48,7 @@ def largest_slope(x: ArrayLike, z: ArrayLike, span: float | None = None) -> floa
 def quantisation_step(slope: float, delta_x: ArrayLike) -> np.ndarray:
     """Bound of the step that quantising the input makes in the output, Z_q = I δx, eq. (28).
 
-    Args:
+    Arguments:
         slope: I, eq. (27).
         delta_x: δx, any shape.
 
@@ -65,7 +65,7 @@ def quantisation_step(slope: float, delta_x: ArrayLike) -> np.ndarray:
 def quantisation_noise_power(slope: float, delta_x: ArrayLike) -> np.ndarray:
     """Bound of the power of the quantisation noise, W ≈ I² δx²/12, eq. (29).
 
-    Args:
+    Arguments:
         slope: I, eq. (27).
         delta_x: δx, any shape.
 
@@ -82,7 +82,7 @@ def quantisation_noise_power(slope: float, delta_x: ArrayLike) -> np.ndarray:
 def mean_output_error(error: ArrayLike) -> float:
     """Averaged residual output error, ⟨e⟩ = (1/(M-m) Σ_{k=m}^{M} e²(k))^½, eq. (30).
 
-    Args:
+    Arguments:
         error: (count,) e(k) of the residual interval k = m ... M; what one k is, a sample or a
             switching event, is the caller's choice and is to be said. At least two.
 
@@ -105,7 +105,7 @@ def mean_output_error(error: ArrayLike) -> float:
 def auxiliary_norm(mean_error: ArrayLike, cells: ArrayLike) -> np.ndarray:
     """Auxiliary norm of the weight error, ((⟨e⟩/L)² L)^½ = ⟨e⟩/√L, eq. (31).
 
-    Args:
+    Arguments:
         mean_error: ⟨e⟩, eq. (30), any shape.
         cells: L, a shape that broadcasts.
 

@@ -87,7 +87,7 @@ class Chunks:
     def note(self, numbers: Sequence[int]) -> Path:
         """The file that says that a chunk is whole.
 
-        Args:
+        Arguments:
             numbers: its items.
         """
         return self.folder / DONE / f"{self.item}s_{numbers[0]:04d}-{numbers[-1]:04d}.json"
@@ -103,7 +103,7 @@ class Chunks:
     ) -> None:
         """Write a chunk; it counts from when all of it is on the disk.
 
-        Args:
+        Arguments:
             numbers: its items.
             arrays: by names.
             about: what else is known of it, ready for JSON.
@@ -131,7 +131,7 @@ class Chunks:
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Read a chunk.
 
-        Args:
+        Arguments:
             numbers: its items.
             names: of its arrays, in the order in which they were written.
 

@@ -65,7 +65,7 @@ def made_with() -> dict[str, str]:
 def read_manifest(folder: Path, work: str, items: str) -> dict[str, Any] | None:
     """Read the manifest of a folder.
 
-    Args:
+    Arguments:
         folder: the folder.
         work: what it should be, as `sweep`.
         items: the setting that lists what is computed.

@@ -47,7 +47,7 @@ def work_in_chunks(
 ) -> Part | None:
     """Compute all chunks that are not there, or go on with what was interrupted.
 
-    Args:
+    Arguments:
         chunks: of the work.
         work: what to do for one.
         resume: keep the chunks that are there; otherwise start anew.

@@ -93,7 +93,7 @@ def figures(
 ) -> list[Path]:
     """Compute and draw figures, and write each as PDF, as PNG and as the numbers behind it.
 
-    Args:
+    Arguments:
         folder: where to; it is made if it does not exist.
         chosen: numbers of figures, as in ("4", "8"); None is all.
         quick: whether to compute short records and few realisations, to try it out.

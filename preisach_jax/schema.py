@@ -1,38 +1,46 @@
-"""What a JSON file must hold, as a tree of checks, and the refusal that names the key that differs.
+"""What a JSON file must hold, as pydantic types, and the refusal that names the key that differs.
 
-A check is a function of a value and its place, which gives the value as it is used, or raises; a
-table of checks by key is the check of a table.  Nothing is built and no nesting is followed beyond
-what the checks ask for, so a hostile file costs no more than its reading.
+Types are strict: a number in quotes is no number.  Further keys of a table are left out.  What is
+pydantic's is the check; the sentence is ours, since its own names neither place nor value in words.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from functools import cache
+from typing import Annotated, Any, cast
 
 import numpy as np
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    BeforeValidator,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    WrapValidator,
+)
+from pydantic_core import PydanticCustomError
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from preisach_jax.errors import InputError
 
-Check = Callable[[Any, str], Any] | Mapping[str, Any]
-"""`check(value, place)`, or checks by key."""
 
-
-def checked(value: Any, check: Check, place: str = "") -> Any:
-    """A value as its check gives it.
+def checked(value: Any, kind: Any, place: str = "") -> Any:
+    """A value as a type takes it.
 
     Arguments:
         value: what was read.
-        check: its check; of a table, the checks of its keys, all of which must be there. Further
-            keys are left out.
+        kind: its type: one of this module, a `TypedDict` of them, or a mapping of them by key.
         place: where the value stands, for messages.
 
     Returns:
         The value, checked.
 
     Raises:
-        InputError: it, or something in it, is not what the check expects.
+        InputError: it, or something in it, is not of its type.
 
     Example:
         >>> checked({"levels": 3, "note": ""}, {"levels": whole(2)})
@@ -42,15 +50,25 @@ def checked(value: Any, check: Check, place: str = "") -> Any:
         ...
         preisach_jax.errors.InputError: levels is 1: expected a whole number of at least 2
     """
-    if not isinstance(check, Mapping):
-        return check(value, place)
-    table(value, place)
-    by_key = cast(Mapping[str, Any], check)
-    for key in by_key:
-        if key not in value:
-            beside = ", ".join(value) or "nothing"
-            raise InputError(f"{_inside(place, key)} is missing: expected it beside {beside}")
-    return {key: checked(value[key], inner, _inside(place, key)) for key, inner in by_key.items()}
+    try:
+        return _adapter(of_keys(kind)).validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = _place(first["loc"], place)
+        if first["type"] == "missing":
+            raise _missing(first["input"], where) from None
+        expected = _EXPECTED.get(first["type"], first["msg"])
+        if first["type"] == "too_short":
+            expected = f"a list of at least {first['ctx']['min_length']}"  # pyright: ignore[reportTypedDictNotRequiredAccess]
+        raise refusal(first["input"], where, expected) from None
+
+
+def of_keys(kinds: Any) -> Any:
+    """The type of a table with given keys, all of which must be there, from their types by key."""
+    if not isinstance(kinds, Mapping):
+        return kinds
+    inside = {key: of_keys(kind) for key, kind in cast(Mapping[str, Any], kinds).items()}
+    return TypedDict("Table", inside)  # pyright: ignore
 
 
 def refusal(value: Any, place: str, expected: str) -> InputError:
@@ -63,119 +81,131 @@ def refusal(value: Any, place: str, expected: str) -> InputError:
     return InputError(f"{place} is {_shown(value)}: expected {expected}")
 
 
-def number(low: float = -math.inf, high: float = math.inf) -> Check:
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+_EXPECTED = {
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "dict_type": "a table",
+    "list_type": "a list",
+    "string_type": "a text",
+    "string_unicode": "a text",
+    "bool_type": "true or false",
+}
+"""By pydantic's kinds of errors, what was expected."""
+
+
+def _expect(expected: str) -> WrapValidator:
+    """Tell whatever is wrong with a value as this having been expected."""
+
+    def check(value: Any, inner: Callable[[Any], Any]) -> Any:
+        try:
+            return inner(value)
+        except (ValidationError, OverflowError):
+            raise PydanticCustomError("expected", "{expected}", {"expected": expected}) from None
+
+    return WrapValidator(check)
+
+
+def _from_to(low: float, high: float) -> str:
+    return f"of at least {low}" if high == math.inf else f"from {low} to {high}"
+
+
+def number(low: float = -math.inf, high: float = math.inf) -> Any:
     """A finite number from `low` to `high`, as float."""
     limits = "" if (low, high) == (-math.inf, math.inf) else f" {_from_to(low, high)}"
-
-    def check(value: Any, place: str) -> float:
-        found = _as_float(value)
-        if not (math.isfinite(found) and low <= found <= high):
-            raise refusal(value, place, f"a finite number{limits}")
-        return found
-
-    return check
+    return Annotated[
+        float, Strict(), AllowInfNan(False), Field(ge=low, le=high),
+        _expect(f"a finite number{limits}"),
+    ]  # fmt: skip
 
 
-def bound(value: Any, place: str) -> float | None:
-    """An end of an interval: a number, of which JSON writes infinity and NaN as null."""
-    found = math.nan if value is None else _as_float(value)
-    if math.isnan(found) and not (value is None or isinstance(value, float)):
-        raise refusal(value, place, "a number or null")
-    return None if math.isnan(found) else found
+def _null_for_nan(given: Any) -> Any:
+    return None if isinstance(given, float) and math.isnan(given) else given
 
 
-def share(value: Any, place: str) -> float | None:
-    """A number of at least 0, or null where it is not known."""
-    found = bound(value, place)
-    return None if found is None else checked(found, number(0.0), place)
+_nan_is_null = BeforeValidator(_null_for_nan)
+
+bound = Annotated[
+    Annotated[float, Strict()] | None, _nan_is_null, _expect("a number or null")
+]  # fmt: skip
+"""An end of an interval: a number, of which JSON writes infinity and NaN as null."""
+
+share = Annotated[number(0.0) | None, _nan_is_null]
+"""A number of at least 0, or null where it is not known."""
 
 
-def whole(low: int, high: int | None = None) -> Check:
+def whole(low: int, high: int | None = None) -> Any:
     """A whole number from `low` to `high`."""
-
-    def check(value: Any, place: str) -> int:
-        is_whole = isinstance(value, int) and not isinstance(value, bool)
-        if not (is_whole and value >= low and (high is None or value <= high)):
-            limits = _from_to(low, math.inf if high is None else high)
-            raise refusal(value, place, f"a whole number {limits}")
-        return value
-
-    return check
+    limits = _from_to(low, math.inf if high is None else high)
+    return Annotated[int, Strict(), Field(ge=low, le=high), _expect(f"a whole number {limits}")]
 
 
-def flag(value: Any, place: str) -> bool:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise refusal(value, place, "true or false")
-    return value
+flag = Annotated[bool, Strict()]
+"""True or false."""
 
 
-def text(value: Any, place: str) -> str:
-    """A text that can be written in any encoding of Unicode."""
-    if not isinstance(value, str) or any("\ud800" <= sign <= "\udfff" for sign in value):
-        raise refusal(value, place, "a text")
-    return value
+def _encodable(given: str) -> str:
+    given.encode()  # which refuses lone surrogates
+    return given
 
 
-def one_of(*known: str) -> Check:
+text = Annotated[str, Strict(), AfterValidator(_encodable), _expect("a text")]
+"""A text that can be written in any encoding of Unicode."""
+
+table = Annotated[dict[text, Any], Strict()]
+"""A table, whatever it holds."""
+
+
+def _as_list(given: Any) -> Any:
+    return list(cast(tuple[Any, ...], given)) if isinstance(given, tuple) else given
+
+
+def _as_tuple(given: Any) -> Any:
+    return tuple(cast(list[Any], given)) if isinstance(given, list) else given
+
+
+_listed = BeforeValidator(_as_list)
+
+items = Annotated[list[Any], Strict(), _listed]
+"""A list, whatever it holds."""
+
+
+def one_of(*known: str) -> Any:
     """One of some texts."""
+    told = f"one of {', '.join(known)}"
 
-    def check(value: Any, place: str) -> str:
+    def check(value: Any) -> Any:
         if value not in known:
-            raise refusal(value, place, f"one of {', '.join(known)}")
+            raise PydanticCustomError("expected", "{expected}", {"expected": told})
         return value
 
-    return check
+    return Annotated[Any, AfterValidator(check)]
 
 
-def table(value: Any, place: str) -> Mapping[str, Any]:
-    """A table, whatever it holds."""
-    if not isinstance(value, Mapping):
-        raise refusal(value, place or "the content", "a table")
-    found = cast(Mapping[str, Any], value)
-    for key in found:
-        text(key, f"a key of {place or 'the content'}")
-    return found
+def table_of(kind: Any) -> Any:
+    """A table of any keys, whose values are of a type."""
+    return Annotated[dict[text, of_keys(kind)], Strict()]
 
 
-def table_of(check: Check) -> Check:
-    """A table of any keys, whose values pass a check."""
-
-    def all_of(value: Any, place: str) -> dict[str, Any]:
-        inside = table(value, place).items()
-        return {key: checked(inner, check, _inside(place, key)) for key, inner in inside}
-
-    return all_of
+def list_of(kind: Any, least: int = 0) -> Any:
+    """A list of at least `least` items of a type."""
+    return Annotated[list[of_keys(kind)], Strict(), Field(min_length=least), _listed]
 
 
-def items(value: Any, place: str) -> Sequence[Any]:
-    """A list, whatever it holds."""
-    if not isinstance(value, list | tuple):
-        raise refusal(value, place, "a list")
-    return cast(Sequence[Any], value)
+numbers = Annotated[
+    list[Annotated[float, Strict(), AllowInfNan(False)]],
+    Strict(),
+    _listed,
+    AfterValidator(lambda found: np.array(found, dtype=np.float64)),
+]
+"""A list of finite numbers, as (count,) float64."""
 
 
-def list_of(check: Check, least: int = 0) -> Check:
-    """A list of at least `least` items that pass a check."""
-
-    def all_of(value: Any, place: str) -> list[Any]:
-        if len(items(value, place)) < least:
-            raise refusal(value, place, f"a list of at least {least}")
-        return [checked(inner, check, f"{place}[{i}]") for i, inner in enumerate(value)]
-
-    return all_of
-
-
-def numbers(value: Any, place: str) -> np.ndarray:
-    """A list of finite numbers, as (count,) float64."""
-    found = np.array([_as_float(inner) for inner in items(value, place)], dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(found))
-    if bad.size:
-        raise refusal(value[bad[0]], f"{place}[{bad[0]}]", "a finite number")
-    return found
-
-
-def like(pattern: Any, most: int) -> Check:
+def like(pattern: Any, most: int) -> Any:
     """What is of the kind of a value: a setting of an effect.
 
     Arguments:
@@ -194,31 +224,26 @@ def like(pattern: Any, most: int) -> Check:
         isinstance(inner, float) for inner in cast(tuple[Any, ...], pattern)
     )
     if numbers_only:
-        return lambda value, place: tuple(checked(value, list_of(number(), least=1), place))
-
-    def as_given(value: Any, _: str) -> Any:
-        return tuple(cast(list[Any], value)) if isinstance(value, list) else value
-
-    return as_given
+        return Annotated[list_of(number(), least=1), AfterValidator(tuple)]
+    return Annotated[Any, AfterValidator(_as_tuple)]
 
 
-def _as_float(value: Any) -> float:
-    """A number as float; NaN for what is none, or is beyond all floats."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.nan
+def _missing(beside: Any, place: str) -> InputError:
+    keys = ", ".join(cast(Mapping[str, Any], beside)) if isinstance(beside, Mapping) else ""
+    return InputError(f"{place} is missing: expected it beside {keys or 'nothing'}")
 
 
-def _inside(place: str, key: str) -> str:
-    key = key if len(key) <= 80 else f"{key[:80]}..."
-    return f"{place}.{key}" if place else key
-
-
-def _from_to(low: float, high: float) -> str:
-    return f"of at least {low}" if high == math.inf else f"from {low} to {high}"
+def _place(steps: Sequence[int | str], start: str) -> str:
+    place = start
+    for step in steps:
+        if isinstance(step, int):
+            place += f"[{step}]"
+        elif step == "[key]":
+            place = f"a key of {place.rpartition('.')[0] or 'the content'}"
+        else:
+            key = step if len(step) <= 80 else f"{step[:80]}..."
+            place = f"{place}.{key}" if place else key
+    return place or "the content"
 
 
 def _shown(value: Any) -> str:

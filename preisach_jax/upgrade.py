@@ -49,7 +49,7 @@ def _with_starts(content: Content) -> Content:
     effects = checked(content, _EFFECTS)["effects"]
     for i, entry in enumerate(effects):
         if entry["name"] == "creep" and set(entry["settings"]) == {"tau_s"}:
-            elements = items(entry["settings"]["tau_s"], f"effects[{i}].settings.tau_s")
+            elements = checked(entry["settings"]["tau_s"], items, f"effects[{i}].settings.tau_s")
             starts = {f"start_{k}": rest for k in range(1, len(elements) + 1)}
             entry["parameters"] = {**entry["parameters"], **starts}
     return {**content, "effects": effects}

@@ -15,10 +15,14 @@ PACKAGE = Path(preisach_jax.__file__).parent
 # What is no message: the end of the process, of a job, of a name that Python looks up.
 CONTROL = {"SystemExit", "KeyboardInterrupt", "typer.Exit", "AttributeError"}
 # States that the package's own code excludes; no user's input reaches them.
-INTERNAL = {"diagnosis.excitation": "AssertionError", "paper.numbers": "NotImplementedError"}
+INTERNAL = {
+    "diagnosis.excitation": "AssertionError",
+    "paper.numbers": "NotImplementedError",
+    "schema": "PydanticCustomError",
+}
 # What these functions return is raised; their own messages are among those that are walked over.
 MAKERS = {
-    "_bomb", "_no_such_column", "not_readable", "refusal", "too_much", "unfinished",
+    "_bomb", "_missing", "_no_such_column", "not_readable", "refusal", "too_much", "unfinished",
 }  # fmt: skip
 
 REMEDY = re.compile(

@@ -228,7 +228,7 @@ KEYS = (
 def test_a_missing_entry_is_named(tmp_path, content, key):
     del content[key]
     message = refused(write(tmp_path / "model.json", content))
-    assert f"({key} is missing)" in message
+    assert f"({key} is missing: expected it beside" in message
 
 
 @pytest.mark.parametrize(

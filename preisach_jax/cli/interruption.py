@@ -1,4 +1,8 @@
-"""Ctrl-C, so that it ends a command at any moment, by one line and without a traceback."""
+"""Ctrl-C, so that it ends a command at any moment, by one line and without a traceback.
+
+Python runs its handler of a signal between two instructions, so not while compiled code computes;
+no library ends that, a second thread with a wake-up file descriptor does.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A model with its numbers: what it predicts, and its file."""
 
+from preisach_jax.model.content import FORMAT_VERSION
 from preisach_jax.model.core import RANGE_TOLERANCE, Model
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
-from preisach_jax.model.file import FORMAT_VERSION
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.weights import exactly_summable
 

@@ -298,7 +298,7 @@ class Model:
 
     def to_json(self) -> dict[str, Any]:
         """The content of the model file."""
-        from preisach_jax.model.file import content_of
+        from preisach_jax.model.content import content_of
 
         return content_of(self)
 
@@ -358,7 +358,7 @@ class Model:
         Raises:
             InputError: if the file is missing, broken, or written by a newer version.
         """
-        from preisach_jax.model.file import load
+        from preisach_jax.model.reading import load
 
         return load(path, effects, announce)
 
@@ -384,6 +384,6 @@ class Model:
             >>> bool(np.all(pj.Model.from_json(model.to_json()).weights == model.weights))
             True
         """
-        from preisach_jax.model.file import model_from
+        from preisach_jax.model.reading import model_from
 
         return model_from(content, effects)

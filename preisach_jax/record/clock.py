@@ -1,4 +1,8 @@
-"""Times written as dates or clock times, made seconds from the first row."""
+"""Times written as dates or clock times, made seconds from the first row.
+
+`pandas.to_datetime` guesses the order of day and month row by row and does not carry clock times
+past midnight; here one order holds for a whole column, and each refusal names the row.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,9 @@ what of them is whole. Zarr keeps every chunk of an array in a file of its own, 
 written apart, and any reader of Zarr opens them. `done/seeds_0000-0007.json` is written after all
 arrays of its seeds, and holds their checksum: without it, or if it does not fit, they do not count.
 
+Zarr's own `crc32c` tells a damaged chunk, but not one of another run under the same name; the
+checksum here covers all arrays of a chunk together.
+
 Of several processes the first one alone reads and writes the folder; all compute every chunk.
 """
 

@@ -1,4 +1,4 @@
-"""The file of a model."""
+"""A model from its file, every key of which is checked."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import json
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ from preisach_jax.chain import (
 from preisach_jax.effects import BUILT_IN, library, placeholder
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
+from preisach_jax.model.content import FORMAT, FORMAT_VERSION
 from preisach_jax.model.core import Model
 from preisach_jax.model.estimates import ParameterEstimate
 from preisach_jax.model.origin import Origin
@@ -35,6 +34,7 @@ from preisach_jax.schema import (
     list_of,
     number,
     numbers,
+    of_keys,
     one_of,
     refusal,
     share,
@@ -44,10 +44,6 @@ from preisach_jax.schema import (
     whole,
 )
 from preisach_jax.upgrade import upgraded
-
-FORMAT = "preisach_jax model"
-
-FORMAT_VERSION = 3
 
 
 def load(
@@ -108,44 +104,6 @@ def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Mo
         return _model_of(sound, kinds)
 
 
-def content_of(model: Model) -> dict[str, Any]:
-    """The content of the file of a model."""
-    origin = asdict(model.origin) | {"history": model.origin.history.tolist()}
-    return {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "library_version": version("preisach_jax"),
-        "hysteron": model.chain.hysteron,
-        "levels": model.plane.levels,
-        "low": model.plane.low,
-        "high": model.plane.high,
-        "offset": model.offset,
-        "weights": model.weights.tolist(),
-        "memory": model.coefficients.memory.tolist(),
-        "first_run": model.coefficients.first_run.tolist(),
-        "visited": model.visited.astype(int).tolist(),
-        "effects": [
-            {
-                "name": effect.name,
-                "settings": effect.settings(),
-                "parameters": {
-                    name: asdict(estimate)
-                    for name, estimate in model.parameters[effect.name].items()
-                },
-            }
-            for effect in model.effects
-        ],
-        "columns": dict(model.columns),
-        "units": dict(model.units),
-        "sampling": {"step_s": model.origin.step_s, "rows": model.origin.rows},
-        "identification": origin,
-        "rms_validation": model.rms_validation,
-        "noise": model.noise,
-        "discretisation": model.discretisation,
-        "band": None if model.band is None else model.band.to_json(),
-    }
-
-
 @contextmanager
 def _told_as_damage() -> Generator[None]:
     try:
@@ -162,46 +120,50 @@ MOST_COLUMNS = 1000
 _ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
 
 
-def _band(value: Any, place: str) -> Band | None:
-    if value is None:
+_BAND = of_keys({"speed": numbers, "since_s": numbers, "half": numbers})
+
+
+def _band_from(found: dict[str, np.ndarray] | None) -> Band | None:
+    if found is None:
         return None
-    found = checked(value, {"speed": numbers, "since_s": numbers, "half": numbers}, place)
     for key, count in (("speed", SLICES - 1), ("since_s", SLICES - 1), ("half", SLICES**2)):
         if len(found[key]) != count:
-            raise InputError(f"{place}.{key} is a list of {len(found[key])}: expected {count}")
+            raise InputError(f"band.{key} is a list of {len(found[key])}: expected {count}")
     return Band.from_json(found)
 
 
-_CONTENT = {
-    "hysteron": one_of(*HYSTERONS),
-    "levels": whole(2),
-    "low": number(),
-    "high": number(),
-    "offset": number(),
-    "weights": numbers,
-    "memory": numbers,
-    "first_run": numbers,
-    "visited": items,
-    "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
-    "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
-    "units": table_of(text),
-    "sampling": {"step_s": number(0.0), "rows": whole(2)},
-    "identification": {
-        "record": text,
-        "sha256": text,
-        "rows": whole(2),
-        "inputs_sha256": text,
-        "start_s": number(),
-        "stop_s": number(),
-        "step_s": number(0.0),
-        "initial_memory": one_of(*INITIAL_MEMORIES),
-        "history": list_of(numbers, least=2),
-    },
-    "rms_validation": number(0.0),
-    "noise": share,
-    "discretisation": share,
-    "band": _band,
-}
+_CONTENT = of_keys(
+    {
+        "hysteron": one_of(*HYSTERONS),
+        "levels": whole(2),
+        "low": number(),
+        "high": number(),
+        "offset": number(),
+        "weights": numbers,
+        "memory": numbers,
+        "first_run": numbers,
+        "visited": items,
+        "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
+        "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
+        "units": table_of(text),
+        "sampling": {"step_s": number(0.0), "rows": whole(2)},
+        "identification": {
+            "record": text,
+            "sha256": text,
+            "rows": whole(2),
+            "inputs_sha256": text,
+            "start_s": number(),
+            "stop_s": number(),
+            "step_s": number(0.0),
+            "initial_memory": one_of(*INITIAL_MEMORIES),
+            "history": list_of(numbers, least=2),
+        },
+        "rms_validation": number(0.0),
+        "noise": share,
+        "discretisation": share,
+        "band": _BAND | None,
+    }
+)
 """What the file of a model holds, apart from what says that it is one."""
 
 
@@ -241,7 +203,7 @@ def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
         rms_validation=content["rms_validation"],
         noise=content["noise"],
         discretisation=content["discretisation"],
-        band=content["band"],
+        band=_band_from(content["band"]),
     )
 
 

@@ -412,8 +412,8 @@ class Own(Delay):
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        (["crep"], "no effect 'crep'; did you mean 'creep'.*known: .*drift"),
-        (["quantum"], "no effect 'quantum' .known: "),
+        (["crep"], "no effect 'crep'; did you mean 'creep'.*give one of .*drift"),
+        (["quantum"], "no effect 'quantum'; give one of "),
         (["creep", "creep"], "'creep' is asked for twice"),
         ([Delay(), "delay"], "'delay' is asked for twice"),
         (["aux:load_N"], "needs the auxiliary column 'load_N'.*loaded: temp_C.*--aux load_N"),

@@ -128,7 +128,8 @@ def index(effects: Mapping[str, Effect]) -> str:
             *rows,
             "",
             "\\* tried on request only: `moving` and `eddy_currents` take minutes on a fine plane, "
-            "`moving` makes up for the grid of a coarse one, and `operator_creep` follows much "
+            "`moving` compensates discretisation of a coarse one, and `operator_creep` follows "
+            "much "
             "that is slow, whatever it is.",
             "",
             "`preisach effects` prints the same table, `preisach effects NAME` one entry. "

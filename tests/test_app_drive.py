@@ -28,7 +28,7 @@ RATE = 100.0
 
 
 def quiet(text, done):
-    """Progress that nobody looks at."""
+    """Discarded progress."""
 
 
 def stage(rows=1500):

@@ -258,8 +258,8 @@ def judging(monkeypatch):
     return one
 
 
-BY_THE_PRIOR = "with the same smoothness of the density the model does as well without it"
-BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
+BY_THE_PRIOR = "with the same smoothness of the density, the model is as good without it"
+BY_THE_GRID = "not confirmed on a finer plane; it only compensates discretisation"
 
 
 def test_an_effect_whose_parameters_contradict_it_is_refused_whatever_it_gains(judging):
@@ -271,7 +271,7 @@ def test_an_effect_whose_parameters_contradict_it_is_refused_whatever_it_gains(j
 def test_a_second_effect_that_goes_with_speed_must_halve_the_mean_square(judging):
     first = (RateDependence(),)
     objection, named, _ = judging.judge(Viscosity(), gain=0.499, present=first)
-    assert objection.startswith("it goes with the speed as rate_dependence does")
+    assert objection.startswith("it depends on the speed, as rate_dependence does")
     assert named is None
     assert judging.judge(Viscosity(), gain=0.5, present=first)[1] == "rich"
     assert judging.judge(Viscosity(), gain=0.1)[1] == "rich"

@@ -47,7 +47,7 @@ def refused(step=0, **numbers):
 )
 def test_a_name_is_close_if_a_quarter_less_data_would_close_a_lock(numbers, close):
     said = close_calls([named(**numbers)], [], budget(), met=True)
-    assert said == (("creep passes the tests by little",) if close else ())
+    assert said == (("creep passes the tests by a small margin",) if close else ())
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_name_is_close_if_a_quarter_less_data_would_close_a_lock(numbers, clos
 )
 def test_a_refusal_is_close_if_a_quarter_more_data_would_open_both_locks(numbers, close):
     said = close_calls([], [refused(**numbers)], budget(), met=True)
-    assert said == (("delay fails them by little",) if close else ())
+    assert said == (("delay fails them by a small margin",) if close else ())
 
 
 def test_what_was_refused_on_the_way_is_not_told():
@@ -78,10 +78,10 @@ def test_what_was_refused_on_the_way_is_not_told():
     ("unexplained", "said"),
     [
         (0.44, ()),
-        (0.45, ("what is not explained is just within noise and grid",)),
-        (0.5, ("what is not explained is just within noise and grid",)),
-        (0.51, ("what is not explained is just beyond noise and grid",)),
-        (0.55, ("what is not explained is just beyond noise and grid",)),
+        (0.45, ("what is not explained is just within noise and discretisation",)),
+        (0.5, ("what is not explained is just within noise and discretisation",)),
+        (0.51, ("what is not explained is just beyond noise and discretisation",)),
+        (0.55, ("what is not explained is just beyond noise and discretisation",)),
         (0.57, ()),
     ],
 )
@@ -93,9 +93,9 @@ def test_a_budget_is_close_to_what_it_allows(unexplained, said):
 
 
 def test_sentences_say_that_a_verdict_is_close():
-    found = make_diagnosis("adequate", close=("delay fails them by little",))
+    found = make_diagnosis("adequate", close=("delay fails them by a small margin",))
     said = sentence("adequate", (), found.budget, FITS, close=found.close)
-    assert said.endswith(" The verdict is close: delay fails them by little.")
+    assert said.endswith(" The verdict is close: delay fails them by a small margin.")
     assert verdict_sentence(found, "de").endswith(" Das Urteil ist knapp.")
     assert "knapp" not in verdict_sentence(make_diagnosis("adequate"), "de")
-    assert found.to_json()["close"] == ["delay fails them by little"]
+    assert found.to_json()["close"] == ["delay fails them by a small margin"]

@@ -77,7 +77,7 @@ def test_what_is_passed_over_says_what_it_promised():
 
     assert reason(-0.3) == "not fitted: it does not promise to lower the held-out error"
     assert reason(0.011).endswith("lower the held-out mean square by 1.1 % only")
-    assert reason(0.3).endswith("mean square by 30.0 %, others more or more surely")
+    assert reason(0.3).endswith("mean square by 30.0 %, others promise more, or more reliably")
 
 
 def test_what_is_given_up_says_why():
@@ -86,7 +86,7 @@ def test_what_is_given_up_says_why():
     after = given_up_rows(rows, [drift], "it is too little")
     assert told(after) == {
         ("drift", 0): (False, 0.5, "it is too little"),
-        ("creep", 0): (False, 0.5, "it is no better than one that was given up"),
+        ("creep", 0): (False, 0.5, "it is no better than an effect that was removed again"),
     }
 
 

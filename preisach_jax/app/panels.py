@@ -100,7 +100,7 @@ def paragraph(text: str) -> str:
 
 
 def ladder(step: Exploration, found: Diagnosis | None) -> str:
-    """The errors of all steps as bars, with the floor of noise and grid where it is known."""
+    """The errors of all steps as bars, with the floor of noise and discretisation if known."""
     rungs, unit = step.ladder, step.record.output_unit
     most = max(rung.rms_validation for rung in rungs)
     lines: list[Markup] = []
@@ -169,7 +169,7 @@ def verdict(step: Exploration, found: Diagnosis | None) -> str:
 
 
 def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup, bool | None]:
-    """A verdict in a few words, in more, and whether only noise and grid are left."""
+    """A verdict in a few words, in more, and whether only noise and discretisation are left."""
     paragraph = Markup("<p>{}</p>")
     if found is not None:
         lines = [found.sentence]
@@ -188,7 +188,7 @@ def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup,
         head = "Nothing more is missing" if step.effects else "Nothing is missing"
         return head, paragraph.format(f"{name}: what remains is noise and discretisation."), True
     rest = quantity(budget.unexplained, budget.unit, 3)
-    words = paragraph.format(f"{name}: {rest} of the error are neither noise nor grid.")
+    words = paragraph.format(f"{name}: {rest} of the error are neither noise nor discretisation.")
     return "Something is missing", words, False
 
 

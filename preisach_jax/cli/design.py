@@ -75,7 +75,7 @@ def design(
 
 
 def _read(report: Path) -> tuple[float, list[str]]:
-    """What no model of a report takes away, noise and grid, and the names of its rivals."""
+    """Noise and discretisation of a report, which no model removes, and its rivals' names."""
     path = report / "diagnosis.json"
     if not path.is_file() or not (report / "model.json").is_file():
         raise InputError(

@@ -15,10 +15,10 @@ from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
 from preisach_jax.runs import response, signals_of
 
 MOST_LEVELS = 50
-"""Finest plane that is tried of one's own accord."""
+"""Finest plane that is tried automatically."""
 
 MOST_WORK = 3e10
-"""Rows times squared cells beyond which a plane is not tried of one's own accord."""
+"""Rows times squared cells beyond which a plane is not tried automatically."""
 
 GRID_ORDER = 1
 """Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to 2,

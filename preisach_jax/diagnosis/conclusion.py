@@ -133,7 +133,7 @@ def concluded(step: Step, tolerance: float, progress: Progress = in_silence) -> 
         if fewer is None:
             break
         step = fewer
-    progress("limiting what was not found", 0.75)
+    progress("limiting the effects that were not found", 0.75)
     spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
     absent = [effect for effect in step.tried if effect.name not in spoken_of]
     # What the grid of the plane adds must not pass for an effect: the finest plane is best.

@@ -197,8 +197,8 @@ def _for_one(model: Model) -> tuple[str, str]:
         )
     return (
         " Play it three times without a change, and once more at half the speed.",
-        "something above noise and grid remains, and no rival explains it: repeats show what is "
-        "noise, rates what is dynamic, holds what is slow",
+        "an error above noise and discretisation remains, and no rival explains it: repeats "
+        "show what is noise, rates what is dynamic, holds what is slow",
     )
 
 

@@ -63,12 +63,12 @@ class Evidence:
             )
         elif not self.z >= self.least_z:
             reasons.append(
-                f"the gain is not alike over the {self.blocks} held-out blocks "
+                f"the gain varies too much over the {self.blocks} held-out blocks "
                 f"(z = {self.z:.1f}, below {self.least_z:.0f})"
             )
         if not self.delta_bic >= LEAST_DELTA_BIC:
             reasons.append(
-                "the whitened residual does not shrink enough for the parameters spent "
+                "the whitened residual does not decrease enough for the parameters added "
                 f"(ΔBIC = {self.delta_bic:.0f}, below {LEAST_DELTA_BIC:.0f})"
             )
         return "; ".join(reasons)

@@ -249,7 +249,7 @@ class Exploration:
         findings = tuple(_finding(step, self.fit) for step in self.steps[1:])
         candidates = tuple(c for step in self.steps for c in _compared(step, self.effects))
         if progress is not None:
-            progress("limiting what was not added", 0.5)
+            progress("limiting the effects that were not added", 0.5)
         with double_precision():
             whole = Problem.of(self.record, SEARCH_ROWS)
             bounds = limits(whole, with_signs(whole, self.point), self.left)

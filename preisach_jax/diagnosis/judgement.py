@@ -30,7 +30,7 @@ of the input is named."""
 
 LEAST_GAIN_WITHIN_BUDGET = 0.5
 """Relative fall of the held-out mean square below which nothing is named beside other effects that
-leave no more than noise and grid."""
+leave no more than noise and discretisation."""
 
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
@@ -141,7 +141,7 @@ def _same_kind(now: Point, trial: Trial) -> str:
     if not (first and trial.effect.goes_with_speed) or trial.evidence.gain >= SECOND_OF_A_KIND:
         return ""
     return (
-        f"it goes with the speed as {first[0]} does, and takes less than "
+        f"it depends on the speed, as {first[0]} does, and takes less than "
         f"{100 * SECOND_OF_A_KIND:.0f} % of the mean square away beside it"
     )
 
@@ -165,7 +165,7 @@ def _stands_on_a_finer_plane(
     """Whether a weak effect helps on a finer plane as well.
 
     What the cells of a plane cannot represent looks like a feedback or a bent sensor, which
-    so must take more away than cells without end would.
+    so must remove more error than an infinitely fine grid would.
     """
     levels = now.chain.plane.levels
     finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)

@@ -32,7 +32,7 @@ def close_calls(
         A clause each; empty if the verdict is clear.
     """
     calls = [
-        f"{finding.effect} passes the tests by little"
+        f"{finding.effect} passes the tests by a small margin"
         for finding in findings
         if _least_margin(finding.evidence) < 1
     ]
@@ -45,13 +45,13 @@ def close_calls(
         and _told(candidate.evidence).against
         and _least_margin(candidate.evidence, A_LITTLE) >= 1
     ]
-    calls += [f"{name} fails them by little" for name in dict.fromkeys(refused)]
+    calls += [f"{name} fails them by a small margin" for name in dict.fromkeys(refused)]
     allowed = (budget.noise**2 + budget.discretisation**2) ** 0.5
     if met == budget.is_met and allowed / A_LITTLE**0.5 < budget.unexplained < (
         allowed * A_LITTLE**0.5
     ):
         side = "just within" if met else "just beyond"
-        calls.append(f"what is not explained is {side} noise and grid")
+        calls.append(f"what is not explained is {side} noise and discretisation")
     return tuple(calls)
 
 
@@ -61,7 +61,7 @@ def _told(numbers: Mapping[str, float]) -> Evidence:
 
 
 def _least_margin(evidence: Mapping[str, float], data: float = 1 / A_LITTLE) -> float:
-    """The least lock, over what opens it, with some factor of the data; 0 without numbers."""
+    """The smallest statistic over its threshold, for a factor of the data; 0 without numbers."""
     if not set(NUMBERS) <= set(evidence):
         return 0.0 if data > 1 else float("inf")
     own = _told(evidence)

@@ -48,13 +48,12 @@ PHYSICS = {
     "rate of the input": "viscous friction, a voltage that motion induces, a lag or a delay",
     "logarithm of the speed": "switching by thermal activation, as in relaxors, ferroelectrics and "
     "viscoelastic materials",
-    "direction of the input": "dry friction, or a loop that hysterons of one sign cannot turn "
-    "round",
+    "direction of the input": "dry friction, or a loop that hysterons of one sign cannot represent",
     "time": "drift, warming, ageing, or a sensor that has moved",
     "time since the last reversal": "creep, relaxation, or a leaking charge",
     "input at the last reversal": "minor loops that are not congruent or do not close: feedback of "
     "the output, reptation, load",
-    "way since the last reversal": "a density finer than the plane, or friction before sliding",
+    "path since the last reversal": "a density finer than the plane, or friction before sliding",
 }
 """What kind of physics makes a remainder that goes with a quantity."""
 
@@ -243,7 +242,7 @@ def _axes(record: Record, rows: np.ndarray) -> list[_Axis]:
         ("time", "s", False, record.time),
         ("time since the last reversal", "s", True, since),
         ("input at the last reversal", unit_u, False, record.input[last]),
-        ("way since the last reversal", unit_u, True, way),
+        ("path since the last reversal", unit_u, True, way),
     ]
     quantities += [
         (f"column {name}", record.channels[name].unit, False, column)

@@ -53,7 +53,7 @@ class Finding:
         family: names that this record cannot tell from it, itself included.
         parameters: its parameters with 95 % intervals.
         rms_before, rms_after: held-out error without and with it, in output units.
-        evidence: what the two locks measure between the model before and that with it.
+        evidence: the statistics of the two tests between the model before and that with it.
     """
 
     effect: str
@@ -73,7 +73,7 @@ class Candidate:
         step: how many effects the model had when it was tried.
         gain: relative fall of the held-out mean square.
         rms_validation: held-out error with it, in output units.
-        evidence: what the two locks measured.
+        evidence: the statistics of the two tests.
         accepted: whether it was added.
         why_not: why it was not; empty if it was.
     """
@@ -111,7 +111,7 @@ class Budget:
 
     @property
     def is_met(self) -> bool:
-        """Whether what none of the shares explains is no more than noise and grid."""
+        """Whether what none of the shares explains is no more than noise and discretisation."""
         return self.unexplained <= float(np.hypot(self.noise, self.discretisation))
 
 

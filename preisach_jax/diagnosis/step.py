@@ -93,7 +93,7 @@ class Step:
 
     @property
     def is_within_budget(self) -> bool:
-        """Whether noise and grid explain half of the held-out mean square or more."""
+        """Whether noise and discretisation explain half of the held-out mean square or more."""
         grid = discretisation_rms(self.problem, self.now, self.compared.other or self.now)
         noise = noise_rms(self.problem, self.now)
         error = self.now.validation_mean_square * self.problem.unit**2

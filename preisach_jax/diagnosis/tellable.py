@@ -232,10 +232,10 @@ def surveyed(problem: Problem) -> InputSurvey:
 
 
 REASONS = {
-    RATES: "not tried: the input passes each place at one rate only, where the density takes up "
+    RATES: "not tried: the input passes each place at one rate only, where the density absorbs "
     "whatever depends on the rate",
-    CYCLES: "not tried: the input passes each place hardly more than once, where the density takes "
-    "up whatever changes with time",
+    CYCLES: "not tried: the input passes each place hardly more than once, where the density "
+    "absorbs whatever changes with time",
 }
 
 

@@ -19,24 +19,30 @@ HOPELESS = 0.5
 
 NOT_CERTAIN = "the 95 % intervals of its amounts include zero"
 
-BY_THE_GRID = "on a finer plane it does not: it makes up for the grid"
+BY_THE_GRID = "not confirmed on a finer plane; it only compensates discretisation"
 
-BY_THE_PRIOR = "with the same smoothness of the density the model does as well without it"
+BY_THE_PRIOR = "with the same smoothness of the density, the model is as good without it"
 
 WITHIN_BUDGET = (
-    "what is left without it is within noise and discretisation, and it takes away less than half "
-    "of that"
+    "the error without it is within noise and discretisation, and it removes less than half of that"
 )
 
-NOT_ON_ALL_ROWS = "it helps on the rows of the search, and too little on all of the record"
+NOT_ON_ALL_ROWS = "it improves the rows used in the search, but too little on the whole record"
 
-WITH_ANOTHER = "it is no better than one that was given up"
+WITH_ANOTHER = "it is no better than an effect that was removed again"
 
-TOO_LITTLE = "with all that was found the model still misses most of the output: no name is sure"
+TOO_LITTLE = (
+    "with all effects found, the model still misses most of the output: no effect can be named "
+    "reliably"
+)
 
-TOO_SLIGHT = "it takes away less than a tenth of what stays unexplained: no name is sure"
+TOO_SLIGHT = (
+    "it removes less than a tenth of the unexplained error: no effect can be named reliably"
+)
 
-WITHOUT_A_LAW = "it follows no law, and much of what it should explain remains: no name is sure"
+WITHOUT_A_LAW = (
+    "it follows no law, and much of what it should explain remains: no effect can be named reliably"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +139,7 @@ class NotFitted:
         elif gain < enough:
             reason = f"not fitted: {promised} only"
         else:
-            reason = f"not fitted: {promised}, others more or more surely"
+            reason = f"not fitted: {promised}, others promise more, or more reliably"
         return NotFitted(
             effect, step, reason, hopeless=False, evidence={"promise": gain}, gain=gain
         )

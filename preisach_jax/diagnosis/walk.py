@@ -170,7 +170,7 @@ def with_families(step: Step, progress: Progress = in_silence) -> Step:
         progress: called with a text and the share of the work that is done.
     """
     for position, named in enumerate(step.named):
-        progress(f"asking what could stand in place of {named.name}", position / len(step.named))
+        progress(f"comparing alternatives to {named.name}", position / len(step.named))
         present = {effect.name for effect in step.now.chain.effects}
         rivals = {
             name: _in_place_of(step, named.name, name, point)

@@ -99,7 +99,7 @@ def _verdict(
         for fit in (fits[0], fits[-1])
     )
     unexplained = quantity(budget.unexplained, budget.unit, digits=3)
-    rest = "noise and the grid of the model"
+    rest = "noise and discretisation"
     if not budget.is_met:
         allowed = quantity(tolerance, budget.unit, digits=3)
         rest += f", and {unexplained} within the tolerance of {allowed}"
@@ -111,7 +111,7 @@ def _verdict(
     if verdict == "unexplained":
         return (
             f"Something is missing, but none of the effects tried explains it: of the error of "
-            f"{last}, {unexplained} are neither noise nor grid."
+            f"{last}, {unexplained} are neither noise nor discretisation."
         )
     named = " and ".join(_with_family(finding) for finding in findings)
     rest = (
@@ -160,8 +160,8 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
     rows, cells = int(record.measured.sum()), model.plane.cells
     if rows < cells:
         notes.append(
-            f"The record has {rows} measured rows for {cells} cells of the plane: great effects "
-            "can hide in it. Record more, or ask for fewer levels."
+            f"The record has {rows} measured rows for {cells} cells of the plane: "
+            "large effects can be hidden in it. Record more, or ask for fewer levels."
         )
     if model.chain.signed:
         notes.append(
@@ -275,7 +275,8 @@ def next_experiment(
                 "directions"
             ),
             why=(
-                "something above noise and grid remains: repeats show what is noise, rates what is "
+                "an error above noise and discretisation remains: repeats show what is noise, "
+                "rates what is "
                 "dynamic, holds what is slow"
             ),
             families=(),

@@ -32,7 +32,7 @@ class Moving(HysteresisEffect):
 
     name: ClassVar[str] = "moving"
     feeds_back: ClassVar[bool] = True
-    # It makes up for the grid of a coarse plane, and takes minutes on a fine one.
+    # It compensates discretisation of a coarse plane, and takes minutes on a fine one.
     on_request: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "The field that a domain feels is that from outside and that of all other domains, which "

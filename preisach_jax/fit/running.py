@@ -15,7 +15,7 @@ Found = TypeVar("Found")
 
 
 def in_silence(text: str, done: float) -> None:
-    """Progress that nobody looks at."""
+    """Discarded progress."""
     del text, done
 
 

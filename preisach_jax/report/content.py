@@ -311,7 +311,8 @@ def _method(found: Diagnosis) -> list[str]:
         "least squares at each value of the effects' parameters, which are found outside by "
         "Gauss-Newton steps (variable projection [4]).",
         _held_out(found.base.record),
-        "An effect is named only if two locks open. First, the held-out mean square falls by at "
+        "An effect is named only if it passes two tests. First, the held-out mean square falls by "
+        "at "
         f"least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
         "errors over the blocks. Second, the Bayesian information criterion [5] of the "
         "residuals, whitened by an autoregression, falls by more than "

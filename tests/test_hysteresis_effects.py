@@ -161,7 +161,7 @@ def slow_widening(time, path, coefficient, exponent, reference):
 
 def test_widening_is_a_power_of_the_actual_rate(precision, tolerance):
     time, path = wandering(seed=7, start=6.0)
-    got = RATE.widening(RATE_VALUES, jnp.asarray(path), jnp.asarray(time))
+    got = RATE.at(RATE_VALUES).widening(jnp.asarray(path), jnp.asarray(time))
     assert got.dtype == precision
     expected = slow_widening(time, path, 0.7, 0.6, 150.0)
     resting = np.concatenate([[False], np.diff(path) == 0])
@@ -173,7 +173,7 @@ def test_widening_is_a_power_of_the_actual_rate(precision, tolerance):
 
 def test_an_input_that_turns_smoothly_rests_at_its_turns(precision, tolerance):
     time, path = wandering(seed=7, start=6.0)
-    got = SMOOTH.widening(RATE_VALUES, jnp.asarray(path), jnp.asarray(time))
+    got = SMOOTH.at(RATE_VALUES).widening(jnp.asarray(path), jnp.asarray(time))
     assert got.dtype == precision
     inner = [
         abs(after - before) / (end - begin)
@@ -183,7 +183,7 @@ def test_an_input_that_turns_smoothly_rests_at_its_turns(precision, tolerance):
     ]
     expected = [0.7 * (rate / 150.0) ** 0.6 for rate in (inner[0], *inner, inner[-1])]
     np.testing.assert_allclose(got, expected, rtol=0, atol=20 * tolerance)
-    corner = SMOOTH.widening(RATE_VALUES, jnp.array([0.0, 1.0, 0.0]), jnp.arange(3.0))
+    corner = SMOOTH.at(RATE_VALUES).widening(jnp.array([0.0, 1.0, 0.0]), jnp.arange(3.0))
     assert corner[1] == 0
 
 

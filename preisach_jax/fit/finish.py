@@ -7,7 +7,7 @@ import numpy as np
 from preisach_jax.band import Band
 from preisach_jax.confidence import estimates
 from preisach_jax.fit.result import Fit
-from preisach_jax.fit.steps import moved_to, with_signs
+from preisach_jax.fit.steps import SIGNS_TOLERANCE, moved_to, with_signs
 from preisach_jax.identify import (
     ALL,
     VALIDATION,
@@ -49,7 +49,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         record: the record with all its samples.
     """
     point = with_signs(problem, point)
-    held_back = whole = stepped(problem, point)
+    held_back = whole = stepped(problem, point, SIGNS_TOLERANCE)
     if len(problem.identified) == len(ALL):
         whole = stepped(problem, with_all_rows(point))
     coefficients = held_back.coefficients()

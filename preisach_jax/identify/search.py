@@ -147,12 +147,22 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
     return point
 
 
-def stepped(problem: Problem, point: Point) -> Point:
-    """A point after one small Gauss-Newton step, whose regressors are not computed again."""
+def stepped(problem: Problem, point: Point, most: float = np.inf) -> Point:
+    """A point after one small Gauss-Newton step, whose regressors are not computed again.
+
+    Arguments:
+        problem: the record.
+        point: the point.
+        most: relative fall of the objective beyond which a step is not small; then the point is
+            returned as it is.
+    """
     parameters = point.parameters
     if not parameters:
         return point
-    step, solution = _joint_step(point, parameters, linearise(problem, point, parameters))
+    linear = linearise(problem, point, parameters)
+    step, solution = _joint_step(point, parameters, linear)
+    if linear.objective(solution, point) < (1 - most) * point.objective:
+        return point
     values = _moved(point.values, parameters, step)
     return replace(point, values=values, solution=solution[: len(point.solution)])
 

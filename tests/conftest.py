@@ -1,5 +1,6 @@
 """Settings and fixtures shared by all tests."""
 
+import ctypes
 import os
 from pathlib import Path
 
@@ -54,6 +55,9 @@ def compiled_code_is_let_go():
     held = int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
     if held > MOST_MEMORY or not statm.exists():
         jax.clear_caches()
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if statm.exists() else None  # glibc
+        if trim is not None:
+            trim(0)
 
 
 @pytest.fixture

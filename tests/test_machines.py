@@ -68,6 +68,13 @@ def test_viscosity_has_a_viscous_a_dry_and_a_rising_part(x64):
     assert [c.name for c in effect.coefficients()] == ["viscous", "saturating", "stribeck"]
 
 
+def test_speeds_are_looked_for_in_shares_of_the_fastest():
+    effect = Viscosity(fastest=1000.0, saturates=True, stribeck=True)
+    _, scale, decay = effect.parameters()
+    assert (scale.low, scale.high, *scale.start) == pytest.approx((1, 3000, 30, 120, 500))
+    assert (decay.low, decay.high, *decay.start) == pytest.approx((10, 1000, 100, 400))
+
+
 def test_gain_is_one_in_the_middle_and_monotone_over_the_range(x64):
     column = np.linspace(-2.0, 6.0, 81)
     effect = Gain("T", "K", 1e-9, 1.0, middle=2.0, span=8.0)

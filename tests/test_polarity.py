@@ -53,7 +53,6 @@ def test_a_drift_greater_than_the_stroke_does_not_hide_the_polarity(sign):
     assert found.rms_validation < 0.02 * np.ptp(made["z"])
 
 
-@pytest.mark.campaign
 def test_a_hidden_effect_is_named_and_told_alike():
     made = world.hidden_record("input_lag", 201, 10.0, 1000.0)
     found = pj.diagnose(

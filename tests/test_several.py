@@ -200,7 +200,6 @@ def hiding_rate_dependence(name, speed, seconds, seed, zero=0.0):
     return record(name, t, u, STAGE.hysteresis(u, widening), seed, zero)
 
 
-@pytest.mark.campaign
 def test_two_rates_in_two_files_name_what_neither_does_alone():
     slow = hiding_rate_dependence("slow.csv", 40.0, 20.0, 1)
     fast = hiding_rate_dependence("fast.csv", 400.0, 8.0, 2, zero=1.5)

@@ -51,10 +51,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "diagnosis/walk.py": ("test_decisions.py", "test_exploration.py"),
     "diagnosis/conclusion.py": ("test_decisions.py", "test_exploration.py"),
     "effects/drift.py": ("test_decisions.py", "test_effects.py"),
-    "effects/eddy_currents.py": ("test_eddy_currents.py",),
-    "effects/gain.py": ("test_machines.py",),
-    "effects/rate_dependence.py": ("test_hysteresis_effects.py",),
-    "effects/viscosity.py": ("test_machines.py",),
+    "effects/eddy_currents.py": ("test_effects.py", "test_eddy_currents.py"),
+    "effects/gain.py": ("test_effects.py", "test_machines.py"),
+    "effects/rate_dependence.py": ("test_effects.py", "test_hysteresis_effects.py"),
+    "effects/viscosity.py": ("test_effects.py", "test_machines.py"),
 }
 """Modules, and the quick tests that guard each; whole diagnoses (`test_diagnosis.py`) are left out,
 so that a survivor here is one of the small tests."""

@@ -183,7 +183,7 @@ def _changed(node: ast.AST) -> ast.AST | None:
     return node
 
 
-_SKIPPED = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.AnnAssign)
+_SKIPPED = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)
 
 
 def _places(node: ast.AST) -> Iterator[ast.AST]:

@@ -159,7 +159,7 @@ def core(seed, k, fine=4, seconds=6.0, rate_hz=1000.0):
 NEIGHBOURS = ["input_lag", "rate_dependence", "eddy_currents"]
 
 
-@pytest.mark.campaign
+@pytest.mark.slow
 def test_it_is_found_where_it_is_hidden():
     found = pj.diagnose(core(231, 2e-3), NEIGHBOURS, levels=9)
     assert found.effects[0] == "eddy_currents"

@@ -33,6 +33,9 @@ LEADS = 3.0
 """Times the held-out mean square that the best promise leaves which another may leave to be
 refitted with it: joint refits seldom change more."""
 
+FAR = 10.0
+"""The same for the `LEADERS`: of an effect that feeds back, the first order says little."""
+
 
 @dataclass(frozen=True, eq=False)
 class Screening:
@@ -218,7 +221,10 @@ def _leading(
     hopeful = [e for e in ranked if _is_hopeful(problem, point, promised[e])]
     near = [e for e in hopeful if 1 - held_out[e] < LEADS * (1 - held_out[hopeful[0]])]
     first = near[:MOST_LEADERS]
-    second = [e for e in hopeful[:LEADERS] if e not in first]
+    others = [e for e in hopeful[:LEADERS] if e not in first]
+    best = held_out[first[0]] if first else 0.0
+    first += [e for e in others if 1 - held_out[e] < FAR * (1 - best)]
+    second = [e for e in others if e not in first]
     great = [
         effect
         for effect in ranked
@@ -226,7 +232,6 @@ def _leading(
         and effect not in (*first, *second)
         and _is_hopeful(problem, point, promised[effect], least_delta_bic=-np.inf)
     ][:MOST_OTHERS]
-    best = held_out[first[0]] if first else 0.0
     for effect in great:
         (first if 1 - held_out[effect] < LEADS * (1 - best) else second).append(effect)
     return tuple(tuple(group) for group in (first, second) if group)

@@ -180,17 +180,21 @@ def compiled_on_a_plane(
     function: Callable[Concatenate[Plane, Course, Given], Result],
 ) -> Callable[Concatenate[Plane, Course, Given], Result]:
     """Compile a function of a plane and a drive once for all planes of equal levels."""
-    compiled = eqx.filter_jit(function)
 
-    @wraps(function)
-    def call(plane: Plane, course: Course, *arguments: Given.args, **named: Given.kwargs) -> Result:
-        unit = Plane(plane.levels, 0.0, 1.0)
-        low, width = plane.low, plane.high - plane.low
-
+    @eqx.filter_jit
+    def compiled(
+        levels: int, low: Array, width: Array, course: Course, *arguments: Any, **named: Any
+    ) -> Result:
         def scaled(path: Array) -> Array:
             return (path - low) / width
 
-        return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)
+        unit = Plane(levels, 0.0, 1.0)
+        return function(unit, jax.tree.map(scaled, course), *arguments, **named)
+
+    @wraps(function)
+    def call(plane: Plane, course: Course, *arguments: Given.args, **named: Given.kwargs) -> Result:
+        low, width = as_array(float(plane.low)), as_array(float(plane.high - plane.low))
+        return compiled(plane.levels, low, width, course, *arguments, **named)
 
     return call
 

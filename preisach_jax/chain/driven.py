@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
+from jaxtyping import Array
 
 from preisach_jax.chain.compiled import apply_effect, as_arrays, fed_back_along, widening_of
 from preisach_jax.chain.description import Chain, EffectValues
@@ -19,7 +21,7 @@ from preisach_jax.effects.base import (
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
     """The input behind the effects of the input, `(time,)`."""
     if isinstance(signals, ThinnedSignals):
-        return driven_path(chain, values, signals.whole)[signals.kept]
+        return _kept(driven_path(chain, values, signals.whole), signals.kept)
     path = signals.input
     for effect in chain.at(InputEffect):
         path = apply_effect(effect, as_arrays(values[effect.name]), path, signals.time)
@@ -59,9 +61,14 @@ def path_and_widening(
     course, widened = driven_path(chain, values, whole), None
     for effect in chain.at(HysteresisEffect):
         shift = widening_of(effect, as_arrays(values[effect.name]), course, whole.time)
-        shift = shift[signals.kept] if thinned else shift
+        shift = _kept(shift, signals.kept) if thinned else shift
         widened = shift if widened is None else widened + shift
-    return course[signals.kept] if thinned else course, widened
+    return _kept(course, signals.kept) if thinned else course, widened
+
+
+@eqx.filter_jit
+def _kept(path: Array, kept: Array) -> Array:
+    return path[kept]
 
 
 def all_widen(chain: Chain) -> bool:

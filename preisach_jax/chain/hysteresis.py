@@ -104,7 +104,8 @@ def _plane_columns(
     chain: Chain, course: Drive, initial_memory: str
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
     nothing = np.zeros(chain.plane.cells)
-    first_low, first_high = bounds_along(chain.plane, _first(course), chain.hysteron)
+    bounds = bounds_along(chain.plane, _first(course), chain.hysteron)
+    first_low, first_high = (np.asarray(bound) for bound in bounds)
     start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
     if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
         # The first sample forces all hysterons, or those it leaves open are off.
@@ -202,8 +203,8 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
 
 
 def _first(course: Drive) -> Drive:
-    def first(path: Array) -> Array:
-        return path[:1]
+    def first(path: Array) -> np.ndarray:
+        return np.asarray(path)[:1]
 
     return jax.tree.map(first, course)
 

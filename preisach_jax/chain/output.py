@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.compiled import (
     added_columns_of,
     apply_effect,
+    as_array,
     as_arrays,
     factor_of,
     free_response_of,
@@ -54,13 +57,21 @@ def behind_hysteresis(
         signal = signal * factor
     for effect in chain.at(OutputEffect):
         signal = apply_effect(effect, as_arrays(values[effect.name]), signal, signals.time)
-    signal = signal + coefficients.offset
-    start = 0
-    for columns in columns_beside(chain, values, signals, known or {}).values():
-        stop = start + columns.shape[1]
-        signal = signal + columns @ jnp.asarray(coefficients.added[start:stop])
-        start = stop
+    beside = tuple(columns_beside(chain, values, signals, known or {}).values())
+    ends = np.cumsum([columns.shape[1] for columns in beside]).tolist()
+    amounts = tuple(np.split(np.asarray(coefficients.added), ends)[: len(beside)])
+    signal = _summed(signal, as_array(float(coefficients.offset)), beside, amounts)
     return sensed(chain, values, signal, coefficients)
+
+
+@eqx.filter_jit
+def _summed(
+    signal: Array, offset: Array, columns: tuple[Array, ...], amounts: tuple[np.ndarray, ...]
+) -> Array:
+    signal = signal + offset
+    for own, amount in zip(columns, amounts, strict=True):
+        signal = signal + own @ amount
+    return signal
 
 
 def sensed(
@@ -159,9 +170,9 @@ def tangents(
             return behind_hysteresis(chain, moved, signals, given, coefficients, others)
 
         at = {name: jnp.asarray(values[effect][name], dtype=float) for name in names}
-        each = dict(zip(names, jnp.eye(len(names)), strict=True))
+        each = dict(zip(names, np.eye(len(names), dtype=jnp.result_type(float)), strict=True))
 
-        def derivative(step: dict[str, Array]) -> Array:
+        def derivative(step: Mapping[str, ArrayLike]) -> Array:
             return jax.jvp(output, (at,), (step,))[1]
 
         return np.asarray(jax.vmap(derivative)(each))
@@ -201,11 +212,12 @@ def responses(
     others = columns_beside(chain, {**values, effect: many[0]}, signals, {})
     others = _unmoved(chain, others, effect)
 
-    def output(own: dict[str, Array]) -> Array:
+    def output(own: Mapping[str, ArrayLike]) -> Array:
         moved = cast(EffectValues, {**values, effect: own})
         return behind_hysteresis(chain, moved, signals, hysteresis, coefficients, others)
 
-    stacked = {name: jnp.asarray([own[name] for own in many], dtype=float) for name in many[0]}
+    dtype = jnp.result_type(float)
+    stacked = {name: np.array([own[name] for own in many], dtype) for name in many[0]}
     if not stacked:
         return np.stack([np.asarray(output({}))] * len(many))
     return np.asarray(jax.vmap(output)(stacked))

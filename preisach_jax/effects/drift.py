@@ -113,12 +113,12 @@ class Drift(AddedEffect):
         if len(survey.residual) < 10 * WAVES[-1]:
             return (settled,)
         signals = Signals(jnp.asarray(survey.time - survey.time[0]), jnp.asarray(survey.input), {})
+        most = np.asarray(replace(settled, waves=WAVES[-1]).columns(signals))
         wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
         for waves in WAVES:
-            trial = Drift(horizon_s=survey.duration_s, waves=waves)
-            left = _left(survey.residual, trial.columns(signals))
+            left = _left(survey.residual, most[:, :waves])
             if left < WANDERS * least:
-                wander, least = trial, left
+                wander, least = replace(settled, waves=waves), left
         return (settled,) if wander is None else (settled, wander)
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
@@ -128,8 +128,8 @@ class Drift(AddedEffect):
         return settling(signals.time, self.tau_s, self.horizon_s)[:, None]
 
 
-def _left(residual: np.ndarray, columns: Array) -> float:
+def _left(residual: np.ndarray, columns: np.ndarray) -> float:
     """Sum of squares that a constant and some columns leave of a residual."""
-    matrix = np.concatenate([np.ones((len(residual), 1)), np.asarray(columns)], axis=1)
+    matrix = np.concatenate([np.ones((len(residual), 1)), columns], axis=1)
     solution = np.linalg.lstsq(matrix, residual, rcond=None)[0]
     return float(np.sum((residual - matrix @ solution) ** 2))

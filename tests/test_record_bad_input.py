@@ -209,8 +209,8 @@ def test_a_record_among_ten_thousand_columns_is_found(tmp_path):
     ("text", "expected"),
     [
         ("# only a comment\n\n", "no data"),
-        ("t,u,z\n", "no row of data"),
-        ("t,u,z\n# nothing\n,,\n", "no row of data"),
+        ("t,u,z\n", "no row below the names"),
+        ("t,u,z\n# nothing\n,,\n", "no row below the names"),
         ("t,u,u\n0,1,2\n1,2,3\n", "'u' stands 2 times"),
         ("0,1,2\n1,2,3\n2,5,1\n", "no names (row 1 is numbers already)"),
         ("t,u,z\n0,1,2\n", "one sample"),

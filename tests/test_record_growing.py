@@ -116,7 +116,7 @@ def test_a_short_row_that_has_its_line_end_is_refused(tmp_path, end):
 
 
 def test_a_file_of_nothing_but_a_row_that_breaks_off_has_no_rows(tmp_path):
-    with pytest.raises(InputError, match="no row of data below the names"):
+    with pytest.raises(InputError, match="no row below the names"):
         loaded(tmp_path / "log.csv", "t_s,u_V,z_um\n0,1")
 
 

@@ -250,7 +250,7 @@ def test_files_stay_whole_if_one_cannot_be_written(tmp_path, monkeypatch):
 
 def test_nothing_is_written_where_a_folder_has_the_name_of_a_file(tmp_path):
     (tmp_path / "model.json").mkdir()
-    with pytest.raises(InputError, match=r"model\.json: this is a folder"):
+    with pytest.raises(InputError, match=r"model\.json is a folder"):
         write_files({tmp_path / "report.html": b"", tmp_path / "model.json": b""})
     assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
 

@@ -127,8 +127,11 @@ class Search:
             drive, cut = self._drive(seen, given + first_run, resting)
             course = self._forward.beyond_past(self._forward.whole(drive))
             error = self._wanted - course.output
-            stopped = np.abs(aim - first_run - given) > self._close / 4
-            blocked = cut | (stopped & self._at_an_end(seen, drive))
+            beyond = aim - first_run - given
+            stopped = (np.abs(beyond) > self._close / 4) & self._at_an_end(seen, drive)
+            # At an end only an error that asks for less than the aim can still be taken away.
+            blocked = cut | (stopped & (beyond * error / gain >= 0))
+            aim = np.where(stopped & ~blocked, given + first_run, aim)
             size = float(np.mean(np.log1p((error / self._good) ** 2)))
             tries = 0 if size < 0.9 * least else tries + 1
             if size < least:

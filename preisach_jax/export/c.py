@@ -111,6 +111,7 @@ def view(model: Description) -> dict[str, Any]:
         "separate_diagonal": separate,
         "speed_held": rate is not None and bool(rate.numbers["reversible"]),
         "signed": model.signed,
+        "relay": model.hysteron == "relay",
         "most_reading": 1e3 * (float(np.abs(model.weights).sum()) + abs(model.offset)),
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "keeps_reversible": separate,

@@ -113,6 +113,7 @@ def view(model: Description) -> dict[str, Any]:
         "signed": model.signed,
         "relay": model.hysteron == "relay",
         "most_reading": 1e3 * (float(np.abs(model.weights).sum()) + abs(model.offset)),
+        "most_missed": 10 * (float(np.abs(model.weights).sum()) + abs(model.offset)),
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "keeps_reversible": separate,
         "feedback": feedback,

@@ -317,6 +317,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("build/drive"))
     parser.add_argument("--seeds", default="1,2,3")
     parser.add_argument("--levels", type=int, default=38)
+    parser.add_argument("--finished", action="store_true", help="run none, sum up what is there")
     parser.add_argument("--only", help="effects by commas; 'none' for a stage without")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
@@ -327,14 +328,18 @@ def main() -> None:
                 continue
             seed = seeds[(i + turn) % len(seeds)]
             kept = given.folder / f"{name_of(effects, seed)}-{given.levels}.row.json"
+            if given.finished and not kept.exists():
+                continue
             if not kept.exists():
                 with jax.enable_x64(True):
                     row = trial(effects, seed, given.folder, given.levels)
                 kept.write_text(json.dumps(row))
             rows.append(json.loads(kept.read_text()))
             print(said(rows[-1]), flush=True)
-        if given.only is None:
+        if given.only is None and not given.finished:
             write_results("drive.json", summary_of(rows))
+    if given.finished:
+        write_results("drive.json", summary_of(rows))
     print(json.dumps(summary_of(rows)["courses"], indent=1))
 
 

@@ -153,8 +153,8 @@ def exported() -> str:
 
 {code["models"]} exported models against `predict` over {code["samples"]:,} samples each, in double
 precision: {code["relays_alone_equal_to_the_bit"]} of {code["relays_alone"]} models of relays alone
-are equal to the bit; {code["ramps_within_1e-12"]} of {code["ramps"]} of ramps are within 1e-12 of the
-range, at most {code["worst_double"]:.1e} apart. In single precision
+are equal to the bit; {code["ramps_within_1e-12"]} of {code["ramps"]} of ramps are within 1e-12 of
+the range, at most {code["worst_double"]:.1e} apart. In single precision
 {code["float_without_jumps_within_1e-5"]} of the {code["float_without_jumps"]} whose output does not
 jump are within 1e-5, at most {code["worst_float_without_jumps"]:.1e} apart. {made(code)}
 
@@ -281,7 +281,8 @@ grid, one core; the peer is written after the way differentiable packages work. 
 
 
 SECTIONS: tuple[Callable[[], str], ...] = (
-    diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep, peers,
+    diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep,
+    peers,
 )  # fmt: skip
 
 

@@ -114,10 +114,11 @@ class OnlineInverse:
             start = self._causal.start()
             begun = (start, Learning(start.states, jnp.asarray(jnp.nan)))
             # Compiled here and not at the first sample, which a controller waits for.
-            self._state, self._learning = jax.tree.map(_plain, begun)
+            carried: _Carried = jax.tree.map(_plain, begun)
+            self._state, self._learning = carried
             step = partial(_step, self._causal, ahead, self._step_size, self._share)
             sample = np.zeros(3 + len(self._aux_columns))
-            compiled = jax.jit(step).lower((self._state, self._learning), sample).compile()
+            compiled = jax.jit(step).lower(carried, sample).compile()
             self._step = cast(_Compiled, compiled)
         self.expected = self.drive = math.nan
         self.reached = True

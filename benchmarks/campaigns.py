@@ -75,6 +75,18 @@ CAMPAIGNS = {
         "Spoiled records are judged as clean ones are.",
         ("benchmarks/trust/corruption.py", "--out", "build/spoiled"),
     ),
+    "drive": Campaign(
+        "Simulated stages follow wanted courses, and courses out of reach are told.",
+        ("benchmarks/drive.py", "--folder", "build/drive"),
+    ),
+    "exported": Campaign(
+        "Generated C equals `predict` in 100 models over 10⁶ samples each.",
+        ("benchmarks/export.py", "--models", "100", "--samples", "1000000"),
+    ),
+    "endurance": Campaign(
+        "Generated C holds 10⁹ samples of jitter, and odd samples under sanitizers.",
+        ("benchmarks/endurance.py", "--jitter", "1000000000", "--fuzz", "300000"),
+    ),
     "blind": Campaign(
         "The diagnosis names what is hidden in development records.",
         ("benchmarks/blind/run.py", "--out", "build/blind", "--limit", "60"),

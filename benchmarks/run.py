@@ -6,6 +6,7 @@ import sys
 
 import export
 import growth
+import inverse
 import page
 import peers
 import relays
@@ -19,6 +20,7 @@ BENCHMARKS = {
     "relays": relays.main,
     "export": export.main,
     "growth": growth.main,
+    "inverse": inverse.main,
     "page": page.main,
     "peers": peers.main,
     "whole_process": whole_process.main,

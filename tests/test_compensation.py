@@ -10,8 +10,10 @@ import preisach_jax as pj
 from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
 from preisach_jax.compensation.straight import tracking
 from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.viscosity import Viscosity
 
 REACHED = 1.96 * GOOD
 
@@ -304,3 +306,39 @@ def test_work_on_a_drive_ends_when_its_progress_raises():
     with pytest.raises(KeyboardInterrupt):
         pj.compensate(model, course(model), progress=stop)
     assert told == [0.0]
+
+
+def test_from_an_end_of_its_range_the_drive_leaves_where_the_course_does():
+    # Creep makes the linear inverse ask for too little at first, and so hold the drive at its end.
+    with jax.enable_x64(True):
+        effect = Creep(tau_s=(0.5, 20.0))
+        values = {"c_1": 0.1, "c_2": 0.6}
+        record = played()
+        rows = np.clip(np.arange(len(record.time)) / len(record.time) * 1.3, 0, 1)
+        u = record.input * (1 - rows**8)
+        ended = pj.Record.from_arrays(record.time, u, 2 * u, units=UNITS, name="stage.csv")
+        model = model_of((effect, values, (0.0, 0.0)), record=ended)
+        wanted = course(model, height=7.0)
+        found = pj.compensate(model, wanted)
+    assert u[-1] == PLANE.low
+    assert found.drive[0] < PLANE.low + 0.5
+    assert found.reachable.all()
+
+
+def test_what_goes_with_the_speed_of_the_drive_is_allowed_for():
+    with jax.enable_x64(True):
+        model = model_of((Viscosity(), {"tau_s": 0.003}, (2e-3,)))
+        wanted = course(model)
+        found = pj.compensate(model, wanted)
+        without = pj.compensate(model_of(), wanted)
+        missed = model.predict(
+            pj.Record.from_arrays(
+                model.origin.stop_s + wanted.time + 1 / RATE,
+                without.drive,
+                without.drive,
+                units=UNITS,
+            )
+        )
+    assert found.reachable.all()
+    np.testing.assert_allclose(found.expected, wanted.output, atol=2 * GOOD)
+    assert np.abs(missed.output - wanted.output).max() > 5 * GOOD

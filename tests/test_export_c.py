@@ -212,6 +212,7 @@ FUZZ = """
 #include <math.h>
 #include <stdio.h>
 static preisach_state s;
+static preisach_state stage; /* it gets the same inputs, learns nothing, and is what is read */
 static unsigned long random_state = 1;
 static double uniform(void)
 {
@@ -228,23 +229,31 @@ static double odd(void)
     if (r < 0.5) return -2.0 + 10.0 * uniform();
     return 3.0 + 0.01 * uniform();
 }
-/* What the model expects, or no reading at all. */
+/* What the stage reads, or no reading at all. */
 static double reading(void)
 {
     double z = odd();
-    return fabs(z) < 100.0 ? (double)s.output : z;
+    return fabs(z) < 100.0 ? (double)stage.output : z;
 }
 int main(void)
 {
     long k;
     preisach_init(&s);
+    preisach_init(&stage);
     for (k = 0; k < 8000; k++) {
         double r = uniform();
-        preisach_real out = r < 0.7   ? preisach_step(&s, (preisach_real)odd() AUX)
-                            : r < 0.9 ? preisach_inverse_step(&s, (preisach_real)odd() AUX)
-                            : r < 0.95 ? preisach_step(&s, (preisach_real)NAN AUX)
-                                      : preisach_adapt_step(&s, (preisach_real)odd() AUX,
-                                                            (preisach_real)reading());
+        preisach_real u = (preisach_real)(r < 0.75 ? odd() : r < 0.8 ? NAN : odd());
+        preisach_real out;
+        if (r < 0.8) {
+            (void)preisach_step(&stage, u AUX);
+            out = preisach_step(&s, u AUX);
+        } else if (r < 0.95) {
+            out = preisach_inverse_step(&s, u AUX);
+            (void)preisach_step(&stage, out AUX);
+        } else {
+            (void)preisach_step(&stage, u AUX);
+            out = preisach_adapt_step(&s, u AUX, (preisach_real)reading());
+        }
         if (!(fabs((double)out) < 1e4) || s.count > PREISACH_CORNERS || s.refused == 0) {
             printf("%ld %g %d\\n", k, (double)out, s.count);
             if (k > 100) return 1;

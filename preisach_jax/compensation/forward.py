@@ -19,7 +19,13 @@ from preisach_jax.chain import (
     hysteresis_output,
 )
 from preisach_jax.compensation.past import Past
-from preisach_jax.effects.base import HysteresisEffect, SensorEffect, Signals, WeightEffect
+from preisach_jax.effects.base import (
+    AddedEffect,
+    HysteresisEffect,
+    SensorEffect,
+    Signals,
+    WeightEffect,
+)
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.model import Model
 
@@ -129,6 +135,16 @@ class Forward:
             columns = effect.at(self.values[effect.name]).columns(output)
             output = output - columns @ jnp.asarray(share)
         return np.asarray(output)
+
+    def added(self) -> list[tuple[AddedEffect, np.ndarray]]:
+        """The effects that add to the output, with their coefficients."""
+        found: list[tuple[AddedEffect, np.ndarray]] = []
+        at = 0
+        for effect in self.chain.at(AddedEffect):
+            stop = at + len(effect.coefficients())
+            found.append((effect, self.coefficients.added[at:stop]))
+            at = stop
+        return found
 
     def gain(self, along: np.ndarray) -> np.ndarray:
         """Factor of ageing and its like on the weights in the rows of the drive."""

@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.effects.base import InputEffect, OutputEffect
+from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Signals
 
 FLOOR = 0.1
 """Share of a course that effects must pass to be led in full: λ above."""
@@ -62,8 +62,47 @@ class Lead:
         time = step_s * jnp.arange(count // 2)
         for effect in effects:
             signal = effect.at(values[effect.name]).apply(signal, time)
-        passed = np.fft.rfft(np.asarray(signal)[1:] / height, count)
+        return Lead.through(np.asarray(signal)[1:] / height, count, samples)
+
+    @staticmethod
+    def through(response: np.ndarray, count: int, samples: int) -> Lead:
+        """The inverse of what answers an impulse so.
+
+        Arguments:
+            response: (time,) response to an impulse of height 1 in the first row.
+            count: length of the transform.
+            samples: length of the courses.
+        """
+        passed = np.fft.rfft(response, count)
         return Lead((1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2), samples)
+
+    @staticmethod
+    def beside(
+        effects: Sequence[tuple[AddedEffect, np.ndarray]],
+        values: Mapping[str, Mapping[str, Any]],
+        samples: int,
+        step_s: float,
+        slope: float,
+    ) -> Lead:
+        """The inverse of an operator with effects beside it that go with the speed of its input.
+
+        Arguments:
+            effects: the effects, with their coefficients.
+            values: their parameters.
+            samples: length of the courses.
+            step_s: time step, in s.
+            slope: of the operator, output over input: a small one, so that corrections stay small.
+        """
+        if not effects:
+            return Lead(None, samples)
+        count = 1 << max(2 * samples - 1, 64).bit_length()
+        time = step_s * jnp.arange(count // 2)
+        response = jnp.zeros(count // 2).at[1].set(1.0)
+        signals = Signals(time, IMPULSE * response / slope, {})
+        for effect, share in effects:
+            added = effect.at(values[effect.name]).columns(signals) @ jnp.asarray(share)
+            response = response + added / IMPULSE
+        return Lead.through(np.asarray(response)[1:], count, samples)
 
     def __call__(self, course: np.ndarray) -> np.ndarray:
         """What must go into the effects for a course to come out, both zero before the first row.

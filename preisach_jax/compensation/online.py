@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -111,10 +111,15 @@ class OnlineInverse:
         with jax.enable_x64(True):
             self._causal = self._begun(after)
             ahead = self._causal.leads
-            self._state = self._causal.start()
-            self._learning = Learning(self._state.states, jnp.asarray(jnp.nan))
+            start = self._causal.start()
+            begun = (start, Learning(start.states, jnp.asarray(jnp.nan)))
+            # Compiled here and not at the first sample, which a controller waits for.
+            carried: _Carried = jax.tree.map(_plain, begun)
+            self._state, self._learning = carried
             step = partial(_step, self._causal, ahead, self._step_size, self._share)
-            self._step: _Compiled = jax.jit(step)
+            sample = np.zeros(3 + len(self._aux_columns))
+            compiled = jax.jit(step).lower(carried, sample).compile()
+            self._step = cast(_Compiled, compiled)
         self.expected = self.drive = math.nan
         self.reached = True
         self._good = max(1.96 * model.rms_validation, 1e-6 * float(np.abs(model.weights).sum()))
@@ -248,6 +253,11 @@ class OnlineInverse:
                 inverse._state, inverse._learning = jax.tree.map(kept, state)
             inverse.drive, inverse.expected = stored["last"].tolist()
         return inverse
+
+
+def _plain(leaf: Array) -> Array:
+    """An array as the compiled step gives it back, of no weak type."""
+    return jnp.asarray(np.asarray(leaf))
 
 
 def _step(

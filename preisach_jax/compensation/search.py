@@ -38,6 +38,9 @@ NEIGHBOURS = 41
 BELL = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9
 """Mean over neighbours by which corrections of a widened operator are smoothed."""
 
+LEAST_SLOPE = 0.2
+"""Share of the mean slope that the operator is taken to have where the speed acts beside it."""
+
 INPUT_PASSES = 8
 """Passes in which what acts on the input is inverted by itself."""
 
@@ -94,6 +97,9 @@ class Search:
         self._behind = Lead.of(behind, forward.values, size, step_s, stroke)
         before = [e for e in chain.at(InputEffect) if not isinstance(e, SlewLimit)]
         width = plane.high - plane.low
+        beside = [pair for pair in forward.added() if pair[0].goes_with_speed]
+        slope = LEAST_SLOPE * stroke / width
+        self._beside = Lead.beside(beside, forward.values, size, step_s, slope)
         self._before = Lead.of(before, forward.values, size, step_s, width)
         self._leads_input = bool(before)
         self._sign = chain.polarity
@@ -115,7 +121,7 @@ class Search:
         state = self._state(held)
         gain = self._sign * self._forward.gain(rest)
         aim = self._sign * resting.hysteresis
-        aim = aim + self._behind(self._wanted - resting.output) / gain
+        aim = aim + self._asked(self._wanted - resting.output) / gain
         widening, first_run = resting.widening, self._sign * resting.first_run
         forced = np.full(len(aim), np.nan)
         best, least, tries = None, np.inf, 0
@@ -127,8 +133,11 @@ class Search:
             drive, cut = self._drive(seen, given + first_run, resting)
             course = self._forward.beyond_past(self._forward.whole(drive))
             error = self._wanted - course.output
-            stopped = np.abs(aim - first_run - given) > self._close / 4
-            blocked = cut | (stopped & self._at_an_end(seen, drive))
+            beyond = aim - first_run - given
+            stopped = (np.abs(beyond) > self._close / 4) & self._at_an_end(seen, drive)
+            # At an end only an error that asks for less than the aim can still be taken away.
+            blocked = cut | (stopped & (beyond * error / gain >= 0))
+            aim = np.where(stopped & ~blocked, given + first_run, aim)
             size = float(np.mean(np.log1p((error / self._good) ** 2)))
             tries = 0 if size < 0.9 * least else tries + 1
             if size < least:
@@ -142,7 +151,7 @@ class Search:
             around = _greatest_nearby(np.abs(left))
             stays = (around > self._close) & (around > 0.8 * before) & (not seeks)
             trust, before = np.where(stays, trust / 2, np.minimum(1.0, 1.5 * trust)), around
-            learnt = trust * self._behind(left) / gain
+            learnt = trust * self._asked(left) / gain
             if self._operator.relays:
                 learnt = learnt - (aim - first_run - given)  # what no step of a relay gives
             actual = self._sign * course.hysteresis
@@ -158,6 +167,10 @@ class Search:
             aim = aim + learnt
         assert best is not None
         return best
+
+    def _asked(self, error: np.ndarray) -> np.ndarray:
+        """What an error of the output asks of the operator."""
+        return self._beside(self._behind(error))
 
     def _kernel(self, course: Course) -> np.ndarray:
         """Weights of a mean over so many rows that the widening follows the drive slowly enough."""

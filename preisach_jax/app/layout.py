@@ -10,6 +10,7 @@ import panel as pn
 
 from preisach_jax.app import panels
 from preisach_jax.app.drawing import NARROW
+from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.upload import MOST_BYTES
 from preisach_jax.app.views import AXES
 
@@ -64,9 +65,9 @@ class Layout:
     """
 
     def __init__(self, on: dict[str, Callable[..., None]]):
-        self._on_drop = on["drop"]
-        self.dropper = pn.Column(sizing_mode="stretch_width", css_classes=["dropper"])
-        self.await_file(height=150)
+        self.dropper = Dropper(
+            on["drop"], on["refuse"], MOST_BYTES, panels.DROP_HERE, whole_page=True
+        )
         self.message = panels.pane()
         self.doing = panels.pane()
         self.file = panels.pane(panels.brand(""))
@@ -103,10 +104,6 @@ class Layout:
         self.drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
         self.view: Any = self._arranged()
 
-    def await_file(self, height: int) -> None:
-        """Make room for the next file: the widget keeps showing the last one otherwise."""
-        self.dropper.objects = [dropper(self._on_drop, height, MOST_BYTES)]
-
     def _arranged(self) -> Any:
         head = pn.Row(
             self.file, self.save, self.dark, sizing_mode="stretch_width", stylesheets=[_HEAD]
@@ -131,27 +128,6 @@ class Layout:
         )  # fmt: skip
         body = pn.Row(main, side, sizing_mode="stretch_both", stylesheets=[_BODY])
         return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=[BLOCK])
-
-
-def dropper(
-    on_file: Callable[[str, bytes], None], height: int, most_bytes: int, label: str = ""
-) -> Any:
-    """A place to drop a file, whose name and content are handed on.
-
-    It keeps showing that file: the next one needs a new place.
-    """
-
-    def on_drop(event: Any) -> None:
-        if event.new:
-            name, content = list(event.new.items())[-1]
-            on_file(name, content.encode() if isinstance(content, str) else content)
-
-    made = pn.widgets.FileDropper(
-        label=label, multiple=False, height=height, max_file_size=f"{most_bytes // 1_000_000}MB",
-        previews=[], sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
-    )  # fmt: skip
-    made.param.watch(on_drop, "value")
-    return made
 
 
 def plots(drawn: Any) -> Any:

@@ -80,7 +80,7 @@ class Opening(Working):
 
     def _show_upload(self, upload: Upload, choice: ReadOptions | None = None) -> None:
         self._upload, self._choice = upload, choice
-        self._layout.await_file(height=56)
+        self._layout.dropper.compact = True
         if choice is None:
             self._project = None
         self._forget_record()
@@ -137,5 +137,6 @@ class Opening(Working):
         preview = [panels.pane(panels.table(*upload.first_rows()))] if upload is not None else []
         return [beside(*parts), *preview]
 
-    def _failed(self) -> None:
-        self._layout.await_file(150 if self._upload is None else 56)
+    def _refuse(self, error: Exception) -> None:
+        """Say why a file is not taken; what was open stays."""
+        self._say(panels.failure(error))

@@ -21,6 +21,7 @@ from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
+DROP_HERE = "Drop a file here, or click to choose one"
 DROP = (
     "Drop a file above, or click to choose one: CSV and other texts, Excel, LabVIEW, HDF5, MAT, "
     "NPZ, Parquet, Feather, MicroMag .forc, or a saved .preisach project. It stays on this machine."

@@ -47,7 +47,7 @@ def serve(
     # Nothing is fetched from elsewhere: all scripts and styles come with the installed packages.
     os.environ.setdefault("BOKEH_RESOURCES", "server")
     pn.extension(
-        "filedropper", raw_css=[panels.style()], notifications=False,
+        raw_css=[panels.style()], notifications=False,
         respect_explicit_sizing=True,
     )  # fmt: skip
 

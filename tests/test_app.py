@@ -19,7 +19,7 @@ import preisach_jax as pj
 pytest.importorskip("panel")
 
 from preisach_jax.app.export import exports
-from preisach_jax.app.first import FirstView, extreme_rows
+from preisach_jax.app.first import Curves, FirstView, extreme_rows
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import CandidateRow, facts, failure, ladder, order_of, table, told
@@ -502,7 +502,8 @@ class TestFirstView:
         z = u**1.1
         z[200] += 30.0
         record = pj.Record.from_arrays(t, u, z)
-        view, found = FirstView(record), pj.look(record)
+        view, found = FirstView(), pj.look(record)
+        view.show(Curves.of(record))
         view.mark(found)
         assert list(view.spikes["output"].data["x"]) == [2.0]
         begun = view.rests.data["x0"]

@@ -101,8 +101,18 @@ class Layout:
         self.prepare = button("Prepare export", on["export"])
         self.downloads = pn.Column(sizing_mode="stretch_width")
         self.project = pn.Column(sizing_mode="stretch_width")
+        self.facts = panels.facts_pane()
+        self.first = beside(visible=False)
+        self.preview = panels.pane()
+        self.record = pn.Column(
+            self.first, self.preview, sizing_mode="stretch_width", stylesheets=[BLOCK]
+        )
         self.drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
         self.view: Any = self._arranged()
+
+    def place_record(self, drawn: Any) -> None:
+        """Give the figures of a record their place, beside what a look finds in it."""
+        self.first.objects = [plots(drawn), self.facts]
 
     def _arranged(self) -> Any:
         head = pn.Row(
@@ -111,7 +121,7 @@ class Layout:
         views = pn.Row(self.shown, self.axis, sizing_mode="stretch_width", stylesheets=[WRAP])
         main = pn.Column(
             self.dropper, self.message, self.chips, self.verdict, self.doing, self.steps, views,
-            self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
+            self.record, self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
         )  # fmt: skip
         buttons = pn.Row(
             self.fit, self.find, self.undo, self.cancel, sizing_mode="stretch_width",
@@ -135,9 +145,11 @@ def plots(drawn: Any) -> Any:
     return pn.pane.Bokeh(drawn, sizing_mode="stretch_both")
 
 
-def beside(*parts: Any) -> Any:
+def beside(*parts: Any, visible: bool = True) -> Any:
     """Parts side by side, on a phone below each other."""
-    return pn.Row(*parts, sizing_mode="stretch_width", stylesheets=[_BESIDE])
+    return pn.Row(
+        *parts, sizing_mode="stretch_width", stylesheets=[_BESIDE], visible=visible
+    )
 
 
 def card(*parts: Any) -> Any:

@@ -41,7 +41,7 @@ class Page(Opening):
         self._rows: dict[str, panels.CandidateRow] = {}
         # What can be shown in the great part of the page, by what its switch calls it.
         self._panes: dict[str, Callable[[], list[Any]]] = {
-            "Record": self._record_pane, "Model": self._model_pane, "Drive": self._drive_pane,
+            "Record": list, "Model": self._model_pane, "Drive": self._drive_pane,
         }  # fmt: skip
         self._is_drawn = ""
         layout = Layout(
@@ -88,6 +88,8 @@ class Page(Opening):
         ]
         self._layout.shown.value = name
         self._layout.axis.visible = name == "Model"
+        self._layout.record.visible = name == "Record"
+        self._layout.first.visible = self._record is not None
         self._layout.drawn.objects = self._panes[name]()
         if name == "Model" and self._views is not None:
             self._hand_over(self._views.begin)

@@ -21,6 +21,7 @@ from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
+LOOKING = "Looking at the record ..."
 DROP_HERE = "Drop a file here, or click to choose one"
 DROP = (
     "Drop a file above, or click to choose one: CSV and other texts, Excel, LabVIEW, HDF5, MAT, "
@@ -280,9 +281,9 @@ def facts(found: Look) -> str:
     return str(Markup('<table class="facts">{}</table>').format(body))
 
 
-def facts_pane(found: Look) -> Any:
-    """The facts of a look, as wide as a third of the window."""
-    shown = pane(facts(found))
+def facts_pane() -> Any:
+    """A place for the facts of a look, as wide as a third of the window."""
+    shown = pane()
     shown.stylesheets = [*shown.stylesheets, FACTS]
     return shown
 

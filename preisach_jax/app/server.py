@@ -7,10 +7,13 @@ import os
 import socket
 import threading
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import panel as pn
+from bokeh.events import DocumentReady
+from bokeh.models import CustomJS
 
 from preisach_jax.app import panels
 from preisach_jax.app.page import Page
@@ -56,6 +59,8 @@ def serve(
 
     def page() -> Any:
         opened = Page(data)
+        script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
+        pn.state.curdoc.js_on_event(DocumentReady, CustomJS(code=script))
         pn.state.on_session_destroyed(lambda context: opened.close())
         return opened.view
 

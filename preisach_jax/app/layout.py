@@ -45,6 +45,9 @@ _SIDE = f"""
   padding: 0 0.4rem; box-sizing: border-box; border-left: 0; }} }}
 """
 BLOCK = ":host { display: block !important; height: auto !important; min-width: 0 !important; }"
+_AWAY = ":host(.away) { display: none !important; }"
+"""Style of what can be away: the styles of boxes outdo what hides them."""
+
 _BESIDE = f"""
 :host {{ min-width: 0 !important; gap: 0.6rem; align-items: flex-start; }}
 {NARROW} {{ :host {{ display: block !important; height: auto !important; }} }}
@@ -102,10 +105,12 @@ class Layout:
         self.downloads = pn.Column(sizing_mode="stretch_width")
         self.project = pn.Column(sizing_mode="stretch_width")
         self.facts = panels.facts_pane()
-        self.first = beside(visible=False)
+        self.first = beside()
+        self.first.stylesheets = [*self.first.stylesheets, _AWAY]
+        show(self.first, False)
         self.preview = panels.pane()
         self.record = pn.Column(
-            self.first, self.preview, sizing_mode="stretch_width", stylesheets=[BLOCK]
+            self.first, self.preview, sizing_mode="stretch_width", stylesheets=[BLOCK, _AWAY]
         )
         self.drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
         self.view: Any = self._arranged()
@@ -145,11 +150,15 @@ def plots(drawn: Any) -> Any:
     return pn.pane.Bokeh(drawn, sizing_mode="stretch_both")
 
 
-def beside(*parts: Any, visible: bool = True) -> Any:
+def show(box: Any, is_shown: bool) -> None:
+    """Show a box that can be away, or hide it."""
+    box.visible = is_shown
+    box.css_classes = [] if is_shown else ["away"]
+
+
+def beside(*parts: Any) -> Any:
     """Parts side by side, on a phone below each other."""
-    return pn.Row(
-        *parts, sizing_mode="stretch_width", stylesheets=[_BESIDE], visible=visible
-    )
+    return pn.Row(*parts, sizing_mode="stretch_width", stylesheets=[_BESIDE])
 
 
 def card(*parts: Any) -> Any:

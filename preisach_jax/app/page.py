@@ -12,7 +12,7 @@ from preisach_jax.app.drive import NEEDED, DriveView
 from preisach_jax.app.driving import Driven, driven
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
-from preisach_jax.app.layout import Layout, beside, card, plots
+from preisach_jax.app.layout import Layout, beside, card, plots, show
 from preisach_jax.app.opening import Opening
 from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
@@ -88,8 +88,8 @@ class Page(Opening):
         ]
         self._layout.shown.value = name
         self._layout.axis.visible = name == "Model"
-        self._layout.record.visible = name == "Record"
-        self._layout.first.visible = self._record is not None
+        show(self._layout.record, name == "Record")
+        show(self._layout.first, self._record is not None)
         self._layout.drawn.objects = self._panes[name]()
         if name == "Model" and self._views is not None:
             self._hand_over(self._views.begin)

@@ -142,7 +142,8 @@ class Layout:
             stylesheets=[_SIDE],
         )  # fmt: skip
         body = pn.Row(main, side, sizing_mode="stretch_both", stylesheets=[_BODY])
-        return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=[BLOCK])
+        sheets = [BLOCK, panels.page_style()]
+        return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=sheets)
 
 
 def plots(drawn: Any) -> Any:
@@ -185,5 +186,6 @@ def _clicked(clicked: Callable[[Any], None], event: Any) -> None:
 
 def at_once(change: Callable[[], None]) -> None:
     """Send all that changes in one message, so that a tab never shows half of a step."""
+    panels.share_styles()
     with pn.io.hold():
         change()

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from panel.io.state import set_curdoc
+
 from preisach_jax.app import panels
 from preisach_jax.app.columns import ColumnChoice
 from preisach_jax.app.first import Curves, FirstView
@@ -127,17 +129,18 @@ class Opening(Working):
 
     def _open(self, name: str, read: Callable[[], Upload]) -> None:
         # What was there before is let go only once the file has been read.
-        self._start(
-            f"reading {name}",
-            lambda progress: Opened.of(read(), self._on_columns),
-            self._show_opened,
-        )
+        self._start(f"reading {name}", lambda progress: self._opened(read()), self._show_opened)
+
+    def _opened(self, upload: Upload, before: Choice | None = None) -> Opened:
+        """Read the columns of a file, in the thread of a job, with menus that belong to the tab."""
+        with set_curdoc(self._document):
+            return Opened.of(upload, self._on_columns, before)
 
     def _open_project(self, name: str, content: bytes) -> None:
         def read(progress: Progress) -> tuple[Project, Opened]:
             project = unpacked(name, content)
             upload = Upload.of(project.name, project.content, Path(self._folder.name))
-            return project, Opened.of(upload, self._on_columns, project.choice)
+            return project, self._opened(upload, project.choice)
 
         self._start(f"opening {name}", read, lambda both: self._show_opened(both[1], both[0]))
 

@@ -8,8 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import panel as pn
+from bokeh.models import GlobalInlineStyleSheet, InlineStyleSheet
 from markupsafe import Markup
 
 from preisach_jax.diagnosis.exploration import Exploration
@@ -20,6 +22,9 @@ from preisach_jax.look import Look
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
+
+_WIDGETS, _HEAD = "preisach-widgets.css", "preisach-head.css"
+_SHEETS: WeakKeyDictionary[Any, dict[str, InlineStyleSheet]] = WeakKeyDictionary()
 
 LOOKING = "Looking at the record ..."
 DROP_HERE = "Drop a file here, or click to choose one"
@@ -40,9 +45,37 @@ FACTS = """
 
 
 @cache
-def style() -> str:
-    """The style sheet of the page."""
+def style_text() -> str:
+    """The style sheet of the page as text."""
     return files("preisach_jax.app").joinpath("style.css").read_text(encoding="utf-8")
+
+
+def style() -> str:
+    """The style sheet of the page for one more widget: in a tab the name of one that all share."""
+    return _WIDGETS if share_styles() else style_text()
+
+
+def page_style() -> str:
+    """The style sheet of the page for its head, from where all widgets inherit their colours."""
+    return _HEAD if share_styles() else style_text()
+
+
+def share_styles() -> bool:
+    """Let all widgets of the present tab share style sheets; False where there is no tab.
+
+    Panel looks the names of sheets up before it asks the server for them, in a store that it empties
+    when the page has come to the browser: so this is done again before widgets are made or changed.
+    As texts, the sheets of a hundred widgets would be a megabyte in each tab.
+    """
+    known: Any = getattr(pn.state, "_stylesheets", None)
+    document = pn.state.curdoc
+    if document is None or known is None:
+        return False
+    if document not in _SHEETS:
+        kinds = {_WIDGETS: InlineStyleSheet, _HEAD: GlobalInlineStyleSheet}
+        _SHEETS[document] = {name: kind(css=style_text()) for name, kind in kinds.items()}
+    known.setdefault(document, {}).update(_SHEETS[document])
+    return True
 
 
 def pane(text: str = "") -> Any:

@@ -49,10 +49,7 @@ def serve(
     """
     # Nothing is fetched from elsewhere: all scripts and styles come with the installed packages.
     os.environ.setdefault("BOKEH_RESOURCES", "server")
-    pn.extension(
-        raw_css=[panels.style()], notifications=False,
-        respect_explicit_sizing=True,
-    )  # fmt: skip
+    pn.extension(notifications=False, respect_explicit_sizing=True)
 
     # Done while the browser opens, so that the first file that is dropped need not wait for it.
     threading.Thread(target=_load, args=(READING,), daemon=True).start()
@@ -60,6 +57,7 @@ def serve(
     def page() -> Any:
         opened = Page(data)
         script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
+        pn.state.onload(panels.share_styles)
         pn.state.curdoc.js_on_event(DocumentReady, CustomJS(code=script))
         pn.state.on_session_destroyed(lambda context: opened.close())
         return opened.view

@@ -66,6 +66,7 @@ def keep_ranges(drawn: Any) -> None:
     """Let the ranges of a figure follow what it shows now, and nothing that is added later.
 
     What is chosen is added then, on a layer of its own: a brush draws that layer anew, not curves.
+    It has no place in a legend, which is drawn with the curves.
     """
     for shown in (drawn.x_range, drawn.y_range):
         shown.renderers = list(drawn.renderers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -187,5 +188,14 @@ def _clicked(clicked: Callable[[Any], None], event: Any) -> None:
 def at_once(change: Callable[[], None]) -> None:
     """Send all that changes in one message, so that a tab never shows half of a step."""
     panels.share_styles()
+    document = pn.state.curdoc
+    # Bokeh goes through all models of the page at each change of what stands where, else once.
+    frozen = nullcontext() if document is None else document.models.freeze()
+    with pn.io.hold(), frozen:
+        change()
+
+
+def in_passing(change: Callable[[], None]) -> None:
+    """Send a change of texts; to go through all models would take longer than the change."""
     with pn.io.hold():
         change()

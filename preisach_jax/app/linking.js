@@ -100,11 +100,15 @@ function fill(drawn, data) {
   drawn.setv({ data }, { sync: false })
 }
 
-function say(sentence) {
+function say(sentence, is_marked) {
   // In its place, as a change of the text would lay out the whole page.
   told.setv({ text: sentence }, { silent: true })
   const view = Bokeh.index.find_one(told)
-  if (view) view.markup_el.textContent = sentence
+  if (!view) return
+  const mark = document.createElement("span")
+  mark.style = `display: ${is_marked ? "inline-block" : "none"}; width: 0.7em; height: 0.7em; ` +
+    `margin-right: 0.4em; border-radius: 50%; background: ${colour}`
+  view.markup_el.replaceChildren(mark, sentence)
 }
 
 function light_up(chosen) {
@@ -118,12 +122,15 @@ function light_up(chosen) {
   fill(cells, switched_cells(chosen))
   const last = chosen.length ? chosen[chosen.length - 1] : count - 1
   fill(staircase, staircase_at(last))
-  say(
-    chosen.length
-      ? `${chosen.length.toLocaleString("en")} rows chosen, ${rows.time[chosen[0]].toPrecision(4)} to ` +
-          `${rows.time[last].toPrecision(4)} s; the staircase is that of the last`
-      : "Drag over any view to choose rows; what is chosen lights up in all.",
-  )
+  if (chosen.length) {
+    const [begin, end] = [chosen[0], last].map((k) => rows.time[k].toPrecision(4))
+    const count = chosen.length.toLocaleString("en")
+    say(`${count} rows chosen, ${begin} to ${end} s, and the cells that they switch; the staircase ` +
+      "is the memory at the last", true)
+  } else {
+    say("Drag over any view to choose rows; what is chosen lights up in all. The staircase is the " +
+      "memory at the end.", false)
+  }
   // The server computes the spectrum of the rows from their first to their last.
   if (chosen.length || stretch.data.first.length) {
     stretch.data = chosen.length ? { first: [chosen[0]], last: [last] } : { first: [], last: [] }

@@ -46,10 +46,10 @@ class Page(Opening):
         self._is_drawn = ""
         layout = Layout(
             {
-                "drop": self._on_drop, "refuse": self._refuse, "levels": self._on_levels, "fit": self._on_fit,
-                "find": self._on_find, "undo": self._on_undo, "cancel": self._on_cancel,
-                "axis": self._on_axis, "shown": self._on_shown, "export": self._on_export,
-                "save": self._on_save,
+                "drop": self._on_drop, "refuse": self._refuse, "levels": self._on_levels,
+                "fit": self._on_fit, "find": self._on_find, "undo": self._on_undo,
+                "cancel": self._on_cancel, "axis": self._on_axis, "shown": self._on_shown,
+                "export": self._on_export, "save": self._on_save,
             }
         )  # fmt: skip
         super().__init__(layout)

@@ -63,9 +63,9 @@ def page_style() -> str:
 def share_styles() -> bool:
     """Let all widgets of the present tab share style sheets; False where there is no tab.
 
-    Panel looks the names of sheets up before it asks the server for them, in a store that it empties
-    when the page has come to the browser: so this is done again before widgets are made or changed.
-    As texts, the sheets of a hundred widgets would be a megabyte in each tab.
+    Panel looks the names of sheets up before it asks the server for them, in a store that it
+    empties when the page has come to the browser: so this is done again before widgets are made or
+    changed.  As texts, the sheets of a hundred widgets would be a megabyte in each tab.
     """
     known: Any = getattr(pn.state, "_stylesheets", None)
     document = pn.state.curdoc

@@ -8,7 +8,7 @@ import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
 from bokeh.palettes import PuOr11, Viridis256
 
-from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, keep_ranges, place_legend, unformatted
+from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, keep_ranges, unformatted
 from preisach_jax.model import Model
 from preisach_jax.plot.axes import density_scale, plane_edges, shown_weights, with_unit
 
@@ -72,14 +72,9 @@ class PlaneFigure:
         keep_ranges(drawn)
         drawn.rect(
             "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
-            line_color=CHOSEN, line_alpha=0.6, legend_label="switched by the chosen rows",
-            level="overlay",
+            line_color=CHOSEN, line_alpha=0.6, level="overlay",
         )  # fmt: skip
         for shade, width in (("white", 4), ("black", 2)):
-            drawn.line(
-                "x", "y", source=self.staircase, color=shade, width=width, legend_label="memory",
-                level="overlay",
-            )  # fmt: skip
+            drawn.line("x", "y", source=self.staircase, color=shade, width=width, level="overlay")
         drawn.add_layout(ColorBar(color_mapper=self._mapper, width=10), "right")
-        place_legend(drawn, "bottom_right")
         return drawn

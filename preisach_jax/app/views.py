@@ -222,10 +222,7 @@ class Views:
         drawn.line(x, "before", source=source, color=BEFORE, name="before", legend_label="before")
         drawn.line(x, "model", source=source, color=AFTER, name="model", legend_label="model")
         keep_ranges(drawn)
-        drawn.scatter(
-            x, "output", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen",
-            level="overlay",
-        )  # fmt: skip
+        drawn.scatter(x, "output", source=self.highlight, color=CHOSEN, size=4, level="overlay")
 
     def _residual_figure(self) -> Any:
         _, unit = self._residual_scale(self._step)
@@ -244,9 +241,8 @@ class Views:
             )
             drawn.line("centre", "median", source=bins, color=shade, width=2, name=name)
         drawn.scatter(
-            "axis", "residual", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen",
-            level="overlay",
-        )  # fmt: skip
+            "axis", "residual", source=self.highlight, color=CHOSEN, size=4, level="overlay"
+        )
         place_legend(drawn, "top_left")
         return drawn
 
@@ -313,6 +309,7 @@ class Views:
             "told": self.told,
             "started": self._started,  # what no view shows must be named here to be sent
             "plane": plane,
+            "colour": CHOSEN,
         }
 
         def linked(view: str) -> CustomJS:

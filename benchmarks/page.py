@@ -5,10 +5,10 @@
 drives a Chromium without a window as `tests/test_app_browser.py` does, on stages of 27,000, 100,000
 and a million samples that hide creep and a delay, and writes `benchmarks/results/page.json`.  The
 first stage meets a server that has just started and has compiled nothing; the second pass over it
-has.  The first plot is timed from the drop of the file to the frame in which a canvas has the pixels
-of a curve; a brush from the release of the mouse to the next frame that shows all views, many times.
-Beside the seconds on the wall stand those of all processors that the server and the browser took
-together, as other programs may run: where they are as many, the two took turns.
+has.  The first plot is timed from the drop of the file to the frame in which a canvas has the
+pixels of a curve; a brush from the release of the mouse to the next frame that shows all views,
+many times.  Beside the seconds on the wall stand those of all processors that the server and the
+browser took together, as other programs may run.
 """
 
 from __future__ import annotations

@@ -9,7 +9,9 @@ export function render({ model }) {
   input.type = "file"
   const text = document.createElement("span")
   text.textContent = model.text
-  box.append(input, text)
+  const hint = document.createElement("small")
+  hint.textContent = model.hint
+  box.append(input, text, hint)
 
   let number = 0
   async function send(file) {

@@ -16,17 +16,19 @@ from preisach_jax.errors import InputError
 class Dropper(pn.custom.JSComponent):
     """A box that takes one file after the other; the browser sends each as soon as it is there.
 
-    Panel's own widget keeps every file for a second before it sends it, shows it until it is taken
-    away, and lays the page out anew at every frame.
+    Panel's own widget keeps every file for a second and a half before it sends it, and shows it
+    until it is taken away.
 
     Attributes:
         text: what stands in the box.
+        hint: what stands below that, while the box is not compact.
         most_bytes: size of the greatest file that is sent.
         compact: whether the box is one line high.
         whole_page: whether a file may be dropped anywhere on the page.
     """
 
     text: Any = param.String()
+    hint: Any = param.String()
     most_bytes: Any = param.Integer()
     compact: Any = param.Boolean()
     whole_page: Any = param.Boolean()
@@ -48,7 +50,7 @@ class Dropper(pn.custom.JSComponent):
             refused: called with an `InputError` where a file is too large.
             most_bytes: size of the greatest file that is taken.
             text: what stands in the box.
-            options: `compact`, `whole_page`, and those of Panel.
+            options: `hint`, `compact`, `whole_page`, and those of Panel.
         """
         self._on_file, self._refused = on_file, refused
         self._number, self._pieces = 0, list[bytes]()

@@ -145,8 +145,8 @@ class Working:
 
         self._say_progress(what, 0.0)
         self._job = Job(
-            work, hand_over=self._hand_over, tell=self._tell, on_progress=self._say_progress, on_done=finished,
-            on_error=failed,
+            work, hand_over=self._hand_over, tell=self._tell, on_progress=self._say_progress,
+            on_done=finished, on_error=failed,
         )  # fmt: skip
         self._refresh()
 

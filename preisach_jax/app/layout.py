@@ -70,8 +70,9 @@ class Layout:
 
     def __init__(self, on: dict[str, Callable[..., None]]):
         self.dropper = Dropper(
-            on["drop"], on["refuse"], MOST_BYTES, panels.DROP_HERE, whole_page=True
-        )
+            on["drop"], on["refuse"], MOST_BYTES, panels.DROP_HERE, hint=panels.KINDS,
+            whole_page=True,
+        )  # fmt: skip
         self.message = panels.pane()
         self.doing = panels.pane()
         self.file = panels.pane(panels.brand(""))
@@ -92,6 +93,7 @@ class Layout:
                 label="Residual against",
                 options={text: key for key, text in AXES.items()},
                 width=230,
+                visible=False,  # until there is a residual
             )
         )
         self.axis.param.watch(on["axis"], "value")

@@ -28,10 +28,11 @@ _SHEETS: WeakKeyDictionary[Any, dict[str, InlineStyleSheet]] = WeakKeyDictionary
 
 LOOKING = "Looking at the record ..."
 DROP_HERE = "Drop a file here, or click to choose one"
-DROP = (
-    "Drop a file above, or click to choose one: CSV and other texts, Excel, LabVIEW, HDF5, MAT, "
-    "NPZ, Parquet, Feather, MicroMag .forc, or a saved .preisach project. It stays on this machine."
+KINDS = (
+    "CSV and other texts, Excel, LabVIEW, HDF5, MAT, NPZ, Parquet, Feather, MicroMag .forc, or a "
+    "saved .preisach project. It stays on this machine."
 )
+DROP = "What the model of a record may lack is compared here."
 CHOOSE = "Choose the columns above: the record is drawn and fitted as soon as they are known."
 FIT = "The plain hysteresis model comes first, then the effects it may lack are compared."
 NOT_COMPARED = "Nothing was compared yet: any effect can be added."
@@ -52,16 +53,21 @@ def style_text() -> str:
 
 def style() -> str:
     """The style sheet of the page for one more widget: in a tab the name of one that all share."""
-    return _WIDGETS if share_styles() else style_text()
+    return _shared(_WIDGETS)
 
 
 def page_style() -> str:
     """The style sheet of the page for its head, from where all widgets inherit their colours."""
-    return _HEAD if share_styles() else style_text()
+    return _shared(_HEAD)
 
 
-def share_styles() -> bool:
-    """Let all widgets of the present tab share style sheets; False where there is no tab.
+def _shared(name: str) -> str:
+    share_styles()
+    return name if pn.state.curdoc in _SHEETS else style_text()
+
+
+def share_styles() -> None:
+    """Let all widgets of the present tab share style sheets, if there is a tab.
 
     Panel looks the names of sheets up before it asks the server for them, in a store that it
     empties when the page has come to the browser: so this is done again before widgets are made or
@@ -70,12 +76,11 @@ def share_styles() -> bool:
     known: Any = getattr(pn.state, "_stylesheets", None)
     document = pn.state.curdoc
     if document is None or known is None:
-        return False
+        return
     if document not in _SHEETS:
         kinds = {_WIDGETS: InlineStyleSheet, _HEAD: GlobalInlineStyleSheet}
         _SHEETS[document] = {name: kind(css=style_text()) for name, kind in kinds.items()}
     known.setdefault(document, {}).update(_SHEETS[document])
-    return True
 
 
 def pane(text: str = "") -> Any:
@@ -279,7 +284,10 @@ def _candidate(name: str, candidate: Candidate | None, step: Exploration) -> Mar
     if candidate is not None and not candidate.why_not:
         parts.append(Markup(' <span class="mark">convincing</span>'))
     if plain(name) != name:
-        parts.append(Markup("<p>{}</p>").format(plain(name)))
+        # Some explain a name in brackets behind it, and it stands above already.
+        words = plain(name).removeprefix(f"{name} (")
+        words = words.removesuffix(")") if words != plain(name) else words
+        parts.append(Markup("<p>{}</p>").format(words))
     if candidate is not None:
         before, after = step.fit.rms_validation, candidate.rms_validation
         if math.isfinite(after):

@@ -58,7 +58,8 @@ def serve(
         opened = Page(data)
         script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
         pn.state.onload(panels.share_styles)
-        pn.state.curdoc.js_on_event(DocumentReady, CustomJS(code=script))
+        document: Any = pn.state.curdoc
+        document.js_on_event(DocumentReady, CustomJS(code=script))
         pn.state.on_session_destroyed(lambda context: opened.close())
         return opened.view
 

@@ -123,6 +123,8 @@ def read(path: Path, first_look: bool) -> dict[str, float]:
     from preisach_jax.record import Record
 
     names = {"time": "1", "input": "2", "output": "3"}
+    if path.name.startswith(("h5", "mat73")):  # which keep their columns by name
+        names = {"time": "t_s", "input": "u_V", "output": "z_um"}
     if path.name.startswith("lvm"):
         names = {"input": "u_V", "output": "z_um"}
     begun, spent = time.perf_counter(), time.process_time()

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
-import os
 import re
 import resource
 import shutil
@@ -33,6 +32,7 @@ from preisach_jax.plant import simulate_stage
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
+SECONDS, RATE_HZ = 6.0, 1000.0
 PATIENCE_MS = 600_000
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -212,7 +212,7 @@ def main() -> None:
         browser = driver.chromium.launch(executable_path=chromium, args=FLAGS) if chromium else None
         with served(folder=folder) as address:
             for given in (each for each in FILES if each.name in words.only):
-                stage = simulate_stage(5, 8.0, (given.hides,), 1000.0)
+                stage = simulate_stage(5, SECONDS, (given.hides,), RATE_HZ)
                 path = folder / given.name
                 given.write(path, (stage.time, stage.input, stage.output))
                 row = {"hides": given.hides, **on_the_command_line(path, given, folder)}
@@ -220,7 +220,7 @@ def main() -> None:
                     row["page"] = in_the_page(browser, address, path, given)
                 rows[given.name] = row
                 print(given.name, re.sub(r"(\d\.\d\d)\d+", r"\1", json.dumps(row)), flush=True)
-    write_results(words.out, {"load_average": os.getloadavg(), "rows": rows})
+                write_results(words.out, {"samples": int(SECONDS * RATE_HZ), "rows": rows})
 
 
 if __name__ == "__main__":

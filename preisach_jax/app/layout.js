@@ -9,12 +9,24 @@ const views = LayoutDOMView.prototype
 if (!views.is_laid_out_once) {
   views.is_laid_out_once = true
   const waiting = new Set()
+  let failures = 0
+  // A tab in the background draws no frames.
+  const soon = (done) => (document.hidden ? setTimeout(done) : requestAnimationFrame(done))
   const lay_out = () => {
     const roots = [...waiting]
     waiting.clear()
     for (const root of roots) {
-      root.update_layout()
-      root.compute_layout()
+      try {
+        root.update_layout()
+        root.compute_layout()
+        failures = 0
+      } catch (error) {
+        // A part is being made and cannot be placed yet; it is there some frames later.
+        failures += 1
+        if (failures > 20) throw error
+        if (waiting.size === 0) soon(lay_out)
+        waiting.add(root)
+      }
     }
   }
   views.invalidate_layout = function () {
@@ -22,8 +34,7 @@ if (!views.is_laid_out_once) {
       this.parent.invalidate_layout()
       return
     }
-    // A tab in the background draws no frames.
-    if (waiting.size === 0) document.hidden ? setTimeout(lay_out) : requestAnimationFrame(lay_out)
+    if (waiting.size === 0) soon(lay_out)
     waiting.add(this)
   }
 }

@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,7 @@ def main() -> None:
 def _save(path: Path, results: list[dict[str, float | str]]) -> None:
     """Save what has been measured so far, with what else the machine was doing."""
     content = {
+        "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "load_1_min": os.getloadavg()[0],
         "python": platform.python_version(),

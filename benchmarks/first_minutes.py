@@ -176,6 +176,8 @@ def on_the_command_line(path: Path, given: Given, folder: Path) -> dict[str, obj
 def in_the_page(browser, address: str, path: Path, given: Given) -> dict[str, object]:
     from page import DRAWN, button, cpu_s, settle
 
+    from preisach_jax.app.columns import NO_COLUMN
+
     tab = browser.new_page(viewport={"width": 1280, "height": 800})
     tab.set_default_timeout(PATIENCE_MS)
     tab.goto(address)
@@ -185,7 +187,7 @@ def in_the_page(browser, address: str, path: Path, given: Given) -> dict[str, ob
     tab.locator("input[type=file]").first.set_input_files(path)
     tab.get_by_label("Output", exact=True).wait_for()
     for role, column in zip(("Time", "Input", "Output"), given.answer, strict=True):
-        if not tab.get_by_label(role, exact=True).input_value():
+        if tab.get_by_label(role, exact=True).input_value() in {"", NO_COLUMN}:
             tab.get_by_label(role, exact=True).select_option(column)
             questions += 1
     tab.wait_for_function(DRAWN, polling="raf")

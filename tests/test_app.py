@@ -83,6 +83,8 @@ class TestUpload:
         upload = Upload.of("x.csv", csv(header="a,b,c"), tmp_path)
         assert upload.guess == {"time": None, "input": None, "output": None}
         assert "choose" in upload.question
+        scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"), tmp_path)
+        assert scope.guess == {"time": "TIME", "input": None, "output": None}
         choice = {
             "time": None,
             "input": "b",

@@ -130,7 +130,7 @@ class Opening(Working):
         # What was there before is let go only once the file has been read.
         self._start(f"reading {name}", lambda progress: self._opened(read()), self._show_opened)
 
-    def _opened(self, upload: Upload, before: Choice | None = None) -> Opened:
+    def _opened(self, upload: Upload, before: ReadOptions | None = None) -> Opened:
         """Read the columns of a file, in the thread of a job, with menus that belong to the tab."""
         with set_curdoc(self._document):
             return Opened.of(upload, self._on_columns, before)

@@ -108,7 +108,7 @@ class ColumnChoice:
             "units": units,
         }
 
-    def first(self) -> Choice | None:
+    def first(self) -> ReadOptions | None:
         """What is chosen before anything is changed; None while a column is missing."""
         self._last = self.choice()
         return self._last

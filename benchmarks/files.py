@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,8 @@ def read(path: Path, first_look: bool) -> dict[str, float]:
     from preisach_jax.record import Record
 
     names = {"time": "1", "input": "2", "output": "3"}
+    if path.name.startswith(("h5", "mat73")):  # which keep their columns by name
+        names = {"time": "t_s", "input": "u_V", "output": "z_um"}
     if path.name.startswith("lvm"):
         names = {"input": "u_V", "output": "z_um"}
     begun, spent = time.perf_counter(), time.process_time()
@@ -187,6 +190,7 @@ def main() -> None:
 def _save(path: Path, results: list[dict[str, float | str]]) -> None:
     """Save what has been measured so far, with what else the machine was doing."""
     content = {
+        "date": date.today().isoformat(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "load_1_min": os.getloadavg()[0],
         "python": platform.python_version(),

@@ -18,8 +18,9 @@ import preisach_jax as pj
 
 pytest.importorskip("panel")
 
+from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
-from preisach_jax.app.first import FirstView, extreme_rows
+from preisach_jax.app.first import Curves, FirstView, extreme_rows
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import CandidateRow, facts, failure, ladder, order_of, table, told
@@ -82,6 +83,8 @@ class TestUpload:
         upload = Upload.of("x.csv", csv(header="a,b,c"), tmp_path)
         assert upload.guess == {"time": None, "input": None, "output": None}
         assert "choose" in upload.question
+        scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"), tmp_path)
+        assert scope.guess == {"time": "TIME", "input": None, "output": None}
         choice = {
             "time": None,
             "input": "b",
@@ -484,6 +487,27 @@ class TestProject:
         assert unpacked("x.preisach", content).name == "evil.csv"
 
 
+class TestDropper:
+    def test_pieces_become_files_and_what_came_before_is_let_go(self):
+        taken, refused = [], []
+        box = Dropper(lambda name, content: taken.append((name, content)), refused.append, 9, "")
+
+        def send(name, number, data, size):
+            box._handle_msg({"name": name, "number": number, "data": data, "size": size})
+
+        send("a.csv", 1, b"12345", 9)
+        send("b.csv", 2, b"6789", 8)  # dropped while the first one was on its way
+        send("b.csv", 2, b"0123", 8)
+        send("b.csv", 3, b"again", 5)
+        send("empty.csv", 4, b"", 0)
+        assert taken == [("b.csv", b"67890123"), ("b.csv", b"again"), ("empty.csv", b"")]
+        send("great.csv", 5, b"", 10_000_000)
+        assert len(taken) == 3
+        [error] = refused
+        assert "great.csv has 10 MB" in str(error)
+        assert "preisach diagnose" in str(error)
+
+
 class TestFirstView:
     def test_of_a_long_record_the_extremes_are_drawn(self):
         t = np.arange(200_000) / 1e4
@@ -502,11 +526,15 @@ class TestFirstView:
         z = u**1.1
         z[200] += 30.0
         record = pj.Record.from_arrays(t, u, z)
-        view, found = FirstView(record), pj.look(record)
+        view, found = FirstView(), pj.look(record)
+        view.show(Curves.of(record))
         view.mark(found)
+        np.testing.assert_array_equal(view.source.data["output"], z)
         assert list(view.spikes["output"].data["x"]) == [2.0]
         begun = view.rests.data["x0"]
         assert min(abs(time - 10.0) for time in begun) < 0.1
+        view.show(Curves.of(pj.Record.from_arrays(t[:500], u[:500], u[:500])))
+        assert list(view.spikes["output"].data["x"]) == list(view.rests.data["x0"]) == []
 
     def test_facts_are_those_of_look(self, step):
         found = pj.look(step.record)

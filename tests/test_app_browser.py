@@ -175,6 +175,23 @@ def test_a_dropped_file_is_drawn_and_fitted_without_a_click(tab, stage):
     tab.locator(".verdict b").filter(has_text="Something is missing").wait_for()
 
 
+DROPPED = """([name, text]) => {
+  const dataTransfer = new DataTransfer()
+  dataTransfer.items.add(new File([text], name))
+  const options = { dataTransfer, bubbles: true, cancelable: true }
+  document.body.dispatchEvent(new DragEvent("drop", options))
+}"""
+
+
+def test_files_are_dropped_anywhere_one_after_the_other(tab, stage):
+    text = stage.read_text()
+    tab.evaluate(DROPPED, ["first.csv", text])
+    tab.locator(".told").get_by_text("first.csv: 6,000 rows").wait_for()
+    half = "\n".join(text.splitlines()[:3001])
+    tab.evaluate(DROPPED, ["second.csv", half])
+    tab.locator(".told").get_by_text("second.csv: 3,000 rows").wait_for()
+
+
 def test_a_column_is_changed_over_the_plot(tab, stage):
     load(tab, stage)
     button(tab, "Record").click()

@@ -230,8 +230,8 @@ class TestDrive:
 
 
 def drop(view, name, content):
-    [dropper] = view._dropper.objects
-    dropper.value = {name: content}
+    piece = {"name": name, "size": len(content), "number": 1, "data": content}
+    view._dropper._handle_msg(piece)
 
 
 class TestView:

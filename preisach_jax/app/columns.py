@@ -108,6 +108,11 @@ class ColumnChoice:
             "units": units,
         }
 
+    def first(self) -> ReadOptions | None:
+        """What is chosen before anything is changed; None while a column is missing."""
+        self._last = self.choice()
+        return self._last
+
     def take(self) -> None:
         """Hand the choice on, if it is complete and another than before."""
         choice = self.choice()

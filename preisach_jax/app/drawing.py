@@ -62,6 +62,16 @@ def brushed(drawn: Any) -> Any:
     return drawn
 
 
+def keep_ranges(drawn: Any) -> None:
+    """Let the ranges of a figure follow what it shows now, and nothing that is added later.
+
+    What is chosen is added then, on a layer of its own: a brush draws that layer anew, not curves.
+    It has no place in a legend, which is drawn with the curves.
+    """
+    for shown in (drawn.x_range, drawn.y_range):
+        shown.renderers = list(drawn.renderers)
+
+
 def place_legend(drawn: Any, place: str) -> None:
     """Put the legend of a figure where it hides little; a click on a name hides its curve."""
     drawn.legend.update(

@@ -25,7 +25,8 @@ from preisach_jax.app.course import (
 )
 from preisach_jax.app.drive_figures import DriveFigures
 from preisach_jax.app.driving import Driven, Order, command_shown, course_of, outcome
-from preisach_jax.app.layout import BLOCK, WRAP, button, dropper, plots, styled
+from preisach_jax.app.dropper import Dropper
+from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
@@ -174,7 +175,10 @@ class DriveView:
             )
         )  # fmt: skip
         self._points.param.watch(self._on_text, "value")
-        self._dropper = pn.Column(sizing_mode="stretch_width")
+        self._dropper = Dropper(
+            self._on_drop, self.refuse, MOST_BYTES,
+            f"Drop or choose a file with the columns {self._columns_named()}",
+        )  # fmt: skip
 
     def _first_points(self, usual: Shape) -> str:
         low, high = (usual.middle + sign * usual.swing / 2 for sign in (-1, 1))
@@ -192,8 +196,6 @@ class DriveView:
             field.visible = kind in SHAPES
         self._hint.visible = self._points.visible = kind == DRAWN
         self._dropper.visible = kind == FROM_FILE
-        if kind == FROM_FILE and not self._dropper.objects:
-            self._await_file()
         self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
         self._drawn.objects = [] if kind == FROM_FILE else [plots(self.figures.layout)]
 
@@ -217,17 +219,12 @@ class DriveView:
         self._changed()
         self._forget_result()
 
-    def _await_file(self) -> None:
-        label = f"Wanted course: a file with the columns {self._columns_named()}"
-        self._dropper.objects = [dropper(self._on_drop, 90, MOST_BYTES, label)]
-
     def _columns_named(self) -> str:
         columns = self._step.fit.model.columns
         return " and ".join(columns[role] for role in ("time", "output"))
 
     def _on_drop(self, name: str, content: bytes) -> None:
         self._file = CourseFile(name, content, {}, told_units(self._step))
-        self._await_file()
         self._on_field()
 
     # The course

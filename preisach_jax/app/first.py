@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource
+from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from preisach_jax.app.drawing import DRAWING, GRID, PLOTS, unformatted
+from preisach_jax.app.drawing import DRAWING, GRID, PLOTS, limits_of, span, unformatted
 from preisach_jax.look import Look
-from preisach_jax.plot.axes import record_axes
+from preisach_jax.plot.axes import Axis, record_axes
 from preisach_jax.plot.style import BEFORE, HELD_OUT, MEASURED
 from preisach_jax.record import Record
 
@@ -22,29 +23,49 @@ MOST_MARKED = 100
 """Rests that are shaded."""
 
 
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What of a record is drawn.
+
+    Attributes:
+        axes: its coordinates, row by row, by `"time"`, `"input"` and `"output"`.
+        drawn: (row,) the rows of them that are drawn, by the same names.
+    """
+
+    axes: dict[str, Axis]
+    drawn: dict[str, np.ndarray]
+
+    @staticmethod
+    def of(record: Record) -> Curves:
+        """The curves of a record; of a long one the extremes."""
+        rows, axes = extreme_rows(record), record_axes(record)
+        shown = {name: axes[name] for name in ("time", "input", "output")}
+        return Curves(shown, {name: axis.values[rows] for name, axis in shown.items()})
+
+
 class FirstView:
     """Loop, output and input of a record, in which a look marks what it found.
 
-    Arguments:
-        record: the measurement.
+    The figures stand in the page from the beginning, hidden and empty: to make them takes longer
+    than to fill them.
 
     Attributes:
         layout: the Bokeh object to show.
+        curves: what is drawn of the record that is shown.
+        source: the rows that are drawn.
         spikes: where the marks of spikes stand, by `"input"` and `"output"`.
         rests: from when to when the input rests.
     """
 
-    def __init__(self, record: Record):
-        self._record = record
-        self._axes = record_axes(record)
-        rows = extreme_rows(record)
-        source = ColumnDataSource({key: axis.values[rows] for key, axis in self._axes.items()})
+    def __init__(self):
+        self.curves: Curves | None = None
+        self.source: ColumnDataSource = ColumnDataSource({"time": [], "input": [], "output": []})
         self.spikes = {name: ColumnDataSource({"x": [], "y": []}) for name in ("input", "output")}
         self.rests = ColumnDataSource({"x0": [], "x1": []})
-        self._loop = self._figure("Loop", "input", "output", source)
-        self._output = self._figure("Output", "time", "output", source)
-        self._input = self._figure("Input", "time", "input", source)
-        self._input.x_range = self._output.x_range
+        self._ranges = {name: Range1d(start=0, end=1) for name in ("time", "input", "output")}
+        self._loop = self._figure("Loop", "input", "output")
+        self._output = self._figure("Output", "time", "output")
+        self._input = self._figure("Input", "time", "input")
         for name, drawn in (("output", self._output), ("input", self._input)):
             drawn.vstrip(
                 "x0", "x1", source=self.rests, color=HELD_OUT, alpha=0.25, level="underlay"
@@ -57,8 +78,26 @@ class FirstView:
             courses, self._loop, sizing_mode="stretch_both", stylesheets=[PLOTS, GRID]
         )
 
+    def show(self, curves: Curves) -> None:
+        """Draw a record, and whole: what was marked or zoomed in the last one is let go."""
+        self.curves = curves
+        self.rests.data = {"x0": [], "x1": []}
+        for marks in self.spikes.values():
+            marks.data = {"x": [], "y": []}
+        self.source.data = dict(curves.drawn)
+        for name, values in curves.drawn.items():
+            span(self._ranges[name], *limits_of(values))
+        for drawn, x, y in (
+            (self._loop, "input", "output"), (self._output, "time", "output"),
+            (self._input, "time", "input"),
+        ):  # fmt: skip
+            drawn.xaxis.axis_label = unformatted(curves.axes[x].label)
+            drawn.yaxis.axis_label = unformatted(curves.axes[y].label)
+
     def mark(self, found: Look) -> None:
         """Shade the rests and mark the spikes that a look found."""
+        assert self.curves is not None  # a look is at the record that is shown
+        axes = self.curves.axes
         rests = found.excitation.rests[:MOST_MARKED]
         self.rests.data = {
             "x0": [rest.begin_s for rest in rests],
@@ -66,17 +105,16 @@ class FirstView:
         }
         for name, rows in (("input", found.input_spikes), ("output", found.output_spikes)):
             self.spikes[name].data = {
-                "x": self._axes["time"].values[rows], "y": self._axes[name].values[rows]
+                "x": axes["time"].values[rows], "y": axes[name].values[rows]
             }  # fmt: skip
 
-    def _figure(self, title: str, x: str, y: str, source: Any) -> Any:
+    def _figure(self, title: str, x: str, y: str) -> Any:
         drawn: Any = figure(
-            title=title, x_axis_label=unformatted(self._axes[x].label),
-            y_axis_label=unformatted(self._axes[y].label), sizing_mode="stretch_both",
-            tools="pan,box_zoom,wheel_zoom,reset,save", min_height=220, min_width=240,
-            output_backend="canvas", stylesheets=[DRAWING],
+            title=title, x_range=self._ranges[x], y_range=self._ranges[y],
+            sizing_mode="stretch_both", tools="pan,box_zoom,wheel_zoom,reset,save",
+            min_height=220, min_width=240, output_backend="canvas", stylesheets=[DRAWING],
         )  # fmt: skip
-        drawn.line(x, y, source=source, color=MEASURED, width=1.5)
+        drawn.line(x, y, source=self.source, color=MEASURED, width=1.5)
         drawn.toolbar.logo = None
         return drawn
 

@@ -12,7 +12,7 @@ import panel as pn
 from markupsafe import Markup
 
 from preisach_jax.app import panels
-from preisach_jax.app.layout import at_once
+from preisach_jax.app.layout import at_once, in_passing
 from preisach_jax.fit import Progress
 
 SPARSE_S = 0.15
@@ -29,6 +29,7 @@ class Job:
     Arguments:
         work: called with a progress function; a cancelled job ends when it calls that.
         hand_over: runs a function without arguments in the page's thread.
+        tell: the same for functions that change nothing but a text.
         on_progress: called there with a text and a share done.
         on_done: called there with the result, unless the job was cancelled.
         on_error: called there with the exception, unless the job was cancelled.
@@ -39,12 +40,14 @@ class Job:
         work: Callable[[Progress], Any],
         *,
         hand_over: Callable[[Callable[[], None]], object],
+        tell: Callable[[Callable[[], None]], object] | None = None,
         on_progress: Progress,
         on_done: Callable[[Any], None],
         on_error: Callable[[Exception], None],
     ):
         self._work = work
         self._hand_over = hand_over
+        self._tell = tell or hand_over
         self._on_progress = on_progress
         self._on_done = on_done
         self._on_error = on_error
@@ -63,7 +66,7 @@ class Job:
         now = time.monotonic()
         if now - self._last >= SPARSE_S:
             self._last = now
-            self._if_wanted(lambda: self._on_progress(text, done))
+            self._if_wanted(lambda: self._on_progress(text, done), self._tell)
 
     def _run(self) -> None:
         try:
@@ -76,13 +79,17 @@ class Job:
         else:
             self._if_wanted(lambda: self._on_done(result))
 
-    def _if_wanted(self, report: Callable[[], None]) -> None:
+    def _if_wanted(
+        self,
+        report: Callable[[], None],
+        hand_over: Callable[[Callable[[], None]], object] | None = None,
+    ) -> None:
         # Asked when it runs: the job may be cancelled between now and then.
         def unless_cancelled() -> None:
             if not self._cancelled.is_set():
                 report()
 
-        self._hand_over(unless_cancelled)
+        (hand_over or self._hand_over)(unless_cancelled)
 
 
 class Working:
@@ -138,8 +145,8 @@ class Working:
 
         self._say_progress(what, 0.0)
         self._job = Job(
-            work, hand_over=self._hand_over, on_progress=self._say_progress, on_done=finished,
-            on_error=failed,
+            work, hand_over=self._hand_over, tell=self._tell, on_progress=self._say_progress,
+            on_done=finished, on_error=failed,
         )  # fmt: skip
         self._refresh()
 
@@ -151,11 +158,17 @@ class Working:
         self._let_go()
 
     def _hand_over(self, function: Callable[[], None]) -> None:
+        self._next(function, at_once)
+
+    def _tell(self, function: Callable[[], None]) -> None:
+        self._next(function, in_passing)
+
+    def _next(self, function: Callable[[], None], how: Callable[..., None]) -> None:
         document = self._document
         if document is None or document.session_context is None:
             function()  # without a server there is no other thread to hand it to
         else:
-            document.add_next_tick_callback(partial(at_once, function))
+            document.add_next_tick_callback(partial(how, function))
 
     def _say_progress(self, text: str, done: float) -> None:
         self._doing.object = panels.progress(text, done)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ import panel as pn
 
 from preisach_jax.app import panels
 from preisach_jax.app.drawing import NARROW
+from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.upload import MOST_BYTES
 from preisach_jax.app.views import AXES
 
@@ -44,6 +46,9 @@ _SIDE = f"""
   padding: 0 0.4rem; box-sizing: border-box; border-left: 0; }} }}
 """
 BLOCK = ":host { display: block !important; height: auto !important; min-width: 0 !important; }"
+_AWAY = ":host(.away) { display: none !important; }"
+"""Style of what can be away: the styles of boxes outdo what hides them."""
+
 _BESIDE = f"""
 :host {{ min-width: 0 !important; gap: 0.6rem; align-items: flex-start; }}
 {NARROW} {{ :host {{ display: block !important; height: auto !important; }} }}
@@ -64,9 +69,10 @@ class Layout:
     """
 
     def __init__(self, on: dict[str, Callable[..., None]]):
-        self._on_drop = on["drop"]
-        self.dropper = pn.Column(sizing_mode="stretch_width", css_classes=["dropper"])
-        self.await_file(height=150)
+        self.dropper = Dropper(
+            on["drop"], on["refuse"], MOST_BYTES, panels.DROP_HERE, hint=panels.KINDS,
+            whole_page=True,
+        )  # fmt: skip
         self.message = panels.pane()
         self.doing = panels.pane()
         self.file = panels.pane(panels.brand(""))
@@ -87,6 +93,7 @@ class Layout:
                 label="Residual against",
                 options={text: key for key, text in AXES.items()},
                 width=230,
+                visible=False,  # until there is a residual
             )
         )
         self.axis.param.watch(on["axis"], "value")
@@ -100,12 +107,20 @@ class Layout:
         self.prepare = button("Prepare export", on["export"])
         self.downloads = pn.Column(sizing_mode="stretch_width")
         self.project = pn.Column(sizing_mode="stretch_width")
+        self.facts = panels.facts_pane()
+        self.first = beside()
+        self.first.stylesheets = [*self.first.stylesheets, _AWAY]
+        show(self.first, False)
+        self.preview = panels.pane()
+        self.record = pn.Column(
+            self.first, self.preview, sizing_mode="stretch_width", stylesheets=[BLOCK, _AWAY]
+        )
         self.drawn = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
         self.view: Any = self._arranged()
 
-    def await_file(self, height: int) -> None:
-        """Make room for the next file: the widget keeps showing the last one otherwise."""
-        self.dropper.objects = [dropper(self._on_drop, height, MOST_BYTES)]
+    def place_record(self, drawn: Any) -> None:
+        """Give the figures of a record their place, beside what a look finds in it."""
+        self.first.objects = [plots(drawn), self.facts]
 
     def _arranged(self) -> Any:
         head = pn.Row(
@@ -114,7 +129,7 @@ class Layout:
         views = pn.Row(self.shown, self.axis, sizing_mode="stretch_width", stylesheets=[WRAP])
         main = pn.Column(
             self.dropper, self.message, self.chips, self.verdict, self.doing, self.steps, views,
-            self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
+            self.record, self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
         )  # fmt: skip
         buttons = pn.Row(
             self.fit, self.find, self.undo, self.cancel, sizing_mode="stretch_width",
@@ -130,33 +145,19 @@ class Layout:
             stylesheets=[_SIDE],
         )  # fmt: skip
         body = pn.Row(main, side, sizing_mode="stretch_both", stylesheets=[_BODY])
-        return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=[BLOCK])
-
-
-def dropper(
-    on_file: Callable[[str, bytes], None], height: int, most_bytes: int, label: str = ""
-) -> Any:
-    """A place to drop a file, whose name and content are handed on.
-
-    It keeps showing that file: the next one needs a new place.
-    """
-
-    def on_drop(event: Any) -> None:
-        if event.new:
-            name, content = list(event.new.items())[-1]
-            on_file(name, content.encode() if isinstance(content, str) else content)
-
-    made = pn.widgets.FileDropper(
-        label=label, multiple=False, height=height, max_file_size=f"{most_bytes // 1_000_000}MB",
-        previews=[], sizing_mode="stretch_width", width=None, stylesheets=[panels.style()],
-    )  # fmt: skip
-    made.param.watch(on_drop, "value")
-    return made
+        sheets = [BLOCK, panels.page_style()]
+        return pn.Column(head, body, sizing_mode="stretch_width", stylesheets=sheets)
 
 
 def plots(drawn: Any) -> Any:
     """Figures that fill what the window leaves."""
     return pn.pane.Bokeh(drawn, sizing_mode="stretch_both")
+
+
+def show(box: Any, is_shown: bool) -> None:
+    """Show a box that can be away, or hide it."""
+    box.visible = is_shown
+    box.css_classes = [] if is_shown else ["away"]
 
 
 def beside(*parts: Any) -> Any:
@@ -188,5 +189,15 @@ def _clicked(clicked: Callable[[Any], None], event: Any) -> None:
 
 def at_once(change: Callable[[], None]) -> None:
     """Send all that changes in one message, so that a tab never shows half of a step."""
+    panels.share_styles()
+    document = pn.state.curdoc
+    # Bokeh goes through all models of the page at each change of what stands where, else once.
+    frozen = nullcontext() if document is None else document.models.freeze()
+    with pn.io.hold(), frozen:
+        change()
+
+
+def in_passing(change: Callable[[], None]) -> None:
+    """Send a change of texts; to go through all models would take longer than the change."""
     with pn.io.hold():
         change()

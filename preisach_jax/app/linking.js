@@ -8,6 +8,7 @@
 const rows = source.data
 const count = rows.time.length
 const levels = plane.levels
+const MOST_SHOWN = 2000
 
 function rows_inside(x, y, box) {
   const found = []
@@ -94,24 +95,46 @@ function staircase_at(row) {
   return { x, y }
 }
 
+function fill(drawn, data) {
+  // The server need not know; it takes longer to tell it than to draw.
+  drawn.setv({ data }, { sync: false })
+}
+
+function say(sentence, is_marked) {
+  // In its place, as a change of the text would lay out the whole page.
+  told.setv({ text: sentence }, { silent: true })
+  const view = Bokeh.index.find_one(told)
+  if (!view) return
+  const mark = document.createElement("span")
+  mark.style = `display: ${is_marked ? "inline-block" : "none"}; width: 0.7em; height: 0.7em; ` +
+    `margin-right: 0.4em; border-radius: 50%; background: ${colour}`
+  view.markup_el.replaceChildren(mark, sentence)
+}
+
 function light_up(chosen) {
-  const step = Math.max(Math.ceil(chosen.length / 4000), 1)
+  const step = Math.max(Math.ceil(chosen.length / MOST_SHOWN), 1)
   const shown = chosen.filter((_, place) => place % step === 0)
   const data = {}
   for (const name of Object.keys(highlight.data)) {
-    data[name] = shown.map((k) => rows[name][k])
+    data[name] = Float64Array.from(shown, (k) => rows[name][k])
   }
-  highlight.data = data
-  cells.data = switched_cells(chosen)
+  fill(highlight, data)
+  fill(cells, switched_cells(chosen))
   const last = chosen.length ? chosen[chosen.length - 1] : count - 1
-  staircase.data = staircase_at(last)
-  const sentence = chosen.length
-    ? `${chosen.length.toLocaleString("en")} rows chosen, ${rows.time[chosen[0]].toPrecision(4)} to ` +
-      `${rows.time[last].toPrecision(4)} s; the staircase is that of the last`
-    : "Drag over any view to choose rows; what is chosen lights up in all."
-  told.text = sentence
+  fill(staircase, staircase_at(last))
+  if (chosen.length) {
+    const [begin, end] = [chosen[0], last].map((k) => rows.time[k].toPrecision(4))
+    const count = chosen.length.toLocaleString("en")
+    say(`${count} rows chosen, ${begin} to ${end} s, and the cells that they switch; the staircase ` +
+      "is the memory at the last", true)
+  } else {
+    say("Drag over any view to choose rows; what is chosen lights up in all. The staircase is the " +
+      "memory at the end.", false)
+  }
   // The server computes the spectrum of the rows from their first to their last.
-  stretch.data = chosen.length ? { first: [chosen[0]], last: [last] } : { first: [], last: [] }
+  if (chosen.length || stretch.data.first.length) {
+    stretch.data = chosen.length ? { first: [chosen[0]], last: [last] } : { first: [], last: [] }
+  }
 }
 
 if (view === "slider") {

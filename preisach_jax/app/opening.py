@@ -4,20 +4,82 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from panel.io.state import set_curdoc
 
 from preisach_jax.app import panels
 from preisach_jax.app.columns import ColumnChoice
-from preisach_jax.app.first import FirstView
+from preisach_jax.app.first import Curves, FirstView
 from preisach_jax.app.jobs import Working
-from preisach_jax.app.layout import Layout, beside, plots
+from preisach_jax.app.layout import Layout
 from preisach_jax.app.project import SUFFIX, Project, unpacked
 from preisach_jax.app.upload import Upload
+from preisach_jax.errors import InputError
 from preisach_jax.fit import Progress
 from preisach_jax.look import Look, columns_of, look
 from preisach_jax.record import ReadOptions, Record
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the chosen columns of a file hold.
+
+    Attributes:
+        choice: the columns.
+        record: the record in them.
+        curves: what is drawn of it.
+        notes: what was assumed when it was read.
+    """
+
+    choice: ReadOptions
+    record: Record
+    curves: Curves
+    notes: list[str]
+
+    @staticmethod
+    def of(upload: Upload, choice: ReadOptions) -> Content:
+        """Read the chosen columns of a file.
+
+        Raises:
+            InputError: a column cannot be used; the message says where and why.
+        """
+        notes: list[str] = []
+        record = upload.record({**choice, "announce": notes.append})
+        return Content(choice, record, Curves.of(record), notes)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A file that was read.
+
+    Attributes:
+        upload: its table.
+        choosing: the menus of its columns.
+        content: the record, None while a column is missing.
+        error: why there is none, where the columns are known and cannot be used.
+    """
+
+    upload: Upload
+    choosing: ColumnChoice
+    content: Content | None
+    error: InputError | None
+
+    @staticmethod
+    def of(
+        upload: Upload, chosen: Callable[[ReadOptions], None], before: ReadOptions | None = None
+    ) -> Opened:
+        """Read the columns of a file as they are guessed, or as they were chosen before."""
+        choosing = ColumnChoice(upload, chosen, before)
+        choice = choosing.first()
+        content, error = None, None
+        if choice is not None:
+            try:
+                content = Content.of(upload, choice)
+            except InputError as wrong:
+                error = wrong
+        return Opened(upload, choosing, content, error)
 
 
 class Opening(Working):
@@ -34,7 +96,8 @@ class Opening(Working):
         self._choosing: ColumnChoice | None = None
         self._choice: ReadOptions | None = None
         self._record: Record | None = None
-        self._first_view: FirstView | None = None
+        self._first_view = FirstView()
+        layout.place_record(self._first_view.layout)
         self._look: Look | None = None
         self._notes: list[str] = []
         self._project: Project | None = None
@@ -53,7 +116,7 @@ class Opening(Working):
 
     def _forget_record(self) -> None:
         """Let go of the record; called when another one takes its place."""
-        self._record = self._first_view = self._look = None
+        self._record = self._look = None
         self._notes = []
 
     def _on_drop(self, name: str, content: bytes) -> None:
@@ -65,53 +128,62 @@ class Opening(Working):
 
     def _open(self, name: str, read: Callable[[], Upload]) -> None:
         # What was there before is let go only once the file has been read.
-        self._start(f"reading {name}", lambda progress: read(), self._show_upload)
+        self._start(f"reading {name}", lambda progress: self._opened(read()), self._show_opened)
+
+    def _opened(self, upload: Upload, before: ReadOptions | None = None) -> Opened:
+        """Read the columns of a file, in the thread of a job, with menus that belong to the tab."""
+        with set_curdoc(self._document):
+            return Opened.of(upload, self._on_columns, before)
 
     def _open_project(self, name: str, content: bytes) -> None:
-        def read(progress: Progress) -> tuple[Project, Upload]:
+        def read(progress: Progress) -> tuple[Project, Opened]:
             project = unpacked(name, content)
-            return project, Upload.of(project.name, project.content, Path(self._folder.name))
+            upload = Upload.of(project.name, project.content, Path(self._folder.name))
+            return project, self._opened(upload, project.choice)
 
-        def show(both: tuple[Project, Upload]) -> None:
-            self._project, self._choice = both[0], both[0].choice
-            self._show_upload(both[1], both[0].choice)
+        self._start(f"opening {name}", read, lambda both: self._show_opened(both[1], both[0]))
 
-        self._start(f"opening {name}", read, show)
-
-    def _show_upload(self, upload: Upload, choice: ReadOptions | None = None) -> None:
-        self._upload, self._choice = upload, choice
-        self._layout.await_file(height=56)
-        if choice is None:
-            self._project = None
+    def _show_opened(self, opened: Opened, project: Project | None = None) -> None:
+        upload = self._upload = opened.upload
+        self._choosing, self._project = opened.choosing, project
+        self._choice = project.choice if project else None
         self._forget_record()
-        self._say("")
+        self._layout.dropper.compact = True
         self._layout.file.object = panels.brand(upload.name)
-        self._choosing = ColumnChoice(upload, self._on_columns, choice)
-        self._layout.chips.objects = [self._choosing.view]
+        self._layout.chips.objects = [opened.choosing.view]
+        self._layout.preview.object = panels.table(*upload.first_rows())
+        self._say("")
+        if opened.content is not None:
+            self._show_content(opened.content)
+            return
+        if opened.error is not None:
+            self._refuse(opened.error)
         self._show_pane("Record")
-        self._refresh()
-        self._choosing.take()
 
     def _on_columns(self, choice: ReadOptions) -> None:
         upload = self._upload
         assert upload is not None  # the columns are those of an upload
         if self._project is not None and choice != self._project.choice:
             self._project = None  # it was of other columns
-        notes: list[str] = []
 
-        def show(record: Record) -> None:
+        def show(content: Content) -> None:
             self._forget_record()
-            self._record, self._choice, self._notes = record, choice, notes
-            self._say(panels.told(record, notes))
-            self._first_view = FirstView(record)
-            self._show_pane("Record")
-            self._examine(record, upload)
+            self._show_content(content)
 
-        work = partial(upload.record, {**choice, "announce": notes.append})
-        self._start("reading the columns", lambda progress: work(), show)
+        self._start("reading the columns", lambda progress: Content.of(upload, choice), show)
+
+    def _show_content(self, content: Content) -> None:
+        """Draw a record, and look at it while its plot stands already."""
+        self._record, self._choice, self._notes = content.record, content.choice, content.notes
+        self._say(panels.told(content.record, content.notes))
+        self._first_view.show(content.curves)
+        self._layout.facts.object = panels.doing(panels.LOOKING)
+        self._show_pane("Record")
+        assert self._upload is not None  # the record is that of an upload
+        self._examine(content.record, self._upload)
 
     def _examine(self, record: Record, upload: Upload) -> None:
-        """Look at the record while its plot stands already, then fit it."""
+        """Look at the record, then fit it."""
         roles = {
             role if role in ("time", "input", "output") else "aux": channel.name
             for role, channel in record.channels.items()
@@ -122,20 +194,12 @@ class Opening(Working):
 
         def show(found: Look) -> None:
             self._look = found
-            if self._first_view is not None:
-                self._first_view.mark(found)
-            self._show_pane("Record")
+            self._first_view.mark(found)
+            self._layout.facts.object = panels.facts(found)
             self._fit()
 
         self._start("looking at the record", work, show)
 
-    def _record_pane(self) -> list[Any]:
-        upload, first, found = self._upload, self._first_view, self._look
-        parts = [plots(first.layout)] if first is not None else []
-        if found is not None:
-            parts.append(panels.facts_pane(found))
-        preview = [panels.pane(panels.table(*upload.first_rows()))] if upload is not None else []
-        return [beside(*parts), *preview]
-
-    def _failed(self) -> None:
-        self._layout.await_file(150 if self._upload is None else 56)
+    def _refuse(self, error: Exception) -> None:
+        """Say why a file is not taken; what was open stays."""
+        self._say(panels.failure(error))

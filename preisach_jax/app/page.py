@@ -12,7 +12,7 @@ from preisach_jax.app.drive import NEEDED, DriveView
 from preisach_jax.app.driving import Driven, driven
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
-from preisach_jax.app.layout import Layout, beside, card, plots
+from preisach_jax.app.layout import Layout, beside, card, plots, show
 from preisach_jax.app.opening import Opening
 from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
@@ -41,15 +41,15 @@ class Page(Opening):
         self._rows: dict[str, panels.CandidateRow] = {}
         # What can be shown in the great part of the page, by what its switch calls it.
         self._panes: dict[str, Callable[[], list[Any]]] = {
-            "Record": self._record_pane, "Model": self._model_pane, "Drive": self._drive_pane,
+            "Record": list, "Model": self._model_pane, "Drive": self._drive_pane,
         }  # fmt: skip
         self._is_drawn = ""
         layout = Layout(
             {
-                "drop": self._on_drop, "levels": self._on_levels, "fit": self._on_fit,
-                "find": self._on_find, "undo": self._on_undo, "cancel": self._on_cancel,
-                "axis": self._on_axis, "shown": self._on_shown, "export": self._on_export,
-                "save": self._on_save,
+                "drop": self._on_drop, "refuse": self._refuse, "levels": self._on_levels,
+                "fit": self._on_fit, "find": self._on_find, "undo": self._on_undo,
+                "cancel": self._on_cancel, "axis": self._on_axis, "shown": self._on_shown,
+                "export": self._on_export, "save": self._on_save,
             }
         )  # fmt: skip
         super().__init__(layout)
@@ -88,6 +88,8 @@ class Page(Opening):
         ]
         self._layout.shown.value = name
         self._layout.axis.visible = name == "Model"
+        show(self._layout.record, name == "Record")
+        show(self._layout.first, self._record is not None)
         self._layout.drawn.objects = self._panes[name]()
         if name == "Model" and self._views is not None:
             self._hand_over(self._views.begin)

@@ -8,8 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import panel as pn
+from bokeh.models import GlobalInlineStyleSheet, InlineStyleSheet
 from markupsafe import Markup
 
 from preisach_jax.diagnosis.exploration import Exploration
@@ -21,10 +23,16 @@ from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
-DROP = (
-    "Drop a file above, or click to choose one: CSV and other texts, Excel, LabVIEW, HDF5, MAT, "
-    "NPZ, Parquet, Feather, MicroMag .forc, or a saved .preisach project. It stays on this machine."
+_WIDGETS, _HEAD = "preisach-widgets.css", "preisach-head.css"
+_SHEETS: WeakKeyDictionary[Any, dict[str, InlineStyleSheet]] = WeakKeyDictionary()
+
+LOOKING = "Looking at the record ..."
+DROP_HERE = "Drop a file here, or click to choose one"
+KINDS = (
+    "CSV and other texts, Excel, LabVIEW, HDF5, MAT, NPZ, Parquet, Feather, MicroMag .forc, or a "
+    "saved .preisach project. It stays on this machine."
 )
+DROP = "What the model of a record may lack is compared here."
 CHOOSE = "Choose the columns above: the record is drawn and fitted as soon as they are known."
 FIT = "The plain hysteresis model comes first, then the effects it may lack are compared."
 NOT_COMPARED = "Nothing was compared yet: any effect can be added."
@@ -38,9 +46,41 @@ FACTS = """
 
 
 @cache
-def style() -> str:
-    """The style sheet of the page."""
+def style_text() -> str:
+    """The style sheet of the page as text."""
     return files("preisach_jax.app").joinpath("style.css").read_text(encoding="utf-8")
+
+
+def style() -> str:
+    """The style sheet of the page for one more widget: in a tab the name of one that all share."""
+    return _shared(_WIDGETS)
+
+
+def page_style() -> str:
+    """The style sheet of the page for its head, from where all widgets inherit their colours."""
+    return _shared(_HEAD)
+
+
+def _shared(name: str) -> str:
+    share_styles()
+    return name if pn.state.curdoc in _SHEETS else style_text()
+
+
+def share_styles() -> None:
+    """Let all widgets of the present tab share style sheets, if there is a tab.
+
+    Panel looks the names of sheets up before it asks the server for them, in a store that it
+    empties when the page has come to the browser: so this is done again before widgets are made or
+    changed.  As texts, the sheets of a hundred widgets would be a megabyte in each tab.
+    """
+    known: Any = getattr(pn.state, "_stylesheets", None)
+    document = pn.state.curdoc
+    if document is None or known is None:
+        return
+    if document not in _SHEETS:
+        kinds = {_WIDGETS: InlineStyleSheet, _HEAD: GlobalInlineStyleSheet}
+        _SHEETS[document] = {name: kind(css=style_text()) for name, kind in kinds.items()}
+    known.setdefault(document, {}).update(_SHEETS[document])
 
 
 def pane(text: str = "") -> Any:
@@ -244,7 +284,10 @@ def _candidate(name: str, candidate: Candidate | None, step: Exploration) -> Mar
     if candidate is not None and not candidate.why_not:
         parts.append(Markup(' <span class="mark">convincing</span>'))
     if plain(name) != name:
-        parts.append(Markup("<p>{}</p>").format(plain(name)))
+        # Some explain a name in brackets behind it, and it stands above already.
+        words = plain(name).removeprefix(f"{name} (")
+        words = words.removesuffix(")") if words != plain(name) else words
+        parts.append(Markup("<p>{}</p>").format(words))
     if candidate is not None:
         before, after = step.fit.rms_validation, candidate.rms_validation
         if math.isfinite(after):
@@ -279,9 +322,9 @@ def facts(found: Look) -> str:
     return str(Markup('<table class="facts">{}</table>').format(body))
 
 
-def facts_pane(found: Look) -> Any:
-    """The facts of a look, as wide as a third of the window."""
-    shown = pane(facts(found))
+def facts_pane() -> Any:
+    """A place for the facts of a look, as wide as a third of the window."""
+    shown = pane()
     shown.stylesheets = [*shown.stylesheets, FACTS]
     return shown
 

@@ -8,7 +8,7 @@ import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
 from bokeh.palettes import PuOr11, Viridis256
 
-from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, place_legend, unformatted
+from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, keep_ranges, unformatted
 from preisach_jax.model import Model
 from preisach_jax.plot.axes import density_scale, plane_edges, shown_weights, with_unit
 
@@ -69,12 +69,12 @@ class PlaneFigure:
             "x", "y", "width", "width", source=self.density, line_color=None,
             fill_color={"field": "value", "transform": self._mapper},
         )  # fmt: skip
+        keep_ranges(drawn)
         drawn.rect(
             "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
-            line_color=CHOSEN, line_alpha=0.6, legend_label="switched by the chosen rows",
+            line_color=CHOSEN, line_alpha=0.6, level="overlay",
         )  # fmt: skip
-        drawn.line("x", "y", source=self.staircase, color="white", width=4, legend_label="memory")
-        drawn.line("x", "y", source=self.staircase, color="black", width=2, legend_label="memory")
+        for shade, width in (("white", 4), ("black", 2)):
+            drawn.line("x", "y", source=self.staircase, color=shade, width=width, level="overlay")
         drawn.add_layout(ColorBar(color_mapper=self._mapper, width=10), "right")
-        place_legend(drawn, "bottom_right")
         return drawn

@@ -7,10 +7,13 @@ import os
 import socket
 import threading
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import panel as pn
+from bokeh.events import DocumentReady
+from bokeh.models import CustomJS
 
 from preisach_jax.app import panels
 from preisach_jax.app.page import Page
@@ -46,16 +49,17 @@ def serve(
     """
     # Nothing is fetched from elsewhere: all scripts and styles come with the installed packages.
     os.environ.setdefault("BOKEH_RESOURCES", "server")
-    pn.extension(
-        "filedropper", raw_css=[panels.style()], notifications=False,
-        respect_explicit_sizing=True,
-    )  # fmt: skip
+    pn.extension(notifications=False, respect_explicit_sizing=True)
 
     # Done while the browser opens, so that the first file that is dropped need not wait for it.
     threading.Thread(target=_load, args=(READING,), daemon=True).start()
 
     def page() -> Any:
         opened = Page(data)
+        script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
+        pn.state.onload(panels.share_styles)
+        document: Any = pn.state.curdoc
+        document.js_on_event(DocumentReady, CustomJS(code=script))
         pn.state.on_session_destroyed(lambda context: opened.close())
         return opened.view
 

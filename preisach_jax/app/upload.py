@@ -12,7 +12,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import assign_roles
+from preisach_jax.record.columns import assign_roles, could_be_time
 from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.table import Table
@@ -136,7 +136,9 @@ def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
             continue
         guess = {"time": roles.time, "input": roles.input, "output": roles.output}
         return guess, "No column can be the time: give the sampling rate." if has_rate else ""
-    return dict.fromkeys(("time", "input", "output")), question
+    times = [name for name in table.columns if could_be_time(table, name)]
+    time = table.roles.get("time") or (times[0] if len(times) == 1 else None)
+    return {"time": time, "input": None, "output": None}, question
 
 
 def _cell(value: object) -> str:

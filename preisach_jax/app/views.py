@@ -19,6 +19,7 @@ from preisach_jax.app.drawing import (
     PLOTS,
     brushed,
     drawn_figure,
+    keep_ranges,
     limits_of,
     place_legend,
     span,
@@ -220,9 +221,8 @@ class Views:
         drawn.line(x, "output", source=source, color=MEASURED, width=3, legend_label="measured")
         drawn.line(x, "before", source=source, color=BEFORE, name="before", legend_label="before")
         drawn.line(x, "model", source=source, color=AFTER, name="model", legend_label="model")
-        drawn.scatter(
-            x, "output", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen"
-        )
+        keep_ranges(drawn)
+        drawn.scatter(x, "output", source=self.highlight, color=CHOSEN, size=4, level="overlay")
 
     def _residual_figure(self) -> Any:
         _, unit = self._residual_scale(self._step)
@@ -241,7 +241,7 @@ class Views:
             )
             drawn.line("centre", "median", source=bins, color=shade, width=2, name=name)
         drawn.scatter(
-            "axis", "residual", source=self.highlight, color=CHOSEN, size=4, legend_label="chosen"
+            "axis", "residual", source=self.highlight, color=CHOSEN, size=4, level="overlay"
         )
         place_legend(drawn, "top_left")
         return drawn
@@ -287,7 +287,8 @@ class Views:
             list(cast(Sequence[Any], self.stretch.data[name])) for name in ("first", "last")
         )
         if not (self.spectrum.visible and first and last[0] - first[0] >= 16):
-            self.spectra["chosen"].data = {"x": [], "y": []}
+            if len(cast(Sequence[Any], self.spectra["chosen"].data["x"])):
+                self.spectra["chosen"].data = {"x": [], "y": []}
             return
         rows = slice(int(self._rows[first[0]]), int(self._rows[last[0]]) + 1)
         part = self._record.part(rows.start, rows.stop)
@@ -308,6 +309,7 @@ class Views:
             "told": self.told,
             "started": self._started,  # what no view shows must be named here to be sent
             "plane": plane,
+            "colour": CHOSEN,
         }
 
         def linked(view: str) -> CustomJS:

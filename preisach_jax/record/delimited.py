@@ -221,6 +221,8 @@ def _check_width(line: str, place: str) -> None:
 def _settings(lines: list[str], kept: list[int]) -> tuple[str, int] | None:
     """The delimiter, and how many lines of settings stand above the names, if there are any."""
     for delimiter in _DELIMITERS:
+        if not any(delimiter in lines[i] for i in kept):
+            continue  # of a single column nothing is told, and a long file need not be split
         start = header_start(fields_of(lines[i], delimiter) for i in kept)
         if start is not None:
             return (delimiter, start) if start else None

@@ -11,7 +11,7 @@ import numpy as np
 from preisach_jax.confidence import Certainty, differs_from_nothing
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, promised_evidence
-from preisach_jax.diagnosis.tellable import untellable
+from preisach_jax.diagnosis.tellable import surveyed, untellable
 from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import OfColumn
@@ -93,6 +93,7 @@ def screened(
         What they promise, and which of them to refit.
     """
     projection = Projection(problem, point)
+    surveyed(problem)  # before the workers ask: they share the problem, and only read it
     left: list[NotFitted] = []
     promised: dict[Effect, list[Prospect]] = {}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -88,9 +89,11 @@ def with_effect(
         best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
             refined to its end.
     """
-    forms = problem.forms_of(effect, point)
-    promised = known or prospects(problem, point, Projection(problem, point), forms)
-    starts = [[start for start in promised if start.effect is form] for form in forms]
+    promised = known
+    if not promised:
+        forms = problem.forms_of(effect, point)
+        promised = prospects(problem, point, Projection(problem, point), forms)
+    starts = [list(own) for _, own in itertools.groupby(promised, lambda each: id(each.effect))]
     left = [1 - max(start.held_out for start in own) for own in starts]
     likely = int(np.argmin(left))
     tried = {likely: _with_form(problem, point, starts[likely], best)}

@@ -141,12 +141,8 @@ class Problem:
         )
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
-        """Forms of an effect to try beside a point; kept, as they may cost a spectrum."""
-        slot = ("forms", effect)
-        kept = self.cache.get(slot, (None, ()))
-        if kept[0] is not point:
-            kept = self.cache[slot] = (point, effect.variants(self.survey_of(point, effect)))
-        return kept[1]
+        """Forms of an effect to try beside a point; they may cost a spectrum."""
+        return effect.variants(self.survey_of(point, effect))
 
     @property
     def in_time(self) -> np.ndarray:

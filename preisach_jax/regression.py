@@ -266,8 +266,9 @@ def solve_nonnegative(
 ) -> np.ndarray:
     r"""Minimise \(\tfrac12 w^\top G w - b^\top w\) with some coefficients non-negative.
 
-    Block principal pivoting: Kim and Park, SIAM J. Sci. Comput. 33 (2011) 3261-3281.  SciPy's
-    solvers want the tall matrix; here only its Gram matrix is kept.
+    Block principal pivoting: Kim and Park, SIAM J. Sci. Comput. 33 (2011) 3261-3281.  A search
+    solves hundreds of such problems near one another: `scipy.optimize.nnls` and `lsq_linear` take
+    no guess of which coefficients are zero.
 
     Arguments:
         gram: (column, column) positive definite matrix G.

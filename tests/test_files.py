@@ -166,6 +166,26 @@ Model Number,SDS1204X-E
 Source,CH1,CH2
 Second,Volt,Volt
 """
+# As files of an SDS1104X-U begin in public repositories, units apart: the columns have one name.
+SIGLENT_VALUES = """Record Length,Analog:120
+Sample Interval,Analog:0.01
+Vertical Units,CH1:V,CH2:A
+Vertical Scale,CH1:1.00,CH2:0.50
+Vertical Offset,CH1:0.00,CH2:0.00
+Horizontal Units,s
+Horizontal Scale,0.1
+Model Number,SDS1104X-U
+Source,CH1,CH2
+Second,Value,Value
+"""
+# As github.com/MartinCowen/SigFyCSV shows for one channel of an SDS1104X-E: no units, no sources.
+SIGLENT_RATE = """Record Length,Analog:120
+Sample Rate,100.0
+Vertical Scale,CH1: 1.00 CH2: 2.00
+Vertical Offset,CH1:0.00000 CH2:0.00000
+Horizontal Scale, 0.100000000
+Second,Volt,Volt
+"""
 # RTM20 User Manual, Rohde & Schwarz: the first line has units and the names of the waveforms.
 ROHDE = "in s,C1 in V,C2 in V\n"
 # 8807-01 Instruction Manual, Hioki: text file internal format.
@@ -440,6 +460,21 @@ OPENED = {
         matlab(A=U, B=Z, Tstart=0.0, Tinterval=0.01, Length=float(K)), {"input": "A", "output": "B"}
     ),
     "siglent.csv": Case(SIGLENT + rows(T, U, Z), SECOND),
+    "siglent_by_name.csv": Case(SIGLENT + rows(T, U, Z), CHANNELS, units=("V", "V")),
+    "siglent_values.csv": Case(
+        SIGLENT_VALUES + rows(T - 0.6, U, Z), CHANNELS, units=("V", "A")
+    ),
+    "siglent_values_by_unit.csv": Case(
+        SIGLENT_VALUES + rows(T - 0.6, U, Z), {"input": "V", "output": "A"}
+    ),
+    "siglent_without_source.csv": Case(
+        SIGLENT_VALUES.replace("Source,CH1,CH2\n", "") + rows(T, U, Z), CHANNELS, units=("V", "A")
+    ),
+    "siglent_commas_at_the_end.csv": Case(
+        SIGLENT_VALUES.replace("\n", ",,,\r\n") + rows(T, U, Z, end=",\r"), CHANNELS,
+        units=("V", "A"),
+    ),
+    "siglent_rate.csv": Case(SIGLENT_RATE + rows(T, U, Z), CHANNELS, units=("V", "V")),
     "rohde_schwarz.csv": Case(ROHDE + rows(T, U, Z), SECOND, units=("V", "V")),
     "hioki.csv": Case(HIOKI + rows(T, U, Z), SECOND),
     "labview.lvm": Case(LVM_ONE, {"input": "drive", "output": "sensor"}, units=("V", "um")),
@@ -644,6 +679,22 @@ REFUSED = {
     ),
     "two_channels_in_volts.csv": Case(
         TEKTRONIX_MSO.replace("TIME", "Time") + rows(T, U, Z), refused=("--input",)
+    ),
+    "siglent_without_head.csv": Case(
+        SIGLENT_VALUES.replace("Second,Value,Value\n", "") + rows(T, U, Z),
+        refused=("row 1: settings of a Siglent", "save the waveform as CSV again"),
+    ),
+    "siglent_without_names.csv": Case(
+        "Record Length,Analog:120\nSecond,Value,Value\n" + rows(T, U, Z),
+        refused=("row 2: the column name 'Value' stands 2 times",),
+    ),
+    "siglent_short_row.csv": Case(
+        SIGLENT_VALUES + "-0.02,0.1,0.2\n-0.01,0.1\n" + rows(T, U, Z), CHANNELS,
+        refused=("row 12: 2 field(s)",),
+    ),
+    "siglent_text.csv": Case(
+        SIGLENT_VALUES + rows(T, U, Z).replace("0.01,", "0.01,?", 1), CHANNELS,
+        refused=("column CH1, row 12: '?",),
     ),
     "one_channel.csv": Case(tds(), refused=("output", "--output")),
     "picture.npy": Case(saved(np.zeros((50, 50))), refused=("no vectors",)),

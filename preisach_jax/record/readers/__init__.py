@@ -12,6 +12,7 @@ from preisach_jax.record.readers.lvm import LVM
 from preisach_jax.record.readers.mat import MAT
 from preisach_jax.record.readers.npz import NPY, NPZ
 from preisach_jax.record.readers.rigol import RIGOL
+from preisach_jax.record.readers.siglent import SIGLENT
 from preisach_jax.record.readers.tdms import TDMS
 from preisach_jax.record.readers.tektronix import TEKTRONIX
 from preisach_jax.record.readers.workbook import WORKBOOK
@@ -21,4 +22,4 @@ MICROMAG = Reader(
 )
 
 BINARY: tuple[Reader, ...] = (NPZ, NPY, MAT, PARQUET, FEATHER, HDF5, TDMS, WORKBOOK)
-TEXT: tuple[Reader, ...] = (MICROMAG, LVM, RIGOL, TEKTRONIX, INFINIIUM)
+TEXT: tuple[Reader, ...] = (MICROMAG, LVM, RIGOL, SIGLENT, TEKTRONIX, INFINIIUM)

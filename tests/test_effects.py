@@ -328,7 +328,9 @@ def test_what_is_confused_is_confused_both_ways():
     for name, effect in effects.items():
         for other in effect.confused_with:
             if other in effects and name != "aux:COL":
-                assert name in effects[other].confused_with, (name, other)
+                assert name in effects[other].confused_with, (
+                    f"add {name!r} to confused_with of {other!r}"
+                )
 
 
 @pytest.mark.parametrize("kind", BUILT_IN)

@@ -640,6 +640,15 @@ def test_a_tds_file_has_one_channel(tmp_path):
 BOMB = gzip.compress(b"0,0,0\n" * 20_000_000)
 WIDE = ",".join(f"c{k}" for k in range(1_000_000))
 
+
+def _spoiled(text, row):
+    """A file whose last cell of a row is no number."""
+    lines = text.split("\n")
+    cells = lines[row - 1].rstrip(",").split(",")
+    lines[row - 1] = ",".join([*cells[:-1], "?" + cells[-1]])
+    return "\n".join(lines)
+
+
 REFUSED = {
     "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
     "macros_renamed.xlsx": Case(with_macros, refused=("has macros",)),
@@ -695,6 +704,19 @@ REFUSED = {
     "siglent_text.csv": Case(
         SIGLENT_VALUES + rows(T, U, Z).replace("0.01,", "0.01,?", 1), CHANNELS,
         refused=("column CH1, row 12: '?",),
+    ),
+    "tds_bad_cell.csv": Case(
+        _spoiled(tds(), 51), {"input": "TIME", "output": "CH1", "rate": 100.0}, refused=("row 51",)
+    ),
+    "rigol_bad_cell.csv": Case(
+        _spoiled(RIGOL_Z + rows(np.arange(K), U, Z, end=","), 51),
+        {"input": "CH1 (Volt)", "output": "CH2 (Volt)"},
+        refused=("row 51",),
+    ),
+    "infiniium_bad_cell.csv": Case(
+        _spoiled(INFINIIUM + rows(U, Z), 51),
+        {"input": "Channel 1", "output": "Channel 2"},
+        refused=("row 51",),
     ),
     "one_channel.csv": Case(tds(), refused=("output", "--output")),
     "picture.npy": Case(saved(np.zeros((50, 50))), refused=("no vectors",)),

@@ -54,7 +54,7 @@ def test_every_effect_but_one_is_in_a_chain():
     """`eddy_currents` takes long and feeds back as `moving` does."""
     tried = {effect.name for effects in CHAINS.values() for effect in effects}
     named = {name.replace(":COL", ":load_N") for name in pj.effects()}
-    assert tried | {"eddy_currents"} == named
+    assert tried | {"eddy_currents"} == named, "add the effect to a chain of CHAINS"
     for place in PLACES:
         assert any(isinstance(effect, place) for chain in CHAINS.values() for effect in chain)
 

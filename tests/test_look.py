@@ -162,7 +162,7 @@ def test_an_auxiliary_column_that_goes_with_the_input_tells_little():
 
 def test_every_effect_of_the_library_is_judged():
     own = {name for name in library() if not name.endswith(":COL")}
-    assert set(judged_effects()) >= own
+    assert set(judged_effects()) >= own, "add a rule to _RULES of look/prospects.py"
 
 
 def test_a_period_is_found_and_noise_has_none():

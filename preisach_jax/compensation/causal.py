@@ -32,7 +32,6 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
@@ -48,10 +47,10 @@ def check_causal(model: Model) -> None:
     """Refuse a model whose effects cannot be followed from one sample to the next.
 
     Raises:
-        InputError: if an auxiliary column scales the loop.
+        InputError: if a factor on the weights depends on more than the time.
     """
     for effect in model.effects:
-        if isinstance(effect, Gain):
+        if isinstance(effect, WeightEffect) and not effect.of_time_alone:
             raise InputError(
                 f"the effect {effect.name!r} cannot be followed from sample to sample: compute the "
                 "drive beforehand (preisach compensate), or fit a model without it"

@@ -36,6 +36,7 @@ class Ageing(WeightEffect):
     )
     confused_with: ClassVar[tuple[str, ...]] = ("drift", "creep", "gain:COL")
     needs: ClassVar[tuple[str, ...]] = (CYCLES,)
+    of_time_alone: ClassVar[bool] = True
     experiment: ClassVar[str] = (
         "the same reference loop over the full range at the start and at the end: ageing changes "
         "its height, drift its place"

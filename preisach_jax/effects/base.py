@@ -322,9 +322,14 @@ class WeightEffect(Effect):
     """An effect that scales all weights as time goes by.
 
     What scales them may move the output as well, with coefficients of its own.
+
+    Class attributes:
+        of_time_alone: whether the factor needs nothing but the time, so that it is known before
+            the input is.
     """
 
     place: ClassVar[Place] = Place.WEIGHTS
+    of_time_alone: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each of the `columns`, found by least squares; by default none."""

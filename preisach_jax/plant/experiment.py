@@ -93,7 +93,7 @@ def simulate_stage(
         seconds: duration, s; with `drive`, its own length counts.
         effects: names out of `plant.EFFECTS`; "aux" is short for "aux:load_N", "gain" for
             "gain:temp_C", "cross" for "cross:y_V", each of which adds a column.
-        rate_hz: sampling rate, Hz.
+        rate_hz: sampling rate, Hz; without `drive`, seconds times rate_hz must be 6,000 or more.
         drive: (time,) drive from 0 to 75 V; None is `diagnostic_record`.
         noise_um: standard deviation of the sensor's white noise, µm.
         encoder_step_um: step of the encoder, µm; 0 is none.

@@ -63,7 +63,7 @@ class _Head:
     sampling: Sampling | None
 
 
-def read_delimited(text: str, source: str) -> Table:
+def read_delimited(text: str, source: str, first_row: int = 1) -> Table:
     """Read delimiter-separated text.
 
     Settings of an instrument above the names, blank lines, lines of delimiters only, and comment
@@ -74,6 +74,8 @@ def read_delimited(text: str, source: str) -> Table:
     Arguments:
         text: the whole file with `\\n` as line end.
         source: the file as the user named it.
+        first_row: row of the file in which the text begins, where a reader gives a part of it: so
+            that messages name the rows of the file.
 
     Returns:
         The table; columns are named by position where the file has no names.
@@ -82,7 +84,7 @@ def read_delimited(text: str, source: str) -> Table:
         InputError: no data, rows of unequal length, a name that stands twice.
     """
     try:
-        return _regular(text, source) or _table(text.split("\n"), source)
+        return _regular(text, source, first_row) or _table(text.split("\n"), source, first_row)
     except csv.Error:  # of a field between quotation marks
         raise InputError(
             f"{source}: a field between quotation marks has more than {csv.field_size_limit():,} "
@@ -90,7 +92,7 @@ def read_delimited(text: str, source: str) -> Table:
         ) from None
 
 
-def _regular(text: str, source: str) -> Table | None:
+def _regular(text: str, source: str, first_row: int) -> Table | None:
     """The table of a long file whose rows are all alike, which need not be read line by line."""
     if len(text) < 2 * _HEAD_SIGNS:
         return None
@@ -99,14 +101,14 @@ def _regular(text: str, source: str) -> Table | None:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if len(kept) < _SAMPLE:
         return None
-    head = _head(lines, kept, kept, source)
+    head = _head(lines, kept, kept, source, first_row)
     start = sum(len(line) + 1 for line in lines[: head.first])
     body, torn = text[start:], None
     if not body.endswith("\n"):
         last = body.rindex("\n", 0, body.rindex("\n"))
         if _breaks_off(body[last + 1 :].split("\n"), len(head.names), head.delimiter):
             body = body[: body.rindex("\n") + 1]
-            torn = head.first + body.count("\n") + 1
+            torn = head.first + body.count("\n") + first_row
     content = body.encode()
     count = rows_alike(content, head.delimiter, len(head.names))
     if count is None:
@@ -121,7 +123,7 @@ def _regular(text: str, source: str) -> Table | None:
         return None
     if _is_irregular(columns):
         return None
-    rows = np.arange(count) + head.first + 1
+    rows = np.arange(count) + head.first + first_row
     return _with_head(head, source, columns, rows, decimal, exact, torn)
 
 
@@ -135,22 +137,23 @@ def _is_irregular(columns: Mapping[str, np.ndarray]) -> bool:
     return bool(np.logical_and.reduce([pd.isna(values) for values in columns.values()]).any())
 
 
-def _table(lines: list[str], source: str) -> Table:
+def _table(lines: list[str], source: str, first_row: int) -> Table:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if not kept:
         raise InputError(f"{source}: the file holds no data; give a file with a line of names")
     is_open = kept[-1] == len(lines) - 1  # the last row has no line end, and may break off
-    head = _head(lines, kept, kept[:-1] if is_open and len(kept) > 1 else kept, source)
+    whole = kept[:-1] if is_open and len(kept) > 1 else kept
+    head = _head(lines, kept, whole, source, first_row)
     kept = kept[bisect_left(kept, head.first) :]
     header, delimiter = head.names, head.delimiter
     torn_row = None
     if is_open and kept and _breaks_off([lines[i] for i in kept[-2:]], len(header), delimiter):
-        torn_row = kept.pop() + 1
+        torn_row = kept.pop() + first_row
     if not kept:
         raise InputError(
             f"{source}: there is no row below the names {shortened(header)}; give a file with data"
         )
-    rows = np.array(kept) + 1
+    rows = np.array(kept) + first_row
     body = [lines[i] for i in kept]
     width = _check_widths(body, rows, header, delimiter, source)
     if width > len(header):
@@ -187,14 +190,15 @@ def _with_head(
     return with_stated_time(table, head.sampling)
 
 
-def _head(lines: list[str], kept: list[int], sure: list[int], source: str) -> _Head:
+def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first_row: int) -> _Head:
     """Names, units and settings; `sure` are the kept lines that are known to be whole."""
-    _check_width(lines[kept[0]], f"{source}, row {kept[0] + 1}")
+    _check_width(lines[kept[0]], f"{source}, row {kept[0] + first_row}")
     delimiter, start = _sniff([lines[i] for i in sure[:_SAMPLE]])
     above = _settings(lines, sure)
     if above is not None:
         delimiter, start = above
-    header, named, first = _header(lines, kept, start, delimiter, source)
+    place = f"{source}, row {kept[start] + first_row}"
+    header, named, first = _header(lines, kept, start, delimiter, place)
     units: dict[str, str] = {}
     if named and first < len(kept):
         below = fields_of(lines[kept[first]], delimiter)
@@ -290,7 +294,7 @@ def _sniff(sample: list[str]) -> tuple[str, int]:
 
 
 def _header(
-    lines: list[str], kept: list[int], start: int, delimiter: str, source: str
+    lines: list[str], kept: list[int], start: int, delimiter: str, place: str
 ) -> tuple[list[str], bool, int]:
     """Names, whether the file gives them, and how many kept lines stand before the data."""
     fields = fields_of(lines[kept[start]], delimiter)
@@ -301,7 +305,7 @@ def _header(
         named = commented is not None
         fields = commented or [str(i + 1) for i in range(len(fields))]
     names = [name or f"column {i + 1}" for i, name in enumerate(fields)]
-    check_names(names, f"{source}, row {kept[start] + 1}")
+    check_names(names, place)
     return names, named, first
 
 

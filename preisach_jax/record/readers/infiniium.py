@@ -49,19 +49,16 @@ def read_infiniium(text: str, source: str) -> Table:
     has_time = width == channels + 1
     names = [f"Channel {k + 1}" for k in range(width - has_time)]
     units = [plain_unit(unit) for unit in about.get("YUnits", [])]
-    table = read_delimited(
-        separator.join([*(["TIME"] if has_time else []), *names]) + "\n" + body, source
-    )
+    head = separator.join([*(["TIME"] if has_time else []), *names])
+    table = read_delimited(head + "\n" + body, source, first_row=header.count("\n") + 1)
     by_column = {name: unit for name, unit in zip(names, units, strict=False) if unit}
-    rows = table.rows + header.count("\n")
     if has_time:
-        return replace(table, units={"TIME": "s", **by_column}, rows=rows)
+        return replace(table, units={"TIME": "s", **by_column})
     start, step = (float((about.get(key) or ["nan"])[0]) for key in ("XOrg", "XInc"))
     times = start + np.arange(table.rows.size) * step
     return replace(
         table,
         columns={**table.columns, MADE_TIME: times},
-        rows=rows,
         units={MADE_TIME: "s", **by_column},
         roles={"time": MADE_TIME},
     )

@@ -57,7 +57,9 @@ def read_rigol(text: str, source: str) -> Table:
     body = text[lead:].split("\n", skipped)[skipped]
     first = body[: max(body.find("\n"), 0)]
     extra = first.count(",") + 1 - len(names)
-    table = read_delimited(",".join([*names, *[""] * extra]) + "\n" + body, source)
+    above = text[:lead].count("\n") + skipped
+    head = ",".join([*names, *[""] * extra])
+    table = read_delimited(head + "\n" + body, source, first_row=above)
     if any(name.lower().startswith("time") for name in names):
         return table
     columns = {
@@ -70,7 +72,6 @@ def read_rigol(text: str, source: str) -> Table:
     return replace(
         table,
         columns=columns,
-        rows=table.rows + skipped - 1,
         units={**table.units, MADE_TIME: "s"},
         roles={"time": MADE_TIME},
     )

@@ -55,9 +55,8 @@ def read_siglent(text: str, source: str) -> Table:
     names = _names(about, cells)
     if not units:
         units = {n: plain_unit(c) for n, c in zip(names, cells, strict=True) if is_unit(c)}
-    # As many blank lines as there were settings keep the rows of the file for messages.
-    lines = "\n" * above.count("\n") + ",".join([_TIME, *names])
-    table = read_delimited(lines + text[head.end() :], source)
+    below = ",".join([_TIME, *names]) + text[head.end() :]
+    table = read_delimited(below, source, first_row=above.count("\n") + 1)
     stated = {name: unit for name, unit in units.items() if unit and name in table.columns}
     return replace(table, units={**stated, _TIME: "s"})
 

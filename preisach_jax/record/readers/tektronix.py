@@ -38,7 +38,8 @@ def read_tds(text: str, source: str) -> Table:
     """
     about: dict[str, str] = {}
     samples: list[str] = []
-    for row, line in enumerate(text.strip("\n").split("\n"), start=1):
+    begin = len(text) - len(text.lstrip("\n")) + 1
+    for row, line in enumerate(text.strip("\n").split("\n"), start=begin):
         cells = [cell.strip().strip('"') for cell in line.split(",")]
         if len(cells) < 5:
             raise InputError(
@@ -50,7 +51,9 @@ def read_tds(text: str, source: str) -> Table:
         samples.append(f"{cells[3]},{cells[4]}")
     name = about.get("Source") or "CH1"
     units = ",".join(about.get(f"{axis} Units") or "-" for axis in ("Horizontal", "Vertical"))
-    return read_delimited("\n".join([f"TIME,{name}", units, *samples, ""]), source)
+    # Names and units stand in no rows of their own: two rows before the first sample.
+    table = "\n".join([f"TIME,{name}", units, *samples, ""])
+    return read_delimited(table, source, first_row=begin - 2)
 
 
 TEKTRONIX = Reader(

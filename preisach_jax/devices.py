@@ -65,7 +65,7 @@ def connect(
         >>> connect("localhost:1", processes=2, process=2)
         Traceback (most recent call last):
         ...
-        preisach_jax.errors.InputError: process is 2: of 2 processes the last one is 1
+        preisach_jax.errors.InputError: process is 2 of 2 processes: give a number from 0 to 1
     """
     given = {"coordinator": coordinator, "processes": processes, "process": process}
     missing = [name for name, value in given.items() if value is None]

@@ -91,14 +91,17 @@ def number(value: float, digits: int = 4) -> str:
     """A value without unit to some significant digits.
 
     Example:
-        >>> number(1234.56), number(float("-inf")), number(1.25e-7, 2)
-        ('1235', '-∞', '1.2e-07')
+        >>> number(1234.56), number(float("-inf")), number(1.25e-7, 2), number(736.0, 2)
+        ('1235', '-∞', '1.2e-07', '740')
     """
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
     if math.isnan(value):
         return "unknown"
-    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.{digits}g}"
+    if 1e4 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    rounded = f"{value:.{digits}g}"
+    return f"{float(rounded):.0f}" if "e+" in rounded and abs(value) < 1e4 else rounded
 
 
 def interval(value: float, low: float, high: float, unit: str, digits: int = 4) -> str:

@@ -27,6 +27,8 @@ _HEADLINES = {
 
 def headline(found: Diagnosis) -> str:
     """The verdict of a diagnosis in a few words."""
+    if found.verdict == "adequate" and found.next_experiment is not None:
+        return "Nothing is seen to be missing, and this record could hardly show it"
     several = len(found.effects) > 1 and found.verdict == "explained"
     return "The missing effects are found" if several else _HEADLINES[found.verdict]
 

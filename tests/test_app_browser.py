@@ -312,6 +312,10 @@ def height_of_letters(located):
 FIGURES = """() => Bokeh.documents.flatMap((d) => [...d._all_models.values()])
   .filter((m) => m.type === "Figure").map((m) => m.title.text)"""
 
+HAS_POINTS = """count => Bokeh.documents.some(document =>
+  Array.from(document._all_models.values()).some(model => model.type === "ColumnDataSource"
+    && Object.values(model.data)[0]?.length === count))"""
+
 FIGURE_BOXES = """() => {
   const found = []
   const walk = (element) => {
@@ -483,6 +487,7 @@ def test_a_course_is_drawn_with_the_mouse_and_fits_the_window(tab, stage, width)
     points = tab.get_by_label("Points:")
     points.wait_for()
     before = points.input_value().splitlines()
+    tab.wait_for_function(HAS_POINTS, arg=len(before), timeout=PATIENCE_MS)
     tab.wait_for_timeout(1000)  # until the figure has its place
     points.scroll_into_view_if_needed()
     [(left, top, right, bottom)] = tab.evaluate(FIGURE_BOXES)

@@ -154,7 +154,9 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     assert main([*WORDS, "--restart", "--out", str(tmp_path)]) == 130
     message = capsys.readouterr().err
     assert message.count("\n") == 1
-    assert message.endswith(f"go on by: {' '.join(['preisach', *WORDS, '--out', str(tmp_path)])}\n")
+    assert message.endswith(
+        f"resume by: {' '.join(['preisach', *WORDS, '--out', str(tmp_path)])}\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The inverse of a running machine, and the loop around it."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played
 
 import preisach_jax as pj
+from preisach_jax.compensation.causal import check_causal
 from preisach_jax.compensation.loop import ProportionalIntegral, simulated_stage
 from preisach_jax.effects.auxiliary import Auxiliary
 
@@ -186,3 +188,20 @@ def test_a_system_of_python_control_closes_the_loop():
     own = pj.simulate_loop(model, wanted, controller=lambda: ProportionalIntegral(0.2, 40.0, RATE))
     for name, reading in own.readings.items():
         np.testing.assert_allclose(theirs.readings[name], reading, atol=1e-9)
+
+
+class SelfHeating(pj.WeightEffect):
+    """A stroke that grows with the square of the input."""
+
+    name = "self_heating"
+    gain: float = pj.parameter("1", 0.0, 1.0)
+
+    def factor(self, signals):
+        return 1 + self.gain * signals.input**2
+
+
+def test_what_scales_by_the_input_is_not_followed_from_sample_to_sample():
+    model: Any = SimpleNamespace(effects=(SelfHeating(),))
+    with pytest.raises(pj.InputError, match="'self_heating' cannot be followed"):
+        check_causal(model)
+    check_causal(model_of(EFFECTS["ageing"]))

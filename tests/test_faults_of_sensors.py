@@ -131,3 +131,22 @@ def test_a_record_that_is_clipped_almost_throughout_is_refused_in_one_line():
     record = record_of(np.minimum(noisy(), np.quantile(noisy(), 0.2)))
     with pytest.raises(pj.InputError, match=r"spoiled.csv, column output: .* clipped in all but"):
         pj.fit(record, levels=5)
+
+
+def test_a_sensor_that_is_stuck_for_a_third_of_the_record_is_seen():
+    output = noisy()
+    third = len(output) // 3
+    output[third : 2 * third] = output[third]
+    (fault,) = faults(record_of(output))
+    assert fault.kind == "stuck"
+    assert (fault.start, fault.stop) == (third + 1, 2 * third)
+
+
+def test_a_sensor_that_never_comes_free_is_seen_if_the_input_moves_by_half_its_range():
+    output = noisy()
+    begin = len(output) - 60
+    while np.ptp(PATH[begin:]) < 0.6 * np.ptp(PATH):
+        begin -= 1
+    output[begin:] = output[begin]
+    (fault,) = faults(record_of(output))
+    assert (fault.kind, fault.start, fault.stop) == ("stuck", begin + 1, len(output))

@@ -365,7 +365,7 @@ def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
         ),
         (
             Limit("resonance", "f_hz", 431.0, "Hz", True, 0.02, 0.1),
-            "f above 4.3e+02 Hz (20 nm RMS of the output)",
+            "f above 430 Hz (20 nm RMS of the output)",
         ),
         (
             Limit("creep", "gain_per_decade", 0.0012, "1", False, 0.05, 0.2),

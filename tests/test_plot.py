@@ -178,7 +178,7 @@ def test_density_without_a_visit_or_without_a_hole():
 
 
 def test_candidates_show_gain_and_reason(found):
-    (axes,) = plot.candidates(found).axes
+    axes, _ = plot.candidates(found).axes
     widths = [bar.get_width() for bar in bars(axes)]
     np.testing.assert_allclose(widths, [87.8, 41.0, -20.0, 97.8, 1.0])
     shown = texts(axes.figure)
@@ -187,6 +187,21 @@ def test_candidates_show_gain_and_reason(found):
     assert "on the model with creep + drift" in shown
     blue = [to_hex(bar.get_facecolor()).upper() == plot.AFTER for bar in bars(axes)]
     assert blue == [True, False, False, True, False]
+
+
+def test_of_what_was_not_fitted_the_five_that_promise_most_are_drawn(found):
+    def promised(name, gain):
+        return replace(found.candidates[0], effect=name, step=0, gain=gain, accepted=False,
+                       rms_validation=np.nan, why_not="not fitted")  # fmt: skip
+
+    gains = [0.01, 0.08, 0.02, 0.07, 0.03, 0.06, 0.05, 0.04]
+    more = tuple(promised(f"effect_{k}", gain) for k, gain in enumerate(gains))
+    figure = plot.candidates(replace(found, candidates=(found.candidates[0], *more)))
+    widths = [bar.get_width() for bar in bars(figure.axes[0])]
+    np.testing.assert_allclose(widths[1:], [8.0, 7.0, 6.0, 5.0, 4.0])
+    hatches = [bar.get_hatch() for bar in bars(figure.axes[0])]
+    assert hatches == [None, *["////"] * 5]
+    assert "on the model without effects (3 that promise less are not shown)" in texts(figure)
 
 
 @pytest.mark.filterwarnings("error")

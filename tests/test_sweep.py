@@ -267,7 +267,7 @@ def test_rows_of_a_power_law_share_the_exponent_and_have_their_own_constants():
 def test_power_laws_without_points_enough_or_positive_are_refused(whole):
     with pytest.raises(InputError, match=r"fitted to -1\.0: give positive"):
         fit_power_law(np.array([1.0, 2.0, 3.0]), np.array([1.0, -1.0, 3.0]))
-    with pytest.raises(InputError, match="2 points in 1 rows are too few"):
+    with pytest.raises(InputError, match="2 points in 1 rows: give at least two more"):
         fit_power_law(np.array([1.0, 2.0]), np.array([1.0, 2.0]))
     assert whole.exponents() == {}
 

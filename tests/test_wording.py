@@ -5,9 +5,11 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from stand_ins import make_diagnosis
 
-from preisach_jax.diagnosis.wording import located, notes_on
+from preisach_jax.diagnosis.wording import located, next_experiment, notes_on
 from preisach_jax.record import Record
+from preisach_jax.rows import headline
 
 TIME = np.arange(4000) / 200
 INPUT = 5 - 5 * np.cos(2 * np.pi * TIME / 4)
@@ -65,3 +67,15 @@ def test_little_to_see_is_said():
     short = slice(0, 300)
     few = notes_on(Record.from_arrays(TIME[short], INPUT[short], INPUT[short]), model)
     assert few[0].startswith("The record has 300 measured rows for 325 cells")
+
+
+def test_a_record_that_could_not_show_effects_asks_for_another():
+    assert next_experiment("adequate", (), ()) is None
+    asked = next_experiment("adequate", (), (), shows_little=True)
+    assert asked is not None
+    assert "three rates" in asked.text
+    assert "could not show" in asked.why
+    found = make_diagnosis("adequate", next_experiment=asked)
+    assert headline(found) == (
+        "Nothing is seen to be missing, and this record could hardly show it"
+    )

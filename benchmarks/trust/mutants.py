@@ -137,7 +137,11 @@ NAMED: tuple[tuple[str, str, str], ...] = (
     ),
     ("effects/drift.py", "WANDERS = 0.5", "WANDERS = 0.4"),
     ("effects/drift.py", "WANDERS = 0.5", "WANDERS = 0.6"),
-    ("effects/drift.py", "wander, least = trial, left", "wander = trial"),
+    (
+        "effects/drift.py",
+        "wander, least = replace(settled, waves=waves), left",
+        "wander = replace(settled, waves=waves)",
+    ),
 )
 """Changes that survived the tests of an earlier state, and their like: module, text, other text."""
 

@@ -176,25 +176,28 @@ def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal
     return reading + jax.lax.stop_gradient(acting.converted(reading) - reading)
 
 
+# Compiled apart: inside other functions, what is computed of one path may differ in the last bit.
+@eqx.filter_jit
+def _scaled(path: Array, low: Array, width: Array) -> Array:
+    return (path - low) / width
+
+
 def compiled_on_a_plane(
     function: Callable[Concatenate[Plane, Course, Given], Result],
 ) -> Callable[Concatenate[Plane, Course, Given], Result]:
     """Compile a function of a plane and a drive once for all planes of equal levels."""
 
-    @eqx.filter_jit
-    def compiled(
-        levels: int, low: Array, width: Array, course: Course, *arguments: Any, **named: Any
-    ) -> Result:
-        def scaled(path: Array) -> Array:
-            return (path - low) / width
-
-        unit = Plane(levels, 0.0, 1.0)
-        return function(unit, jax.tree.map(scaled, course), *arguments, **named)
+    compiled = eqx.filter_jit(function)
 
     @wraps(function)
     def call(plane: Plane, course: Course, *arguments: Given.args, **named: Given.kwargs) -> Result:
         low, width = as_array(float(plane.low)), as_array(float(plane.high - plane.low))
-        return compiled(plane.levels, low, width, course, *arguments, **named)
+
+        def scaled(path: Array) -> Array:
+            return _scaled(path, low, width)
+
+        unit = Plane(plane.levels, 0.0, 1.0)
+        return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)
 
     return call
 

@@ -16,6 +16,7 @@ from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.step import Step
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
+from preisach_jax.diagnosis.tellable import shows_little
 from preisach_jax.diagnosis.trial import (
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
@@ -74,6 +75,7 @@ def assembled(
     *,
     tolerance: float = 0.0,
     alternatives: dict[str, Model] | None = None,
+    little: bool = False,
 ) -> Diagnosis:
     """A diagnosis of its parts, whether the program or somebody by hand has chosen the effects.
 
@@ -87,9 +89,12 @@ def assembled(
         notes: further sentences.
         tolerance: RMS error, in output units, that does not matter.
         alternatives: the models with other effects in place of those that were named.
+        little: whether the record cannot tell most of the effects that were tried.
     """
     record, last = fits[-1].record, fits[-1]
     verdict, met = verdict_of(budget, bool(findings), tolerance)
+    # Beside an error that nothing explains, how great an effect could be is not known.
+    bounds = () if verdict == "unexplained" else bounds
     close = close_calls(findings, candidates, budget, met)
     return Diagnosis(
         verdict=verdict,
@@ -101,7 +106,7 @@ def assembled(
         candidates=candidates,
         limits=bounds,
         alternatives=alternatives or {},
-        next_experiment=next_experiment(verdict, findings, tried),
+        next_experiment=next_experiment(verdict, findings, tried, little),
         located="" if met else located(record, last),
         remainder=() if met else relations(record, last.residual),
         notes=tuple(notes),
@@ -156,6 +161,7 @@ def concluded(step: Step, tolerance: float, progress: Progress = in_silence) -> 
             *failures(list(step.trials)),
         ),
         tolerance=tolerance,
+        little=shows_little(problem, step.tried),
         alternatives={
             name: finished(problem, moved_to(small, point), step.record).model
             for named in step.named

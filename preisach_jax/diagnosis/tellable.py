@@ -252,6 +252,17 @@ AT_A_BOUND = 0.02
 """Distance from a bound, over that between both bounds, within which a parameter lies at it."""
 
 
+MOST_HIDDEN = 0.5
+"""Share of the effects that were tried which a record cannot tell, from which on it must be said
+that it could not show what is missing."""
+
+
+def shows_little(problem: Problem, tried: Sequence[Effect]) -> bool:
+    """Whether a record cannot tell most of some effects from the density."""
+    hidden = sum(bool(untellable(problem, effect)) for effect in tried)
+    return hidden > MOST_HIDDEN * len(tried)
+
+
 def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
     """What a reader must know of the effects that a record cannot tell, one sentence a need."""
     told: list[str] = []

@@ -137,7 +137,7 @@ class NotFitted:
         if not gain > 0:
             reason = "not fitted: it does not promise to lower the held-out error"
         elif gain < enough:
-            reason = f"not fitted: {promised} only"
+            reason = f"not fitted: {promised}, less than the {100 * enough:.2g} % asked for"
         else:
             reason = f"not fitted: {promised}, others promise more, or more reliably"
         return NotFitted(

@@ -253,10 +253,24 @@ def _band(record: Record, residual: np.ndarray) -> str:
     return f"half of it between {first} and {last}"
 
 
+UNIVERSAL = (
+    "three exact repeats of one loop over the full range, the same loop at three rates over a "
+    "decade and a half, and holds of increasing length after moves in both directions"
+)
+"""An excitation that shows every effect."""
+
+
 def next_experiment(
-    verdict: str, findings: Sequence[Finding], tried: Sequence[Effect]
+    verdict: str, findings: Sequence[Finding], tried: Sequence[Effect], shows_little: bool = False
 ) -> Experiment | None:
-    """What to record next: what splits the families, or brings out what is unexplained."""
+    """What to record next: what splits the families, or brings out what is unexplained.
+
+    Arguments:
+        verdict: the verdict.
+        findings: the effects that were named.
+        tried: the effects that were tried.
+        shows_little: whether the record cannot tell most of them.
+    """
     families = tuple(finding.family for finding in findings if len(finding.family) > 1)
     if families:
         by_name = {effect.name: effect for effect in tried}
@@ -269,16 +283,17 @@ def next_experiment(
         )
     if verdict in ("unexplained", "partly_explained"):
         return Experiment(
-            text=(
-                "three exact repeats of one loop over the full range, the same loop at three rates "
-                "over a decade and a half, and holds of increasing length after moves in both "
-                "directions"
-            ),
+            text=UNIVERSAL,
             why=(
                 "an error above noise and discretisation remains: repeats show what is noise, "
-                "rates what is "
-                "dynamic, holds what is slow"
+                "rates what is dynamic, holds what is slow"
             ),
+            families=(),
+        )
+    if shows_little:
+        return Experiment(
+            text=UNIVERSAL,
+            why="this record could not show most of the effects, whether they are there or not",
             families=(),
         )
     return None

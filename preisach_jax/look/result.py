@@ -155,6 +155,7 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
         span = rate_text(fastest, unit)
         if found.decades >= 0.1:
             span = f"{rate_text(slowest, unit)} to {span}, {found.decades:.1f} decades"
+            span += " (nine of ten strokes)"
         samples = f"the fastest stroke takes {found.fastest_samples:.0f} samples"
         rows.append(("rates", f"{span}; {samples}"))
     lengths = [rest.length_s for rest in found.rests]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -14,7 +15,12 @@ from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, REFUSED, STYLE
 from preisach_jax.quantity import number, scaled
 
 if TYPE_CHECKING:
-    from preisach_jax.diagnosis.result import Diagnosis
+    from preisach_jax.diagnosis.result import Candidate, Diagnosis
+
+
+MOST_PROMISED = 5
+"""Effects of a step that were not fitted which the figure of candidates shows, those that promised
+most."""
 
 
 @mpl.rc_context(STYLE)
@@ -87,7 +93,10 @@ def waterfall(found: Diagnosis) -> Figure:
 
 @mpl.rc_context(STYLE)
 def candidates(found: Diagnosis) -> Figure:
-    """Gain of every effect that was tried, and why it was added or not.
+    """Gain of the effects that were tried, and why each was added or not.
+
+    Those that were fitted are drawn, and of the others the ones that promised most; a table has
+    all of them.
 
     Arguments:
         found: a diagnosis.
@@ -95,8 +104,8 @@ def candidates(found: Diagnosis) -> Figure:
     Returns:
         The figure.
     """
-    tried = sorted(found.candidates, key=lambda c: (c.step, not c.accepted, -c.gain))
-    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 70)) for c in tried]
+    tried, left_out = _shown(found.candidates)
+    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 62)) for c in tried]
     places: list[float] = []
     headings: list[tuple[float, int]] = []
     place = 0.0
@@ -108,37 +117,60 @@ def candidates(found: Diagnosis) -> Figure:
         places.append(place + 0.25 * reason.count("\n"))
         place += 1.0 + 0.5 * reason.count("\n")
     figure = Figure(figsize=(10.8, 1.1 + 0.27 * max(place, 2)), layout="constrained")
-    axes = figure.add_subplot()
+    axes, beside = figure.subplots(1, 2, width_ratios=(5, 4), sharey=True)
     gains = np.array([100 * c.gain for c in tried])
     lowest = -20.0 if np.any(gains < 0) else 0.0
     for y, gain, candidate, reason in zip(places, gains, tried, reasons, strict=True):
         shade = AFTER if candidate.accepted else REFUSED
-        axes.barh(y, max(gain, lowest), height=0.7, color=shade)
+        fitted = bool(np.isfinite(candidate.rms_validation))
+        look = (
+            {"color": shade} if fitted else {"color": "none", "edgecolor": shade, "hatch": "////"}
+        )
+        axes.barh(y, max(gain, lowest), height=0.7, **look)
         beyond = "< " if gain < lowest else ""
         shown = lowest if gain < lowest else gain
         axes.annotate(
             f"{beyond}{shown:.1f} %", (max(shown, 0), y), xytext=(4, 0),
             textcoords="offset points", va="center", fontsize=8,
         )  # fmt: skip
-        axes.annotate(
-            reason, (1.04, y), xycoords=("axes fraction", "data"), va="center", fontsize=8,
+        beside.annotate(
+            reason, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8,
             color="black" if candidate.accepted else "0.35",
         )  # fmt: skip
     for y, step in headings:
         onto = " + ".join(found.effects[:step])
         text = f"on the model with {onto}" if onto else "on the model without effects"
+        if more := left_out.get(step):
+            text += f" ({more} that promise less are not shown)"
         axes.annotate(
             text, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8.5,
-            fontweight="bold",
+            fontweight="bold", annotation_clip=False,
         )  # fmt: skip
+    beside.set_axis_off()
     axes.set_yticks(places, [c.effect for c in tried])
     axes.set_ylim(place + 0.1, -0.5)
     axes.set_xlim(lowest, 115)
     axes.set_xticks(np.arange(lowest, 101, 20))
     axes.grid(axis="y", visible=False)
-    axes.set_xlabel("fall of the held-out mean square (%)")
+    axes.set_xlabel("fall of the held-out mean square (%); hatched: promised, not fitted")
     axes.set_title("Effects that were tried")
     return figure
+
+
+def _shown(tried: Sequence[Candidate]) -> tuple[list[Candidate], dict[int, int]]:
+    """The candidates to draw, in the order of their steps, and how many of each step are not."""
+    ranked = sorted(tried, key=lambda c: (c.step, not c.accepted, -c.gain))
+    shown: list[Candidate] = []
+    left_out: dict[int, int] = {}
+    promised: dict[int, int] = {}
+    for candidate in ranked:
+        if not np.isfinite(candidate.rms_validation):
+            promised[candidate.step] = promised.get(candidate.step, 0) + 1
+            if promised[candidate.step] > MOST_PROMISED:
+                left_out[candidate.step] = left_out.get(candidate.step, 0) + 1
+                continue
+        shown.append(candidate)
+    return shown, left_out
 
 
 def _plain_number(value: float, position: float) -> str:

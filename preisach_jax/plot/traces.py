@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 _COLUMNS = 2000  # bins of an envelope: about one a pixel
 
+PAUSE = 10.0
+"""Time steps, in usual ones, across which a loop is not drawn."""
+
 
 class Trace(Protocol):
     """A simulation beside its measurement."""
@@ -174,10 +177,10 @@ def draw_loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: fl
     chosen = np.arange(len(record))[rows]
     chosen = chosen[:: max(len(chosen) // 40_000, 1)]
     u = in_factor * record.input[chosen]
-    # Between far apart points there is no curve that was measured.
-    steps = np.abs(np.diff(u))
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    far = np.flatnonzero(steps > max(10 * usual, 0.02 * in_factor * record.input_range)) + 1
+    # Across a pause there is no curve that was measured.
+    pauses = np.diff(record.time[chosen])
+    usual = float(np.median(pauses)) if len(pauses) else 0.0
+    far = np.flatnonzero(pauses > PAUSE * usual) + 1
     far = np.union1d(far, np.searchsorted(chosen, _starts_within(record, rows)))
     courses = [(MEASURED, width, record.output)]
     courses += [

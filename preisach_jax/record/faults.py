@@ -18,7 +18,12 @@ MOVED = 0.05
 """Share of its range by which the input must move meanwhile."""
 
 MOST_EQUAL = 0.25
-"""Share of the rows in such runs from which on the output itself rests, as behind backlash."""
+"""Share of the rows in such runs, but the longest two, from which on the output itself rests, as
+behind backlash."""
+
+NEVER_FREE = 0.5
+"""Share of its range by which the input moves while an output stands still to the end of the
+record, from which on the sensor is stuck although nothing shows that it comes free."""
 
 SHARP = 0.5
 """Share of the usual slope with which an output runs into the end of its sensor; into saturation it
@@ -52,10 +57,10 @@ def faults(record: Record) -> tuple[Fault, ...]:
     """Stretches of the output that are the sensor's and not the stage's.
 
     Stuck: one value is read on and on while the input moves by `MOVED` of its range, and at the end
-    the output jumps to where it is.  Clipped: the same at the greatest or the least of all
-    readings, reached at `SHARP` of the usual slope or more.  Wrapped: jumps of one size, over
-    `GREAT_JUMP` of the range and against the way of the output, lead there and back; of its levels
-    the one with most rows is the stage's.
+    the output jumps to where it is, or the record ends.  Clipped: the same at the greatest or the
+    least of all readings, reached at `SHARP` of the usual slope or more.  Wrapped: jumps of one
+    size, over `GREAT_JUMP` of the range and against the way of the output, lead there and back; of
+    its levels the one with most rows is the stage's.
 
     An output that rests by itself, as behind backlash or in a simulation without noise, does so in
     many runs (`MOST_EQUAL`), or goes on from where it was; it has no faults.
@@ -101,12 +106,13 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
         for start, stop in spans(np.diff(output) == 0)
         if stop + 1 - start >= EQUAL_SAMPLES
     ]
+    longest = sum(sorted(stop - start for start, stop in runs)[-2:])
     rested = sum(stop - start for start, stop in runs)
     low, high = float(output.min()), float(output.max())
     at_ends = sum(stop - start for start, stop in runs if output[start] in (low, high))
     # Between the ends of its range a sensor reads what moves.
     between = len(output) - at_ends
-    if rested - at_ends > MOST_EQUAL * between or between < 4 * NEAR:
+    if rested - at_ends - longest > MOST_EQUAL * between or between < 4 * NEAR:
         return []
     span = float(np.ptp(path))
     # Where noise makes neighbours differ, equal ones tell even if the input hardly moves.
@@ -133,6 +139,8 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
             jump = abs(float(output[stop] - output[stop - 1]))
             if jump > RELEASED * max(missed, MOVED * (high - low)):
                 found.append(Fault("stuck", int(rows[start]) + 1, int(rows[stop - 1]) + 1))
+        elif output[start] not in rails and np.ptp(path[start:stop]) > NEVER_FREE * span:
+            found.append(Fault("stuck", int(rows[start]) + 1, int(rows[stop - 1]) + 1))
     at_rails = spans(np.isin(output, list(rails)))
     return found + [Fault("clipped", int(rows[b]), int(rows[e - 1]) + 1) for b, e in at_rails]
 

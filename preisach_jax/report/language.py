@@ -203,6 +203,8 @@ def verdict_headline(found: Diagnosis, language: str) -> str:
     """The verdict in a few words of a language."""
     if language == "en":
         return headline(found)
+    if found.verdict == "adequate" and found.next_experiment is not None:
+        return "Es ist nichts zu sehen, das fehlt, und diese Messung könnte es kaum zeigen"
     several = len(found.effects) > 1 and found.verdict == "explained"
     return "Die fehlenden Effekte sind gefunden" if several else _HEADLINES_DE[found.verdict]
 

@@ -85,7 +85,7 @@ class TestUpload:
         assert "choose" in upload.question
         scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"), tmp_path)
         assert scope.guess == {"time": "TIME", "input": None, "output": None}
-        choice = {
+        choice: ReadOptions = {
             "time": None,
             "input": "b",
             "output": "c",
@@ -198,7 +198,7 @@ class TestScript:
 
     def test_names_stand_in_it_as_text_only(self, step):
         evil = "z'''\"\n__import__('os').system('true')  #"
-        choice = {
+        choice: ReadOptions = {
             "time": evil,
             "input": evil,
             "output": evil,

@@ -71,7 +71,8 @@ def test_effects_that_are_tried_at_the_same_time_change_nothing_they_share(monke
                 written.append(str(slot[0]))
             super().__setitem__(slot, value)
 
-    cut, reduced = Problem.of, Problem.reduced
+    cut: Any = Problem.of
+    reduced: Any = Problem.reduced
 
     def watched(problem):
         return replace(problem, cache=Watched(problem.cache))

@@ -155,7 +155,7 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert message.endswith(
-        f"resume by: {' '.join(['preisach', *WORDS, '--out', str(tmp_path)])}\n"
+        f"resume with: {' '.join(['preisach', *WORDS, '--out', str(tmp_path)])}\n"
     )
 
 

@@ -34,6 +34,7 @@ class Page(Opening):
     def __init__(self, first: Path | None = None):
         self._walk: Walk | None = None
         self._candidates: tuple[Candidate, ...] = ()
+        self._lined_up: Walk | None = None  # the walk whose steps stand in the time line
         self._views: Views | None = None
         self._drive: DriveView | None = None
         self._drive_job: Job | None = None
@@ -320,7 +321,9 @@ class Page(Opening):
         shown.cancel.disabled = not busy
         shown.prepare.disabled = walk is None or searching
         shown.save.disabled = not has_record or searching
-        shown.steps.objects = time_line(walk, self._back_to)
+        if walk is not self._lined_up:  # a button that is made anew loses the click on the old one
+            shown.steps.objects = time_line(walk, self._back_to)
+            self._lined_up = walk
         if self._drive is not None:
             self._drive.find.disabled = searching or self._is_driving
         if walk is None:

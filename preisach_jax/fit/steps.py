@@ -89,6 +89,8 @@ def with_effect(
         best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
             refined to its end.
     """
+    if isinstance(effect, HysteresisEffect):
+        best = np.inf  # its first steps say little of where it comes to, nor one form of another
     promised = known
     if not promised:
         forms = problem.forms_of(effect, point)

@@ -29,6 +29,9 @@ _COLUMNS = 2000  # bins of an envelope: about one a pixel
 PAUSE = 10.0
 """Time steps, in usual ones, across which a loop is not drawn."""
 
+JUMP = 0.1
+"""Share of the input's range, from one sample to the next, across which a loop is not drawn."""
+
 
 class Trace(Protocol):
     """A simulation beside its measurement."""
@@ -177,10 +180,11 @@ def draw_loop(axes: Axes, record: Record, traces: Traces, rows: slice, width: fl
     chosen = np.arange(len(record))[rows]
     chosen = chosen[:: max(len(chosen) // 40_000, 1)]
     u = in_factor * record.input[chosen]
-    # Across a pause there is no curve that was measured.
+    # Across a pause, or a jump between two curves, there is no curve that was measured.
     pauses = np.diff(record.time[chosen])
     usual = float(np.median(pauses)) if len(pauses) else 0.0
-    far = np.flatnonzero(pauses > PAUSE * usual) + 1
+    jumps = np.abs(np.diff(u)) > JUMP * in_factor * record.input_range
+    far = np.flatnonzero((pauses > PAUSE * usual) | jumps) + 1
     far = np.union1d(far, np.searchsorted(chosen, _starts_within(record, rows)))
     courses = [(MEASURED, width, record.output)]
     courses += [

@@ -32,6 +32,10 @@ LEAST_GAIN_WITHIN_BUDGET = 0.5
 """Relative fall of the held-out mean square below which nothing is named beside other effects that
 leave no more than noise and discretisation."""
 
+SIMPLER_MAY_LEAVE = 1.5
+"""Times the least held-out mean square that an effect of fewer parameters may leave to lead: where it
+leaves more, only the whitened residual, in which slow effects hardly count, calls the two alike."""
+
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
 
@@ -81,8 +85,8 @@ def alike(problem: Problem, best: Point, other: Point) -> bool:
 def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
     """The best first; those that are sure of no single amount must beat the others clearly.
 
-    Of effects that the record cannot tell from the best one, the one of fewest parameters leads, a
-    common one before a special one.
+    Of effects that the record cannot tell from the best one and that leave hardly more, the one of
+    fewest parameters leads, a common one before a special one.
     """
     by_error = sorted(passing, key=lambda trial: trial.point.validation_mean_square)
     if by_error:
@@ -91,7 +95,10 @@ def _ranked(problem: Problem, passing: list[Trial]) -> list[Trial]:
         simpler = [
             trial
             for trial in by_error
-            if spent[id(trial)] < spent[id(least)] and alike(problem, least.point, trial.point)
+            if spent[id(trial)] < spent[id(least)]
+            and trial.point.validation_mean_square
+            <= SIMPLER_MAY_LEAVE * least.point.validation_mean_square
+            and alike(problem, least.point, trial.point)
         ]
         simpler.sort(key=lambda trial: spent[id(trial)])
         by_error = [*simpler[:1], *(trial for trial in by_error if trial not in simpler[:1])]

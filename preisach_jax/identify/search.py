@@ -20,9 +20,7 @@ from preisach_jax.regression import (
     slices_of,
     solve_nonnegative,
 )
-from preisach_jax.runs import (
-    tangents,
-)
+from preisach_jax.runs import response, tangents
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,8 @@ def stepped(problem: Problem, point: Point, most: float = np.inf) -> Point:
         problem: the record.
         point: the point.
         most: relative fall of the objective beyond which a step is not small; then the point is
-            returned as it is.
+            returned as it is, as it is where the step does not lower the error of the simulated
+            output: rounding has no derivative that leads anywhere.
     """
     parameters = point.parameters
     if not parameters:
@@ -164,7 +163,17 @@ def stepped(problem: Problem, point: Point, most: float = np.inf) -> Point:
     if linear.objective(solution, point) < (1 - most) * point.objective:
         return point
     values = _moved(point.values, parameters, step)
-    return replace(point, values=values, solution=solution[: len(point.solution)])
+    moved = replace(point, values=values, solution=solution[: len(point.solution)])
+    return moved if _simulated(problem, moved) <= _simulated(problem, point) else point
+
+
+def _simulated(problem: Problem, point: Point) -> float:
+    """Objective of a point by the output that its model simulates."""
+    output = response(point.chain, point.values, problem.signals, point.coefficients())
+    error = (problem.target - np.asarray(output)[problem.rows]) / problem.unit
+    inside = np.isin(problem.fold, point.folds)
+    penalty = point.equations.penalty(point.solution, point.strength)
+    return float(np.mean(error[inside] ** 2)) + penalty
 
 
 def starts_of(effect: Effect) -> list[dict[str, float]]:

@@ -33,8 +33,8 @@ LEAST_GAIN_WITHIN_BUDGET = 0.5
 leave no more than noise and discretisation."""
 
 SIMPLER_MAY_LEAVE = 1.5
-"""Times the least held-out mean square that an effect of fewer parameters may leave to lead: where it
-leaves more, only the whitened residual, in which slow effects hardly count, calls the two alike."""
+"""Times the least held-out mean square that an effect of fewer parameters may leave to lead: where
+it leaves more, only the whitened residual, in which slow effects hardly count, calls them alike."""
 
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""

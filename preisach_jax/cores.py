@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import jax
@@ -43,12 +43,7 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
         >>> list(on_all_cores(abs, [-1, 2, -3]))
         [1, 2, 3]
     """
-    double = jnp.result_type(float) == jnp.float64
-
-    def compute(item: Item) -> Result:
-        with jax.enable_x64(double):
-            return function(item)
-
+    compute = _in_this_precision(function)
     with ThreadPoolExecutor(usable_cores()) as pool:
         futures = [pool.submit(compute, item) for item in items]
         try:
@@ -56,3 +51,37 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
                 yield future.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+class Background:
+    """Threads that compute while the caller goes on, in the caller's precision.
+
+    Example:
+        >>> background = Background()
+        >>> background.begin(lambda: 2 + 2).result()
+        4
+        >>> background.close()
+    """
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(usable_cores())
+
+    def begin(self, function: Callable[[], Result]) -> Future[Result]:
+        """Compute something as soon as a thread is free; it must not change what others use."""
+        compute = _in_this_precision(lambda _: function())
+        return self._pool.submit(compute, None)
+
+    def close(self) -> None:
+        """Wait for nothing: what has not begun is left, what has begun ends unheard."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _in_this_precision(function: Callable[[Item], Result]) -> Callable[[Item], Result]:
+    """The function as it computes in this thread: precision is a setting of each thread."""
+    double = jnp.result_type(float) == jnp.float64
+
+    def compute(item: Item) -> Result:
+        with jax.enable_x64(double):
+            return function(item)
+
+    return compute

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -38,7 +38,31 @@ LEAST_RESTS = 10
 """Stretches of rest below which nothing is read from them."""
 
 
-def error_budget(problem: Problem, fit: Fit, discretisation: float) -> Budget:
+@dataclass(frozen=True)
+class Floor:
+    """What no other effect can take away from the error of a fit, as RMS in output units.
+
+    Attributes:
+        noise: see `noise_rms`.
+        memory: see `memory_rms`.
+    """
+
+    noise: float
+    memory: float
+
+    @staticmethod
+    def of(problem: Problem, fit: Fit) -> Floor:
+        """The floor of a fit.
+
+        Arguments:
+            problem: the record as it was cut for the fit.
+            fit: the fit; without its regressors, they are computed again.
+        """
+        point = with_regressors(problem, fit)
+        return Floor(noise_rms(problem, point), memory_rms(problem, point))
+
+
+def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float) -> Budget:
     """What the held-out error of a fit is made of.
 
     Squares add up: each share is at most what those before it leave of the whole.
@@ -46,19 +70,19 @@ def error_budget(problem: Problem, fit: Fit, discretisation: float) -> Budget:
     Arguments:
         problem: the record as it was cut for the fit.
         fit: the fit.
+        floor: its floor.
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
     """
-    point = with_regressors(problem, fit)
     left = fit.rms_validation**2
     shares: list[float] = []
-    for rms in (noise_rms(problem, point), discretisation, memory_rms(problem, point)):
+    for rms in (floor.noise, discretisation, floor.memory):
         share = min(rms**2, left)
         shares.append(float(np.sqrt(share)))
         left -= share
     noise, discretisation, memory = shares
     return Budget(
         noise=noise,
-        input_quantisation=input_quantisation_rms(problem, point),
+        input_quantisation=input_quantisation_rms(problem, fit.point),
         output_quantisation=output_quantisation_rms(problem),
         discretisation=discretisation,
         memory=memory,

@@ -10,6 +10,7 @@ import numpy as np
 from preisach_jax.confidence import with_grid_error
 from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.finals import Final, FinalFits
 from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.margin import close_calls
 from preisach_jax.diagnosis.remainder import relations
@@ -27,16 +28,7 @@ from preisach_jax.diagnosis.trial import (
 )
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import (
-    FINAL_ROWS,
-    Fit,
-    Progress,
-    finished,
-    in_silence,
-    moved_to,
-    with_signs,
-)
-from preisach_jax.identify import Problem
+from preisach_jax.fit import Fit, Progress, in_silence, with_signs
 from preisach_jax.model import Model
 
 MOST_MISSED = 0.3
@@ -114,37 +106,42 @@ def assembled(
     )
 
 
-def concluded(step: Step, tolerance: float, progress: Progress = in_silence) -> Diagnosis:
+def concluded(
+    step: Step, finals: FinalFits, tolerance: float, progress: Progress = in_silence
+) -> Diagnosis:
     """The diagnosis that a last step comes to.
 
     Its models are fitted to all rows; effects that help too little there are given up.
 
     Arguments:
         step: the last step.
+        finals: the fits to all rows.
         tolerance: RMS error, in output units, that does not matter.
         progress: called with a text and the share of the work that is done.
     """
-    problem = Problem.of(step.record, FINAL_ROWS)
-    small = problem.reduced(step.problem)
+    step = step.compared
+    rivals = {name: point for named in step.named for name, point in named.rivals.items()}
+    for point in (*step.path, *rivals.values()):
+        finals.begin(step.problem, point)
+    # Meanwhile, for the step that this will most likely be:
+    progress("limiting the effects that were not found", 0.0)
+    limited, bounds = step, _limits(step)
     while True:
-        step, fits = _fitted(step.compared, problem, small, progress)
-        other = step.compared.other or step.now
-        discretisation = discretisation_rms(step.problem, step.now, other)
-        progress("measuring the error budget", 0.7)
-        budget = error_budget(problem, fits[-1], discretisation)
+        step, fitted = _fitted(step, finals, progress)
+        fits = [final.fit for final in fitted]
+        step = step.compared
+        discretisation = discretisation_rms(step.problem, step.now, step.other or step.now)
+        progress("measuring the error budget", 0.9)
+        budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
         fewer = _without_the_lawless(step, budget) or _without_the_slight(
             step, budget, fits, tolerance
         )
         if fewer is None:
             break
         step = fewer
-    progress("limiting the effects that were not found", 0.75)
-    spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
-    absent = [effect for effect in step.tried if effect.name not in spoken_of]
-    # What the grid of the plane adds must not pass for an effect: the finest plane is best.
-    finest = max(step.now, other, key=lambda point: point.chain.plane.levels)
-    bounds = limits(step.all_hysterons, with_signs(step.all_hysterons, finest), absent)
-    parameters = with_grid_error(fits[-1].model.parameters, step.now, other)
+    if step is not limited:
+        bounds = _limits(step)
+    parameters = with_grid_error(fits[-1].model.parameters, step.now, step.other or step.now)
     model = replace(fits[-1].model, parameters=parameters)
     model = model.with_budget(budget.noise, budget.discretisation)
     fits[-1] = replace(fits[-1], model=model)
@@ -157,17 +154,26 @@ def concluded(step: Step, tolerance: float, progress: Progress = in_silence) -> 
         step.tried,
         (
             *notes_on(step.record, model),
-            *untellable_notes(problem, step.tried),
+            *untellable_notes(finals.problem, step.tried),
             *failures(list(step.trials)),
         ),
         tolerance=tolerance,
-        little=shows_little(problem, step.tried),
+        little=shows_little(finals.problem, step.tried),
         alternatives={
-            name: finished(problem, moved_to(small, point), step.record).model
+            name: finals.of(step.problem, point).fit.model
             for named in step.named
             for name, point in named.rivals.items()
         },
     )
+
+
+def _limits(step: Step) -> tuple[Limit, ...]:
+    """How great each effect could be that is not in the model of a step, nor like one in it."""
+    spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
+    absent = [effect for effect in step.tried if effect.name not in spoken_of]
+    # What the grid of the plane adds must not pass for an effect: the finest plane is best.
+    finest = max(step.now, step.other or step.now, key=lambda point: point.chain.plane.levels)
+    return limits(step.all_hysterons, with_signs(step.all_hysterons, finest), absent)
 
 
 def without_what_explains_too_little(step: Step) -> Step:
@@ -220,22 +226,19 @@ def _without_the_slight(
     return _without_the_last(step, TOO_SLIGHT)
 
 
-def _fitted(
-    step: Step, problem: Problem, small: Problem, progress: Progress
-) -> tuple[Step, list[Fit]]:
+def _fitted(step: Step, finals: FinalFits, progress: Progress) -> tuple[Step, list[Final]]:
     """The fit of each model; last effects that help too little on all rows are given up."""
-    fits: list[Fit] = []
+    fitted: list[Final] = []
     for position, point in enumerate(step.path):
-        progress("fitting all rows", 0.7 * position / len(step.path))
-        if fits:  # regressors of all rows are great: those of one model at a time are enough
-            fits[-1] = replace(fits[-1], point=fits[-1].point.slim)
-        fits.append(finished(problem, moved_to(small, point), step.record))
+        progress("fitting all rows", 0.4 + 0.5 * position / len(step.path))
+        fitted.append(finals.of(step.problem, point))
     # The first test, on all rows.
     most = (1 - LEAST_GAIN) ** 0.5
-    while len(fits) > 1 and not fits[-1].rms_validation <= most * fits[-2].rms_validation:
+    errors = [final.fit.rms_validation for final in fitted]
+    while len(fitted) > 1 and not errors[len(fitted) - 1] <= most * errors[len(fitted) - 2]:
         step = _without_the_last(step, NOT_ON_ALL_ROWS)
-        fits.pop()
-    return step, fits
+        fitted.pop()
+    return step, fitted
 
 
 def _findings(step: Step, fits: Sequence[Fit]) -> tuple[Finding, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from preisach_jax import html
-from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
+from preisach_jax.diagnosis.budget import Floor, discretisation_rms, error_budget
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.limits import limits
@@ -37,7 +37,7 @@ from preisach_jax.fit import (
     with_effect,
     with_signs,
 )
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.record import Record
 from preisach_jax.rows import chain_rows, error_table, model_line, model_name
 
@@ -131,7 +131,7 @@ class Exploration:
         """The model of this step on the rows of the search."""
         if "point" not in self._cache:
             with double_precision():
-                self._cache["point"] = moved_to(self.problem, self.fit.point)
+                self._cache["point"] = _on_the_rows_of(self.problem, self.fit.point)
         return self._cache["point"]
 
     def candidates(self, progress: Progress | None = None) -> tuple[Candidate, ...]:
@@ -216,7 +216,8 @@ class Exploration:
                 coarse = on_a_coarser_plane(self.problem, self.point)
                 grid = discretisation_rms(self.problem, self.point, coarse)
                 whole = Problem.of(self.record, FINAL_ROWS)
-                self._cache["budget"] = error_budget(whole, self.fit, grid)
+                floor = Floor.of(whole, self.fit)
+                self._cache["budget"] = error_budget(whole, self.fit, floor, grid)
         return self._cache["budget"]
 
     @property
@@ -335,6 +336,13 @@ def explore(
         problem, point = in_reduced_basis(problem, point)
         fit = on_all_rows(record, problem, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})
+
+
+def _on_the_rows_of(problem: Problem, point: Point) -> Point:
+    """The model of a point on the rows of another cut of its record."""
+    if point.chain.effects:
+        return moved_to(problem, point)
+    return evaluate(problem, point.chain, point.values, point.strength, point)
 
 
 def _names(effects: Iterable[Effect]) -> set[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
+from preisach_jax.diagnosis.finals import FinalFits
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane
@@ -28,7 +29,6 @@ from preisach_jax.fit import (
     freed_of_spikes,
     in_reduced_basis,
     in_silence,
-    on_all_rows,
 )
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one
@@ -120,24 +120,25 @@ def _walk(
     pace.tell("fitting the rate-independent model", 0.0)
     record, problem, point = begun(record, checked_levels(levels))
     small, point = in_reduced_basis(problem, point)
-    step = Step(record, small, problem, tried, (point,))
+    with FinalFits(record) as finals:
 
-    def refined_and_shown(step: Step) -> Step:
-        step = on_a_refined_plane(step, levels is not None, lambda text: pace.tell(text, 0.0))
-        if watch is not None:
-            watch(on_all_rows(record, small, step.now), step.candidates)
-        return step
+        def refined_and_shown(step: Step) -> Step:
+            step = on_a_refined_plane(step, levels is not None, lambda text: pace.tell(text, 0.0))
+            finals.begin(small, step.now)
+            if watch is not None:
+                watch(finals.of(small, step.now).fit, step.candidates)
+            return step
 
-    step = refined_and_shown(step)
-    while len(step.named) < MOST_EFFECTS:
-        pace.begin_round(len(step.named))
-        step, more = with_best(step, tolerance, pace.tell)
-        if not more:
-            step, more = with_pair(step, tolerance)
-        if not more:
-            break
-        # A finer plane may bring out what the coarse one has hidden.
-        step = refined_and_shown(without_superfluous(step))
-    pace.begin_conclusion(len(step.named))
-    step = without_what_explains_too_little(with_families(step))
-    return concluded(step, tolerance, pace.tell)
+        step = refined_and_shown(Step(record, small, problem, tried, (point,)))
+        while len(step.named) < MOST_EFFECTS:
+            pace.begin_round(len(step.named))
+            step, more = with_best(step, tolerance, pace.tell)
+            if not more:
+                step, more = with_pair(step, tolerance)
+            if not more:
+                break
+            # A finer plane may bring out what the coarse one has hidden.
+            step = refined_and_shown(without_superfluous(step))
+        pace.begin_conclusion(len(step.named))
+        step = without_what_explains_too_little(with_families(step))
+        return concluded(step, finals, tolerance, pace.tell)

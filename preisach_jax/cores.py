@@ -68,8 +68,11 @@ class Background:
 
     def begin(self, function: Callable[[], Result]) -> Future[Result]:
         """Compute something as soon as a thread is free; it must not change what others use."""
-        compute = _in_this_precision(lambda _: function())
-        return self._pool.submit(compute, None)
+
+        def compute(_: None) -> Result:
+            return function()
+
+        return self._pool.submit(_in_this_precision(compute), None)
 
     def close(self) -> None:
         """Wait for nothing: what has not begun is left, what has begun ends unheard."""

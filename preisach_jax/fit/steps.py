@@ -36,6 +36,10 @@ FORMS_HOPE = 0.9
 must not leave for its other forms to be refined: the wrong form of what is there takes much more
 away."""
 
+FORMS_BEHIND = 3.0
+"""Times the held-out mean square of the best model so far that the most likely form must not leave
+for its other forms to be refined."""
+
 FORMS_REACH = 2.0
 """Times what the most likely form promises to leave which another may leave to be refined."""
 
@@ -89,6 +93,7 @@ def with_effect(
         best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
             refined to its end.
     """
+    rival = best
     if isinstance(effect, HysteresisEffect):
         best = np.inf  # its first steps say little of where it comes to, nor one form of another
     promised = known
@@ -103,7 +108,7 @@ def with_effect(
         return tried[likely]
     # Forms of an effect inside the hysteresis look alike, and each means all states anew.
     picks = isinstance(effect, HysteresisEffect) and not always
-    hope = FORMS_HOPE * point.validation_mean_square
+    hope = min(FORMS_HOPE * point.validation_mean_square, FORMS_BEHIND * rival)
     if picks and tried[likely].validation_mean_square > hope:
         return tried[likely]
     for position, own in enumerate(starts):

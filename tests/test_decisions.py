@@ -10,6 +10,7 @@ from scipy import signal
 from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis import conclusion, judgement, step, walk
 from preisach_jax.diagnosis.budget import (
+    Floor,
     discretisation_rms,
     error_budget,
     memory_rms,
@@ -168,22 +169,20 @@ def test_white_noise_is_read_from_second_differences():
 
 
 def test_shares_are_taken_in_their_order_from_what_is_left(monkeypatch):
-    shares = {"noise": 3.0, "memory": 12.0}
     budget = "preisach_jax.diagnosis.budget."
-    monkeypatch.setattr(budget + "with_regressors", lambda problem, fit: None)
-    monkeypatch.setattr(budget + "noise_rms", lambda problem, point: shares["noise"])
-    monkeypatch.setattr(budget + "memory_rms", lambda problem, point: shares["memory"])
     monkeypatch.setattr(budget + "input_quantisation_rms", lambda problem, point: 7.0)
     monkeypatch.setattr(budget + "output_quantisation_rms", lambda problem: 8.0)
     channels = {"output": SimpleNamespace(unit="um")}
     problem = cast(Any, SimpleNamespace(record=SimpleNamespace(channels=channels)))
-    fit = cast(Any, SimpleNamespace(rms_validation=13.0))
+    fit = cast(Any, SimpleNamespace(rms_validation=13.0, point=None))
+
+    def found(memory):
+        return error_budget(problem, fit, Floor(noise=3.0, memory=memory), 4.0)
+
     # 13² = 3² + 4² + 12², and nothing is left.
-    assert error_budget(problem, fit, 4.0) == Budget(3.0, 7.0, 8.0, 4.0, 12.0, 0.0, "um")
-    shares["memory"] = 99.0  # more than is left
-    assert error_budget(problem, fit, 4.0).memory == pytest.approx(12.0)
-    shares["memory"] = 0.0
-    assert error_budget(problem, fit, 4.0).unexplained == pytest.approx(12.0)
+    assert found(12.0) == Budget(3.0, 7.0, 8.0, 4.0, 12.0, 0.0, "um")
+    assert found(99.0).memory == pytest.approx(12.0)  # more than is left
+    assert found(0.0).unexplained == pytest.approx(12.0)
 
 
 def test_memory_is_the_fall_of_the_held_out_mean_square(monkeypatch):

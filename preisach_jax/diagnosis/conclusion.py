@@ -38,7 +38,7 @@ MOST_LEFT_BY_THE_LAWLESS = 0.1
 """Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
 for what was there."""
 
-LEAST_BESIDE_THE_UNEXPLAINED = 0.1
+LEAST_BESIDE_THE_UNEXPLAINED = 0.2
 """Mean square that the last effect must take away, over that which stays unexplained beside it."""
 
 

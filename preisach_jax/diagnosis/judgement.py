@@ -32,6 +32,10 @@ LEAST_GAIN_WITHIN_BUDGET = 0.5
 """Relative fall of the held-out mean square below which nothing is named beside other effects that
 leave no more than noise and discretisation."""
 
+LEAST_GAIN_BESIDE = 1 / 6
+"""The same beside other effects that leave more than that: half of the mean square or more is still
+to be explained, and what takes less of it only bends the model towards something else."""
+
 SIMPLER_MAY_LEAVE = 1.5
 """Times the least held-out mean square that an effect of fewer parameters may leave to lead: where
 it leaves more, only the whitened residual, in which slow effects hardly count, calls them alike."""

@@ -29,6 +29,7 @@ from preisach_jax.fit import (
     freed_of_spikes,
     in_reduced_basis,
     in_silence,
+    without_spikes,
 )
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one
@@ -115,30 +116,50 @@ def _walk(
     progress: Progress,
     watch: Watch | None,
 ) -> Diagnosis:
-    """Forward selection with a backward check, on one record."""
-    pace = Pace(progress)
-    pace.tell("fitting the rate-independent model", 0.0)
-    record, problem, point = begun(record, checked_levels(levels))
-    small, point = in_reduced_basis(problem, point)
-    with FinalFits(record) as finals:
+    """The diagnosis of one record, begun again without the spikes that its first effect shows."""
+    while True:
+        pace = Pace(progress)
+        pace.tell("fitting the rate-independent model", 0.0)
+        record, problem, point = begun(record, checked_levels(levels))
+        small, point = in_reduced_basis(problem, point)
+        step = Step(record, small, problem, tried, (point,))
+        with FinalFits(record) as finals:
+            found = _selected(step, finals, levels is not None, tolerance, pace, watch)
+            if isinstance(found, Step):
+                return concluded(found, finals, tolerance, pace.tell)
+        record = found
 
-        def refined_and_shown(step: Step) -> Step:
-            step = on_a_refined_plane(step, levels is not None, lambda text: pace.tell(text, 0.0))
-            finals.begin(small, step.now)
-            if watch is not None:
-                watch(finals.of(small, step.now).fit, step.candidates)
-            return step
 
-        step = refined_and_shown(Step(record, small, problem, tried, (point,)))
-        while len(step.named) < MOST_EFFECTS:
-            pace.begin_round(len(step.named))
-            step, more = with_best(step, tolerance, pace.tell)
-            if not more:
-                step, more = with_pair(step, tolerance)
-            if not more:
-                break
-            # A finer plane may bring out what the coarse one has hidden.
-            step = refined_and_shown(without_superfluous(step))
-        pace.begin_conclusion(len(step.named))
-        step = without_what_explains_too_little(with_families(step))
-        return concluded(step, finals, tolerance, pace.tell)
+def _selected(
+    step: Step,
+    finals: FinalFits,
+    levels_are_given: bool,
+    tolerance: float,
+    pace: Pace,
+    watch: Watch | None,
+) -> Step | Record:
+    """Forward selection with a backward check; the record without its spikes where it has some."""
+
+    def refined_and_shown(step: Step) -> Step:
+        step = on_a_refined_plane(step, levels_are_given, lambda text: pace.tell(text, 0.0))
+        finals.begin(step.problem, step.now)
+        if watch is not None:
+            watch(finals.of(step.problem, step.now).fit, step.candidates)
+        return step
+
+    step = refined_and_shown(step)
+    while len(step.named) < MOST_EFFECTS:
+        pace.begin_round(len(step.named))
+        step, more = with_best(step, tolerance, pace.tell)
+        if not more:
+            step, more = with_pair(step, tolerance)
+        if not more:
+            break
+        if len(step.named) == 1:
+            left = without_spikes(step.record, step.now)
+            if left is not step.record:
+                return left
+        # A finer plane may bring out what the coarse one has hidden.
+        step = refined_and_shown(without_superfluous(step))
+    pace.begin_conclusion(len(step.named))
+    return without_what_explains_too_little(with_families(step))

@@ -37,7 +37,7 @@ TOO_LITTLE = (
 )
 
 TOO_SLIGHT = (
-    "it removes less than a tenth of the unexplained error: no effect can be named reliably"
+    "it removes less than a fifth of the unexplained error: no effect can be named reliably"
 )
 
 WITHOUT_A_LAW = (

@@ -7,7 +7,12 @@ from dataclasses import replace
 from preisach_jax.confidence import differs_from_nothing
 from preisach_jax.diagnosis.candidates import refitted, screened
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
-from preisach_jax.diagnosis.judgement import LEAST_GAIN_WITHIN_BUDGET, alike, judged
+from preisach_jax.diagnosis.judgement import (
+    LEAST_GAIN_BESIDE,
+    LEAST_GAIN_WITHIN_BUDGET,
+    alike,
+    judged,
+)
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, accepted_rows, with_rival
 from preisach_jax.effects.gain import Gain
@@ -42,7 +47,9 @@ def tried_beside(
     """
     problem, now = step.problem, step.now
     # The law of an effect is never quite that of the machine, and a second one makes up for it.
-    least = LEAST_GAIN_WITHIN_BUDGET if step.position and step.is_within_budget else LEAST_GAIN
+    least = LEAST_GAIN
+    if step.position:
+        least = LEAST_GAIN_WITHIN_BUDGET if step.is_within_budget else LEAST_GAIN_BESIDE
     screening = screened(
         problem,
         now,

@@ -20,6 +20,7 @@ from preisach_jax.fit.start import (
     freed_of_spikes,
     in_reduced_basis,
     plane_of,
+    without_spikes,
 )
 from preisach_jax.fit.steps import (
     LEAST_PROMISE,
@@ -64,4 +65,5 @@ __all__ = [
     "with_regressors",
     "with_signs",
     "without_effect",
+    "without_spikes",
 ]

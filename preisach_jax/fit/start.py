@@ -95,13 +95,26 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     for _ in range(MOST_ROUNDS):
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, levels)
-        modelled = response(point.chain, {}, signals_of(record), point.coefficients())
-        left = record.without(by_run(record, isolated_spikes, np.asarray(modelled)))
+        left = without_spikes(record, point)
         if left is record:
             return record, problem, point
         record = left
     problem = Problem.of(record, SEARCH_ROWS)
     return record, problem, base_point(problem, levels)
+
+
+def without_spikes(record: Record, point: Point) -> Record:
+    """The record without the samples that stand out alone from what a model makes of it.
+
+    Arguments:
+        record: the record.
+        point: the model, found on some of its rows.
+
+    Returns:
+        The record itself, if there are none.
+    """
+    modelled = response(point.chain, point.values, signals_of(record), point.coefficients())
+    return record.without(by_run(record, isolated_spikes, np.asarray(modelled)))
 
 
 def _faults(record: Record) -> tuple[Fault, ...]:

@@ -31,6 +31,13 @@ BEHIND = 2.0
 """Times the held-out mean square of the best model so far at which, after the first steps, another
 one is given up: it can be no rival."""
 
+FAR_BEHIND = 6.0
+"""The same for an effect inside the hysteresis, whose first steps say less of where it comes to."""
+
+NO_GAIN = 1.1
+"""Times the held-out mean square of the model without an effect at which, after the first steps,
+the one with it is given up."""
+
 FORMS_HOPE = 0.9
 """Share of the held-out mean square that the most likely form of an effect inside the hysteresis
 must not leave for its other forms to be refined: the wrong form of what is there takes much more
@@ -93,9 +100,6 @@ def with_effect(
         best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
             refined to its end.
     """
-    rival = best
-    if isinstance(effect, HysteresisEffect):
-        best = np.inf  # its first steps say little of where it comes to, nor one form of another
     promised = known
     if not promised:
         forms = problem.forms_of(effect, point)
@@ -103,17 +107,21 @@ def with_effect(
     starts = [list(own) for _, own in itertools.groupby(promised, lambda each: id(each.effect))]
     left = [1 - max(start.held_out for start in own) for own in starts]
     likely = int(np.argmin(left))
-    tried = {likely: _with_form(problem, point, starts[likely], best)}
-    if tried[likely].validation_mean_square > BEHIND * best:
+    inside = isinstance(effect, HysteresisEffect)
+    most = (FAR_BEHIND if inside else BEHIND) * best
+    if not always:
+        most = min(most, NO_GAIN * point.validation_mean_square)
+    tried = {likely: _with_form(problem, point, starts[likely], most)}
+    if tried[likely].validation_mean_square > most:
         return tried[likely]
     # Forms of an effect inside the hysteresis look alike, and each means all states anew.
-    picks = isinstance(effect, HysteresisEffect) and not always
-    hope = min(FORMS_HOPE * point.validation_mean_square, FORMS_BEHIND * rival)
+    picks = inside and not always
+    hope = min(FORMS_HOPE * point.validation_mean_square, FORMS_BEHIND * best)
     if picks and tried[likely].validation_mean_square > hope:
         return tried[likely]
     for position, own in enumerate(starts):
         if position != likely and not (picks and left[position] > FORMS_REACH * left[likely]):
-            tried[position] = _with_form(problem, point, own, best)
+            tried[position] = _with_form(problem, point, own, most)
     found, *others = [tried[position] for position in sorted(tried)]
     for trial in others:
         if trial.validation_mean_square < effect.form_pays * found.validation_mean_square:
@@ -121,10 +129,11 @@ def with_effect(
     return found
 
 
-def _with_form(
-    problem: Problem, point: Point, starts: Sequence[Prospect], best: float = np.inf
-) -> Point:
-    """The best model with one form of an effect, from the starts that promise most."""
+def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect], most: float) -> Point:
+    """The best model with one form of an effect, from the starts that promise most.
+
+    One whose held-out mean square is above `most` after the first steps is not refined to its end.
+    """
     ranked = sorted(starts, key=lambda start: -start.reached)[:MOST_STARTS]
     effect = ranked[0].effect
     chain = point.chain.with_effects((*point.chain.effects, effect))
@@ -138,7 +147,7 @@ def _with_form(
         return refine(problem, there, iterations=3)
 
     trial = min(on_all_cores(refined, near or ranked[:1]), key=lambda trial: trial.objective)
-    if trial.validation_mean_square > BEHIND * best:
+    if trial.validation_mean_square > most:
         return trial
     return settled(problem, trial)
 

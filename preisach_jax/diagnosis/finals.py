@@ -1,0 +1,87 @@
+"""Fits to all rows of the models of a search, computed while the search goes on."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+from preisach_jax.cores import Background
+from preisach_jax.diagnosis.budget import Floor
+from preisach_jax.fit import FINAL_ROWS, Fit, finished, moved_to
+from preisach_jax.identify import Point, Problem
+from preisach_jax.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class Final:
+    """A model fitted to all rows.
+
+    Attributes:
+        fit: the fit, without its regressors, which are great.
+        floor: what no other effect can take away from its error.
+    """
+
+    fit: Fit
+    floor: Floor
+
+
+class FinalFits:
+    """The fits to all rows of models that were found on some of them, each computed once.
+
+    A search is many small steps of Python; a final fit is a few products of large matrices, which
+    another core computes meanwhile.  What comes out does not depend on when it was begun.
+
+    Arguments:
+        record: the record with all its samples.
+
+    Example:
+        >>> with FinalFits(record) as finals:  # doctest: +SKIP
+        ...     finals.begin(search, point)
+        ...     finals.of(search, point).fit.rms_validation
+    """
+
+    def __init__(self, record: Record):
+        self.record = record
+        self.problem = Problem.of(record, FINAL_ROWS)
+        self._background = Background()
+        self._begun: dict[Point, Future[Final]] = {}
+
+    def __enter__(self) -> FinalFits:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._background.close()
+
+    def begin(self, search: Problem, point: Point) -> None:
+        """Compute the fit of a model in the background, if that has not been begun.
+
+        Arguments:
+            search: the record as it was cut for the search, whose bases serve here too.
+            point: the model.
+        """
+        if point in self._begun:
+            return
+        reduced = self.problem.reduced(search)
+
+        def work() -> Final:
+            fit = finished(self.problem, moved_to(reduced, point), self.record)
+            floor = Floor.of(self.problem, fit)
+            return Final(replace(fit, point=fit.point.slim), floor)
+
+        self._begun[point] = self._background.begin(work)
+
+    def of(self, search: Problem, point: Point) -> Final:
+        """The fit of a model, which is waited for.
+
+        Arguments:
+            search: the record as it was cut for the search.
+            point: the model.
+        """
+        self.begin(search, point)
+        return self._begun[point].result()

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+import os
 import re
 import resource
 import shutil
@@ -146,6 +147,7 @@ def command(words: list[str], given: Given) -> dict[str, object]:
     questions, asked = 0, ""
     if done.returncode == 2:
         questions, asked = 1, done.stderr.strip().splitlines()[-1]
+        asked = asked.replace(f"{Path(words[1]).parent}{os.sep}", "")
         options = zip(("--time", "--input", "--output"), given.answer, strict=True)
         whole += [word for pair in options for word in pair]
         done = subprocess.run(whole, capture_output=True, text=True, check=False)

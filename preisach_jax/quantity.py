@@ -83,7 +83,8 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     """
     if math.isnan(value):
         return "unknown"
-    factor, shown = scaled(value, unit)
+    # Rounded first, so that 999.6 pm in two digits is 1 nm and not 1000 pm.
+    factor, shown = scaled(float(f"{value:.{digits}g}"), unit)
     return f"{number(factor * value, digits)} {shown}".rstrip()
 
 

@@ -44,6 +44,7 @@ def make_model(effects=(), levels: int = 6, visited=None) -> Any:
         units={"time": "s", "input": "V", "output": "um"},
         origin=SimpleNamespace(record="stage.csv", sha256="0" * 64, rows=ROWS),
         rms_validation=0.1,
+        half_width=lambda record: np.ones(len(record)),
         check_invertible=lambda: None,
         to_json=lambda: content,
     )

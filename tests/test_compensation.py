@@ -14,6 +14,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.viscosity import Viscosity
+from preisach_jax.quantity import quantity
 
 REACHED = 1.96 * GOOD
 
@@ -138,6 +139,27 @@ def test_beyond_the_stroke_the_drive_stays_at_the_end_and_the_course_is_found_ag
     assert found.reachable.mean() > 0.4
     error = (found.expected - wanted.output)[found.reachable]
     assert np.abs(error).max() <= GOOD
+
+
+def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached():
+    model = model_of()
+    wanted = course(model, height=18.0)
+    found = pj.compensate(model, wanted)
+    told, span = found.notes
+    assert "cannot be reached" in told
+    # Saturated either way, all hysterons are off or on.
+    ends = sorted([model.offset, model.offset + model.weights.sum()])
+    texts = [quantity(end, UNITS["output"]) for end in ends]
+    assert f"a drive from 0 to 10 V moves the output from {texts[0]} to {texts[1]}" in span
+    asked = [quantity(end, UNITS["output"]) for end in (wanted.output.min(), wanted.output.max())]
+    assert f"the course asks for {asked[0]} to {asked[1]}" in span
+
+
+def test_a_course_that_is_too_fast_is_not_called_too_great():
+    model = model_of()
+    found = pj.compensate(model, course(model, height=6.0), slew=5.0)
+    assert not found.reachable.all()
+    assert "asks for more speed" in found.notes[1]
 
 
 def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():

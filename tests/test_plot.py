@@ -108,6 +108,24 @@ def test_small_values_are_shown_in_units_that_read_well():
     assert drawn == pytest.approx(1e9 * np.nanmax(np.abs(fit.residual)), rel=0.01)
 
 
+def test_a_small_residual_is_seen_beside_a_great_one():
+    record = make_record()
+    great, small = make_fit(record, error=40.0), make_fit(record, (Creep(),), error=0.5)
+    figure = plot.residuals({"without effects": great, "with creep": small})
+    for axes in figure.axes:
+        assert axes.get_yscale() == "symlog"
+        bottom, top = axes.get_ylim()
+        # What 95 of 100 small residuals stay within takes a good part of the height.
+        typical = np.nanquantile(np.abs(small.residual), 0.95)
+        ends = axes.transData.transform(
+            [(1.0, typical), (1.0, -typical), (1.0, bottom), (1.0, top)]
+        )
+        assert (ends[0, 1] - ends[1, 1]) / (ends[3, 1] - ends[2, 1]) > 0.2
+    assert "linear within ±1 µm" in figure.axes[0].get_title(loc="left")
+    alike = plot.residuals({"without effects": great, "with creep": great})
+    assert alike.axes[0].get_yscale() == "linear"
+
+
 def test_held_out_blocks_are_shaded():
     fit = make_fit(make_record())
     axes = plot.measured_and_model({"model": fit}).axes[0]

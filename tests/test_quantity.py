@@ -48,6 +48,11 @@ def test_quantities_read_as_a_person_writes_them(value, unit, text):
     assert quantity(value, unit) == text
 
 
+def test_what_is_rounded_up_takes_the_next_prefix():
+    assert quantity(999.6e-6, "um", 2) == "1 nm"
+    assert quantity(994e-6, "um", 2) == "990 pm"
+
+
 def test_an_interval_has_one_unit():
     assert interval(999e-9, 998e-9, 1002e-9, "m") == "999 nm (95 %: 998 to 1002)"
     assert interval(0.02, -math.inf, math.inf, "1") == "0.02 (95 %: -∞ to ∞)"

@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from preisach_jax.errors import InputError
 from preisach_jax.record import MIN_MEASURED, Channel, Record
-from preisach_jax.record.units import seconds_per, split_unit
+from preisach_jax.record.units import is_known_unit, seconds_per, split_unit
 
 K = 60
 
@@ -378,6 +378,28 @@ def test_units_that_are_told_come_before_those_in_names(tmp_path):
     assert record.duration_s == pytest.approx(0.59e-3)
     assert (record.input_unit, record.output_unit) == ("kV", "nm")
     assert not any("seconds" in note for note in said)
+
+
+def test_a_unit_that_nobody_knows_is_kept_and_told(tmp_path):
+    path = write_csv(tmp_path / "r.csv", ("t", "u_V", "z"))
+    said = []
+    record = Record.load(path, units={"output": "parsec"}, announce=said.append)
+    assert record.output_unit == "parsec"
+    [note] = [note for note in said if "parsec" in note]
+    assert "column z" in note
+    assert "--unit output=UNIT" in note
+
+
+@pytest.mark.parametrize(
+    "unit", ["um", "µm/N", "A·m²", "m/s^2", "kg*m/s2", "counts", "a.u.", "%", "1", "-", "Volts", ""]
+)
+def test_units_that_are_known(unit):
+    assert is_known_unit(unit)
+
+
+@pytest.mark.parametrize("unit", ["parsec", "furlong", "foo/s", "Vm foo", "milimeter"])
+def test_units_that_are_not(unit):
+    assert not is_known_unit(unit)
 
 
 def test_a_rate_takes_the_place_of_time(tmp_path):

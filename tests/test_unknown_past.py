@@ -1,5 +1,7 @@
 """The band of a prediction counts what creep owes to a past that nobody recorded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import world
@@ -8,6 +10,7 @@ import preisach_jax as pj
 from preisach_jax.chain import signals_of
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
+from preisach_jax.model.past import past_sentence
 
 UNITS = {"input": "V", "output": "um"}
 
@@ -39,6 +42,26 @@ def test_without_creep_it_is_as_narrow_as_before():
     predicted = fit.predict(record)
     width = predicted.high - predicted.low
     assert width[-1] == pytest.approx(2 * fit.model.half_width(record)[-1], rel=1e-6)
+
+
+def test_a_wide_band_says_why_for_how_long_and_what_narrows_it():
+    fit, record = parts(None, 411)
+    predicted = fit.predict(record)
+    said = past_sentence(fit.model, record, predicted)
+    ratio = (predicted.high - predicted.low) / (2 * fit.model.half_width(record))
+    row = len(ratio) - int(np.argmax(ratio[::-1] > 1.5))  # the first of those that stay narrow
+    assert ratio[row - 1] > 1.5
+    assert (ratio[row:] <= 1.5).all()
+    assert f"until row {row + 1:,}, " in said
+    assert "--initial-memory low, high or demagnetised" in said
+
+
+def test_where_the_past_is_known_nothing_is_said():
+    fit, record = parts(None, 411)
+    own = fit.record
+    assert past_sentence(fit.model, own, fit.predict(own)) == ""
+    stated = replace(record, initial_memory="low")
+    assert past_sentence(fit.model, stated, fit.predict(stated)) == ""
 
 
 def test_the_bound_is_that_of_elements_that_stood_elsewhere():

@@ -166,6 +166,7 @@ def predict(
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
+    from preisach_jax.model.past import past_sentence
     from preisach_jax.record import Record
 
     check_file(out, data, model)
@@ -175,6 +176,8 @@ def predict(
     if record.torn_row is not None:
         screen.note(f"{data}: {torn_line(record)}")
     prediction = loaded.predict(record)
+    if past := past_sentence(loaded, record, prediction):
+        screen.note(f"{data}: {past}")
     ratio = record.step_s / loaded.origin.step_s
     if not 0.5 <= ratio <= 2:
         screen.note(

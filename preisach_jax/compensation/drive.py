@@ -111,10 +111,16 @@ def compensate(
         good = max(1.96 * model.rms_validation, REACHED * stroke)
         found = Search(forward, aim, allowed, good).found(progress)
         prediction = model.predict(past.record(found.drive, aux))
-    rows = slice(-len(aim), None)
-    expected = prediction.output[rows]
-    reachable = np.abs(found.output - aim) <= good
-    notes += _notes(model, wanted, reachable, found.output - aim, expected)
+        rows = slice(-len(aim), None)
+        expected = prediction.output[rows]
+        reachable = np.abs(found.output - aim) <= good
+        if not reachable.all():
+            sweep = past.record(_sweep(past.last_input, allowed, len(aim)), aux)
+            within = model.predict(sweep).output[rows]
+            notes += _unreached(
+                model, wanted.output, reachable, found.output - aim, allowed, within
+            )
+    notes += _notes(model, wanted, reachable, expected)
     return Compensation(
         wanted.time_values,
         found.drive,
@@ -204,19 +210,43 @@ def limits_of(
     return Limits(low, high, np.inf if slew is None else float(slew)), notes
 
 
-def _notes(
-    model: Model, wanted: Record, reachable: np.ndarray, error: np.ndarray, expected: np.ndarray
+def _sweep(start: float, allowed: Limits, count: int) -> np.ndarray:
+    """(count,) drive from where it is to its nearer end, to the other one, and back."""
+    low, high = allowed.low, allowed.high
+    near, far = (low, high) if start - low < high - start else (high, low)
+    corners = np.rint(np.array([0, 0.2, 0.6, 1]) * (count - 1))  # rows, so that no end is cut off
+    return np.interp(np.arange(count), corners, [start, near, far, near])
+
+
+def _unreached(
+    model: Model,
+    wanted: np.ndarray,
+    reachable: np.ndarray,
+    error: np.ndarray,
+    allowed: Limits,
+    within: np.ndarray,
 ) -> list[str]:
+    """Where a course cannot be reached, by how much, and what range the drive can reach."""
+    unit, in_unit = model.units.get("output", ""), pretty_unit(model.units.get("input", ""))
+    row, first = int(np.argmax(np.abs(error))), int(np.argmin(reachable))
+    low, high = float(within.min()), float(within.max())
+    told = (
+        f"the wanted output cannot be reached in {int((~reachable).sum()):,} of "
+        f"{len(reachable):,} rows, first in row {first + 1}, by up to "
+        f"{quantity(float(np.abs(error[row])), unit)} (row {row + 1}): there the drive comes as "
+        "near as it can, and reachable is 0"
+    )
+    drive = f"a drive from {allowed.low:g} to {allowed.high:g} {in_unit}".rstrip()
+    span = f"{drive} moves the output from {quantity(low, unit)} to {quantity(high, unit)}"
+    least, most = float(wanted.min()), float(wanted.max())
+    if least < low or most > high:
+        asked = f"{quantity(least, unit)} to {quantity(most, unit)}"
+        return [told, f"{span}, and the course asks for {asked}: keep it within that range"]
+    return [told, f"{span}, which holds the course: it asks for more speed, so slow it down there"]
+
+
+def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.ndarray) -> list[str]:
     unit, notes = model.units.get("output", ""), list[str]()
-    lost = int((~reachable).sum())
-    if lost:
-        row = int(np.argmax(np.abs(error)))
-        first = int(np.argmin(reachable))
-        notes.append(
-            f"the wanted output cannot be reached in {lost:,} of {len(reachable):,} rows, first in "
-            f"row {first + 1}, by up to {quantity(float(np.abs(error[row])), unit)} (row {row + 1})"
-            ": there the drive comes as near as it can, and reachable is 0"
-        )
     left = [e.name for e in model.effects if isinstance(e, InputQuantisation | OutputQuantisation)]
     if left:
         off = (

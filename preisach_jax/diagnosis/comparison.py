@@ -15,6 +15,7 @@ from preisach_jax.diagnosis.residuals import (
     longest_lag,
 )
 from preisach_jax.model import Model, Prediction
+from preisach_jax.model.past import past_sentence
 from preisach_jax.record import Record
 from preisach_jax.record.faults import faults
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
@@ -81,7 +82,9 @@ class Comparison:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader must know of the record before believing the errors."""
-        return tuple(f"{line}." for line in fault_lines(self.record))
+        lines = fault_lines(self.record)
+        past = past_sentence(self.model, self.record, self.simulated)
+        return tuple(f"{line}." for line in (*lines, past) if line)
 
     @property
     def rms(self) -> float:

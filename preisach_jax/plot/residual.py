@@ -25,13 +25,17 @@ from preisach_jax.quantity import scaled
 
 _POINTS = 5000  # most points of a cloud
 
+WIDE = 5.0
+"""Ratio of two residuals from which the smaller one would be a flat line on a linear axis."""
+
 
 @mpl.rc_context(STYLE)
 def residuals(traces: Traces) -> Figure:
     """Residual against time, input, its rate, output, and time since the input last turned.
 
     Points are a random choice of at most 5,000 rows; lines and bands are median and 5-95 % range
-    of all rows.
+    of all rows.  Where one model leaves more than `WIDE` times what the other one does, the axis is
+    linear as far as the smaller residual goes, and logarithmic beyond.
 
     Arguments:
         traces: one or two simulations of a record.
@@ -43,13 +47,18 @@ def residuals(traces: Traces) -> Figure:
     figure = Figure(figsize=(8.2, 7.6), layout="constrained")
     panels = figure.subplot_mosaic([["time", "time"], ["input", "rate"], ["output", "since"]])
     factor, unit = residual_scale(traces)
-    limit = factor * max(np.nanquantile(np.abs(t.residual), 0.999) for t in traces.values())
+    limits = [factor * np.nanquantile(np.abs(t.residual), 0.999) for t in traces.values()]
+    typical = [np.nanquantile(np.abs(t.residual), 0.95) for t in traces.values()]
+    linear = _round_up(factor * min(typical))
+    is_wide = max(limits) > WIDE * min(limits) > 0
     for key, axis in record_axes(record).items():
         axes = panels[key]
         for trace in traces.values():
             _cloud(axes, axis.values, factor * trace.residual, colour(trace))
         axes.axhline(0, color="0.3", lw=0.7)
-        axes.set_ylim(-1.1 * limit, 1.1 * limit)
+        axes.set_ylim(-1.1 * max(limits), 1.1 * max(limits))
+        if is_wide:
+            _scale_both(axes, linear)
         axes.set_xlabel(literal(axis.label))
         axes.set_ylabel(with_unit("residual", unit))
         if key != "time":
@@ -57,7 +66,11 @@ def residuals(traces: Traces) -> Figure:
         if axis.is_logarithmic:
             axes.set_xscale("log")
     shade_held_out(panels["time"], first_trace(traces), slice(0, len(record.time)))
-    panels["time"].set_title("Residual (measured less model): points, median, 5–95 % band")
+    title = "Residual (measured less model): points, median, 5–95 % band"
+    if is_wide:
+        shown = f"±{linear:g} {unit}".rstrip()
+        title += f"\nThe axis is linear within {shown} (shaded) and logarithmic beyond"
+    panels["time"].set_title(title)
     panels["time"].margins(x=0.01)
     add_legend(figure, traces, measured=False)
     return figure
@@ -113,6 +126,25 @@ def residual_tests(traces: Traces) -> Figure:
     )
     add_legend(figure, traces, measured=False, more=[band], held_out=False)
     return figure
+
+
+def _round_up(value: float) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value)) if value > 0 else 1.0
+    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= value * (1 - 1e-12)))
+
+
+def _scale_both(axes: Axes, linear: float) -> None:
+    """An axis on which a small residual is seen beside a great one, with its zero line."""
+    top = axes.get_ylim()[1]
+    axes.set_yscale("symlog", linthresh=linear, linscale=1.5)
+    count = int(np.floor(np.log10(top / linear))) + 1
+    decades = [linear * 10.0**k for k in range(count)]
+    ticks = [*(-tick for tick in reversed(decades)), 0.0, *decades]
+    axes.set_yticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
+    axes.set_yticks([], minor=True)
+    axes.axhspan(-linear, linear, color="0.5", alpha=0.08, lw=0, zorder=0)
+    axes.set_ylim(-top, top)
 
 
 def _cloud(axes: Axes, position: np.ndarray, values: np.ndarray, shade: str) -> None:

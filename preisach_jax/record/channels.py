@@ -11,7 +11,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.record.checks import check_increasing, check_not_infinite, check_unit_keys
 from preisach_jax.record.columns import Roles
 from preisach_jax.record.table import Table
-from preisach_jax.record.units import TIME_UNITS, seconds_per, split_unit
+from preisach_jax.record.units import TIME_UNITS, is_known_unit, seconds_per, split_unit
 
 EPOCH_S = 1e8
 """First time, in s, from which on a clock is taken to count from 1970 or the like (three years)."""
@@ -126,6 +126,14 @@ def assumptions(
         or split_unit(roles.time)[1]
     ):
         notes.append(f"{table.source}: column {roles.time} states no unit, taken as seconds")
+    for role in ("input", "output", *roles.aux):
+        unit = channels[role].unit
+        if not is_known_unit(unit):
+            notes.append(
+                f"{table.source}: {unit!r}, the unit of column {channels[role].name}, is none that "
+                "is known here; values are taken as they stand and shown with it. If it is "
+                f"misspelt, say it right with --unit {role}=UNIT"
+            )
     if roles.time is not None and (start := _epoch_start(table, roles.time, channels)) is not None:
         notes.append(
             f"{table.source}: column {roles.time} begins at {start:.12g} s, so time counts from "

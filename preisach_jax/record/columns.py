@@ -216,12 +216,12 @@ def _guess(
             )
     equal = [choice for choice, total in totals.items() if total == max(totals.values())]
     best = dict(zip(wanted, equal[0], strict=True))
-    for role in wanted:
-        if role in optional:
-            continue
+    needed = [role for role in wanted if role not in optional]
+    for role in needed:
         column = best[role]
         if column is None:
-            raise QuestionError(_none_found(table, role, refused))
+            missing = [each for each in needed if best[each] is None]
+            raise QuestionError(_none_found(table, missing, refused))
         taken = set(best.values()) - {column}
         others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
         others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
@@ -292,14 +292,18 @@ def _sureness(role: str, column: str, table: Table) -> int:
     return 0
 
 
-def _none_found(table: Table, role: str, refused: dict[str, str]) -> str:
-    """The message for a role that no column's name or unit tells."""
+def _none_found(table: Table, roles: Sequence[str], refused: dict[str, str]) -> str:
+    """The message for roles that no column's name or unit tells."""
     named_so = [
-        f"{column} {why}" for column, why in refused.items() if _sureness(role, column, table) > 0
+        f"{column} {why}"
+        for column, why in refused.items()
+        if any(_sureness(role, column, table) > 0 for role in roles)
     ]
     but = f" ({'; '.join(named_so[:5])})" if named_so else ""
-    rate = ", or give the sampling rate with --rate HZ" if role == "time" else ""
+    rate = ", or give the sampling rate with --rate HZ" if "time" in roles else ""
+    options = " ".join(f"{_OPTIONS[role]} COL" for role in roles)
     return (
-        f"{table.source}: no column can be guessed to be the {role}{but}; the columns are "
-        f"{table.listing()}: name one with {_OPTIONS[role]} COL{rate}"
+        f"{table.source}: no column can be guessed to be the {' or the '.join(roles)}{but}; the "
+        f"columns are {table.listing()}: name {'one' if len(roles) == 1 else 'each'} with "
+        f"{options}{rate}"
     )

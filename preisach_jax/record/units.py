@@ -64,6 +64,19 @@ _WORDS = {
     "percent": "%",
 }  # fmt: skip
 
+# What else may stand for a unit, alone or in a product or quotient of units.
+_WITHOUT_PREFIX = frozenset(
+    "count counts digit digits lsb bit bits step steps px pixel pixels turn turns rev rpm div "
+    "a.u. au a.u arb. arb arbitrary p.u. pu norm normalised normalized % percent ppm ppb db dbm "
+    "dbv fs %fs %rh rh strain ustrain µstrain microstrain µε micron microns inch inches in ft "
+    "deg ° arcsec arcmin mas °c °f degc degf k min h d day vpp vrms mvpp mvrms app arms "
+    "lb lbf kgf gf psi bar mbar l gauss oersted ohm µ".split()
+)
+_PREFIXED = re.compile(
+    r"[fpnuµμmcdhkKMGT]?(?:m|s|g|V|A|W|N|T|G|J|K|C|F|H|Ω|Ohm|ohm|eV|Hz|Pa|bar|rad|Oe|Wb|emu|mol|VA)"
+)
+_BETWEEN_UNITS = re.compile(r"[\s/*·.^²³√()\[\]0-9⁰¹⁻+-]+")
+
 _LONGEST = 200
 """Characters of a name in which a unit is looked for: what is longer is no name of a quantity."""
 
@@ -111,6 +124,26 @@ def is_unit(text: str) -> bool:
     return (
         text == "-" or plain_unit(text) in _SUFFIXES or bool(re.fullmatch(r"\[.*\]|\(.*\)", text))
     )
+
+
+def is_known_unit(unit: str) -> bool:
+    """Whether a unit is made of units that are known, with or without a prefix.
+
+    Example:
+        >>> is_known_unit("kg*m/s^2"), is_known_unit("parsec"), is_known_unit("counts")
+        (True, False, True)
+    """
+
+    def is_known(word: str) -> bool:
+        return (
+            word in _SUFFIXES
+            or word.lower() in _WORDS
+            or word.lower() in _WITHOUT_PREFIX
+            or _PREFIXED.fullmatch(word) is not None
+        )
+
+    whole = unit.replace("_per_", "/").strip()
+    return is_known(whole) or all(is_known(word) for word in _BETWEEN_UNITS.split(whole) if word)
 
 
 def plain_unit(text: str) -> str:

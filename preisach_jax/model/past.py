@@ -26,7 +26,7 @@ def past_sentence(model: Model, record: Record, prediction: Prediction) -> str:
 
     Example:
         >>> import preisach_jax as pj
-        >>> stage = pj.simulate_stage(seed=3, seconds=4.0, rate_hz=500.0)
+        >>> stage = pj.simulate_stage(seed=3, seconds=6.0, rate_hz=1000.0)
         >>> record = pj.Record.from_arrays(stage.time, stage.input, stage.output)
         >>> model = pj.fit(record, levels=9).model
         >>> other = pj.Record.from_arrays(stage.time + 500, 30 + stage.input / 10, stage.output)

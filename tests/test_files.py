@@ -7,6 +7,7 @@ import bz2
 import datetime
 import gzip
 import io
+import json
 import sys
 import time as clock
 import zipfile
@@ -419,6 +420,36 @@ def thousands_csv(thousands, decimal, sep, quote=""):
     return sep.join(["t_ms", "u_mV", "z_nm"]) + "\n" + "\n".join(lines) + "\n"
 
 
+def with_units(columns, units):
+    return "".join(
+        ",".join(f"{value:.9g} {unit}" for value, unit in zip(row, units, strict=True)) + "\n"
+        for row in zip(*columns, strict=True)
+    )
+
+
+def twelve_hours():
+    """Clock times from a second before one in the afternoon, as an American logger writes them."""
+    begin = datetime.datetime(2024, 3, 1, 12, 59, 59)
+    clock = [begin + datetime.timedelta(milliseconds=10 * k) for k in range(K)]
+    return "Time,u_V,z_um\n" + "".join(
+        f"{at:%I:%M:%S}.{at.microsecond // 1000:03d} {at:%p},{u:.9g},{z:.9g}\n"
+        for at, u, z in zip(clock, U, Z, strict=True)
+    )
+
+
+def counted(start, factor):
+    """Times as whole counts since 1970."""
+    return "timestamp,u_V,z_um\n" + "".join(
+        f"{start * factor + k * factor // 100},{u:.9g},{z:.9g}\n"
+        for k, (u, z) in enumerate(zip(U, Z, strict=True))
+    )
+
+
+SIGNALS = [
+    {"t": t, "u": u, "z": z} for t, u, z in zip(T.tolist(), U.tolist(), Z.tolist(), strict=True)
+]
+
+
 def times_of_day():
     return "Time;u_V;z_um\n" + "".join(
         f"23:59:59.{10 * k:03d};{u:.9g};{z:.9g}\n"
@@ -576,6 +607,35 @@ OPENED = {
     ),
     "time_of_day.csv": Case(times_of_day(), told=("run past midnight|behind midnight",)),
     "units_row.csv": Case("t,u,z\ns,V,um\n" + rows(T, U, Z), units=("V", "um")),
+    "units_beside_numbers.csv": Case(
+        "t,u,z\n" + with_units((1000 * T, U, Z), ("ms", "V", "um")), units=("V", "um"),
+        told=("column u read without the V in its cells",),
+    ),
+    "fortran.dat": Case(
+        "t u z\n" + rows(T, U, Z, sep=" ", form="{:.12E}").replace("E", "D"), tolerance=1e-9
+    ),
+    "twelve_hours.csv": Case(twelve_hours()),
+    "epoch_ms.csv": Case(counted(1_767_225_600, 10**3), told=("taken as ms",)),
+    "epoch_us.csv": Case(counted(1_767_225_600, 10**6), told=("taken as us",)),
+    "epoch_ns.csv": Case(counted(1_767_225_600, 10**9), told=("taken as ns",)),
+    "spreadsheet_days.csv": Case(
+        "t,u_V,z_um\n" + rows(45000 + T / 86400, U, Z, form="{:.12f}"),
+        {"units": {"time": "d"}, "time": "t", "input": "u_V", "output": "z_um"},
+    ),
+    "tab_separated.xls": Case(
+        ("Zeit [s]\tSpannung [V]\tWeg [µm]\n" + rows(T, U, Z, sep="\t")).encode("latin-1"),
+        units=("V", "µm"),
+    ),
+    "arrays.json": Case(json.dumps({"t": T.tolist(), "u": U.tolist(), "z": Z.tolist()})),
+    "nested.json": Case(json.dumps({"by": "Ada", "run": SIGNALS}), tolerance=1e-12),
+    "rows.json": Case(
+        json.dumps(np.column_stack([T, U, Z]).tolist()), BY_NUMBER, tolerance=1e-12
+    ),
+    "lines.jsonl": Case("".join(json.dumps(each) + "\n" for each in SIGNALS), tolerance=1e-12),
+    "with_readme.zip": Case(
+        zipped(**{"run.csv": CSV, "README.txt": "by Ada", "loop.png": b"\x89PNG"}),
+        told=("run.csv was read, and README.txt, loop.png left aside",),
+    ),
     "unit_words.csv": Case("time,drive,sensor\nSeconds,Volts,Micro\n" .replace("Micro", "um")
                            + rows(T, U, Z), units=("V", "um")),
     "unequal_rates.csv": Case(
@@ -683,6 +743,26 @@ REFUSED = {
     "mixed.csv": Case(
         CSV + "broken here,and,there\n" + rows(T + 2, U, Z), refused=("row 122", "remove the row")
     ),
+    "two_tables.csv": Case(
+        CSV + "\n# run 2\n" + CSV, refused=("row 124: the names stand here again",)
+    ),
+    "another_unit_in_a_cell.csv": Case(
+        "t,u,z\n" + with_units((T, U, Z), ("s", "V", "um")) + "9 s,5 kV,1 um\n",
+        refused=("column u, row 122: '5 kV' is not a number",),
+    ),
+    "rows_are_channels.csv": Case(
+        "\n".join(",".join([name, *map(str, values)]) for name, values in
+                  (("t", T), ("u", U), ("z", Z))) + "\n",
+        refused=("121 columns and 2 rows", "transpose the table"),
+    ),
+    "login_page.csv": Case("<!DOCTYPE html><html><body>log in</body></html>\n",
+                           refused=("a web page or XML", "save it as CSV")),
+    "web_page.xls": Case("<html><table><tr><td>1</td></tr></table></html>",
+                         refused=("a web page or XML",)),
+    "cut.json": Case('{"t": [0, 1, 2', refused=("not a readable JSON", "as CSV")),
+    "deep.json": Case("[" * 100_000, refused=("not a readable JSON",)),
+    "texts.json": Case('{"t": "now", "u": {"v": 3}}', refused=("holds no arrays",)),
+    "ragged.json": Case("[[0, 1], [1]]", refused=("not a readable JSON",)),
     "mixed_thousands.csv": Case(
         "t_s;u_V;z_um\n0;1.234,5;1\n1;2.5,1;2\n2;3,5;1\n3;1,5;1\n", refused=("row 3", "'2.5,1'")
     ),

@@ -17,6 +17,11 @@ EPOCH_S = 1e8
 """First time, in s, from which on a clock is taken to count from 1970 or the like (three years)."""
 
 
+_COUNTS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # since 1970; 1e11 s is the year 5138
+_DAYS = (20_000.0, 80_000.0)  # of spreadsheets, since 1900: 1954 to 2119
+_SHORT_DAYS = 1e-4  # steps below it would be 10 kHz, if they were seconds
+
+
 @dataclass(frozen=True)
 class Channel:
     """A channel's name in the file, and its unit, `""` where unknown."""
@@ -41,13 +46,37 @@ def name_channels(
         channels[key] = Channel(column, units.get(key, units.get(column, unit)))
     time = channels["time"]
     if roles.time is None or time.unit == "":
-        channels["time"] = Channel(time.name, "s")
+        channels["time"] = Channel(time.name, _epoch_unit(table, roles.time))
     elif seconds_per(time.unit) is None:
         raise InputError(
             f"{table.source}, column {time.name}: {time.unit!r} is no unit of time; it must be one "
             f"of {TIME_UNITS}, give it with --units time=s or the sampling rate with --rate HZ"
         )
     return channels
+
+
+def _epoch_unit(table: Table, column: str | None) -> str:
+    """The unit of a time that states none: seconds, or of counts from 1970 as great as they are."""
+    values = None if column is None or table.is_record else table.lenient_numbers(column)
+    if values is None or not np.isfinite(values[0]):
+        return "s"
+    return next((unit for least, unit in _COUNTS if abs(values[0]) >= least), "s")
+
+
+def _unit_taken(table: Table, column: str, unit: str) -> str:
+    """What is told of a time whose unit nothing states."""
+    place = f"{table.source}: column {column} states no unit, "
+    if unit != "s":
+        return f"{place}and its numbers are as great as {unit} since 1970: taken as {unit}"
+    values = table.lenient_numbers(column)
+    if values is not None and _DAYS[0] < values[0] < _DAYS[1]:
+        step = float(np.median(np.diff(values)))
+        if 0 < step < _SHORT_DAYS:
+            return (
+                f"{place}taken as seconds; it begins at {values[0]:.6g} and grows by {step:.2g}: "
+                "if these are days, as spreadsheets count them, say --unit time=d"
+            )
+    return f"{place}taken as seconds"
 
 
 def read_time(
@@ -125,7 +154,7 @@ def assumptions(
         or table.units.get(roles.time)
         or split_unit(roles.time)[1]
     ):
-        notes.append(f"{table.source}: column {roles.time} states no unit, taken as seconds")
+        notes.append(_unit_taken(table, roles.time, channels["time"].unit))
     for role in ("input", "output", *roles.aux):
         unit = channels[role].unit
         if not is_known_unit(unit):

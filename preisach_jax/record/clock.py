@@ -13,6 +13,7 @@ from datetime import date
 import numpy as np
 
 _TIME = r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,](?P<part>\d{1,9})\d*)?)?"
+_TIME += r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 _YEAR_FIRST = re.compile(
     rf"(?P<year>\d{{4}})[-/.](?P<a>\d{{1,2}})[-/.](?P<b>\d{{1,2}})(?:\s+|T){_TIME}{_ZONE}"
@@ -30,8 +31,9 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
     """Seconds from the first row, where a column holds dates with times, or clock times.
 
     Understood are `2024-03-01 12:00:00.125`, with T, Z or an offset such as +01:00, day or month
-    first as in `01.03.2024 12:00:00,125`, and `12:00:00.125`. Whether the day or the month comes
-    first is told by numbers above 12, else by which order makes the record shorter.
+    first as in `01.03.2024 12:00:00,125`, and `12:00:00.125`, each with AM or PM too.
+    Whether the day or the month comes first is told by numbers above 12, else by which order makes
+    the record shorter.
 
     Arguments:
         cells: (K,) texts, and NaN for empty cells.
@@ -109,6 +111,10 @@ def _ticks(
 
 def _time_of_day(match: re.Match[str]) -> int | None:
     hour, minute, second = (int(match[name] or 0) for name in ("hour", "minute", "second"))
+    if match["half"]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + 12 * (match["half"] in "Pp")
     if hour > 23 or minute > 59 or second > 60:  # 60 is a leap second
         return None
     whole = (hour * 3600 + minute * 60 + second) * _SECOND

@@ -45,6 +45,9 @@ _UNITS = {
         "m mm um µm μm nm pm rad mrad urad µrad deg emu memu Am2 Am² A·m² A·m2".split()
     ),
 }
+_MANY, _FEW = 50, 10
+"""Columns from which on, and rows below which the channels seem to be rows."""
+
 _ROLES = ("time", "input", "output")
 _OPTIONS = {"time": "--time", "input": "--input", "output": "--output"}
 
@@ -301,6 +304,12 @@ def _none_found(table: Table, roles: Sequence[str], refused: dict[str, str]) -> 
     ]
     but = f" ({'; '.join(named_so[:5])})" if named_so else ""
     rate = ", or give the sampling rate with --rate HZ" if "time" in roles else ""
+    if len(table.columns) > _MANY and table.rows.size < _FEW:
+        return (
+            f"{table.source}: there are {len(table.columns):,} columns and {table.rows.size} rows "
+            "below their names, so the channels seem to be rows; transpose the table, so that each "
+            "is a column"
+        )
     options = " ".join(f"{_OPTIONS[role]} COL" for role in roles)
     return (
         f"{table.source}: no column can be guessed to be the {' or the '.join(roles)}{but}; the "

@@ -35,16 +35,27 @@ def check_text(head: bytes, source: str) -> None:
     Example:
         >>> check_text(b"t_s,u_V,z_um", "stage.csv")
     """
-    if _encoding(head) is not None:
-        return
-    controls = sum(head.count(bytes([code])) for code in _CONTROLS)
-    kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "")
-    if kind or b"\0" in head or controls > _SHARE * len(head):
+    if not is_text(head):
+        kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "")
         is_kind = f" ({kind})" if kind else ""
         raise InputError(
             f"{source}: the file is binary, not text{is_kind}; give a CSV, workbook, NPZ, MAT, "
             "HDF5, TDMS, Parquet, Feather or MicroMag (.forc) file"
         )
+
+
+def is_text(head: bytes) -> bool:
+    """Whether a file is text, by its beginning of up to `HEAD_BYTES` bytes.
+
+    Example:
+        >>> is_text(b"t_s,u_V,z_um"), is_text(b"\\0\\1\\2")
+        (True, False)
+    """
+    if _encoding(head) is not None:
+        return True
+    controls = sum(head.count(bytes([code])) for code in _CONTROLS)
+    is_known = head.startswith(tuple(_KINDS))
+    return not (is_known or b"\0" in head or controls > _SHARE * len(head))
 
 
 def decode(content: bytes) -> tuple[str, str]:

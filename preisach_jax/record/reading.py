@@ -10,15 +10,19 @@ from pathlib import Path
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.delimited import read_delimited
-from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode
+from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode, is_text
 from preisach_jax.record.readers import BINARY, NPZ, TEXT, WORKBOOK
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
-from preisach_jax.record.readers.workbook import SHEET, read_workbook
+from preisach_jax.record.readers.workbook import OLE, SHEET, read_workbook
+from preisach_jax.record.spelling import with_plain_numbers
 from preisach_jax.record.table import Table
 
 MAX_TEXT_BYTES = 2**29
 """Greatest text file that is read, in bytes: it takes ten times as much memory."""
+
+
+_MARKUP = (b"<!doctype", b"<html", b"<?xml", b"<table", b"<head", b"<body")
 
 
 def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
@@ -46,10 +50,11 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
             head = file.read(HEAD_BYTES)
         if kind := packed_kind(path, head):
             with tempfile.TemporaryDirectory() as folder:
-                inside = unpack(path, kind, Path(folder), source)
+                inside, left = unpack(path, kind, Path(folder), source)
                 _check_file(inside, f"{source}, the file inside")
                 with inside.open("rb") as file:
-                    return _read(inside, file.read(HEAD_BYTES), source)
+                    table = _read(inside, file.read(HEAD_BYTES), source)
+                return replace(table, notes=(left, *table.notes)) if left else table
         return _read(path, head, source)
     except OSError as error:
         raise InputError(
@@ -69,8 +74,8 @@ def _without_sheet(path: Path) -> tuple[Path, str | None]:
 def _read(path: Path, head: bytes, source: str) -> Table:
     reader = _reader(path, head)
     if reader is None or reader.read is None:
-        return _read_text(path, head, source)
-    return reader.read(path, source)
+        return with_plain_numbers(_read_text(path, head, source))
+    return with_plain_numbers(reader.read(path, source))
 
 
 def _reader(path: Path, head: bytes) -> Reader | None:
@@ -82,7 +87,10 @@ def _reader(path: Path, head: bytes) -> Reader | None:
     for reader in BINARY:
         if head.startswith(reader.starts or (b"\0no beginning",)):
             return reader
-    return next((reader for reader in BINARY if path.suffix.lower() in reader.suffixes), None)
+    found = next((reader for reader in BINARY if path.suffix.lower() in reader.suffixes), None)
+    # Many instruments write text, or a web page, and call it a workbook.
+    is_named_so = found is WORKBOOK and not head.startswith(OLE)
+    return None if is_named_so and is_text(head) else found
 
 
 def _check_file(path: Path, source: str) -> None:
@@ -97,6 +105,11 @@ def _check_file(path: Path, source: str) -> None:
 def _read_text(path: Path, head: bytes, source: str) -> Table:
     size = path.stat().st_size
     check_text(head, source)
+    if head.removeprefix(b"\xef\xbb\xbf").lstrip()[:14].lower().startswith(_MARKUP):
+        raise InputError(
+            f"{source}: the file is a web page or XML, not a table; if it is what you meant, open "
+            "it in a spreadsheet program and save it as CSV, else fetch the file itself again"
+        )
     if size > MAX_TEXT_BYTES:
         raise InputError(
             f"{source}: the file has {size:,} bytes, and texts of up to {MAX_TEXT_BYTES:,} are "

@@ -95,6 +95,11 @@ class Table:
         values, bad = self._parsed(column)
         if bad.size:
             entry = str(self.columns[column][bad[0]]).strip()
+            if entry == column:
+                raise InputError(
+                    f"{self.place(column, bad[0])}: the names stand here again, so that another "
+                    "table begins; give each table as a file of its own"
+                )
             more = f" (and {bad.size - 1} more)" if bad.size > 1 else ""
             raise InputError(
                 f"{self.place(column, bad[0])}: {entry[:60]!r} is not a number{more}; {remedy}"

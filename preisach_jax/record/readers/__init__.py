@@ -8,6 +8,7 @@ from preisach_jax.record.readers.arrow import FEATHER, PARQUET
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.hdf5 import HDF5
 from preisach_jax.record.readers.infiniium import INFINIIUM
+from preisach_jax.record.readers.json_text import JSON
 from preisach_jax.record.readers.lvm import LVM
 from preisach_jax.record.readers.mat import MAT
 from preisach_jax.record.readers.npz import NPY, NPZ
@@ -22,4 +23,4 @@ MICROMAG = Reader(
 )
 
 BINARY: tuple[Reader, ...] = (NPZ, NPY, MAT, PARQUET, FEATHER, HDF5, TDMS, WORKBOOK)
-TEXT: tuple[Reader, ...] = (MICROMAG, LVM, RIGOL, SIGLENT, TEKTRONIX, INFINIIUM)
+TEXT: tuple[Reader, ...] = (MICROMAG, JSON, LVM, RIGOL, SIGLENT, TEKTRONIX, INFINIIUM)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import zipfile
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, cast
 
 from preisach_jax.errors import InputError
@@ -27,6 +27,7 @@ MOST_UNPACKED = 2**30
 
 _BLOCK = 2**20
 _OTHERS = ("__MACOSX/", ".DS_Store", "Thumbs.db", "desktop.ini")
+_ABOUT = (".md", ".pdf", ".png", ".jpg", ".jpeg", ".svg", ".html", ".docx", ".rtf", ".log", ".py")
 _BOOKS = ("[Content_Types].xml", "content.xml")
 
 
@@ -60,8 +61,8 @@ def _is_npz(names: Sequence[str]) -> bool:
     return bool(names) and all(name.endswith(".npy") for name in names)
 
 
-def unpack(path: Path, kind: str, folder: Path, source: str) -> Path:
-    """Unpack the one file that a packed file holds.
+def unpack(path: Path, kind: str, folder: Path, source: str) -> tuple[Path, str]:
+    """Unpack the one file that a packed file holds, beside texts and pictures about it.
 
     Arguments:
         path: the packed file.
@@ -70,7 +71,8 @@ def unpack(path: Path, kind: str, folder: Path, source: str) -> Path:
         source: the file as the user named it.
 
     Returns:
-        The unpacked file; it has the ending that it had before it was packed.
+        The unpacked file, with the ending that it had before it was packed, and a sentence on
+        what lies beside it, `""` if nothing does.
 
     Raises:
         InputError: it is broken, holds several files, or unpacks to far too much.
@@ -82,25 +84,32 @@ def unpack(path: Path, kind: str, folder: Path, source: str) -> Path:
             target = folder / f"record{Path(inside).suffix}"
             with gzip.open(path) as stream, target.open("wb") as file:
                 _copy(cast(IO[bytes], stream), file, path.stat().st_size, source)
-            return target
+            return target, ""
         with zipfile.ZipFile(path) as archive:
-            member = _only_file(archive, source)
+            member, others = _only_file(archive, source)
             target = folder / f"record{Path(member.filename).suffix}"
             with archive.open(member) as stream, target.open("wb") as file:
                 _copy(stream, file, path.stat().st_size, source)
-            return target
+            left = f"{source}: {member.filename} was read, and {shortened(others)} left aside"
+            return target, left if others else ""
     except InputError:
         raise
     except Exception as error:  # the decompressors raise many kinds on a broken file
         raise not_readable("gzip" if kind == "gzip" else "ZIP", error, source, remedy) from None
 
 
-def _only_file(archive: zipfile.ZipFile, source: str) -> zipfile.ZipInfo:
+def _only_file(archive: zipfile.ZipFile, source: str) -> tuple[zipfile.ZipInfo, list[str]]:
+    """The one file that may be a record, and the names of the others."""
     members = [
         each
         for each in archive.infolist()
         if not each.is_dir() and not any(other in each.filename for other in _OTHERS)
     ]
+    aside = [each.filename for each in members if _is_about(each.filename)]
+    if len(members) - len(aside) == 1:
+        members = [each for each in members if each.filename not in aside]
+    else:
+        aside = []
     if len(members) != 1:
         names = [each.filename for each in members]
         held = f"{len(members)} files ({shortened(names[:5])}{', ...' if names[5:] else ''})"
@@ -112,7 +121,15 @@ def _only_file(archive: zipfile.ZipFile, source: str) -> zipfile.ZipInfo:
         raise InputError(
             f"{source}: the ZIP archive is protected by a password; unpack it and give the file"
         )
-    return members[0]
+    return members[0], aside
+
+
+def _is_about(name: str) -> bool:
+    """Whether a file tells of a record, and holds none, by its name."""
+    path = PurePosixPath(name.lower())
+    return path.suffix in _ABOUT or path.stem.startswith(
+        ("readme", "license", "licence", "liesmich")
+    )
 
 
 def _most(size: int) -> int:

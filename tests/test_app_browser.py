@@ -11,6 +11,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from browser import FLAGS, browser_path, keep, served
+from test_files import REFUSED, put
 
 import preisach_jax as pj
 
@@ -541,6 +542,56 @@ def test_a_broken_file_is_refused_with_a_remedy(tab, tmp_path, name, content, ex
     assert expected in told.inner_text()
     assert "/" not in told.inner_text().replace("CSV/", "")
     keep(tab, f"refused_{path.stem}")
+
+
+def test_what_is_open_stays_when_a_bad_file_comes(tab, stage, tmp_path):
+    pytest.importorskip("openpyxl")
+    pytest.importorskip("nptdms")
+    load(tab, stage)
+    before = rungs(tab)
+    for name in UNTAKEN:
+        case = REFUSED[name]
+        put(tmp_path / name, case.content)
+        drop(tab, tmp_path / name)
+        told = tab.locator(".error").filter(has_text=name)
+        told.wait_for()
+        assert any(word in told.inner_text() for word in case.refused[0].split("|"))
+        assert rungs(tab) == before
+        assert tab.get_by_label("Input", exact=True).input_value() == "u_V"
+
+
+UNTAKEN = (
+    "password.xlsx", "macros.xlsm", "broken.tdms", "many.zip", "bomb.csv.gz", "bomb.zip",
+    "bomb.xlsx", "million_columns.csv", "mixed.csv", "login_page.csv",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("width", SERIOUS)
+def test_records_and_models_are_compared(tab, stage, tmp_path, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    tab.set_viewport_size({"width": width, "height": 800})
+    load(tab, stage)
+    button(tab, "Compare").click()
+    later = pj.simulate_stage(seed=3, seconds=6.0, rate_hz=1000.0, effects=("creep",))
+    later.save(tmp_path / "later.csv")
+    (tmp_path / "again.csv").write_bytes(stage.read_bytes())
+    box = tab.locator("input[type=file]").nth(1)
+    box.set_input_files([tmp_path / "later.csv", tmp_path / "again.csv"])
+    table = tab.locator(".preview table").filter(has_text="in the model's band")
+    table.get_by_text("again.csv").wait_for()
+    assert table.locator("tbody tr").count() == 3
+    cells = table.locator("tbody tr td:nth-child(3)").all_inner_texts()
+    assert cells[0] == cells[2] != cells[1]  # the same record, and another one
+    picture = tab.locator("img.overlay")
+    picture.scroll_into_view_if_needed()
+    assert picture.evaluate("e => e.complete && e.naturalWidth > 500")
+    tab.get_by_text("preisach compare page-model.json stage.csv later.csv again.csv").wait_for()
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
+    keep(tab, f"compare_{width}")
+    assert not serious(axe.Axe().run(tab))
+    button(tab, "Take away later.csv").click()
+    playwright.expect(table.locator("tbody tr")).to_have_count(2, timeout=PATIENCE_MS)
+    assert rungs(tab)
 
 
 def test_a_header_cannot_run_anything(tab, tmp_path):

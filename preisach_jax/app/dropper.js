@@ -7,6 +7,7 @@ export function render({ model }) {
   box.className = model.compact ? "drop compact" : "drop"
   const input = document.createElement("input")
   input.type = "file"
+  input.multiple = model.several
   const text = document.createElement("span")
   text.textContent = model.text
   const hint = document.createElement("small")
@@ -32,8 +33,12 @@ export function render({ model }) {
     text.textContent = model.text
   }
 
+  async function sendAll(files) {
+    for (const file of model.several ? [...files] : [...files].slice(0, 1)) await send(file)
+  }
+
   input.onchange = () => {
-    if (input.files.length) send(input.files[0])
+    sendAll(input.files)
     input.value = "" // the same file may be chosen again
   }
 
@@ -49,7 +54,7 @@ export function render({ model }) {
       event.preventDefault()
       event.stopPropagation()
       box.classList.remove("hovered")
-      if (event.dataTransfer.files.length) send(event.dataTransfer.files[0])
+      sendAll(event.dataTransfer.files)
     },
   }
   for (const [name, listener] of Object.entries(listeners)) place.addEventListener(name, listener)

@@ -25,6 +25,7 @@ class Dropper(pn.custom.JSComponent):
         most_bytes: size of the greatest file that is sent.
         compact: whether the box is one line high.
         whole_page: whether a file may be dropped anywhere on the page.
+        several: whether several files may be dropped or chosen at once.
     """
 
     text: Any = param.String()
@@ -32,6 +33,7 @@ class Dropper(pn.custom.JSComponent):
     most_bytes: Any = param.Integer()
     compact: Any = param.Boolean()
     whole_page: Any = param.Boolean()
+    several: Any = param.Boolean()
 
     _esm = files("preisach_jax.app").joinpath("dropper.js").read_text(encoding="utf-8")
 
@@ -50,7 +52,7 @@ class Dropper(pn.custom.JSComponent):
             refused: called with an `InputError` where a file is too large.
             most_bytes: size of the greatest file that is taken.
             text: what stands in the box.
-            options: `hint`, `compact`, `whole_page`, and those of Panel.
+            options: `hint`, `compact`, `whole_page`, `several`, and those of Panel.
         """
         self._on_file, self._refused = on_file, refused
         self._number, self._pieces = 0, list[bytes]()

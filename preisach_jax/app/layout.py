@@ -98,7 +98,9 @@ class Layout:
         )
         self.axis.param.watch(on["axis"], "value")
         self.shown = styled(
-            pn.widgets.RadioButtonGroup(label="View", options=["Record", "Drive"], value="Record")
+            pn.widgets.RadioButtonGroup(
+                label="View", options=["Record", "Drive", "Compare"], value="Record"
+            )
         )
         self.shown.param.watch(on["shown"], "value")
         self.ladder = panels.pane()

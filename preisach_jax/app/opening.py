@@ -144,6 +144,9 @@ class Opening(Working):
         self._start(f"opening {name}", read, lambda both: self._show_opened(both[1], both[0]))
 
     def _show_opened(self, opened: Opened, project: Project | None = None) -> None:
+        if opened.error is not None and self._record is not None:
+            self._refuse(opened.error)
+            return
         upload = self._upload = opened.upload
         self._choosing, self._project = opened.choosing, project
         self._choice = project.choice if project else None
@@ -151,7 +154,7 @@ class Opening(Working):
         self._layout.dropper.compact = True
         self._layout.file.object = panels.brand(upload.name)
         self._layout.chips.objects = [opened.choosing.view]
-        self._layout.preview.object = panels.table(*upload.first_rows())
+        self._layout.preview.object = panels.table(*upload.first_rows(), "First rows of the file")
         self._say("")
         if opened.content is not None:
             self._show_content(opened.content)

@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from preisach_jax.app import panels
+from preisach_jax.app import compare, panels
+from preisach_jax.app.comparing import Compared, compared
 from preisach_jax.app.drive import NEEDED, DriveView
 from preisach_jax.app.driving import Driven, driven
 from preisach_jax.app.export import exports
@@ -22,6 +23,7 @@ from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.fit import Progress
+from preisach_jax.rows import model_name
 
 
 class Page(Opening):
@@ -38,11 +40,13 @@ class Page(Opening):
         self._views: Views | None = None
         self._drive: DriveView | None = None
         self._drive_job: Job | None = None
+        self._compare: compare.CompareView | None = None
         self._before_search: tuple[Walk | None, tuple[Candidate, ...]] | None = None
         self._rows: dict[str, panels.CandidateRow] = {}
         # What can be shown in the great part of the page, by what its switch calls it.
         self._panes: dict[str, Callable[[], list[Any]]] = {
             "Record": list, "Model": self._model_pane, "Drive": self._drive_pane,
+            "Compare": self._compare_pane,
         }  # fmt: skip
         self._is_drawn = ""
         layout = Layout(
@@ -63,7 +67,7 @@ class Page(Opening):
 
     def _forget_record(self) -> None:
         super()._forget_record()
-        self._walk = self._views = self._drive = None
+        self._walk = self._views = self._drive = self._compare = None
         self._candidates = ()
         self._layout.downloads.objects = self._layout.project.objects = []
 
@@ -80,6 +84,13 @@ class Page(Opening):
             )
             self._refresh()
         return [self._drive.view]
+
+    def _compare_pane(self) -> list[Any]:
+        if self._walk is None:
+            return [panels.pane(panels.paragraph(compare.NEEDED))]
+        if self._compare is None:
+            self._compare = compare.CompareView(self._find_compared, self._refuse)
+        return [self._compare.view]
 
     def _show_pane(self, name: str) -> None:
         """Show one of the panes, drawn anew; its switch follows."""
@@ -214,12 +225,15 @@ class Page(Opening):
         assert walk is not None  # called for a step only
         if self._views is None or self._views.levels != walk.step.fit.model.plane.levels:
             self._views = Views(walk.step, self._layout.axis.value)
-            self._show_pane("Drive" if self._is_drawn == "Drive" else "Model")
+            kept = self._is_drawn in ("Drive", "Compare")
+            self._show_pane(self._is_drawn if kept else "Model")
         else:
             self._views.show(walk.step)
             self._hand_over(self._views.begin)
         if self._drive is not None:
             self._drive.use(walk.step)
+        if self._compare is not None:
+            self._compare.outdated(model_name(walk.step.effects))
         self._layout.downloads.objects = self._layout.project.objects = []
         self._refresh()
 
@@ -259,6 +273,23 @@ class Page(Opening):
             self._stop_job()
             self._rank_if_cut_short()
             self._refresh()
+
+    def _find_compared(self) -> None:
+        """Compare what was dropped, with the model as it is now."""
+        walk, view, folder = self._walk, self._compare, Path(self._folder.name)
+        if walk is None or view is None:
+            return
+
+        def show(result: Compared) -> None:
+            view.show(result)
+            self._rank_if_cut_short()
+
+        def refuse(error: Exception) -> None:
+            view.refuse(error)
+            self._rank_if_cut_short()
+
+        work = partial(compared, walk.step, view.files, folder)
+        self._start("comparing", work, show, refuse)
 
     # What can be taken away
 

@@ -355,8 +355,8 @@ def _reading(content: bytes) -> Callable[[], io.BytesIO]:
     return lambda: io.BytesIO(content)
 
 
-def table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The first rows of a file."""
+def table(names: Sequence[str], rows: Sequence[Sequence[str]], label: str) -> str:
+    """A table that scrolls by itself where it is too wide; the keyboard and `label` lead there."""
     head = Markup("").join(Markup("<th>{}</th>").format(name) for name in names)
     body = Markup("").join(
         Markup("<tr>{}</tr>").format(
@@ -365,4 +365,5 @@ def table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         for row in rows
     )
     whole = "<table><thead><tr>{}</tr></thead><tbody>{}</tbody></table>"
-    return str(Markup(f'<div class="preview">{whole}</div>').format(head, body))
+    box = '<div class="preview" tabindex="0" role="region" aria-label="{}">'
+    return str(Markup(f"{box}{whole}</div>").format(label, head, body))

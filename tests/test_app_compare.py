@@ -1,0 +1,119 @@
+"""The view "Compare" without a browser: what is compared, what is said, what can be taken away."""
+
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+from test_app_drive import quiet, stage
+
+import preisach_jax as pj
+from preisach_jax.cli import main
+from preisach_jax.report.several import several_rows
+
+pytest.importorskip("panel")
+
+from preisach_jax.app.compare import MOST, CompareView
+from preisach_jax.app.comparing import OWN_MODEL, Dropped, compared
+
+
+def record_file(name, gain=1.0, rows=1500, header="t_s,u_V,z_um"):
+    t, u, z = stage(rows)
+    table = np.column_stack([t, u, gain * z])
+    lines = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
+    return Dropped(name, f"{header}\n{lines}".encode())
+
+
+@pytest.fixture(scope="module")
+def step(tmp_path_factory):
+    path = tmp_path_factory.mktemp("own") / "own.csv"
+    path.write_bytes(record_file("own.csv").content)
+    return pj.explore(pj.Record.load(path), ["hum"], levels=7)
+
+
+def model_file(step, name, factor):
+    content = step.fit.model.to_json()
+    content["weights"] = [factor * weight for weight in content["weights"]]
+    return Dropped(name, json.dumps(content).encode())
+
+
+def test_one_model_is_tried_on_each_record(step, tmp_path):
+    others = [record_file("same.csv"), record_file("greater.csv", 1.2)]
+    result = compared(step, others, tmp_path, quiet)
+    assert list(result.found) == ["own.csv", "same.csv", "greater.csv"]
+    own, same, greater = (result.found[name] for name in result.found)
+    assert same.rms == pytest.approx(own.rms)
+    # The model knows nothing of the gain: a fifth of the measured output is missed.
+    missed = greater.record.output - own.prediction
+    assert greater.rms == pytest.approx(np.sqrt(np.nanmean(missed**2)), rel=1e-6)
+    assert set(result.files) == {"report.html", "comparison.json", OWN_MODEL}
+    assert result.picture.startswith(b"\x89PNG")
+
+
+def test_several_models_are_tried_on_the_record_that_is_open(step, tmp_path):
+    result = compared(step, [model_file(step, "other.json", 1.1)], tmp_path, quiet)
+    assert list(result.found) == [OWN_MODEL, "other.json"]
+    assert result.found["other.json"].rms > 2 * result.found[OWN_MODEL].rms
+    assert all(each.record.name == "own.csv" for each in result.found.values())
+
+
+def test_the_command_gives_the_same_table(step, tmp_path, monkeypatch, capsys):
+    others = [record_file("a.csv"), record_file("b.csv", 0.9)]
+    result = compared(step, others, tmp_path, quiet)
+    folder = tmp_path / "by_hand"
+    folder.mkdir()
+    (folder / "own.csv").write_bytes(record_file("own.csv").content)
+    for each in others:
+        (folder / each.name).write_bytes(each.content)
+    (folder / OWN_MODEL).write_bytes(result.files[OWN_MODEL])
+    monkeypatch.chdir(folder)
+    assert main(shlex.split(result.command)[1:]) == 0
+    shown = capsys.readouterr().out
+    for row in several_rows(result.found):
+        # Digits of the last place hang on the text of the model file.
+        assert re.search(rf"{row[0]} +{row[1]} +{re.escape(row[2])}", shown), shown
+
+
+@pytest.mark.parametrize(
+    ("others", "told"),
+    [
+        (["a.csv", "b.csv", "m.json"], "2 models and 2 records; take away all records but one"),
+        (["own.csv"], "own.csv: what is open here is called the same"),
+        (["broken.json"], "broken.json: "),
+        (["broken.csv"], "broken.csv"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_a_line(step, tmp_path, others, told):
+    files = []
+    for name in others:
+        if name.startswith("broken"):
+            files.append(Dropped(name, b'{"format": "preisach_jax model", "levels": '))
+        else:
+            is_model = name.endswith("json")
+            files.append(model_file(step, name, 1.0) if is_model else record_file(name))
+    with pytest.raises(pj.InputError) as caught:
+        compared(step, files, tmp_path, quiet)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) not in str(caught.value)
+
+
+def test_a_file_of_the_same_name_takes_the_place_of_the_first(step):
+    asked, refused = [], []
+    view = CompareView(lambda: asked.append(1), refused.append)
+    view._on_drop("a.csv", b"1")
+    view._on_drop("a.csv", b"2")
+    assert [each.content for each in view.files] == [b"2"]
+    assert len(asked) == 2
+    for k in range(MOST):
+        view._on_drop(f"{k}.csv", b"")
+    assert len(view.files) == MOST
+    assert str(MOST) in str(refused[0])
+
+
+def test_what_a_file_is_called_stays_text(step, tmp_path):
+    view = CompareView(lambda: None, lambda error: None)
+    view.show(compared(step, [record_file("<i>.csv")], tmp_path, quiet))
+    assert "<i>" not in view._shown.object
+    assert "&lt;i&gt;.csv" in view._shown.object

@@ -127,8 +127,8 @@ class TestUpload:
 class TestTexts:
     def test_nothing_from_a_file_is_taken_for_html(self, step):
         texts = [
-            table([EVIL], [[EVIL]]), str(failure(pj.InputError(EVIL))), str(failure(OSError(EVIL))),
-            str(told(step.record, [EVIL])), ladder(step, None),
+            table([EVIL], [[EVIL]], EVIL), str(failure(pj.InputError(EVIL))),
+            str(failure(OSError(EVIL))), str(told(step.record, [EVIL])), ladder(step, None),
         ]  # fmt: skip
         assert all("<img" not in text for text in texts)
         assert all("&lt;img" in text for text in texts[:4])

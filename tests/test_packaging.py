@@ -4,12 +4,14 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import venv
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 
@@ -81,6 +83,59 @@ def test_the_sdist_holds_what_builds_and_tests_it(in_sdist):
 def test_nothing_is_given_away_that_belongs_at_home(in_wheel, in_sdist):
     for name in in_wheel | in_sdist:
         assert not NOT_GIVEN_AWAY.search(name), name
+
+
+def asked_for(requirements):
+    """Bounds of versions by package, as the recipe of conda calls them."""
+    split = (re.fullmatch(r"([A-Za-z0-9_-]+) ?(\S*)", text) for text in requirements)
+    return {m[1].lower().replace("_", "-"): m[2] for m in split if m is not None}
+
+
+@pytest.fixture(scope="module")
+def project():
+    if not (ROOT / "recipe").exists():
+        pytest.skip("this is no checkout")
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    """The recipe of conda, its templates filled in."""
+    text = (ROOT / "recipe" / "meta.yaml").read_text(encoding="utf-8")
+    (number,) = re.findall(r'{% set version = "(.*)" %}', text)
+    text = re.sub(r"{%.*%}", "", text).replace("{{ version }}", number)
+    return yaml.safe_load(text.replace("{{ PYTHON }}", "python"))
+
+
+def test_conda_and_the_python_index_ask_for_the_same(project, recipe):
+    wanted = asked_for(project["dependencies"]) | {"python": project["requires-python"]}
+    run = asked_for(recipe["requirements"]["run"])
+    run["matplotlib"] = run.pop("matplotlib-base")
+    assert run == wanted
+    used = ("files", "parquet", "xarray", "control", "app")
+    extras = asked_for(each for name in used for each in project["optional-dependencies"][name])
+    assert asked_for(recipe["requirements"]["run_constrained"]) == extras
+    assert recipe["build"]["entry_points"] == [f"preisach = {project['scripts']['preisach']}"]
+
+
+def test_what_keeps_compiled_code_is_asked_for(project):
+    # Without it, each command of a plain installation warns, and compiles everything anew.
+    assert "filelock" in asked_for(project["dependencies"])
+    import jax
+
+    assert hasattr(jax.config, "jax_compilation_cache_max_size")
+
+
+def test_one_version_stands_everywhere(project, recipe):
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert str(cited["version"]) == project["version"] == recipe["package"]["version"]
+    assert version("preisach_jax") == project["version"]
+    assert cited["license"] == project["license"] == recipe["about"]["license"]
+    assert recipe["about"]["summary"] == project["description"]
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released = re.findall(r"(?m)^## \[(\d[^\]]*)\]", changes)
+    assert not released or released[0] == project["version"]
+    assert "## [Unreleased]" in changes or released
 
 
 @pytest.mark.parametrize(

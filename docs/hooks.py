@@ -15,6 +15,7 @@ import architecture  # noqa: E402
 import command_line  # noqa: E402
 import effect_pages  # noqa: E402
 import formulas  # noqa: E402
+import gallery  # noqa: E402
 import measurements  # noqa: E402
 import scores  # noqa: E402
 import trials  # noqa: E402
@@ -25,6 +26,7 @@ def generated() -> dict[str, str]:
     """All generated pages in Markdown by their place in the documentation."""
     return {
         **effect_pages.pages(),
+        "gallery.md": gallery.page(),
         "method/measurements.md": measurements.page(),
         "method/scores.md": scores.page(),
         "method/trust.md": trials.page(),

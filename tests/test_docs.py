@@ -68,6 +68,7 @@ def test_pictures_are_small_and_all_are_shown(helper):
     helper("effect_pages")
     shown = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     shown += "".join(helper("effect_pages").pages().values())
+    shown += helper("gallery").page()
     for picture in (DOCS / "assets").rglob("*.png"):
         assert picture.stat().st_size < 120_000, picture
         assert picture.relative_to(DOCS).as_posix() in shown, picture

@@ -140,8 +140,7 @@ def test_the_first_screen_says_verdict_size_and_what_comes_next(written):
         100 * rung.rms_validation / stroke for rung in (found.ladder[-1], found.ladder[0])
     )
     first = page.text[: page.text.index("The errors")]
-    assert f"{after:.2g} %" in first.replace("\u202f", " ")
-    assert f"{before:.2g} %" in first.replace("\u202f", " ")
+    assert f"{before:.2g} → {after:.2g} %" in first.replace("\u202f", " ").replace("\xa0", " ")
     assert found.sentence in first
     assert "hold for a minute" in first
     assert "preisach design . --out next.csv" in first

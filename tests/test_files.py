@@ -19,6 +19,7 @@ import pytest
 from scipy.io import savemat
 
 import preisach_jax as pj
+from preisach_jax.cli import main
 
 K = 120
 T = np.arange(K) / 100
@@ -836,6 +837,27 @@ def test_refused_with_what_leads_on(tmp_path, name):
     for words in case.refused:
         assert any(word in message for word in words.split("|")), message
     assert clock.perf_counter() - begun < 10
+
+
+UNTAKEN = (
+    "password.xlsx", "macros.xlsm", "broken.tdms", "many.zip", "bomb.csv.gz", "two_times.csv",
+    "million_columns.csv", "mixed.csv",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNTAKEN)
+def test_the_command_line_refuses_in_one_line_with_2(tmp_path, name, capsys):
+    for needed in ("openpyxl", "nptdms", "python_calamine"):
+        pytest.importorskip(needed)
+    put(tmp_path / name, REFUSED[name].content)
+    report = tmp_path / "report"
+    assert main(["diagnose", str(tmp_path / name), "--report", str(report)]) == 2
+    out, err = capsys.readouterr()
+    # What was guessed is told first, on stdout; the refusal is one line on stderr.
+    assert all("guessed" in line or name in line for line in out.splitlines())
+    assert len(err.splitlines()) == 1
+    assert any(word in err for word in REFUSED[name].refused[0].split("|"))
+    assert not report.exists()
 
 
 def test_there_are_more_than_sixty_kinds():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +38,7 @@ def read_tdms(path: Path, source: str) -> Table:
     """
     nptdms = library("nptdms", "npTDMS", "TDMS files", source)
     try:
-        with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+        with _silent(), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
             groups = [group for group in file.groups() if group.channels()]
             channels = {
                 (each.name if len(groups) == 1 else f"{group.name}/{each.name}"): each
@@ -62,6 +65,18 @@ def read_tdms(path: Path, source: str) -> Table:
     step = next(iter(stated.values()), None)
     table = table_of_arrays(arrays, source, units=units)
     return with_stated_time(table, None if step is None else Sampling(step, "wf_increment", 0))
+
+
+@contextmanager
+def _silent() -> Generator[None]:
+    """Keep npTDMS from writing pages of bytes to the terminal before it fails."""
+    manager = library("nptdms.log", "npTDMS", "TDMS files", "a TDMS file").log_manager
+    before = manager.log_level
+    manager.set_level(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        manager.set_level(before)
 
 
 def _unit(properties: dict[str, Any]) -> str:

@@ -30,7 +30,6 @@ from preisach_jax.cli.options import (
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
-from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
@@ -167,6 +166,7 @@ def predict(
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
     from preisach_jax.record import Record
+    from preisach_jax.record.blemishes import torn_line
 
     check_file(out, data, model)
     loaded = Model.load(model, announce=screen.note)

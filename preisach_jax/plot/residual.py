@@ -57,7 +57,7 @@ def residuals(traces: Traces) -> Figure:
         if axis.is_logarithmic:
             axes.set_xscale("log")
     shade_held_out(panels["time"], first_trace(traces), slice(0, len(record.time)))
-    panels["time"].set_title("Residual (measured less model): points, median, 5–95 % band")
+    panels["time"].set_title("Residual (measured minus model): points, median, 5–95 % band")
     panels["time"].margins(x=0.01)
     add_legend(figure, traces, measured=False)
     return figure
@@ -109,7 +109,7 @@ def residual_tests(traces: Traces) -> Figure:
         axes.axhline(0, color="0.3", lw=0.7)
         axes.set_ylabel("correlation")
     band = Patch(
-        color="0.5", alpha=0.35, label="shaded: 99 % band of a residual that holds nothing"
+        color="0.5", alpha=0.35, label="shaded: 99 % band of white, uncorrelated residuals"
     )
     add_legend(figure, traces, measured=False, more=[band], held_out=False)
     return figure

@@ -39,6 +39,7 @@ LAYERS = [
     "look",
     "effects",
     "regression",
+    "mechanics",
     "chain",
     "runs",
     "reduction",

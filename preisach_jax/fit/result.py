@@ -18,7 +18,14 @@ from preisach_jax.record.joined import (
     RunErrors,
     errors_by_run,
 )
-from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line, run_lines, run_table
+from preisach_jax.rows import (
+    chain_rows,
+    error_table,
+    fault_lines,
+    model_line,
+    run_lines,
+    run_table,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,7 +106,7 @@ class Fit:
         stroke = np.ptp(self.record.output[self.record.measured])
         rms, largest = self.rms_validation, self.max_abs_validation
         lines = [
-            f"Preisach model, {self.model.plane.levels} levels"
+            f"Preisach model, {self.model.chain.size_text}"
             + "".join(f" + {name}" for name in self.effects),
             f"  held-out error {rms:.4g} {unit} RMS ({100 * rms / stroke:.3g} % of stroke), "
             f"{largest:.4g} {unit} at most; fit {self.fit_percent:.2f} %",

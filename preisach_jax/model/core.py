@@ -28,6 +28,7 @@ from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.mechanical import check_not_inside, moved
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
@@ -112,6 +113,8 @@ class Model:
 
     def simulate(self, record: Record) -> np.ndarray:
         """Output along a record that starts as the identification record did, `(time,)`."""
+        if mechanics := self.chain.mechanics:
+            return moved(self, mechanics, record, begins=True)
         with jax.enable_x64(True):
             signals = signals_of(record, self.origin.start_s)
             return np.asarray(response(self.chain, self.values, signals, self.coefficients))
@@ -147,6 +150,8 @@ class Model:
         sure = np.zeros(len(record.time))
         if self.begins_with_origin(record):
             output, gap = self.simulate(record), sure
+        elif mechanics := self.chain.mechanics:
+            output, gap = moved(self, mechanics, record, begins=False), sure
         elif self.follows_origin(record):
             output, gap = self._continue(record), sure
         else:
@@ -170,6 +175,8 @@ class Model:
 
     def _check(self, record: Record) -> None:
         self._check_units(record)
+        if self.chain.mechanics:
+            return  # the plane is one of displacements, and `moved` asks whether they stay on it
         plane = self.plane
         reach = RANGE_TOLERANCE * (plane.high - plane.low)
         beyond = np.flatnonzero(
@@ -207,8 +214,10 @@ class Model:
         """Ask whether each output along a branch belongs to one input.
 
         Raises:
-            InputError: if the weights have both signs, so that branches rise and fall.
+            InputError: if the weights have both signs, so that branches rise and fall, or the
+                hysteresis is inside mechanics, which no inverse step of an operator undoes.
         """
+        check_not_inside(self, "an inverse")
         if self.chain.signed and self.weights.min() < 0 < self.weights.max():
             raise InputError(
                 f"the model of {self.origin.record} has weights of both signs: along a branch the "

@@ -127,12 +127,12 @@ NAMED: tuple[tuple[str, str, str], ...] = (
     ("diagnosis/step.py", "REFINEMENT_PAYS = 0.1", "REFINEMENT_PAYS = 0.11"),
     (
         "diagnosis/walk.py",
-        "if step.position and step.is_within_budget",
-        "if step.position or step.is_within_budget",
+        "if step.position:\n        least",
+        "if step.position or step.is_within_budget:\n        least",
     ),
     (
         "diagnosis/conclusion.py",
-        "LEAST_BESIDE_THE_UNEXPLAINED = 0.1",
+        "LEAST_BESIDE_THE_UNEXPLAINED = 0.2",
         "LEAST_BESIDE_THE_UNEXPLAINED = 0.05",
     ),
     ("effects/drift.py", "WANDERS = 0.5", "WANDERS = 0.4"),

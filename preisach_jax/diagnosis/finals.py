@@ -67,12 +67,14 @@ class FinalFits:
         """
         if point in self._begun:
             return
-        reduced = self.problem.reduced(search)
+        # The bases are taken here, where the search adds to them: what it shares is only read.
+        bases = self.problem.reduced(search)
 
         def work() -> Final:
-            fit = finished(self.problem, moved_to(reduced, point), self.record)
-            floor = Floor.of(self.problem, fit)
-            return Final(replace(fit, point=fit.point.slim), floor)
+            whole = replace(self.problem, cache={})
+            reduced = replace(bases, cache=dict(bases.cache))
+            fit = finished(whole, moved_to(reduced, point), self.record)
+            return Final(replace(fit, point=fit.point.slim), Floor.of(whole, fit))
 
         self._begun[point] = self._background.begin(work)
 

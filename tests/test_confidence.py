@@ -9,7 +9,6 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.confidence import differs_from_nothing, estimates, with_grid_error
 from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.base import AddedEffect, InputEffect
@@ -19,6 +18,7 @@ from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
+from preisach_jax.identify.confidence import differs_from_nothing, estimates, with_grid_error
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 

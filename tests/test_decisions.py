@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis import conclusion, judgement, step, walk
 from preisach_jax.diagnosis.budget import (
     Floor,
@@ -29,6 +28,7 @@ from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.viscosity import Viscosity
+from preisach_jax.identify.confidence import Certainty
 
 # --- the locks ---
 

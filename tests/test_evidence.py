@@ -50,8 +50,8 @@ from preisach_jax.fit import (
     with_effect,
 )
 from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
+from preisach_jax.identify.regression import solve_nonnegative
 from preisach_jax.record import Record
-from preisach_jax.regression import solve_nonnegative
 
 
 @pytest.fixture(autouse=True)

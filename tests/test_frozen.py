@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import preisach_jax as pj
-from preisach_jax import model, upgrade
+from preisach_jax import model
 from preisach_jax.cli import main
 from preisach_jax.filter import online
+from preisach_jax.model import upgrade
 from preisach_jax.sweep import result
 from preisach_jax.work import manifest
 

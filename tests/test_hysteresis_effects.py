@@ -24,7 +24,6 @@ from preisach_jax.chain import (
     signals_of,
     tangents,
 )
-from preisach_jax.confidence import estimates
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
@@ -35,6 +34,7 @@ from preisach_jax.effects.output_quantisation import OutputQuantisation, lattice
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.fit import base_point, double_precision, finished, plane_of, with_effect
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
+from preisach_jax.identify.confidence import estimates
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, weighted_states

@@ -36,9 +36,9 @@ from preisach_jax.identify import (
     with_all_rows,
     with_strength,
 )
+from preisach_jax.identify.signature import Projection, prospects
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.signature import Projection, prospects
 
 
 @pytest.fixture(autouse=True)

@@ -17,10 +17,10 @@ from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
+from preisach_jax.identify.regression import normal_equations, penalties
+from preisach_jax.identify.signature import Projection, prospects
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.regression import normal_equations, penalties
-from preisach_jax.signature import Projection, prospects
 
 LEVELS, COUNT, STEP = 7, 1500, 0.01
 TRIALS = 20

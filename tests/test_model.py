@@ -10,7 +10,6 @@ import world
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.band import Band
 from preisach_jax.chain import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -22,6 +21,7 @@ from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
+from preisach_jax.model.band import Band
 from preisach_jax.record import Record
 from preisach_jax.record.course import time_since_reversal
 

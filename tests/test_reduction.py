@@ -6,11 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax import reduction
 from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive, hysteresis_output
 from preisach_jax.chain import hysteresis_columns as columns_along
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.identify import Problem, evaluate
+from preisach_jax.identify import Problem, evaluate, reduction
 from preisach_jax.identify import problem as identified
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from scipy import optimize
 
-from preisach_jax.regression import (
+from preisach_jax.identify.regression import (
     MEMORY_STRENGTH,
     RIDGE,
     STRENGTHS,

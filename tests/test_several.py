@@ -9,6 +9,7 @@ from test_hysteron import slow_ramp
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.cli import main
 from preisach_jax.diagnosis.evidence import innovation_variance
 from preisach_jax.effects.creep import Creep
@@ -16,7 +17,6 @@ from preisach_jax.identify import Problem, evaluate
 from preisach_jax.plant.stage import make_stage
 from preisach_jax.record.course import input_rate, time_since_reversal
 from preisach_jax.record.joined import joined, parts_of
-from preisach_jax.runs import response, signals_of
 
 RATE_HZ = 100.0
 UNITS = {"input": "V", "output": "um"}

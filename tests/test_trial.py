@@ -2,7 +2,6 @@
 
 from typing import Any, cast
 
-from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis.evidence import Evidence
 from preisach_jax.diagnosis.trial import (
     NotFitted,
@@ -17,6 +16,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.identify.confidence import Certainty
 
 
 class Point:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.diagnosis.evidence import residual_in_time
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
-from preisach_jax.runs import response, signals_of
 
 MOST_LEVELS = 50
 """Finest plane that is tried automatically."""

@@ -8,7 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from preisach_jax.confidence import Certainty, differs_from_nothing
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, promised_evidence
 from preisach_jax.diagnosis.tellable import surveyed, untellable
@@ -17,7 +16,8 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.fit import LEAST_PROMISE, Progress, feeds_back, with_effect
 from preisach_jax.identify import Point, Problem
-from preisach_jax.signature import Projection, Prospect, prospects
+from preisach_jax.identify.confidence import Certainty, differs_from_nothing
+from preisach_jax.identify.signature import Projection, Prospect, prospects
 
 Found = TypeVar("Found")
 

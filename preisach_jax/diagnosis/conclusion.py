@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from preisach_jax.confidence import with_grid_error
 from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.finals import Final, FinalFits
@@ -29,6 +28,7 @@ from preisach_jax.diagnosis.trial import (
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit, Progress, in_silence, with_signs
+from preisach_jax.identify.confidence import with_grid_error
 from preisach_jax.model import Model
 
 MOST_MISSED = 0.3

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from preisach_jax.identify import VALIDATION, Point, Problem
-from preisach_jax.signature import Prospect, amounts_of
+from preisach_jax.identify.signature import Prospect, amounts_of
 
 LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square below which nothing is named."""

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from preisach_jax.confidence import LEVEL
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import AddedEffect, Effect, SensorEffect
 from preisach_jax.identify import Point, Problem, with_all_rows
-from preisach_jax.quantity import quantity
-from preisach_jax.signature import (
+from preisach_jax.identify.confidence import LEVEL
+from preisach_jax.identify.signature import (
     Projection,
     amount_signatures,
     amounts_of,
     size_signatures,
 )
+from preisach_jax.quantity import quantity
 
 KNOWN = 1.01
 """Ratio of a parameter's bounds below which the record shows what it is."""

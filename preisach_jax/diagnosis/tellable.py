@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from preisach_jax.chain import ThinnedSignals
+from preisach_jax.chain.runs import parts_of
 from preisach_jax.diagnosis.residuals import reversals
 from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
 from preisach_jax.effects.drift import Drift
@@ -21,7 +22,6 @@ from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.errors import EffectError
 from preisach_jax.identify import Point, Problem
-from preisach_jax.runs import parts_of
 
 PLACES = 10
 """Parts of the input's range in which its passages are timed."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from preisach_jax.confidence import Certainty
 from preisach_jax.diagnosis.evidence import Evidence
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import LEAST_PROMISE
 from preisach_jax.identify import Point
+from preisach_jax.identify.confidence import Certainty
 
 HOPELESS = 0.5
 """Relative rise of the held-out mean square beyond which an effect is not tried again."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from preisach_jax.confidence import differs_from_nothing
 from preisach_jax.diagnosis.candidates import refitted, screened
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import (
@@ -18,6 +17,7 @@ from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, accepted_rows, w
 from preisach_jax.effects.gain import Gain
 from preisach_jax.fit import Progress, in_silence, settled, without_effect
 from preisach_jax.identify import Point, evaluate
+from preisach_jax.identify.confidence import differs_from_nothing
 
 MOST_EFFECTS = 4
 

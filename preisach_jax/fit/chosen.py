@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from preisach_jax.confidence import with_grid_error
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import OfColumn
@@ -23,6 +22,7 @@ from preisach_jax.fit.start import (
     in_reduced_basis,
 )
 from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
+from preisach_jax.identify.confidence import with_grid_error
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
     as_one,

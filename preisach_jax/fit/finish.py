@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from preisach_jax.band import Band
-from preisach_jax.confidence import estimates
+from preisach_jax.chain.runs import of_last_run, response, signals_of
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.steps import SIGNS_TOLERANCE, moved_to, with_signs
 from preisach_jax.identify import (
@@ -17,12 +16,13 @@ from preisach_jax.identify import (
     stepped,
     with_all_rows,
 )
+from preisach_jax.identify.confidence import estimates
 from preisach_jax.model import Model, Origin
+from preisach_jax.model.band import Band
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
     last_fitted,
 )
-from preisach_jax.runs import of_last_run, response, signals_of
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""

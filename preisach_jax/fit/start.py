@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from preisach_jax.chain import Chain
+from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.errors import InputError
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Found
@@ -17,6 +18,7 @@ from preisach_jax.identify import (
     evaluate,
     with_strength,
 )
+from preisach_jax.identify.reduction import FIRST_STRENGTH
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.faults import Fault, faults
@@ -25,8 +27,6 @@ from preisach_jax.record.joined import (
     parts_of,
 )
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
-from preisach_jax.reduction import FIRST_STRENGTH
-from preisach_jax.runs import response, signals_of
 
 DEFAULT_LEVELS = 25
 

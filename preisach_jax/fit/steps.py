@@ -18,7 +18,7 @@ from preisach_jax.identify import (
     refine,
     with_strength,
 )
-from preisach_jax.signature import Projection, Prospect, prospects
+from preisach_jax.identify.signature import Projection, Prospect, prospects
 
 MOST_STARTS = 2
 """Starts of a form of an effect that are refined."""

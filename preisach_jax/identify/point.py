@@ -19,7 +19,7 @@ from preisach_jax.effects.base import (
     SensorEffect,
 )
 from preisach_jax.identify.blocks import VALIDATION
-from preisach_jax.regression import (
+from preisach_jax.identify.regression import (
     NormalEquations,
 )
 

@@ -13,6 +13,13 @@ from preisach_jax.chain import (
     EffectValues,
     HysteresisColumns,
 )
+from preisach_jax.chain.runs import (
+    hysteresis_columns,
+    hysteresis_output,
+    regressors,
+    signals_of,
+    thinned,
+)
 from preisach_jax.effects.base import (
     Effect,
     HysteresisEffect,
@@ -22,22 +29,15 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION, VALIDATION, blocks_of, rows_kept
 from preisach_jax.identify.point import Point
-from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
-from preisach_jax.record.joined import without_rows
-from preisach_jax.reduction import Basis, reduced_basis
-from preisach_jax.regression import (
+from preisach_jax.identify.reduction import Basis, reduced_basis
+from preisach_jax.identify.regression import (
     NormalEquations,
     normal_equations,
     penalties,
 )
-from preisach_jax.runs import (
-    hysteresis_columns,
-    hysteresis_output,
-    regressors,
-    signals_of,
-    thinned,
-)
+from preisach_jax.operator.plane import Plane
+from preisach_jax.record import Record
+from preisach_jax.record.joined import without_rows
 
 WHOLE_CELLS = 400
 """Cells up to which all hysterons are kept, with weights of one sign: they cost little more than a

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from preisach_jax.chain.runs import response, tangents
 from preisach_jax.effects.base import (
     Effect,
     Parameter,
@@ -14,13 +15,12 @@ from preisach_jax.effects.base import (
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem
-from preisach_jax.identify.solution import evaluate
-from preisach_jax.regression import (
+from preisach_jax.identify.regression import (
     NormalEquations,
     slices_of,
     solve_nonnegative,
 )
-from preisach_jax.runs import response, tangents
+from preisach_jax.identify.solution import evaluate
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,17 +10,17 @@ import numpy as np
 from preisach_jax.chain import (
     Chain,
 )
+from preisach_jax.chain.runs import (
+    regressors,
+)
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem, equations_of
-from preisach_jax.regression import (
+from preisach_jax.identify.regression import (
     choose_strength,
     slices_of,
     solve_nonnegative,
-)
-from preisach_jax.runs import (
-    regressors,
 )
 
 

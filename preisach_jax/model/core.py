@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax import html
-from preisach_jax.band import Band
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -27,6 +26,7 @@ from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
+from preisach_jax.model.band import Band
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.weights import exactly_summable

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.band import SLICES, Band
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -19,14 +18,12 @@ from preisach_jax.chain import (
 from preisach_jax.effects import BUILT_IN, library, placeholder
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
+from preisach_jax.model.band import SLICES, Band
 from preisach_jax.model.content import FORMAT, FORMAT_VERSION
 from preisach_jax.model.core import Model
 from preisach_jax.model.estimates import ParameterEstimate
 from preisach_jax.model.origin import Origin
-from preisach_jax.operator.checks import HYSTERONS
-from preisach_jax.operator.plane import Plane
-from preisach_jax.record import INITIAL_MEMORIES
-from preisach_jax.schema import (
+from preisach_jax.model.schema import (
     bound,
     checked,
     items,
@@ -43,7 +40,10 @@ from preisach_jax.schema import (
     text,
     whole,
 )
-from preisach_jax.upgrade import upgraded
+from preisach_jax.model.upgrade import upgraded
+from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.plane import Plane
+from preisach_jax.record import INITIAL_MEMORIES
 
 
 def load(

@@ -12,18 +12,18 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.comparison import Comparison, compare_recursions
+from preisach_jax.identify.regression import (
+    choose_strength,
+    normal_equations,
+    penalties,
+    solve_nonnegative,
+)
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.piezo import experiment
 from preisach_jax.plant import RANGE_V, make_stage
-from preisach_jax.regression import (
-    choose_strength,
-    normal_equations,
-    penalties,
-    solve_nonnegative,
-)
 from preisach_jax.signals import bernoulli_ramp
 from preisach_jax.sweep import PowerLaw, fit_power_law
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.chain import HysteresisColumns
-from preisach_jax.regression import (
+from preisach_jax.identify.regression import (
     MEMORY_STRENGTH,
     RIDGE,
     NormalEquations,

@@ -14,6 +14,7 @@ from preisach_jax.chain import (
     Coefficients,
     coarsened,
 )
+from preisach_jax.chain.runs import columns_behind, driven_path, response, responses, tangents
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
@@ -26,8 +27,7 @@ from preisach_jax.effects.base import (
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify import Point, Problem, linearise, starts_of
-from preisach_jax.regression import solve_nonnegative
-from preisach_jax.runs import columns_behind, driven_path, response, responses, tangents
+from preisach_jax.identify.regression import solve_nonnegative
 
 COARSE_LEVELS = 19
 """Levels of the plane on which the signature of moved thresholds is computed."""

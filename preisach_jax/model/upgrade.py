@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from preisach_jax.schema import checked, items, list_of, table, table_of, text
+from preisach_jax.model.schema import checked, items, list_of, table, table_of, text
 
 Content = Mapping[str, Any]
 

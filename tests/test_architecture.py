@@ -19,8 +19,6 @@ PACKAGE = Path(preisach_jax.__file__).parent
 LAYERS = [
     "errors",
     "quantity",
-    "rows",
-    "html",
     "files",
     "cores",
     "devices",
@@ -43,6 +41,7 @@ LAYERS = [
     "identify",
     "fit",
     "diagnosis",
+    "present",
     "paper",
     "plot",
     "report",
@@ -50,14 +49,11 @@ LAYERS = [
     "cli",
     "__main__",
 ]
-# Methods that users expect on a result, and that only pass it on to a higher layer when called.
+# Methods that users expect on a result, and that load a higher room when they are called.
 LATE = {
-    ("compensation", "plot"),
-    ("fit", "plot"),
-    ("look", "plot"),
-    ("diagnosis", "plot"),
-    ("diagnosis", "report"),
-    ("model", "export"),
+    "present": {"record", "model", "fit", "diagnosis"},
+    "plot": {"look", "compensation", "fit"},
+    "export": {"model"},
 }
 
 # The simulated world shares no code with the models that are to explain it.
@@ -72,15 +68,6 @@ MAX_FUNCTION_LINES = 80
 MAX_FILE_LINES = 400
 # Files that are longer still, and how long they may be: a split takes its line away.
 LONG_FILES: dict[str, int] = {}
-
-# Imports for type annotations alone that climb. How a result shows itself as rows should stand
-# above the results; `rows` also holds what those need to show themselves.
-CLIMBING_TYPES = {
-    ("rows", "diagnosis.result"),
-    ("rows", "model"),
-    ("rows", "record"),
-    ("rows", "record.joined"),
-}
 
 
 def name_of(path):
@@ -97,16 +84,14 @@ def is_for_types(node):
     return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
 
 
-def imported(name, *, late=False, for_types=False):
+def imported(name, *, late=False):
     """Modules of the package that a module imports: as it is imported itself, or `late`, in a call.
 
-    Imports for type annotations alone do not run, and count only where these are asked for.
+    Imports for type annotations alone count as any other.
     """
     found = set()
 
     def visit(node, in_function):
-        if is_for_types(node) and not for_types:
-            return
         if isinstance(node, ast.ImportFrom) and in_function == late:
             assert node.level == 0, f"{name}: relative import"
             if (node.module or "").split(".")[0] == "preisach_jax":
@@ -133,8 +118,9 @@ def layer_of(name):
 
 
 def test_the_imports_of_a_module_are_seen():
-    assert {"errors", "operator.hysteron"} <= imported("operator.plane", late=False)
-    assert imported("fit.result", late=True) == {"plot"}
+    assert {"errors", "operator.hysteron"} <= imported("operator.plane")
+    assert {"plot", "present.fit"} <= imported("fit.result", late=True)
+    assert "diagnosis.result" in imported("present.diagnosis")  # for its types alone
 
 
 def test_every_module_has_a_layer():
@@ -145,36 +131,27 @@ def test_every_module_has_a_layer():
 @pytest.mark.parametrize("name", [name for name in MODULES if name])
 def test_imports_run_one_way(name):
     here = LAYERS.index(layer_of(name))
-    for other in imported(name, late=False):
+    for other in imported(name):
         assert other, f"{name} imports the package's own names; import from the module"
         assert LAYERS.index(layer_of(other)) <= here, f"{name} imports {other} from above"
     for other in imported(name, late=True):
-        is_allowed = (layer_of(name), layer_of(other)) in LATE
+        is_allowed = layer_of(name) in LATE.get(layer_of(other), ())
         assert is_allowed or LAYERS.index(layer_of(other)) <= here, f"{name} imports {other}"
 
 
-def climbing_types(name):
-    """Modules above a module's layer that it imports for type annotations alone."""
-    here = LAYERS.index(layer_of(name))
-    others = imported(name, for_types=True) - imported(name) - {""}
-    return {other for other in others if LAYERS.index(layer_of(other)) > here}
-
-
-def test_types_run_one_way_as_well():
-    assert {(name, other) for name in MODULES if name for other in climbing_types(name)} == (
-        CLIMBING_TYPES
-    )
-
-
-def test_no_two_modules_know_each_other_by_their_types():
-    graph = {name: imported(name, for_types=True) - {""} for name in MODULES if name}
-    for name, other in CLIMBING_TYPES:
-        graph[name].discard(other)
-    assert len(list(TopologicalSorter(graph).static_order())) >= len(graph)
+def test_every_late_import_that_is_allowed_is_there():
+    climbing = {
+        (layer_of(other), layer_of(name))
+        for name in MODULES
+        if name
+        for other in imported(name, late=True)
+        if LAYERS.index(layer_of(other)) > LAYERS.index(layer_of(name))
+    }
+    assert climbing == {(above, below) for above, rooms in LATE.items() for below in rooms}
 
 
 def test_no_two_modules_need_each_other():
-    graph = {name: imported(name, late=False) - {""} for name in MODULES if name}
+    graph = {name: imported(name) - {""} for name in MODULES if name}
     # raises CycleError, which names the circle
     assert len(list(TopologicalSorter(graph).static_order())) >= len(graph)
 

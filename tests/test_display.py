@@ -8,7 +8,7 @@ import pytest
 from stand_ins import make_diagnosis, make_record
 
 import preisach_jax as pj
-from preisach_jax import html
+from preisach_jax.present import html
 from preisach_jax.quantity import interval, quantity
 
 EVIL = "<script>alert('µ')</script>"

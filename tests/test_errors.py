@@ -18,7 +18,7 @@ CONTROL = {"SystemExit", "KeyboardInterrupt", "typer.Exit", "AttributeError"}
 INTERNAL = {
     "diagnosis.excitation": "AssertionError",
     "paper.numbers": "NotImplementedError",
-    "schema": "PydanticCustomError",
+    "model.schema": "PydanticCustomError",
 }
 # What these functions return is raised; their own messages are among those that are walked over.
 MAKERS = {

@@ -10,7 +10,7 @@ from test_frozen import FROZEN
 from preisach_jax.cli import fleet, main
 from preisach_jax.errors import InputError
 from preisach_jax.record import Record
-from preisach_jax.rows import holes
+from preisach_jax.record.blemishes import holes
 
 ROWS = 60
 TIME = np.arange(ROWS) / 10

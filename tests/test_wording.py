@@ -8,8 +8,8 @@ import pytest
 from stand_ins import make_diagnosis
 
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on
+from preisach_jax.present.diagnosis import headline
 from preisach_jax.record import Record
-from preisach_jax.rows import headline
 
 TIME = np.arange(4000) / 200
 INPUT = 5 - 5 * np.cos(2 * np.pi * TIME / 4)

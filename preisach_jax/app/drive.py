@@ -29,8 +29,8 @@ from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
+from preisach_jax.present.model import model_name
 from preisach_jax.quantity import pretty_unit
-from preisach_jax.rows import model_name
 
 DRAWN, FROM_FILE = "Drawn points", "From a file"
 MOST_BYTES = 20_000_000

@@ -19,9 +19,11 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
 from preisach_jax.look import Look
+from preisach_jax.present.diagnosis import headline
+from preisach_jax.present.model import model_name, parameter_rows
+from preisach_jax.present.record import record_lines
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import headline, model_name, parameter_rows, record_lines
 
 _WIDGETS, _HEAD = "preisach-widgets.css", "preisach-head.css"
 _SHEETS: WeakKeyDictionary[Any, dict[str, InlineStyleSheet]] = WeakKeyDictionary()

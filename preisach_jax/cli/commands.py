@@ -30,7 +30,6 @@ from preisach_jax.cli.options import (
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
-from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
@@ -168,6 +167,7 @@ def predict(
     from preisach_jax.model import Model
     from preisach_jax.model.past import past_sentence
     from preisach_jax.record import Record
+    from preisach_jax.record.blemishes import torn_line
 
     check_file(out, data, model)
     loaded = Model.load(model, announce=screen.note)

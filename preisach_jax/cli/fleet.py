@@ -27,7 +27,6 @@ from preisach_jax.cli.resumable import (
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
-from preisach_jax.rows import torn_line
 
 if TYPE_CHECKING:
     from preisach_jax.filter.fleet import FleetResult
@@ -130,6 +129,7 @@ def _load(paths: Sequence[Path], columns: ReadOptions) -> list[Record]:
         InputError: if one cannot be loaded, is given twice or has other units than the first.
     """
     from preisach_jax.record import Record
+    from preisach_jax.record.blemishes import torn_line
 
     records: list[Record] = []
     for number, path in enumerate(paths):

@@ -12,14 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from preisach_jax.rows import (
-    budget_rows,
-    error_table,
-    finding_parameters,
-    headline,
-    record_lines,
-    run_table,
-)
+from preisach_jax.present.diagnosis import budget_rows, finding_parameters, headline
+from preisach_jax.present.fit import error_table, run_table
+from preisach_jax.present.record import record_lines
 
 if TYPE_CHECKING:
     import numpy as np

@@ -17,9 +17,9 @@ from preisach_jax.diagnosis.residuals import (
 from preisach_jax.model import Model, Prediction
 from preisach_jax.model.past import past_sentence
 from preisach_jax.record import Record
+from preisach_jax.record.blemishes import fault_lines
 from preisach_jax.record.faults import faults
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
-from preisach_jax.rows import fault_lines
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from preisach_jax import html
 from preisach_jax.diagnosis.budget import Floor, discretisation_rms, error_budget
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare
@@ -39,7 +38,6 @@ from preisach_jax.fit import (
 )
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.record import Record
-from preisach_jax.rows import chain_rows, error_table, model_line, model_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +56,15 @@ class Exploration:
     _cache: dict[str, Any] = field(default_factory=dict[str, Any], repr=False)
 
     def __repr__(self) -> str:
+        from preisach_jax.present.model import model_name
+
         name = model_name(self.effects)
         return f"<Exploration of {self.record.name}: {name}, {self.fit.rms_validation:.4g} RMS>"
 
     def _repr_html_(self) -> str:
-        """The errors of all steps and the parts of this one, for notebooks."""
-        return html.block(
-            html.heading(f"{self.record.name}: {model_line(self.fit.model)}"),
-            html.table(*error_table(self.ladder, self.record), numbers_from=1),
-            html.table(("acts on", "part", "parameter", "value"), chain_rows(self.fit.model)),
-        )
+        from preisach_jax.present.diagnosis import step_as_html
+
+        return step_as_html(self)
 
     @staticmethod
     def of(found: Diagnosis, effects: Iterable[str | Effect] | None = None) -> Exploration:

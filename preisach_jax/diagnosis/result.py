@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax import html
 from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
-from preisach_jax.rows import error_table, finding_rows, headline, run_lines, run_table
 
 MOST_RELATIONS = 4
 """Relations of the remainder that are told in words."""
@@ -171,19 +169,9 @@ class Diagnosis:
         return f"<Diagnosis of {self.base.record.name}: {verdict}; held-out error {errors} RMS>"
 
     def _repr_html_(self) -> str:
-        """Verdict, ladder, findings with intervals and what to record next, for notebooks."""
-        found = ("found", "cannot be told from", "parameter", "value")
-        record_next = self.next_experiment.text if self.next_experiment else ""
-        said = {"What remains": self.located, "Record next": record_next}
-        return html.block(
-            html.heading(f"{headline(self)} ({self.verdict})"),
-            html.sentence(self.sentence),
-            html.table(*error_table(self.ladder, self.base.record), numbers_from=1),
-            html.table(*run_table(self.final.by_record, self.base.record), numbers_from=1),
-            html.table(found, finding_rows(self.findings)),
-            *(html.sentence(f"{name}: {text}") for name, text in said.items() if text),
-            *map(html.sentence, self.notes),
-        )
+        from preisach_jax.present.diagnosis import as_html
+
+        return as_html(self)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -237,27 +225,6 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict and the ladder as text."""
+        from preisach_jax.present.diagnosis import as_text
 
-        def shown(value: float) -> str:
-            return quantity(value, self.budget.unit)
-
-        lines = [f"{self.verdict}: {self.sentence}", *self.notes, ""]
-        for rung in self.ladder:
-            name = " + ".join(rung.effects) or "rate-independent Preisach model"
-            lines.append(
-                f"  {name}: held-out error {shown(rung.rms_validation)} RMS, "
-                f"{shown(rung.max_abs_validation)} at most, fit {rung.fit_percent:.2f} %"
-            )
-        lines += [f"  {line}" for line in run_lines(self.final.by_record, self.budget.unit)]
-        budget = self.budget
-        lines.append(
-            f"  budget: noise {shown(budget.noise)}, discretisation "
-            f"{shown(budget.discretisation)}, memory {shown(budget.memory)}, "
-            f"unexplained {shown(budget.unexplained)}"
-        )
-        if self.located:
-            lines.append(f"  what remains: {self.located}")
-        lines += [f"    {text}" for text in self.remainder_in_words]
-        if self.next_experiment:
-            lines.append(f"  record next: {self.next_experiment.text}")
-        return "\n".join(lines)
+        return as_text(self)

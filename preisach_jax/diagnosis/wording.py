@@ -21,7 +21,7 @@ from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import fault_lines
+from preisach_jax.record.blemishes import fault_lines
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from preisach_jax import html
 from preisach_jax.identify import (
     Point,
 )
@@ -18,7 +17,6 @@ from preisach_jax.record.joined import (
     RunErrors,
     errors_by_run,
 )
-from preisach_jax.rows import chain_rows, error_table, fault_lines, model_line, run_lines, run_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,16 +43,14 @@ class Fit:
     point: Point
 
     def __repr__(self) -> str:
+        from preisach_jax.present.model import model_line
+
         return f"<Fit of {self.record.name}: {model_line(self.model)}>"
 
     def _repr_html_(self) -> str:
-        """Errors with units, parameters with their intervals and the plane, for notebooks."""
-        return html.block(
-            html.heading(f"{self.record.name}: {model_line(self.model)}"),
-            html.table(*error_table((self,), self.record), numbers_from=1),
-            html.table(*run_table(self.by_record, self.record), numbers_from=1),
-            html.table(("acts on", "part", "parameter", "value"), chain_rows(self.model)),
-        )
+        from preisach_jax.present.fit import as_html
+
+        return as_html(self)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -95,24 +91,9 @@ class Fit:
 
     def summary(self) -> str:
         """Errors and parameters as text."""
-        unit = self.record.channels["output"].unit or "(no unit)"
-        stroke = np.ptp(self.record.output[self.record.measured])
-        rms, largest = self.rms_validation, self.max_abs_validation
-        lines = [
-            f"Preisach model, {self.model.plane.levels} levels"
-            + "".join(f" + {name}" for name in self.effects),
-            f"  held-out error {rms:.4g} {unit} RMS ({100 * rms / stroke:.3g} % of stroke), "
-            f"{largest:.4g} {unit} at most; fit {self.fit_percent:.2f} %",
-            f"  identification error {self.rms_identification:.4g} {unit} RMS",
-        ]
-        lines += [f"  {line}" for line in run_lines(self.by_record, unit)]
-        for effect, parameters in self.model.parameters.items():
-            for name, estimate in parameters.items():
-                lines.append(
-                    f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
-                    f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
-                )
-        return "\n".join([*lines, *(f"  {line}" for line in fault_lines(self.record))])
+        from preisach_jax.present.fit import as_text
+
+        return as_text(self)
 
     def plot(self) -> Figure:
         """Measured against model, and the residual, as a matplotlib figure."""

@@ -13,7 +13,7 @@ from preisach_jax.look.columns import ColumnView
 from preisach_jax.look.prospects import Excitation, Prospect, rate_text
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
-from preisach_jax.rows import holes
+from preisach_jax.record.blemishes import holes
 
 UNEVEN = 0.05
 """Jitter, as a share of the step, from which on it is told."""

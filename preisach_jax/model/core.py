@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax import html
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -33,7 +32,6 @@ from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
-from preisach_jax.rows import chain_rows, model_line
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
@@ -76,15 +74,14 @@ class Model:
     band: Band | None = None
 
     def __repr__(self) -> str:
+        from preisach_jax.present.model import model_line
+
         return f"<Model {model_line(self)}>"
 
     def _repr_html_(self) -> str:
-        """The chain in its order, with parameters and their intervals, for notebooks."""
-        return html.block(
-            html.heading(model_line(self)),
-            html.table(("acts on", "part", "parameter", "value"), chain_rows(self)),
-            html.sentence(f"Identified on {self.origin.record}, {self.origin.rows:,} rows."),
-        )
+        from preisach_jax.present.model import as_html
+
+        return as_html(self)
 
     @property
     def plane(self) -> Plane:

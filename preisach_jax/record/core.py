@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from preisach_jax import html
 from preisach_jax.errors import InputError
 from preisach_jax.record import exchange
 from preisach_jax.record.channels import (
@@ -36,7 +35,6 @@ from preisach_jax.record.options import ReadOptions, checked
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.samples import Samples
 from preisach_jax.record.table import Table
-from preisach_jax.rows import column_rows, holes, record_line, span_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -319,16 +317,14 @@ class Record(Samples):
         )
 
     def __repr__(self) -> str:
+        from preisach_jax.present.record import record_line
+
         return f"<Record {record_line(self)}>"
 
     def _repr_html_(self) -> str:
-        """Columns with units and ranges, duration, gaps and missing outputs, for notebooks."""
-        return html.block(
-            html.heading(record_line(self)),
-            html.table(("", "column", "unit", "from", "to"), column_rows(self), numbers_from=3),
-            html.table((), span_rows(self)),
-            *map(html.sentence, holes(self)),
-        )
+        from preisach_jax.present.record import as_html
+
+        return as_html(self)
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time in s, input and output, in their units.

@@ -16,21 +16,16 @@ from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
 from preisach_jax.errors import InputError
 from preisach_jax.identify import BLOCKS, FOLDS
+from preisach_jax.present.diagnosis import budget_rows, finding_parameters, ladder_rows, limit_rows
+from preisach_jax.present.fit import run_table
+from preisach_jax.present.model import model_rows
+from preisach_jax.present.record import record_rows
 from preisach_jax.quantity import number, quantity, scaled
 from preisach_jax.report.language import (
     effect_name,
     verdict_headline,
     verdict_sentence,
     words,
-)
-from preisach_jax.rows import (
-    budget_rows,
-    finding_parameters,
-    ladder_rows,
-    limit_rows,
-    model_rows,
-    record_rows,
-    run_table,
 )
 
 if TYPE_CHECKING:

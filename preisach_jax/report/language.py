@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from preisach_jax.diagnosis.wording import plain
 from preisach_jax.errors import InputError
+from preisach_jax.present.diagnosis import headline
 from preisach_jax.quantity import number, quantity
-from preisach_jax.rows import headline
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis, Finding

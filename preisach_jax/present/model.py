@@ -1,0 +1,91 @@
+"""A model as rows of texts with units, and as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from preisach_jax.present import html
+from preisach_jax.quantity import interval, number, quantity, scaled
+
+if TYPE_CHECKING:
+    from preisach_jax.model import Model, ParameterEstimate
+
+
+def model_name(effects: Iterable[str]) -> str:
+    """A model by its effects."""
+    return " + ".join(("Preisach model", *effects))
+
+
+def plane_text(model: Model) -> str:
+    """Levels, cells and limits of a model's plane, and the signs of its weights if not positive."""
+    plane, unit = model.plane, model.units.get("input", "")
+    factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
+    span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
+    falls = ", output falls as the input rises" if model.chain.polarity < 0 else ""
+    if model.chain.signed:
+        falls = ", weights of both signs"
+    return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}{falls}"
+
+
+def model_rows(model: Model) -> list[tuple[str, str]]:
+    """What a model is made of: plane, cells, effects and the record that it was fitted to."""
+    return [
+        ("plane", plane_text(model)),
+        ("cells visited", f"{100 * model.visited.mean():.0f} %"),
+        ("effects", ", ".join(effect.name for effect in model.effects) or "none"),
+        ("identified on", f"{model.origin.record}, {model.origin.rows:,} rows"),
+    ]
+
+
+def model_line(model: Model) -> str:
+    """A model in one line: its effects, its levels, its error."""
+    error = quantity(model.rms_validation, model.units.get("output", ""), 3)
+    name = model_name(effect.name for effect in model.effects)
+    return f"{name}, {model.plane.levels} levels, held-out error {error} RMS"
+
+
+MOST_SHOWN = 8
+"""Parameters of one finding that are shown; the model file has all."""
+
+
+def parameter_rows(
+    parameters: Mapping[str, ParameterEstimate], all_in: str = "model.json"
+) -> list[tuple[str, str]]:
+    """Parameters with their 95 % intervals, as texts; of many the first few, and where all are."""
+    rows = [(name, interval(e.value, e.low, e.high, e.unit)) for name, e in parameters.items()]
+    if len(rows) <= MOST_SHOWN:
+        return rows
+    few = MOST_SHOWN // 2
+    return [*rows[:few], (f"and {len(rows) - few} more", f"in {all_in}")]
+
+
+def chain_rows(model: Model) -> list[tuple[str, str, str, str]]:
+    """A model in the order in which a signal passes it: place, part, parameter, value."""
+    rows: list[tuple[str, str, str, str]] = []
+    operator = [("hysteresis", "Preisach operator", "plane", plane_text(model))]
+    for effect in model.chain.in_order:
+        if effect.place != "input":
+            rows += operator
+            operator = []
+        where, part = str(effect.place), effect.name
+        for parameter, value in parameter_rows(
+            model.parameters[effect.name], "Model.parameters"
+        ) or [("", "")]:
+            rows.append((where, part, parameter, value))
+            where = part = ""
+    return rows + operator
+
+
+def chain_table(model: Model) -> str:
+    """The chain in its order, with parameters and their intervals, as HTML."""
+    return html.table(("acts on", "part", "parameter", "value"), chain_rows(model))
+
+
+def as_html(model: Model) -> str:
+    """Line, chain and record of a model, for notebooks."""
+    return html.block(
+        html.heading(model_line(model)),
+        chain_table(model),
+        html.sentence(f"Identified on {model.origin.record}, {model.origin.rows:,} rows."),
+    )

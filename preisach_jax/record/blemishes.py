@@ -1,0 +1,70 @@
+"""What is missing in a record, and which samples are not used, in words."""
+
+from __future__ import annotations
+
+from preisach_jax.quantity import quantity
+from preisach_jax.record.samples import Samples
+
+
+def holes(record: Samples) -> list[str]:
+    """What is missing in a record, in words: stretches of time, and outputs."""
+    found: list[str] = []
+    if record.gaps:
+        row, seconds = max(record.gaps, key=lambda gap: gap[1])
+        others = f", and {len(record.gaps) - 1} shorter ones" if len(record.gaps) > 1 else ""
+        found.append(f"a gap of {quantity(seconds, 's', 3)} before sample {row + 1:,}{others}")
+    if unmeasured := int((~record.measured).sum()) - left_out(record):
+        found.append(f"{unmeasured:,} samples without a measured output: history of the input only")
+    if record.torn_row is not None:
+        found.append(torn_line(record))
+    return [*found, *fault_lines(record)]
+
+
+def torn_line(record: Samples) -> str:
+    """Which row was left out because the file ends within it, in words."""
+    return f"row {record.torn_row:,} was left out: the file ends within it"
+
+
+def left_out(record: Samples) -> int:
+    """How many outputs were measured and are not used."""
+    return len(record.spikes) + sum(stop - start for _, start, stop in record.faults)
+
+
+OF_FAULTS = {
+    "stuck": "the output keeps one value while the input moves on",
+    "clipped": "the output is at the end of its sensor's range",
+    "wrapped": "the output's counter has wrapped",
+}
+
+
+def fault_lines(record: Samples) -> list[str]:
+    """Which samples were not used: faults of the sensor, and what stands out alone, in words."""
+    found: list[str] = []
+    for kind, words in OF_FAULTS.items():
+        rows = [(start, stop) for each, start, stop in record.faults if each == kind]
+        if not rows:
+            continue
+        count = sum(stop - start for start, stop in rows)
+        some = ", ".join(f"{start + 1:,}-{stop:,}" for start, stop in rows[:3])
+        others = f" and {len(rows) - 3:,} other stretches" if len(rows) > 3 else ""
+        found.append(
+            f"{words} in {count:,} samples ({100 * count / len(record.time):.2g} %), which were "
+            f"left out: samples {some}{others}"
+        )
+    for what, spikes, done in (
+        ("output", record.spikes, "left out"),
+        ("input", record.input_spikes, "bridged by lines, as the output does not answer"),
+    ):
+        if not spikes:
+            continue
+        rows = sorted(spikes)
+        many = len(rows) > 1
+        some = ", ".join(f"{row + 1:,}" for row in rows[:3])
+        others = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
+        share = 100 * len(rows) / len(record.time)
+        found.append(
+            f"{len(rows):,} {what}{'s' * many} ({share:.2g} %) "
+            f"{'stand out from their' if many else 'stands out from its'} neighbours alone and "
+            f"{'were' if many else 'was'} {done}: sample{'s' * many} {some}{others}"
+        )
+    return found

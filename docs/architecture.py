@@ -32,8 +32,8 @@ the order.
 - `diagnosis`: from the plain model to a verdict by immutable steps, walked by `diagnose` or by
   hand (`explore`).
 - `compensation`, `export`: the inverse, and C, FMU and python-control.
-- `present`, `plot`, `report`, `app`, `cli`: all that people see. A result loads its part of `present`
-  or `plot` when it is shown.
+- `present`, `plot`, `report`, `app`, `cli`: all that people see. A result loads its part of
+  `present` or `plot` when it is shown.
 - `plant`, `piezo`, `signals`: simulated stages that share no code with the models.
 
 ## What imports what

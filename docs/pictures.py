@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 import sys
 from collections.abc import Callable
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -561,6 +563,30 @@ def forc() -> Figure:
     return figure
 
 
+@mpl.rc_context(STYLE)
+def own_effect() -> Figure:
+    """The calibration points of the page on effects of one's own, with the fits of that page."""
+    page = (ASSETS.parent / "how-to" / "own-effect.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {"__name__": "page"}
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL)[:3]:
+        exec(compile(block, "own-effect.md", "exec", dont_inherit=True), names)
+    record, again = names["record"], names["again"]
+    figure = Figure(figsize=(7.6, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for name, shade, mark in (("plain", BEFORE, "o"), ("fading", AFTER, "s")):
+        left = 100 * names[name].residual[again] / record.output_range
+        label = " + ".join(("Preisach model", *names[name].effects))
+        axes.plot(
+            record.time[again] / 60, left, mark, color=shade, ms=4, mew=0,
+            label=f"{label}: {names['error_at'](names[name], again):.3f} % RMS",
+        )  # fmt: skip
+    axes.set_title("one magnetic state, measured 120 times")
+    axes.set_xlabel("time (min)")
+    axes.set_ylabel("measured - model\n(% of the range)")
+    axes.legend()
+    return figure
+
+
 def drive() -> Figure:
     """Tracking of a simulated stage with more and more of its model's inverse."""
     hidden = ("creep", "output_lag")
@@ -596,6 +622,7 @@ OTHERS: dict[str, Callable[[], Figure]] = {
     "home": home,
     "forc": forc,
     "drive": drive,
+    "own-effect": own_effect,
     "paper/hysteron": partial(of_the_paper, "hysteron"),
     "paper/convergence": partial(of_the_paper, "convergence"),
     "paper/proportionality": partial(of_the_paper, "proportionality"),

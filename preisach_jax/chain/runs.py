@@ -2,7 +2,7 @@
 
 Weights and parameters of the effects are those of all runs.  Hysterons, and the states of all
 effects, start anew with each; so do the offset, what an unknown past leaves, and the coefficients
-of effects that differ from one run to the next (`Effect.own_each_run`).  Runs that are held out
+of effects that differ from one run to the next (`Effect.of_time_alone`).  Runs that are held out
 start as a prediction does: hysterons that the first input does not force halfway, all else as in
 the last of the other runs.  Along one run these functions are those of `chain`.
 """
@@ -291,7 +291,7 @@ def _differ(chain: Chain) -> np.ndarray:
     """(coefficient,) whether each run has its own."""
     by_name = {effect.name: effect for effect in chain.effects}
     return np.array(
-        [by_name[name].own_each_run or not each.amount for name, each in chain.coefficients],
+        [by_name[name].of_time_alone or not each.amount for name, each in chain.coefficients],
         dtype=bool,
     )
 

@@ -106,7 +106,9 @@ def _limit_of_amount(
     """The greatest amount, over all values that the other parameters start from."""
     two_sided = scipy.special.ndtri(0.5 + LEVEL / 2)
     amounts = amounts_of(effect)
-    share, name, unit = effect.total_amount(amounts)
+    first = amounts[0]
+    name, _ = first.total
+    share = np.array([own.total[1] if own.total[0] == name else 0.0 for own in amounts])
     # The columns of an added effect are limited one by one.
     alone = isinstance(effect, AddedEffect | SensorEffect)
     seen = [
@@ -116,7 +118,7 @@ def _limit_of_amount(
     ]
     visible = [one for one in seen if np.isfinite(one.deviation)]
     absorbed = min((one.absorbed for one in seen), default=1.0)
-    unit = problem.shown_unit(unit)
+    unit = problem.shown_unit(first.unit)
     if not visible:
         return Limit(effect.name, name, None, unit, False, None, absorbed)
     # A coefficient of the solver is in output ranges, a parameter in its own unit.

@@ -109,8 +109,8 @@ class Effect(eqx.Module):
         special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
-        own_each_run: whether its coefficients differ from one record to the next, where several are
-            fitted together.
+        of_time_alone: whether what it does depends on nothing but the time. It is then known before
+            the input is, and differs from one record to the next where several are fitted together.
 
     Fields that are declared by `parameter` hold the values of the parameters where the effect acts
     (see `at`).  The other fields say how it is bound to a record.  Floats, and tuples of them, are
@@ -130,7 +130,7 @@ class Effect(eqx.Module):
     goes_with_speed: ClassVar[bool] = False
     special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
-    own_each_run: ClassVar[bool] = False
+    of_time_alone: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 
     @property
@@ -189,13 +189,6 @@ class Effect(eqx.Module):
     def variants(self, survey: Survey) -> tuple[Effect, ...]:
         """Forms of the effect to try on a record, the simplest first; by default `bound_to`'s."""
         return (self.bound_to(survey),)
-
-    def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
-        """What a limit is told in: shares of the amounts in their total, its name and its unit.
-
-        By default the first of the amounts stands for all.
-        """
-        return np.eye(len(amounts))[0], amounts[0].name, amounts[0].unit
 
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
@@ -322,14 +315,9 @@ class WeightEffect(Effect):
     """An effect that scales all weights as time goes by.
 
     What scales them may move the output as well, with coefficients of its own.
-
-    Class attributes:
-        of_time_alone: whether the factor needs nothing but the time, so that it is known before
-            the input is.
     """
 
     place: ClassVar[Place] = Place.WEIGHTS
-    of_time_alone: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each of the `columns`, found by least squares; by default none."""

@@ -66,6 +66,7 @@ class Creep(OutputEffect):
         0.5,
         count=lambda own: len(own.tau_s),
         meaning=lambda own: [f"gain of the element of {tau:.3g} s" for tau in own.tau_s],
+        total=lambda own: ("gain_per_decade", 1 / own._per_decade),
     )
 
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -91,9 +92,6 @@ class Creep(OutputEffect):
 
     def bound_to(self, survey: Survey) -> Creep:
         return replace(self, tau_s=creep_times(survey))
-
-    def total_amount(self, amounts: list[Parameter]) -> tuple[np.ndarray, str, str]:
-        return np.full(len(amounts), 1 / self._per_decade), "gain_per_decade", "1"
 
     @property
     def _gains(self) -> Array:

@@ -77,7 +77,7 @@ class Drift(AddedEffect):
     )
     confused_with: ClassVar[tuple[str, ...]] = ("creep", "ageing", "reptation", "leakage")
     needs: ClassVar[tuple[str, ...]] = (CYCLES,)
-    own_each_run: ClassVar[bool] = True
+    of_time_alone: ClassVar[bool] = True
     experiment: ClassVar[str] = (
         "the same reference loop at the start and at the end, and long holds after moves in both "
         "directions: drift shifts all alike, ageing shrinks the loop, creep follows the move"

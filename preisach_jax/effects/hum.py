@@ -60,7 +60,7 @@ class Hum(AddedEffect):
         "a hold that is much longer than a mode rings: a resonance dies away, a hum goes on"
     )
     found_in_residual: ClassVar[bool] = True
-    own_each_run: ClassVar[bool] = True
+    of_time_alone: ClassVar[bool] = True
     starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
     f_hz: float = parameter(

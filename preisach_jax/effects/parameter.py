@@ -25,6 +25,8 @@ class Parameter:
             there beside an effect, such as the unknown start of its states.
         open_ended: whether a value at a bound is a finding, such as a straight line for a time far
             above the record's; else an effect that is fitted there is not named.
+        total: the amount in which a limit is told, and what one of this parameter adds to it; by
+            default the parameter itself.
 
     Raises:
         InputError: if the bounds are not `low < high`, or a logarithmic one is not positive.
@@ -43,8 +45,11 @@ class Parameter:
     meaning: str = ""
     amount: bool = True
     open_ended: bool = False
+    total: tuple[str, float] = ("", 1.0)
 
     def __post_init__(self) -> None:
+        if not self.total[0]:
+            object.__setattr__(self, "total", (self.name, 1.0))
         if not self.low < self.high:
             raise InputError(
                 f"parameter {self.name!r} has bounds {self.low} and {self.high}: "
@@ -115,6 +120,7 @@ def parameter(
     name: str | None = None,
     when: Callable[[Any], bool] | None = None,
     count: Callable[[Any], int] | None = None,
+    total: Callable[[Any], tuple[str, float]] | None = None,
 ) -> Any:
     """Declare a field of an effect to be a parameter that a search finds.
 
@@ -130,6 +136,8 @@ def parameter(
         when: whether the effect has the parameter at all, in one of its forms.
         count: how many parameters there are, `NAME_1` and so on, each with a meaning of its own;
             the field then holds a tuple.
+        total: of several, the amount in which a limit is told of them together, and what one of
+            each adds to it; by default the first of them.
 
     Returns:
         A field of the class, keyword-only, with None by default.
@@ -144,7 +152,7 @@ def parameter(
     """
     declared = Declared(
         unit, low, high, log, start, margins, per_decade, meaning, amount, open_ended, name, when,
-        count,
+        count, total,
     )  # fmt: skip
     return field(default=None, kw_only=True, metadata={_DECLARED: declared})
 
@@ -186,6 +194,7 @@ class Declared:
     name: str | None
     when: Callable[[Any], bool] | None
     count: Callable[[Any], int] | None
+    total: Callable[[Any], tuple[str, float]] | None
 
     def names(self, effect: Any, own: str) -> list[str]:
         """Names of the parameters that a field of this name holds; none in some forms."""
@@ -204,6 +213,7 @@ class Declared:
             start = log_grid(low * self.margins[0], high / self.margins[1], self.per_decade)
         meaning = _of(self.meaning, effect)
         meanings = [meaning] if isinstance(meaning, str) else meaning
+        total = ("", 1.0) if self.total is None else self.total(effect)
         return [
             Parameter(
                 name,
@@ -215,6 +225,7 @@ class Declared:
                 own_meaning,
                 self.amount,
                 self.open_ended,
+                total,
             )
             for name, own_meaning in zip(self.names(effect, own), meanings, strict=False)
         ]

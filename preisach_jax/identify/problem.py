@@ -125,7 +125,7 @@ class Problem:
             effect: the effect; one that differs from run to run sees the longest alone.
         """
         order, starts = self.in_time, self.breaks
-        if effect is not None and effect.own_each_run and self.record.runs:
+        if effect is not None and effect.of_time_alone and self.record.runs:
             run = max(self.record.runs, key=lambda run: (not run.held_out, run.stop - run.start))
             inside = (self.rows[order] >= run.start) & (self.rows[order] < run.stop)
             order, starts = order[inside], ()

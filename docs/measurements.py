@@ -117,7 +117,7 @@ def drive() -> str:
     names = ["hidden", "seed", "held out, nm", "noise, nm", *content["courses"]]
     return f"""## The drive
 
-{content["stages"]} simulated stages of an independent make, with up to three hidden effects, were
+{content["stages"]} stages simulated by independent code, with up to three hidden effects, were
 measured for 12 s, fitted, and driven along courses by the inverse of the model. Tracking errors are
 those of the stage itself, without the noise of its sensor; the held-out error of the model contains
 that noise. The first course consists of the motions of the record in their shares, with other

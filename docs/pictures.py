@@ -516,7 +516,7 @@ def draw(name: str) -> Figure:
             else f"with {effect}: {error:.3g} {unit}"
         )
         above.plot(record.time, course.of(fit), color=colour(kind), lw=0.6, label=label)
-    above.set_title(f"{name}: what is measured less what the model says")
+    above.set_title(f"{name}: residual (measured minus model)")
     above.set_xlabel("time (s)")
     above.margins(x=0.01)
     handles = above.get_legend_handles_labels()

@@ -32,7 +32,7 @@ HEAD = """# Blind scores
 ## How they were made
 
 `python benchmarks/blind/run.py --out DIR` hides known effects, pairs, triples, nothing, and effects
-that the library does not have, in simulated stages of an independent make: generalised plays with a
+that the library does not have, in stages simulated by independent code: generalised plays with a
 history that nobody recorded, on a raster several times finer than the record's, with coloured noise
 and a converter. No code is shared with the models. The diagnosis gets the record and nothing else.
 Three simpler ways to name an effect are judged on the same records.

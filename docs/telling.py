@@ -53,7 +53,7 @@ TELLING = {
     ),
     "operator_creep": Telling(
         "since_rest_by_move",
-        "Tails after great moves, and hardly any after small ones; those of linear creep "
+        "Tails after large moves, and hardly any after small ones; those of linear creep "
         "would be in proportion to the move.",
         made="This stage is synthetic: the simulated stage hides nothing, and the sum of 48 "
         "elementary creep operators (8 thresholds, 6 time constants) is added to its output, "

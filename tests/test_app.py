@@ -154,7 +154,7 @@ class TestTexts:
         row = CandidateRow("drift", lambda: None, lambda *parts: parts)
         row.show(drift, step.before)
         assert "convincing" in row.text
-        assert f"takes {100 * drift.gain:.1f} % off" in row.text
+        assert f"lowers the held-out mean square by {100 * drift.gain:.1f} %" in row.text
         left, before = (1e3 * rms for rms in (drift.rms_validation, step.before.fit.rms_validation))
         assert f"would leave {left:.3g} nm of {before:.3g} nm" in row.text
         row.show(hum, step.before)
@@ -428,7 +428,7 @@ class TestSteps:
         assert again.step.fit.rms_validation == by_hand.fit.rms_validation
 
     def test_clicks_that_begin_with_no_fit_are_refused(self, step):
-        with pytest.raises(pj.InputError, match="begin with a fit"):
+        with pytest.raises(pj.InputError, match="must be a fit"):
             repeated(step.record, [Click("add", effect="drift")], lambda text, done: None)
 
 
@@ -461,9 +461,9 @@ class TestProject:
         ("change", "expected"),
         [
             ({"format": 99}, "99"),
-            ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "clicks"),
+            ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "steps"),
             ({"record": "record/other.csv"}, "other.csv"),
-            ({"choice": None}, "no whole project"),
+            ({"choice": None}, "the project file is damaged"),
         ],
     )  # fmt: skip
     def test_a_wrong_one_is_refused_by_one_line(self, step, change, expected):
@@ -479,7 +479,7 @@ class TestProject:
             unpacked("x.preisach", changed.getvalue())
 
     def test_what_is_no_archive_is_refused(self):
-        with pytest.raises(pj.InputError, match="no whole project"):
+        with pytest.raises(pj.InputError, match="the project file is damaged"):
             unpacked("x.preisach", b"PK not a ZIP")
 
     def test_a_name_in_it_leaves_no_folder(self, step):

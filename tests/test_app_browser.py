@@ -108,7 +108,7 @@ def test_a_hidden_effect_is_found_added_undone_and_exported(tab, stage, tmp_path
     tab.locator(".mark").first.wait_for()
     first = tab.locator(".candidate").first
     assert first.locator("b").inner_text() == "delay"
-    assert first.locator("details").text_content().count("off the squared held-out error") == 1
+    assert first.locator("details").text_content().count("the held-out mean square by") == 1
     left = first.locator(".leaves").inner_text()
     keep(tab, "record")
     keep(tab, "candidates")
@@ -440,7 +440,7 @@ def test_a_typed_shape_is_driven_and_taken_away(tab, stage, tmp_path):
     told = tab.locator(".outcome")
     told.get_by_text("straight line").wait_for()
     assert nanometres(told.locator(".size").inner_text()) > 0
-    assert {"Drive", "Error (wanted less expected)"} <= set(tab.evaluate(VISIBLE_TITLES))
+    assert {"Drive", "Error (wanted minus expected)"} <= set(tab.evaluate(VISIBLE_TITLES))
     keep(tab, "drive")
     drive = np.genfromtxt(download(tab, "drive.csv", tmp_path), delimiter=",", names=True)
     wanted = np.genfromtxt(download(tab, "wanted.csv", tmp_path), delimiter=",", names=True)

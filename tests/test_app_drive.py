@@ -178,7 +178,7 @@ class TestDrive:
         assert order is not None
         result = driven(step, order, tmp_path, quiet)
         assert set(result.files) == {"drive.csv", "wanted.csv", "model.json"}
-        assert ("load_N is taken to stay at" in " ".join(result.notes)) == ("aux" in options)
+        assert ("load_N is assumed to stay at" in " ".join(result.notes)) == ("aux" in options)
         there = tmp_path / "there"
         there.mkdir()
         for name in ("wanted.csv", "model.json"):

@@ -119,7 +119,7 @@ def test_a_model_shows_its_chain_in_order(fitted, tmp_path):
 def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
     found = make_diagnosis()
     text = shown(found)
-    assert "An effect is found, and something remains (partly_explained)" in text
+    assert "An effect was found, but part of the error remains (partly_explained)" in text
     assert found.sentence in text
     assert "held-out RMS (nm)" in text
     assert "Preisach model + creep + drift 31" in text

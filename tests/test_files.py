@@ -738,7 +738,7 @@ REFUSED = {
     "packed.csv.bz2": Case(bz2.compress(CSV.encode()), refused=("binary", "give a CSV")),
     "two_times.csv": Case(
         "t1_s,u_V,t2_s,z_um\n" + rows(T, U, T + 0.004, Z),
-        refused=("t1_s, t2_s may each be the time", "--time"),
+        refused=("t1_s, t2_s could each be the time", "--time"),
     ),
     "million_columns.csv": Case(WIDE + "\n" + "1," * 999_999 + "1\n", refused=("1,000,000 col",)),
     "mixed.csv": Case(

@@ -219,7 +219,7 @@ def test_of_what_was_not_fitted_the_five_that_promise_most_are_drawn(found):
     np.testing.assert_allclose(widths[1:], [8.0, 7.0, 6.0, 5.0, 4.0])
     hatches = [bar.get_hatch() for bar in bars(figure.axes[0])]
     assert hatches == [None, *["////"] * 5]
-    assert "on the model without effects (3 that promise less are not shown)" in texts(figure)
+    assert "on the model without effects (3 that promise less, not shown)" in texts(figure)
 
 
 @pytest.mark.filterwarnings("error")

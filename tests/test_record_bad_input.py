@@ -178,7 +178,7 @@ def test_a_text_above_the_limit_is_refused_with_its_size(tmp_path, monkeypatch):
 
 WIDE = {
     "channel_{}": ("guessed to be the time", {}),
-    "u{}_V": ("may each be the input", {"rate": 1.0}),
+    "u{}_V": ("could each be the input", {"rate": 1.0}),
 }
 
 
@@ -277,11 +277,11 @@ def test_wrong_columns(tmp_path, options, expected):
         ("a b c", ["guessed to be the time", "a, b, c", "--time", "--rate"]),
         ("t b c", ["guessed to be the input", "t, b, c", "--input"]),
         ("t u c", ["guessed to be the output", "t, u, c", "--output"]),
-        ("t u y z", ["y, z may each be the output", "--output"]),
-        ("t u x z", ["u, x may each be the input", "--input"]),
-        ("t x z u_V ref", ["x, u_V may each be the input", "--input"]),
-        ("t time u z", ["t, time may each be the time", "--time"]),
-        ("t_s p_V q_V", ["p_V, q_V may each be the input"]),
+        ("t u y z", ["y, z could each be the output", "--output"]),
+        ("t u x z", ["u, x could each be the input", "--input"]),
+        ("t x z u_V ref", ["x, u_V could each be the input", "--input"]),
+        ("t time u z", ["t, time could each be the time", "--time"]),
+        ("t_s p_V q_V", ["p_V, q_V could each be the input"]),
         ("t force_N disp_mm", ["guessed to be the input"]),
     ],
 )

@@ -132,7 +132,7 @@ def test_misread_inputs_do_not_move_the_memory_of_a_fit_or_of_a_comparison(effec
     assert "inputs (0.4" in bad.summary()
     compared = compare(clean.model, with_input(made, read))
     assert compared.rms == pytest.approx(compare(clean.model, clean.record).rms, rel=0.1)
-    assert any("bridged by lines" in note for note in compared.notes)
+    assert any("replaced by straight lines" in note for note in compared.notes)
 
 
 @pytest.mark.parametrize("slowness", [0, 1, 20])

@@ -63,7 +63,7 @@ def test_little_to_see_is_said():
     rng = np.random.default_rng(0)
     ramp = np.linspace(0, 10, 4000) + 0.01 * rng.normal(size=4000)
     (note,) = notes_on(Record.from_arrays(TIME, ramp, ramp), model)
-    assert note.startswith("The input turns 0 times only")
+    assert note.startswith("The input reverses only 0 times")
     short = slice(0, 300)
     few = notes_on(Record.from_arrays(TIME[short], INPUT[short], INPUT[short]), model)
     assert few[0].startswith("The record has 300 measured rows for 325 cells")
@@ -77,5 +77,5 @@ def test_a_record_that_could_not_show_effects_asks_for_another():
     assert "could not show" in asked.why
     found = make_diagnosis("adequate", next_experiment=asked)
     assert headline(found) == (
-        "Nothing is seen to be missing, and this record could hardly show it"
+        "No missing effect is visible, but this record could hardly show one"
     )

@@ -32,6 +32,11 @@ BANNED = {  # a pattern, and what stands for it
     r"cells without end": "an infinitely fine grid",
     r"noise nor (the )?grid|noise and (the )?grid\b": "discretisation",
     r"\blose (it|all|them) and\b|Lose all": "delete",
+    r"of an independent make": "simulated by independent code",
+    r"sealed truth|truth is opened": "hidden effect",
+    r"[Ww]ith eyes and a mouse": "in the browser",
+    r"every so-many": "every n-th",
+    r"(measured|wanted) less (model|predicted|expected)": "minus",
     r"acts? on the (hysterons|added|sum)\b": "a place of the enumeration",
 }
 

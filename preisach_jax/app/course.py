@@ -305,7 +305,7 @@ def course_file(step: Exploration, time: np.ndarray, output: np.ndarray) -> Cour
         names.append(name)
         values.append(np.full(len(time), last))
         unit = record.channels[name].unit
-        notes.append(f"{name} is taken to stay at {quantity(last, unit)}, its last value")
+        notes.append(f"{name} is assumed to stay at {quantity(last, unit)}, its last value")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -64,7 +64,7 @@ class DriveFigures:
         self._told = False
         self._time = Range1d(start=0.0, end=1.0)
         self._output = self._output_figure()
-        self._error = self._small_figure("Error (wanted less expected)", "error")
+        self._error = self._small_figure("Error (wanted minus expected)", "error")
         self._drive = self._small_figure("Drive", "drive")
         self._drive.xaxis.axis_label = TIME
         if draws is not None:

@@ -162,7 +162,7 @@ def outcome(result: Driven, record: Record) -> str:
     rows = len(result.found.time)
     head = f"{lost:,} of {rows:,} rows cannot be reached" if lost else "Every row can be reached"
     straight = (
-        f"Along a straight line (affine map) in place of the model it would be "
+        f"With a straight line (affine map) instead of the model it would be "
         f"{quantity(errors.straight, unit, 3)}, {_percent(errors.straight, stroke)} of the stroke. "
         f"Both contain the model's own held-out error, {quantity(errors.model, unit, 3)}."
     )

@@ -42,7 +42,7 @@ def exports(
     concluded = found or step.conclude(progress)
     progress("writing the report", 0.7)
     with tempfile.TemporaryDirectory() as folder:
-        command = "preisach app (the script repeat.py repeats what was clicked)"
+        command = "preisach app (the script repeat.py repeats these steps)"
         paths = write_report(concluded, Path(folder), command=command)
         contents = {path.name: path.read_bytes() for path in paths}
     figures = io.BytesIO()

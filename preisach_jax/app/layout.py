@@ -142,7 +142,7 @@ class Layout:
             self.advice, buttons, self.cards,
             panels.pane(panels.heading("The model")),
             self.ladder, self.levels,
-            panels.pane(panels.heading("Take away")),
+            panels.pane(panels.heading("Download")),
             self.prepare, self.downloads, self.project,
             stylesheets=[_SIDE],
         )  # fmt: skip

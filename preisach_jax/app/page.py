@@ -144,7 +144,7 @@ class Page(Opening):
         errors = [each.fit.rms_validation for each in walk.step.steps]
         if not panels.agree(errors, project.errors):
             self._say(panels.mistake(
-                "The repeated steps have other errors than the project that was saved: another "
+                "The repeated steps give other errors than those saved in the project: another "
                 "version of the program or of its libraries computes them now."
             ))  # fmt: skip
 

@@ -34,10 +34,10 @@ KINDS = (
     "CSV and other texts, Excel, LabVIEW, HDF5, MAT, NPZ, Parquet, Feather, MicroMag .forc, or a "
     "saved .preisach project. It stays on this machine."
 )
-DROP = "What the model of a record may lack is compared here."
+DROP = "Effects that the model may lack are compared here."
 CHOOSE = "Choose the columns above: the record is drawn and fitted as soon as they are known."
 FIT = "The plain hysteresis model comes first, then the effects it may lack are compared."
-NOT_COMPARED = "Nothing was compared yet: any effect can be added."
+NOT_COMPARED = "Nothing has been compared yet; any effect can be added."
 
 
 FACTS = """
@@ -190,9 +190,9 @@ def _floor(budget: Budget) -> Markup:
             ("unexplained", budget.unexplained),
         )
     ]
-    return Markup(
-        '<p class="budget">Held-out error (RMS). Of that of the model shown: {}.</p>'
-    ).format(", ".join(shares))
+    return Markup('<p class="budget">Held-out error (RMS). For the model shown: {}.</p>').format(
+        ", ".join(shares)
+    )
 
 
 def verdict(step: Exploration, found: Diagnosis | None) -> str:
@@ -316,7 +316,7 @@ def facts(found: Look) -> str:
     if poorly:
         rows.append(("shows poorly", ", ".join(poorly)))
     if found.cannot_tell:
-        rows.append(("says nothing of", ", ".join(found.cannot_tell)))
+        rows.append(("does not show", ", ".join(found.cannot_tell)))
     rows += [("to record next", text) for text in found.record_next()[:3]]
     body = Markup("").join(
         Markup('<tr><th scope="row">{}</th><td>{}</td></tr>').format(*line) for line in rows

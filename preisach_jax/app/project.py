@@ -98,8 +98,8 @@ def unpacked(name: str, content: bytes) -> Project:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"{name}: this is no whole project ({type(error).__name__}: {error}); save it again or "
-            "open the record itself"
+            f"{name}: the project file is damaged ({type(error).__name__}: {error}); save it "
+            "again or open the record itself"
         ) from None
 
 
@@ -117,7 +117,7 @@ def _project(told: Mapping[str, Any], content: bytes) -> Project:
     choice = cast(Mapping[str, Any], told["choice"])
     clicks = [Click(str(c["what"]), c["levels"], str(c["effect"])) for c in told["clicks"]]
     if len(clicks) > _MOST_CLICKS or {c.what for c in clicks} - {"fit", "find", "add", "undo"}:
-        raise ContentError("the clicks are none of the page's")
+        raise ContentError("the steps are not ones that the page can repeat")
     return Project(
         PurePosixPath(str(told["name"])).name,
         content,

@@ -1,4 +1,4 @@
-"""The Python script that repeats what was clicked."""
+"""The Python script that repeats the steps taken on the page."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Explor
     """
     record = step.record
     lines = [
-        '"""Repeats what was clicked in `preisach app`: python SCRIPT [DATA]."""',
+        '"""Repeats the steps taken in `preisach app`: python SCRIPT [DATA]."""',
         "",
         "import sys",
         "from pathlib import Path",
@@ -64,7 +64,7 @@ def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Explor
         *(f"    {key}={value!r}," for key, value in choice.items() if value),
         ")",
         f"if record.sha256 != {record.sha256!r}:",
-        '    sys.exit(f"{data} is not the record that was clicked through: its values differ")',
+        '    sys.exit(f"{data} is not the record of these steps: its values differ")',
         "",
     ]
     for click in without_detours(clicks):

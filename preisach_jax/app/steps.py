@@ -110,7 +110,7 @@ def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Wal
             found = diagnose(record, levels=click.levels, progress=progress)
             walk = Walk(Exploration.of(found), (click,), found)
         elif walk is None:
-            raise InputError(f"the steps begin with {click.what!r}; let them begin with a fit")
+            raise InputError(f"the steps begin with {click.what!r}; the first step must be a fit")
         elif click.what == "add":
             walk = walk.on(walk.step.add(click.effect, progress), click)
         elif walk.step.before is not None:

@@ -229,7 +229,7 @@ class Views:
         # Ranges of their own: those that follow the data would keep to what was drawn first.
         ranges = {"x_range": Range1d(start=0, end=1), "y_range": Range1d(start=-1, end=1)}
         label = with_unit("residual", unit)
-        drawn = brushed(drawn_figure("Residual (measured less model)", "", label, **ranges))
+        drawn = brushed(drawn_figure("Residual (measured minus model)", "", label, **ranges))
         for name, of, shade in (("before", "plain", BEFORE), ("model", "residual", AFTER)):
             bins = self.bins[of]
             drawn.scatter(

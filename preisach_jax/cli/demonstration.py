@@ -1,4 +1,4 @@
-"""`preisach demo`: a real record, and a simulated one whose hidden effect is sealed."""
+"""`preisach demo`: a real record, and a simulated one with a hidden effect."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _seal(folder: Path, seed: int) -> tuple[Path, str]:
     contents = stage_files(stage, folder / "data.csv", truth)
     write_files(contents)
     seal = hashlib.sha256(contents[truth]).hexdigest()
-    screen.say(f"Sealed: {truth}, SHA-256 {seal[:16]}...; it is opened after the verdict.")
+    screen.say(f"Hidden effect: in {truth} (SHA-256 {seal[:16]}...), read after the verdict.")
     return truth, seal
 
 
@@ -109,9 +109,9 @@ def _judge(found: Diagnosis, truth: Path, seal: str) -> str:
     """Open the truth and say whether the verdict was right."""
     content = truth.read_bytes()
     if hashlib.sha256(content).hexdigest() != seal:
-        return f"{truth} was changed since it was sealed; it proves nothing."
+        return f"{truth} was changed since it was written: the verdict cannot be checked."
     hidden = json.loads(content)["effects"][0]
-    text = f"The truth is opened: hidden was {hidden}."
+    text = f"The hidden effect was {hidden}."
     first = found.findings[0] if found.findings else None
     if first is None:
         return f"{text} The verdict was wrong: it names nothing."
@@ -120,5 +120,5 @@ def _judge(found: Diagnosis, truth: Path, seal: str) -> str:
         beside = f", though it names {', '.join(later)} beside it" if later else ""
         return f"{text} The verdict was right{beside}."
     if hidden in first.family:
-        return f"{text} The verdict names {first.effect} first, and {hidden} as its like."
+        return f"{text} The verdict names {first.effect}, which it cannot tell from {hidden}."
     return f"{text} The verdict was wrong: it names {first.effect} first."

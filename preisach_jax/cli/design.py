@@ -56,8 +56,8 @@ def design(
     plan.save(out)
     if plan.separations:
         screen.say(
-            "Held-out error of the wrong model over that of the right one, both refitted; in each "
-            "row the first is true\n"
+            "Held-out error of the wrong model divided by that of the right one, both refitted; "
+            "the first of each row is true\n"
         )
         screen.table(("", *plan.separations), plan.rows())
         screen.say()

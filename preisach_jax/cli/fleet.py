@@ -258,7 +258,7 @@ def _show(unit: str, rows: Sequence[Row]) -> None:
     if len(worst) > SHOWN:
         screen.say(f"... and {len(worst) - SHOWN} better")
     screen.say(
-        "\nerror: of the next increment, as the filter runs; replay error: of the whole record, "
+        "\nerror: of the next increment, while the filter runs; replay error: of the whole record, "
         "simulated by the final weights, beside a constant (the offset in the table)"
     )
     idle = [row.record for row in rows if not row.updates]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from preisach_jax.record.table import Table
 
 _LINES = 6  # of a terminal, for the picture of a signal
-_GRADES = {"well": "shows well", "poorly": "shows poorly", "not at all": "says nothing of"}
+_GRADES = {"well": "shows well", "poorly": "shows poorly", "not at all": "does not show"}
 
 
 @command(
@@ -99,7 +99,7 @@ def _show(found: Look) -> None:
     screen.table(("", "found"), found.rows(), numbers=False)
     well = ", ".join(found.can_tell) or "no effect"
     screen.answer(f"shows well: {well}")
-    screen.say("\nWhat this record can tell, if it is there:")
+    screen.say("\nEffects that this record can show, if they are present:")
     for grade, text in _GRADES.items():
         names = [each.effect for each in found.prospects if each.grade == grade]
         if names:

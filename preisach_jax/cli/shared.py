@@ -23,9 +23,7 @@ EXAMPLES = "examples"
 _Json = Annotated[
     bool, typer.Option("--json", help="show the result as one JSON document, and nothing else")
 ]
-_Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="show no progress and no texts, errors alone")
-]
+_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="show nothing but errors")]
 _OPTIONS = {"as_json": _Json, "quiet": _Quiet}
 
 

@@ -169,7 +169,7 @@ def _check_course(model: Model, wanted: Record) -> None:
         raise InputError(
             f"{wanted.name}: there is a gap of {quantity(float(steps[row]), 's')} behind row "
             f"{row + 1}, where the usual step is {quantity(float(np.median(steps)), 's')} "
-            f"({_more(gaps, 'gaps')}); the course must say what is wanted there: fill in its rows"
+            f"({_more(gaps, 'gaps')}); the course must cover it: fill in its rows"
         )
 
 

@@ -119,7 +119,7 @@ def _too_small(problem: Problem, now: Point, trial: Trial, tolerance: float) -> 
     if rms > tolerance or tolerance == 0:
         return ""
     made, allowed = (quantity(size, problem.record.output_unit, 3) for size in (rms, tolerance))
-    return f"it makes {made} RMS, within the tolerance of {allowed}"
+    return f"it contributes {made} RMS, within the tolerance of {allowed}"
 
 
 def _objection(

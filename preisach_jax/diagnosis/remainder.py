@@ -43,8 +43,8 @@ TIME_PARTS = 60
 """Stretches whose signs are drawn anew where the relation to time itself is asked for."""
 
 PHYSICS = {
-    "input": "a bent map of the input, or a density that is too coarse",
-    "output": "a sensor whose scale bends, or a gain that changes with the position",
+    "input": "a nonlinear map of the input, or a plane that is too coarse",
+    "output": "a nonlinear sensor, or a gain that changes with the position",
     "rate of the input": "viscous friction, a voltage that motion induces, a lag or a delay",
     "logarithm of the speed": "switching by thermal activation, as in relaxors, ferroelectrics and "
     "viscoelastic materials",
@@ -126,7 +126,7 @@ def relations(record: Record, residual: np.ndarray) -> tuple[Relation, ...]:
 
     Arguments:
         record: the record.
-        residual: (time,) measured less modelled output, in output units.
+        residual: (time,) measured minus modelled output, in output units.
 
     Returns:
         The relations; of quantities that say nearly the same, such as input and output, each.

@@ -232,9 +232,9 @@ def surveyed(problem: Problem) -> InputSurvey:
 
 
 REASONS = {
-    RATES: "not tried: the input passes each place at one rate only, where the density absorbs "
+    RATES: "not tried: the input passes each place at one rate only, so that the density absorbs "
     "whatever depends on the rate",
-    CYCLES: "not tried: the input passes each place hardly more than once, where the density "
+    CYCLES: "not tried: the input passes each place hardly more than once, so that the density "
     "absorbs whatever changes with time",
 }
 
@@ -292,7 +292,7 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
     survey, values = surveyed(problem), point.values[name]
     if isinstance(effect, Hum) and survey.makes(values["f_hz"]):
         return (
-            f"its line of {values['f_hz']:.4g} Hz is a sum of few multiples of the drive's own "
+            f"its line of {values['f_hz']:.4g} Hz is a sum of low multiples of the drive's own "
             "lines"
         )
     if isinstance(effect, Drift) and effect.waves:
@@ -306,7 +306,7 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
         if side := _bound_of(parameter, values[parameter.name]):
             return (
                 f"its {parameter.name} of {values[parameter.name]:.4g} {parameter.unit} lies at "
-                f"the {side} bound of the search: something else makes this error"
+                f"the {side} bound of the search: something else causes this error"
             )
     return ""
 

@@ -25,33 +25,33 @@ from preisach_jax.record.blemishes import fault_lines
 
 PLAIN = {
     "creep": "creep (the output goes on moving after the input has stopped)",
-    "operator_creep": "creep with a threshold (after great moves the output goes on moving, after "
+    "operator_creep": "creep with a threshold (after large moves the output goes on moving, after "
     "small ones it does not)",
-    "reptation": "reptation (loops that are repeated move, whether fast or slow, to their middle)",
+    "reptation": "reptation (repeated loops drift towards their middle, whatever the rate)",
     "eddy_currents": "eddy currents (the faster the output changes, the later the material sees "
     "its input)",
-    "input_lag": "a lag of the drive (the material gets the input late and rounded off)",
+    "input_lag": "a lag of the drive (the input reaches the material late and smoothed)",
     "delay": "a pure delay between input and measured output",
     "drift": "a drift of the measurement that does not depend on the input",
     "ageing": "ageing (the loop shrinks as time goes by)",
-    "output_lag": "a lag of the sensor (the reading follows the output late and rounded off)",
-    "slew_limit": "a limit of the drive's speed (its fastest moves come late)",
+    "output_lag": "a lag of the sensor (the reading follows the output late and smoothed)",
+    "slew_limit": "a slew limit of the drive (its fastest moves come late)",
     "rate_dependence": "rate dependence (the faster the input, the wider the loop)",
     "resonance": "a resonance of the mechanics",
     "hum": "a hum of fixed frequency in the reading",
-    "output_nonlinearity": "a sensor that bends the whole loop alike",
+    "output_nonlinearity": "a nonlinear sensor (it bends the whole loop in the same way)",
     "moving": "feedback of the output on the material (minor loops that are not congruent)",
     "input_quantisation": "coarse steps of the drive's converter",
     "output_quantisation": "coarse steps of the sensor's converter",
-    "viscosity": "a viscosity (a part of the output goes with the speed of the input)",
-    "leakage": "a leakage of the reading (what stays decays to zero)",
-    "log_rate": "a widening of the loop by the logarithm of the rate",
+    "viscosity": "a viscosity (a part of the output depends on the speed of the input)",
+    "leakage": "a leakage of the reading (a constant output decays to zero)",
+    "log_rate": "a widening of the loop with the logarithm of the rate",
 }
 
 OF_COLUMN = {
     "aux": "the influence of {}",
     "gain": "a loop that {} scales",
-    "cross": "a leak from {} through a mode of the mechanics",
+    "cross": "coupling from {} through a mode of the mechanics",
 }
 
 
@@ -143,14 +143,14 @@ def evidence_in_words(candidate: Candidate) -> str:
     if not np.isfinite(candidate.rms_validation):
         return candidate.why_not[:1].upper() + candidate.why_not[1:] + "."
     gain = 100 * candidate.gain
-    fall = f"takes {gain:.1f} % off" if gain >= 0 else f"adds {-gain:.1f} % to"
-    text = f"It {fall} the squared held-out error"
+    does = "lowers" if gain >= 0 else "raises"
+    text = f"It {does} the held-out mean square by {abs(gain):.1f} %"
     if candidate.why_not:
         return f"{text}. Against it: {candidate.why_not}."
     numbers = candidate.evidence
     return (
-        f"{text}, alike over {numbers['blocks']:.0f} blocks (z = {numbers['z']:.1f}); the whitened "
-        f"residual shrinks (ΔBIC = {numbers['delta_bic']:,.0f})."
+        f"{text}, consistently over {numbers['blocks']:.0f} blocks (z = {numbers['z']:.1f}); the "
+        f"whitened residual shrinks (ΔBIC = {numbers['delta_bic']:,.0f})."
     )
 
 
@@ -166,16 +166,16 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
     if model.chain.signed:
         notes.append(
             "The density has weights of both signs, as butterfly loops need, where the output "
-            "falls and rises along one branch. Held-out data demand them: with one sign the model "
-            "misses much more. If this is a force recorded against a displacement, exchange input "
-            "and output, or record the velocity too."
+            "falls and rises along one branch. The held-out data require them: with one sign the "
+            "error is much larger. If this is a force recorded against a displacement, exchange "
+            "input and output, or record the velocity too."
         )
     notes += [f"{line}." for line in fault_lines(record)]
     turns = len(reversals(record.input, None, record.starts))
     if turns < LEAST_REVERSALS:
         notes.append(
-            f"The input turns {turns} times only: hysteresis, and much that acts beside it, cannot "
-            "be seen. Record loops of several heights and at more than one rate."
+            f"The input reverses only {turns} times, too few to show hysteresis and most effects. "
+            "Record loops of several heights and at more than one rate."
         )
     return tuple(notes)
 

@@ -99,7 +99,9 @@ class Creep(OutputEffect):
 
     @property
     def _per_decade(self) -> float:
-        """Elements in a decade of time."""
+        """Elements in a decade of time; a single one stands for a decade."""
+        if len(self.tau_s) < 2:
+            return 1.0
         return (len(self.tau_s) - 1) / float(np.log10(self.tau_s[-1] / self.tau_s[0]))
 
     def init(self, first: Array) -> Array:

@@ -47,7 +47,7 @@ class OperatorCreep(AddedEffect):
         "Eur. J. Control 9 (2003) 407-418 (log(t)-type creep operators with thresholds)"
     )
     signature: ClassVar[str] = (
-        "slow tails after great moves, none after small moves or on the way back from a turn"
+        "slow tails after large moves, none after small moves or on the way back from a turn"
     )
     confused_with: ClassVar[tuple[str, ...]] = ("creep", "log_rate")
     needs: ClassVar[tuple[str, ...]] = (RATES,)

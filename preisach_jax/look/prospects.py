@@ -235,7 +235,7 @@ def _creep(found: Excitation) -> tuple[Grade, str, str]:
 def _operator_creep(found: Excitation) -> tuple[Grade, str, str]:
     grade, why, remedy = _creep(found)
     if grade == "well" and found.biases() < BIASES:
-        return "poorly", f"{why}, all after great moves", "rests after small moves as well"
+        return "poorly", f"{why}, all after large moves", "rests after small moves as well"
     return grade, why, remedy
 
 
@@ -272,7 +272,7 @@ def _minor_loops(found: Excitation) -> tuple[Grade, str, str]:
 
 def _nonlinearity(found: Excitation) -> tuple[Grade, str, str]:
     _, why, remedy = _minor_loops(found)
-    return "poorly", f"{why}; the density takes up most of a bend of the sensor", remedy
+    return "poorly", f"{why}; the density absorbs most of a sensor's nonlinearity", remedy
 
 
 def _reptation(found: Excitation) -> tuple[Grade, str, str]:

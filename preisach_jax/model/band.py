@@ -53,7 +53,7 @@ class Band:
 
         Arguments:
             record: the record.
-            residual: (time,) measured less predicted output.
+            residual: (time,) measured minus predicted output.
             rows: (time,) bool: the rows that were held out.
 
         Returns:

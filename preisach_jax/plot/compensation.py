@@ -60,7 +60,7 @@ def draw_loop(loop: Loop) -> Figure:
             textcoords="offset points", va="center",
         )  # fmt: skip
     bars.set(xlabel=f"RMS tracking error ({unit})".replace(" ()", ""))
-    bars.set_title("What each step leaves")
+    bars.set_title("Error after each step of the inversion")
     return figure
 
 

@@ -44,10 +44,10 @@ def measured_and_model(traces: Traces) -> Figure:
     )  # fmt: skip
     whole.set_xlabel("")
     draw_course(zoom, traces, rows, "output")
-    zoom.set_title("The stretch in the frame, where the error is greatest")
+    zoom.set_title("The framed part, where the error is largest")
     zoom.set_xlabel("")
     draw_course(rest, traces, rows, "residual")
-    rest.set_title("Its residual (measured less model)")
+    rest.set_title("Its residual (measured minus model)")
     add_legend(figure, traces, measured=True)
     return figure
 
@@ -94,7 +94,7 @@ def loop(traces: Traces) -> Figure:
     draw_loop(whole, record, {}, slice(0, len(record.time)), width=0.6)
     whole.set_title("Loops as measured, whole record")
     draw_loop(zoom, record, traces, worst_stretch(traces))
-    zoom.set_title("Loops where the error is greatest")
+    zoom.set_title("Loops where the error is largest")
     add_legend(figure, traces, measured=True, held_out=False)
     return figure
 

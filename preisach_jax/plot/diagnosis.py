@@ -141,7 +141,7 @@ def candidates(found: Diagnosis) -> Figure:
         onto = " + ".join(found.effects[:step])
         text = f"on the model with {onto}" if onto else "on the model without effects"
         if more := left_out.get(step):
-            text += f" ({more} that promise less are not shown)"
+            text += f" ({more} that promise less, not shown)"
         axes.annotate(
             text, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8.5,
             fontweight="bold", annotation_clip=False,
@@ -152,7 +152,7 @@ def candidates(found: Diagnosis) -> Figure:
     axes.set_xlim(lowest, 115)
     axes.set_xticks(np.arange(lowest, 101, 20))
     axes.grid(axis="y", visible=False)
-    axes.set_xlabel("fall of the held-out mean square (%); hatched: promised, not fitted")
+    axes.set_xlabel("decrease of the held-out mean square (%); hatched: expected, not fitted")
     axes.set_title("Effects that were tried")
     return figure
 

@@ -66,7 +66,7 @@ def residuals(traces: Traces) -> Figure:
         if axis.is_logarithmic:
             axes.set_xscale("log")
     shade_held_out(panels["time"], first_trace(traces), slice(0, len(record.time)))
-    title = "Residual (measured less model): points, median, 5–95 % band"
+    title = "Residual (measured minus model): points, median, 5–95 % band"
     if is_wide:
         shown = f"±{linear:g} {unit}".rstrip()
         title += f"\nThe axis is linear within {shown} (shaded) and logarithmic beyond"
@@ -122,7 +122,7 @@ def residual_tests(traces: Traces) -> Figure:
         axes.axhline(0, color="0.3", lw=0.7)
         axes.set_ylabel("correlation")
     band = Patch(
-        color="0.5", alpha=0.35, label="shaded: 99 % band of a residual that holds nothing"
+        color="0.5", alpha=0.35, label="shaded: 99 % band of white, uncorrelated residuals"
     )
     add_legend(figure, traces, measured=False, more=[band], held_out=False)
     return figure

@@ -233,7 +233,7 @@ def add_legend(
         text = literal(words.get(name, name)) if measured is False or len(traces) > 1 else "model"
         handles.append(Patch(color=colour(trace), label=text))
     if held_out and not first.validation[first.record.measured].all():
-        said = words.get("held out", "held out from identification")
+        said = words.get("held out", "held out from the identification")
         handles.append(Patch(color=HELD_OUT, alpha=0.4, label=said))
     handles += more
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))

@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 _HEADLINES = {
     "adequate": "Nothing is missing",
-    "explained": "The missing effect is found",
-    "partly_explained": "An effect is found, and something remains",
-    "unexplained": "Something is missing, and nothing that was tried explains it",
+    "explained": "The missing effect was found",
+    "partly_explained": "An effect was found, but part of the error remains",
+    "unexplained": "Something is missing, but no effect that was tried explains it",
 }
 
 
 def headline(found: Diagnosis) -> str:
     """The verdict of a diagnosis in a few words."""
     if found.verdict == "adequate" and found.next_experiment is not None:
-        return "Nothing is seen to be missing, and this record could hardly show it"
+        return "No missing effect is visible, but this record could hardly show one"
     several = len(found.effects) > 1 and found.verdict == "explained"
-    return "The missing effects are found" if several else _HEADLINES[found.verdict]
+    return "The missing effects were found" if several else _HEADLINES[found.verdict]
 
 
 def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
@@ -43,11 +43,15 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
 def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     """The error budget: what, how much, and where the number is from."""
     budget = found.budget
-    rest = "what none of these explains"
+    rest = "not explained by any of these"
     steps = [
         (f"of it, steps of the {side}", quantity(rms, budget.unit, 3), source)
         for side, rms, source in (
-            ("input", budget.input_quantisation, "at most: it may have been recorded in them"),
+            (
+                "input",
+                budget.input_quantisation,
+                "at most; none if the drive itself moves in these steps",
+            ),
             ("output", budget.output_quantisation, "a step over √12"),
         )
         if rms > 0
@@ -58,12 +62,12 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         (
             "discretisation",
             quantity(budget.discretisation, budget.unit, 3),
-            "the cells of the plane, from a finer or coarser one",
+            "finite cells of the plane, estimated from a finer or coarser plane",
         ),
         (
             "memory",
             quantity(budget.memory, budget.unit, 3),
-            "cells seldom visited: what the rows held out would have told",
+            "rarely visited cells, which only the held-out rows cover",
         ),
         ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
         (

@@ -53,7 +53,11 @@ def fault_lines(record: Samples) -> list[str]:
         )
     for what, spikes, done in (
         ("output", record.spikes, "left out"),
-        ("input", record.input_spikes, "bridged by lines, as the output does not answer"),
+        (
+            "input",
+            record.input_spikes,
+            "replaced by straight lines, as the output does not respond",
+        ),
     ):
         if not spikes:
             continue
@@ -64,7 +68,7 @@ def fault_lines(record: Samples) -> list[str]:
         share = 100 * len(rows) / len(record.time)
         found.append(
             f"{len(rows):,} {what}{'s' * many} ({share:.2g} %) "
-            f"{'stand out from their' if many else 'stands out from its'} neighbours alone and "
+            f"{'stand out from their' if many else 'stands out from its'} neighbours and "
             f"{'were' if many else 'was'} {done}: sample{'s' * many} {some}{others}"
         )
     return found

@@ -231,7 +231,7 @@ def _guess(
         if len(others) > 1:
             names = shortened([c for c in table.columns if c in others])
             raise QuestionError(
-                f"{table.source}: {names} may each be the {role} (the columns are "
+                f"{table.source}: {names} could each be the {role} (the columns are "
                 f"{table.listing()}); say which with {_OPTIONS[role]} COL"
             )
     return best

@@ -222,7 +222,7 @@ def errors_by_run(
 
     Arguments:
         record: the joined record.
-        residual: (time,) measured less predicted output, in output units.
+        residual: (time,) measured minus predicted output, in output units.
         identification: (time,) bool: rows that identify.
         validation: (time,) bool: rows that are held out.
 

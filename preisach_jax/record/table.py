@@ -210,5 +210,5 @@ def _number(cell: object, decimal: str) -> float:
     if decimal == ",":
         text = text.replace(",", ".")
     if "_" in text:
-        raise ContentError("Python reads 1_000 as a number, nobody else does")
+        raise ContentError("1_000 is a number in Python alone")
     return float(text) if text else float("nan")

@@ -186,7 +186,7 @@ def comparison_sentence(comparison: Comparison) -> str:
     if not expected > 0:
         return text + "."
     if comparison.record.sha256 == comparison.model.origin.sha256:
-        return f"{text}; it is the record on which it was identified, so that this proves little."
+        return f"{text}; it was identified on this record, so this is no independent test."
     ratio = comparison.rms / expected
     own = quantity(expected, unit, 3)
     if ratio <= 1.5:
@@ -274,7 +274,7 @@ def _finding(finding: Finding, model: Model, language: str) -> dict[str, Any]:
 
 
 _EVIDENCE = {
-    "gain": "fall of the held-out mean square (share)",
+    "gain": "decrease of the held-out mean square (share)",
     "z": "gain over the held-out blocks, in standard errors",
     "blocks": "held-out blocks",
     "delta_bic": "ΔBIC on whitened residuals",
@@ -292,7 +292,7 @@ def software_rows() -> list[tuple[str, str]]:
     return [
         ("software", f"{versions}, Python {platform.python_version()}"),
         ("machine", f"{platform.system()}, {platform.machine()}, {jax.default_backend()}"),
-        ("seeds", "all 0, set in the program: equal data and versions give equal results"),
+        ("seeds", "all 0: the same data and versions give the same results"),
     ]
 
 
@@ -302,13 +302,12 @@ def _method(found: Diagnosis) -> list[str]:
         "The output is modelled as a weighted sum of hysterons on the Preisach plane [1, 2] in "
         f"the discrete-time form of [3], with {plane.levels} levels an axis "
         f"({plane.cells:,} cells) and switching ramps one cell wide in place of jumps. Weights "
-        "are not negative, and smooth as far as the data choose. They are solved for by linear "
-        "least squares at each value of the effects' parameters, which are found outside by "
+        "are non-negative and smooth; cross-validation chooses how smooth. They are found by "
+        "linear least squares at each value of the effects' parameters, which are found by "
         "Gauss-Newton steps (variable projection [4]).",
         _held_out(found.base.record),
         "An effect is named only if it passes two tests. First, the held-out mean square falls by "
-        "at "
-        f"least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
+        f"at least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
         "errors over the blocks. Second, the Bayesian information criterion [5] of the "
         "residuals, whitened by an autoregression, falls by more than "
         f"{evidence.LEAST_DELTA_BIC:g}. Effects that pass as well as the best one form its "

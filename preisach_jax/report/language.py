@@ -32,16 +32,16 @@ _WORDS: dict[str, tuple[str, str]] = {
         "Es braucht keine weitere Messung. Vorhersage mit dem Modell:",
     ),
     "worst": (
-        "The stretch where the error is greatest: output, and what the models leave of it",
-        "Der Abschnitt mit dem größten Fehler: Ausgang, und was die Modelle davon übrig lassen",
+        "The part with the largest error: measured output, and the residual of each model",
+        "Der Abschnitt mit dem größten Fehler: gemessener Ausgang und Residuum jedes Modells",
     ),
     "measured": ("measured", "gemessen"),
-    "held_out": ("held out from identification", "von der Identifikation zurückgehalten"),
+    "held_out": ("held out from the identification", "von der Identifikation zurückgehalten"),
     "residual": ("residual", "Residuum"),
     "time": ("time", "Zeit"),
     "without": ("without effects", "ohne Effekte"),
     "with": ("with", "mit"),
-    "to_know": ("To know before believing it", "Vorab zu wissen"),
+    "to_know": ("Read this first", "Vorab zu wissen"),
     "errors": ("The errors", "Die Fehler"),
     "model": ("model", "Modell"),
     "rms": ("held-out RMS", "RMS, zurückgehalten"),
@@ -55,10 +55,10 @@ _WORDS: dict[str, tuple[str, str]] = {
     "where_fails": ("Where the model fails", "Wo das Modell versagt"),
     "remains": ("What remains:", "Was bleibt:"),
     "goes_with": (
-        "What remains, averaged over parts of the record in the order of each quantity. A mean "
-        "beyond the grey band is more than chance.",
-        "Was bleibt, gemittelt über Teile der Messung in der Ordnung jeder Größe. Ein Mittel "
-        "außerhalb des grauen Bandes ist mehr als Zufall.",
+        "The residual, sorted by each quantity and averaged over parts of it. Means outside the "
+        "grey band are unlikely to be chance.",
+        "Das Residuum, nach jeder Größe sortiert und abschnittsweise gemittelt. Mittelwerte "
+        "außerhalb des grauen Bandes sind kaum Zufall.",
     ),
     "nothing_remains": (
         "What remains of the error is within noise and discretisation.",
@@ -66,16 +66,16 @@ _WORDS: dict[str, tuple[str, str]] = {
     ),
     "loops": ("Measured and modelled loops", "Gemessene und modellierte Schleifen"),
     "residual_caption": (
-        "A residual that depends on nothing is a band of constant width about zero in each of "
-        "these panels.",
-        "Ein Residuum, das von nichts abhängt, ist in jedem dieser Felder ein Band gleicher Breite "
-        "um null.",
+        "A residual that depends on none of these quantities is a band of constant width around "
+        "zero in every panel.",
+        "Ein Residuum, das von keiner dieser Größen abhängt, ist in jedem Feld ein Band gleicher "
+        "Breite um null.",
     ),
     "tests_caption": (
-        "A residual in which nothing is left stays inside the shaded bands, each in its model's "
-        "colour.",
-        "Ein Residuum, in dem nichts mehr steckt, bleibt in den getönten Bändern, jedes in der "
-        "Farbe seines Modells.",
+        "White residuals that are uncorrelated with the input stay inside the shaded bands, each "
+        "in its model's colour.",
+        "Weiße Residuen, die mit dem Eingang nicht korrelieren, bleiben in den getönten Bändern, "
+        "jedes in der Farbe seines Modells.",
     ),
     "missing": ("What is missing", "Was fehlt"),
     "none_added": ("No effect was added.", "Es wurde kein Effekt hinzugefügt."),
@@ -89,17 +89,17 @@ _WORDS: dict[str, tuple[str, str]] = {
     "seen_as": ("Seen in the residual as", "Im Residuum sichtbar als"),
     "evidence": ("Evidence", "Belege"),
     "source": ("Source", "Quelle"),
-    "tried": ("What was tried", "Was versucht wurde"),
+    "tried": ("Effects that were tried", "Versuchte Effekte"),
     "tried_alt": ("Effects that were tried, their gain, and why they were added or not",
                   "Versuchte Effekte, ihr Gewinn, und warum sie aufgenommen wurden oder nicht"),
-    "not_there": ("What is not there", "Was nicht da ist"),
+    "not_there": ("What was not found", "Was nicht gefunden wurde"),
     "driven": (
         "Driven by the inverse of this model (preisach compensate), the stage would follow a "
-        "course like this one to about {own} RMS, which is what the model misses on rows that were "
-        "held out; driven along the best straight line, it would miss {straight}.",
+        "course like this one with an error of about {own} RMS, the held-out error of the model; "
+        "with the best straight line instead of the model, the error would be {straight}.",
         "Mit der Inversen dieses Modells (preisach compensate) folgt der Antrieb einem Verlauf wie "
-        "diesem auf etwa {own} RMS genau: So viel fehlt dem Modell auf zurückgehaltenen Zeilen. "
-        "Entlang der besten Geraden wären es {straight}.",
+        "diesem auf etwa {own} RMS genau; das ist der Fehler des Modells auf zurückgehaltenen "
+        "Zeilen. Mit der besten Geraden statt des Modells wären es {straight}.",
     ),
     "limits": ("Upper limits (95 %) for the effects that were not found.",
                "Obere Grenzen (95 %) der Effekte, die nicht gefunden wurden."),
@@ -107,17 +107,17 @@ _WORDS: dict[str, tuple[str, str]] = {
     "why": ("Why", "Warum"),
     "answered": ("Nothing: the question is answered by this record.",
                  "Nichts: Diese Messung beantwortet die Frage."),
-    "families": ("Families that this record cannot split:",
-                 "Familien, die diese Messung nicht trennt:"),
+    "families": ("Effects that this record cannot tell apart:",
+                 "Effekte, die diese Messung nicht unterscheiden kann:"),
     "budget": ("Error budget", "Fehlerbilanz"),
     "density": ("Density", "Dichte"),
     "density_caption": (
-        "Weight of each cell over its area. A never visited cell has no data: its weight comes "
-        "from its neighbours alone. The colours go by the square root; the diagonal, which is "
-        "reversible, may lie beyond their scale.",
-        "Gewicht jeder Zelle durch ihre Fläche. Eine nie besuchte Zelle hat keine Daten: Ihr "
-        "Gewicht kommt allein von ihren Nachbarn. Die Farben gehen nach der Quadratwurzel; die "
-        "Diagonale, die reversibel ist, kann über ihre Skala hinausgehen.",
+        "Weight of each cell divided by its area. There are no data for cells that were never "
+        "visited; their weights follow from those of their neighbours. The colour scale is a "
+        "square root; the diagonal, the reversible part, may exceed it.",
+        "Gewicht jeder Zelle, geteilt durch ihre Fläche. Zu nie besuchten Zellen gibt es keine "
+        "Daten; ihr Gewicht folgt aus dem der Nachbarn. Die Farbskala ist eine Quadratwurzel; die "
+        "Diagonale, der reversible Anteil, kann über ihr Ende hinausgehen.",
     ),
     "method": ("Method", "Verfahren"),
     "reproduce": ("To reproduce", "Zum Nachrechnen"),
@@ -128,8 +128,8 @@ _WORDS: dict[str, tuple[str, str]] = {
         "Effekte) und model.json (das endgültige).",
     ),
     "printed": (
-        "This print is a summary; report.html has the tests of the residual, all effects that were "
-        "tried, upper limits, the density and the method besides.",
+        "This printout is a summary. report.html also has the tests of the residual, all effects "
+        "that were tried, upper limits, the density and the method.",
         "Dieser Ausdruck ist eine Zusammenfassung; report.html hat außerdem die Tests des "
         "Residuums, alle versuchten Effekte, obere Grenzen, die Dichte und das Verfahren.",
     ),
@@ -139,9 +139,9 @@ _WORDS: dict[str, tuple[str, str]] = {
 
 _HEADLINES_DE = {
     "adequate": "Es fehlt nichts",
-    "explained": "Der fehlende Effekt ist gefunden",
-    "partly_explained": "Ein Effekt ist gefunden, und etwas bleibt",
-    "unexplained": "Etwas fehlt, und nichts von dem Versuchten erklärt es",
+    "explained": "Der fehlende Effekt wurde gefunden",
+    "partly_explained": "Ein Effekt wurde gefunden, aber ein Teil des Fehlers bleibt",
+    "unexplained": "Etwas fehlt, aber keiner der versuchten Effekte erklärt es",
 }
 
 _EFFECTS_DE = {
@@ -155,13 +155,13 @@ _EFFECTS_DE = {
     "slew_limit": "eine Grenze der Geschwindigkeit des Antriebs",
     "rate_dependence": "Ratenabhängigkeit (je schneller der Eingang, desto breiter die Schleife)",
     "resonance": "eine Resonanz der Mechanik",
-    "hum": "ein Netzbrumm oder eine andere feste Linie im Messsignal",
+    "hum": "ein Netzbrummen oder eine andere feste Linie im Messsignal",
     "ageing": "Alterung (die Schleife schrumpft mit der Zeit)",
     "moving": "Rückwirkung des Ausgangs auf das Material (bewegtes Modell)",
     "eddy_currents": "Wirbelströme (die Geschwindigkeit des Ausgangs wirkt zurück)",
-    "output_nonlinearity": "ein Sensor, der die Schleife als Ganzes verbiegt",
+    "output_nonlinearity": "ein nichtlinearer Sensor (er verformt die ganze Schleife gleich)",
     "input_quantisation": "grobe Stufen des Wandlers im Antrieb",
-    "viscosity": "Dämpfung (eine Kraft, die mit der Geschwindigkeit des Eingangs geht)",
+    "viscosity": "Dämpfung (eine Kraft, die von der Geschwindigkeit des Eingangs abhängt)",
     "leakage": "Leckage der Messung (sie vergisst langsame Signale)",
     "log_rate": "Ratenabhängigkeit mit dem Logarithmus der Geschwindigkeit",
     "restoring_force": "eine Mechanik um die Hysterese herum (Masse, Dämpfung, Feder)",
@@ -204,9 +204,9 @@ def verdict_headline(found: Diagnosis, language: str) -> str:
     if language == "en":
         return headline(found)
     if found.verdict == "adequate" and found.next_experiment is not None:
-        return "Es ist nichts zu sehen, das fehlt, und diese Messung könnte es kaum zeigen"
+        return "Kein fehlender Effekt ist zu erkennen, aber diese Messung könnte kaum einen zeigen"
     several = len(found.effects) > 1 and found.verdict == "explained"
-    return "Die fehlenden Effekte sind gefunden" if several else _HEADLINES_DE[found.verdict]
+    return "Die fehlenden Effekte wurden gefunden" if several else _HEADLINES_DE[found.verdict]
 
 
 def verdict_sentence(found: Diagnosis, language: str) -> str:

@@ -45,14 +45,14 @@ def several_sentence(comparisons: Mapping[str, Comparison]) -> str:
     small = quantity(best.rms, best.record.output_unit, 3)
     great = quantity(worst.rms, worst.record.output_unit, 3)
     text = (
-        f"{least} leaves least, {small} RMS ({number(shares[least], 3)} % of stroke), and {most} "
-        f"most, {great} ({number(shares[most], 3)} %)."
+        f"{least} has the smallest error, {small} RMS ({number(shares[least], 3)} % of stroke), "
+        f"and {most} the largest, {great} ({number(shares[most], 3)} %)."
     )
     own = [
         name for name, each in comparisons.items() if each.record.sha256 == each.model.origin.sha256
     ]
     if own:
-        text += f" Identified on the very record, which proves little: {', '.join(own)}."
+        text += f" Identified on this very record, so no independent test: {', '.join(own)}."
     return text
 
 

@@ -23,7 +23,7 @@ from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.fit import Progress
-from preisach_jax.rows import model_name
+from preisach_jax.present.model import model_name
 
 
 class Page(Opening):

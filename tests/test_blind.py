@@ -342,7 +342,7 @@ def test_the_list_of_cases_holds_what_it_promises():
     cases = make_cases(Choice(seeds="reporting"))
     assert len({case.id for case in cases}) == len(cases)
     count = {suite: sum(case.suite == suite for case in cases) for suite in REPEATS}
-    assert count["none"] == 300
+    assert count["none"] == 600
     assert count["single"] == len(world.EFFECTS) * 6 * REPEATS["single"] * len(KINDS)
     sizes = {2: "pairs", 3: "triples"}
     assert all(case.suite == sizes[len(case.effects)] for case in cases if len(case.effects) > 1)

@@ -17,7 +17,7 @@ from blind.world import EFFECTS, NOTHING, OUTSIDE
 
 SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 OUTSIDE_SIZES = (0.5, 1.0, 2.0)
-REPEATS = {"single": 10, "pairs": 60, "triples": 30, "none": 100, "outside": 10}
+REPEATS = {"single": 10, "pairs": 60, "triples": 30, "none": 200, "outside": 10}
 """Cases for each excitation; in `single` and `outside` for each effect and size as well."""
 
 SEEDS = {"development": (0, 1000), "reporting": (1_000_000, 1_000_000_000)}

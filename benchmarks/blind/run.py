@@ -44,7 +44,7 @@ ONE_THREAD = {
     "JAX_PLATFORMS": "cpu",
 }
 CASES_A_WORKER = 40
-"""Cases after which a worker is replaced, so that what it has compiled does not pile up."""
+"""Cases a worker after which all are replaced, so that what they compiled does not pile up."""
 
 
 def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> int:
@@ -91,11 +91,17 @@ def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[
     if workers == 0:
         yield from map(judge, cases)
         return
+    # Pools that replace single workers can wait for ever for one of them (CPython issue 115634).
+    size = CASES_A_WORKER * workers
+    for begin in range(0, len(cases), size):
+        yield from _by_new_workers(cases[begin : begin + size], workers, judge)
+
+
+def _by_new_workers(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
     with ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_leave_interrupts_to_the_parent,
-        max_tasks_per_child=CASES_A_WORKER,
     ) as pool:
         futures = [pool.submit(judge, case) for case in cases]
         try:

@@ -624,7 +624,7 @@ def test_a_band_comes_back_from_its_file(plain, record):
     again = Model.from_json(json.loads(json.dumps(plain.to_json())))
     np.testing.assert_array_equal(again.half_width(record), plain.half_width(record))
     for key, wrong, said in (
-        ("weights", [[1.0]], "band.others.weights is a list of 1: expected 28, as many as offset"),
+        ("weights", ["1"], "band.others.weights is a list of 1: expected 28, as many as offset"),
         ("added", [[1.0]] * 28, r"band.others.added\[0\] is a list of 1: expected 0"),
     ):
         content = plain.to_json()

@@ -31,6 +31,9 @@ from preisach_jax.record.joined import (
     last_fitted,
 )
 
+BAND_ROWS = 12_000
+"""Rows, at least, that calibrate the band of a longer record: neighbours tell the same."""
+
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""
 
@@ -92,19 +95,22 @@ def _band_of(problem: Problem, point: Point, found: Influences, record: Record) 
         own = problem.fold == fold
         missed[own] = with_all_rows(point, ALL[fold != ALL]).residual[own]
     moves, of_blocks = moves_of(point, found)
-    columns = np.concatenate([point.matrix, found.linear.tangents], axis=1)
-    squares = ((columns @ moves.T) ** 2)[problem.in_time]
+    missed *= problem.unit
+    noise = _noise_rms(missed[problem.in_time], problem.breaks)
+    few = problem.in_time[:: 1 + len(problem.rows) // BAND_ROWS]
+    by_weights, by_parameters = np.split(moves, [point.matrix.shape[1]], axis=1)
+    squares = point.matrix[few] @ by_weights.T
+    squares += found.linear.tangents[few] @ by_parameters.T
+    squares *= squares
     spread = np.stack([squares[:, :of_blocks].sum(axis=1), squares[:, of_blocks:].sum(axis=1)], 1)
-    time = problem.record.time[problem.rows[problem.in_time]]
-    rows = np.searchsorted(record.time, time)
-    missed = missed[problem.in_time] * problem.unit
+    rows = np.searchsorted(record.time, problem.record.time[problem.rows[few]])
     plane = point.chain.plane
     return Band.calibrated(
         Course.of(record, rows),
-        missed,
+        missed[few],
         np.sqrt(spread) * problem.unit,
         (plane.high - plane.low) / plane.levels,
-        _noise_rms(missed, problem.breaks),
+        noise,
         other_models(problem, point, found, moves, of_blocks),
     )
 

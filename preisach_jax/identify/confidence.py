@@ -229,9 +229,9 @@ def other_models(
     return Others(
         of_blocks,
         rounded(np.array([each.weights - here.weights for each in there])),
-        rounded(np.array([each.offset - here.offset for each in there])),
-        rounded(np.array([each.added - here.added for each in there])),
-        rounded(parameters),
+        np.array([each.offset - here.offset for each in there]),
+        np.array([each.added - here.added for each in there]),
+        parameters,
     )
 
 

@@ -58,8 +58,8 @@ ROUNDS = 8
 PARTS = 7
 """Parts of the variance."""
 
-DIGITS = 4
-"""Significant digits of what other models differ by: more would only make files longer."""
+STEPS = 512
+"""Steps to which what another model differs by is rounded: finer ones only make files longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +83,24 @@ class Others:
 
     def to_json(self) -> dict[str, Any]:
         """The differences as plain numbers."""
-        found: dict[str, Any] = {"of_blocks": self.of_blocks}
-        for name in ("weights", "offset", "added", "parameters"):
+        rows = [_as_text(row) for row in self.weights]
+        found: dict[str, Any] = {
+            "of_blocks": self.of_blocks,
+            "step": [step for step, _ in rows],
+            "weights": [text for _, text in rows],
+        }
+        for name in ("offset", "added", "parameters"):
             found[name] = np.reshape(getattr(self, name), (len(self.offset), -1)).tolist()
         return found
 
     @staticmethod
     def from_json(content: Mapping[str, Any]) -> Others:
         """The differences of a file's checked numbers."""
-        weights, offset, added, parameters = (
+        offset, added, parameters = (
             np.array(content[name], dtype=float).reshape(len(content["offset"]), -1)
-            for name in ("weights", "offset", "added", "parameters")
+            for name in ("offset", "added", "parameters")
         )
+        weights = np.array(content["weights"], dtype=float) * np.reshape(content["step"], (-1, 1))
         return Others(content["of_blocks"], weights, offset[:, 0], added, parameters)
 
 
@@ -296,15 +302,27 @@ def conformal(errors: np.ndarray) -> float:
     return float(np.partition(errors, rank - 1)[rank - 1])
 
 
-def rounded(values: np.ndarray) -> np.ndarray:
-    """Values to `DIGITS` significant digits.
+def rounded(rows: np.ndarray) -> np.ndarray:
+    """Each row to multiples of a power of two, at most `STEPS` of which make its greatest value.
 
     Example:
-        >>> rounded(np.array([0.0, 1.23456, -98765.4])).tolist()
-        [0.0, 1.235, -98770.0]
+        >>> rounded(np.array([[0.0, 1.23456, -98.7654]])).tolist()
+        [[0.0, 1.25, -98.75]]
     """
-    short = [float(f"{value:.{DIGITS - 1}e}") for value in values.ravel().tolist()]
-    return np.array(short, dtype=float).reshape(values.shape)
+    steps = np.array([_step(row) for row in rows]).reshape(-1, 1)
+    return np.round(rows / steps) * steps
+
+
+def _step(row: np.ndarray) -> float:
+    """The power of two of which at most `STEPS` make the greatest of some values."""
+    greatest = float(np.abs(row).max(initial=0.0))
+    return math.ldexp(1.0, math.frexp(greatest)[1]) / STEPS if greatest else 1.0
+
+
+def _as_text(row: np.ndarray) -> tuple[float, str]:
+    """A rounded row as its step, and how many of them each value is."""
+    step = _step(row)
+    return step, " ".join(str(round(count)) for count in (row / step).tolist())
 
 
 def _parts(course: Course, spread: np.ndarray, usual: float, cell: float) -> np.ndarray:

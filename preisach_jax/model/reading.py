@@ -39,6 +39,7 @@ from preisach_jax.model.schema import (
     table_of,
     text,
     whole,
+    whole_numbers,
 )
 from preisach_jax.model.upgrade import upgraded
 from preisach_jax.operator.checks import HYSTERONS
@@ -126,7 +127,8 @@ _LAW = of_keys(
 _OTHERS = of_keys(
     {
         "of_blocks": whole(0),
-        "weights": list_of(numbers),
+        "step": numbers,
+        "weights": list_of(whole_numbers),
         "offset": list_of(numbers),
         "added": list_of(numbers),
         "parameters": list_of(numbers),
@@ -170,6 +172,11 @@ def _check_others(found: dict[str, Any] | None, chain: Chain) -> None:
     if found is None:
         return
     models = len(found["offset"])
+    if len(found["step"]) != models:
+        raise InputError(
+            f"band.others.step is a list of {len(found['step'])}: expected {models}, as many as "
+            "offset has"
+        )
     counts = {
         "weights": chain.plane.cells,
         "offset": 1,

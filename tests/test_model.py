@@ -12,7 +12,7 @@ import world
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain
+from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import AddedEffect, Survey
@@ -25,6 +25,8 @@ from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.model.band import Band, Course, Others
 from preisach_jax.model.spread import few_rows, spread_of
+from preisach_jax.model.unforeseen import unforeseen
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.course import reversals, time_since_reversal
 
@@ -610,6 +612,28 @@ def test_the_spread_is_that_of_the_other_models(plain, record):
         squares[:, 0 if k < others.of_blocks else 1] += (there - here) ** 2
     np.testing.assert_allclose(found, np.sqrt(squares), rtol=1e-9, atol=1e-12)
     assert (others.of_blocks, len(others.offset)) == (12, 28)
+
+
+def test_a_wander_goes_on_as_it_went_and_another_record_has_another():
+    """Against the increments of the course that is built from its cosines, lag by lag."""
+    waves = Drift(horizon_s=10.0, waves=3)
+    chain = Chain(Plane(4, 0.0, 1.0), (waves,))
+    added = np.array([1.0, -0.5, 0.3])
+    numbers = Coefficients(np.zeros(chain.plane.cells), np.zeros(chain.plane.cells), 0.0, added)
+    lags = np.array([-3.0, 0.0, 1.0, 2.5, 5.0, 20.0])
+    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), 12.0 + lags, True)
+    time = np.linspace(0, 10, 5001)
+    course = np.cos(np.pi * time[:, None] / 10 * [1, 2, 3]) @ added
+    expected = [np.sqrt(np.mean((course[k:] - course[:-k]) ** 2)) for k in (500, 1250, 2500)]
+    np.testing.assert_array_equal(found[:2], 0)
+    np.testing.assert_allclose(found[2:5], expected, rtol=0.01)
+    np.testing.assert_allclose(found[5], 2 * found[4], rtol=0.01)  # variance grows with time
+    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), lags, False)
+    np.testing.assert_allclose(found, np.sqrt(2) * course.std(), rtol=0.01)
+    straight = Chain(chain.plane, (Drift(horizon_s=10.0),))
+    numbers = replace(numbers, added=np.array([1.0]))
+    values = {"drift": {"tau_s": 300.0}}
+    assert not unforeseen(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
 
 
 def test_long_records_are_thinned_without_losing_a_turn():

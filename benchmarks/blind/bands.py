@@ -1,7 +1,9 @@
-"""How much of what comes do the 95 % bands of `predict` hold, and how wide are they?
+r"""How much of what comes do the 95 % bands of `predict` hold, and how wide are they?
 
     python benchmarks/blind/bands.py --records 12                   # development seeds 1 to 12
     python benchmarks/blind/bands.py --hidden creep --levels 25
+    python benchmarks/blind/bands.py --first 900 --records 3 --report \
+        --hidden nothing creep output_lag drift resonance
 
 Of each simulated record of 12 s, which shares no code with the package, the first 9 s identify a
 model, but some blocks that are kept from the fit altogether.  It predicts those blocks
@@ -21,6 +23,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from conditions import write_results
 
 import preisach_jax as pj
 from blind.world import Measurement, make_measurement
@@ -56,6 +59,11 @@ def measured(seed: int, effect: str, drive: str, levels: int) -> dict[str, Any]:
     record = pj.Record.from_arrays(made.time[fitted], made.input[fitted], output[fitted])
     model = pj.fit(record, KNOWN_AS.get(effect, (effect,)), levels=levels).model
     found: dict[str, Any] = {"seed": seed, "effect": effect, "drive": drive}
+    found["intervals"] = [
+        (name, number.value, number.low, number.high, made.truth[effect][name])
+        for name, number in model.parameters.get(effect, {}).items()
+        if name in made.truth.get(effect, {})
+    ]
     passed = visited(made, fitted & ~inside)
     whole = pj.Record.from_arrays(made.time, made.input, made.output)
     told = model.predict(whole)
@@ -137,21 +145,36 @@ def table(found: Sequence[dict[str, Any]]) -> list[str]:
         own = [one[kind] for one in found if kind in one]
         if not own:
             continue
-        names = list(own[0]["slices"])
-        shares = []
-        for name in names:
-            hits, rows = np.sum([one["slices"][name] for one in own], axis=0)
-            if rows:
-                each = [one["slices"][name] for one in own]
-                worst = min((h / n for h, n in each if n), default=np.nan)
-                shares.append(f"{name} {100 * hits / rows:.1f} (worst {100 * worst:.0f})")
-        width = np.median([one["half"] / (1.96 * one["rms"]) for one in own])
-        noise = np.median([one["half"] / (1.96 * one["noise"]) for one in own])
+        told = summed(own)
+        shares = [
+            f"{name} {each['percent']:.1f} (worst {each['worst']:.0f})"
+            for name, each in told["slices"].items()
+        ]
         lines.append(
-            f"{kind}: {len(own)} records; width {width:.2f} of 1.96 RMS errors, {noise:.2f} of "
-            "1.96 noises; " + ", ".join(shares)
+            f"{kind}: {told['records']} records; width {told['width']:.2f} of 1.96 RMS errors, "
+            f"{told['over_noise']:.2f} of 1.96 noises; " + ", ".join(shares)
         )
+    inside = [low <= truth <= high for one in found for _, _, low, high, truth in one["intervals"]]
+    if inside:
+        lines.append(f"intervals of parameters: {sum(inside)} of {len(inside)} hold the truth")
     return lines
+
+
+def summed(own: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Coverage in per cent, of all records and of the worst by slice, and median widths."""
+    slices: dict[str, dict[str, float]] = {}
+    for name in own[0]["slices"]:
+        each = [one["slices"][name] for one in own]
+        hits, rows = np.sum(each, axis=0)
+        if rows:
+            worst = min(h / n for h, n in each if n)
+            slices[name] = {"percent": 100 * hits / rows, "worst": 100 * worst}
+    return {
+        "records": len(own),
+        "width": float(np.median([one["half"] / (1.96 * one["rms"]) for one in own])),
+        "over_noise": float(np.median([one["half"] / (1.96 * one["noise"]) for one in own])),
+        "slices": slices,
+    }
 
 
 def main() -> None:
@@ -161,6 +184,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--hidden", nargs="+", default=["nothing", "creep"])
     parser.add_argument("--levels", type=int, default=13)
+    parser.add_argument("--report", action="store_true", help="write results/bands.json")
     parser.add_argument("--out", type=Path, help="file for the counts, JSON")
     chosen = parser.parse_args()
     everything: list[dict[str, Any]] = []
@@ -174,6 +198,19 @@ def main() -> None:
         print("\n".join(table(found)), flush=True)
     if chosen.out:
         chosen.out.write_text(json.dumps(everything, indent=1))
+    if chosen.report:
+        by_effect: dict[str, Any] = {}
+        for effect in chosen.hidden:
+            found = [one for one in everything if one["effect"] == effect]
+            by_effect[effect] = {
+                kind: summed([one[kind] for one in found if kind in one])
+                for kind in KINDS
+                if any(kind in one for one in found)
+            }
+            by_effect[effect]["intervals"] = [each for one in found for each in one["intervals"]]
+        last = chosen.first + chosen.records - 1
+        content = {"levels": chosen.levels, "seeds": [chosen.first, last], "hidden": by_effect}
+        write_results("bands.json", content)
 
 
 if __name__ == "__main__":

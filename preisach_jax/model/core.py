@@ -29,6 +29,7 @@ from preisach_jax.model.band import Band, Course
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.spread import spread_of
+from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import pretty_unit
@@ -36,7 +37,6 @@ from preisach_jax.record import Record
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
-
 
 RANGE_TOLERANCE = 0.01
 """Share of the input range by which an input may leave the plane: noise of a converter does."""
@@ -162,7 +162,10 @@ class Model:
         spread = spread_of(self.chain, here, self.band.others, record, lambda there, few: run(
             replace(self, values=there[0], coefficients=there[1]), few
         ))  # fmt: skip
-        return self.band.along(Course.of(record), spread)
+        known = self.band.along(Course.of(record), spread)
+        goes_on = run is not Model._from_middle
+        ahead = unforeseen(self.chain, *here, self.origin.span_s, record.time, goes_on)
+        return np.hypot(known, 1.96 * ahead) if self.band.law else known  # as older files had it
 
     def _run_of(self, record: Record) -> Callable[[Model, Record], np.ndarray]:
         """What computes a model's output along a record, by what is known of its past."""

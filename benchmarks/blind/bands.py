@@ -177,6 +177,21 @@ def summed(own: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def by_effect(everything: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What `summed` says of each kind, seeds and intervals, by hidden effect."""
+    told: dict[str, Any] = {}
+    for effect in dict.fromkeys(one["effect"] for one in everything):
+        found = [one for one in everything if one["effect"] == effect]
+        told[effect] = {
+            kind: summed([one[kind] for one in found if kind in one])
+            for kind in KINDS
+            if any(kind in one for one in found)
+        }
+        told[effect]["seeds"] = [one["seed"] for one in found]
+        told[effect]["intervals"] = [each for one in found for each in one["intervals"]]
+    return told
+
+
 def main() -> None:
     """Measure, print the tables, and write the counts where asked."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -196,21 +211,11 @@ def main() -> None:
         everything += found
         print(effect)
         print("\n".join(table(found)), flush=True)
-    if chosen.out:
-        chosen.out.write_text(json.dumps(everything, indent=1))
-    if chosen.report:
-        by_effect: dict[str, Any] = {}
-        for effect in chosen.hidden:
-            found = [one for one in everything if one["effect"] == effect]
-            by_effect[effect] = {
-                kind: summed([one[kind] for one in found if kind in one])
-                for kind in KINDS
-                if any(kind in one for one in found)
-            }
-            by_effect[effect]["intervals"] = [each for one in found for each in one["intervals"]]
-        last = chosen.first + chosen.records - 1
-        content = {"levels": chosen.levels, "seeds": [chosen.first, last], "hidden": by_effect}
-        write_results("bands.json", content)
+        # After each effect, so that what ends early has told what it measured.
+        if chosen.out:
+            chosen.out.write_text(json.dumps(everything, indent=1))
+        if chosen.report:
+            write_results("bands.json", {"levels": chosen.levels, "hidden": by_effect(everything)})
 
 
 if __name__ == "__main__":

@@ -1,16 +1,18 @@
 """Model files read back to the last bit or are refused; predictions go on from what is known."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import jax
 import numpy as np
 import pytest
+import scipy
 import world
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain
+from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import AddedEffect, Survey
@@ -21,9 +23,12 @@ from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
-from preisach_jax.model.band import Band
+from preisach_jax.model.band import Band, Course, Others
+from preisach_jax.model.spread import few_rows, spread_of
+from preisach_jax.model.unforeseen import unforeseen
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.record.course import time_since_reversal
+from preisach_jax.record.course import reversals, time_since_reversal
 
 RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
@@ -416,8 +421,9 @@ def _ramps(levels):
 def test_stated_memory_is_used(plain, stated):
     new = from_the_middle()
     free = plain.predict(new)
-    got = plain.predict(Record.from_arrays(new.time, new.input, new.output, initial_memory=stated))
-    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(new))
+    told = Record.from_arrays(new.time, new.input, new.output, initial_memory=stated)
+    got = plain.predict(told)
+    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(told))
     expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial=stated)
     np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
     slack = 1e-6
@@ -513,41 +519,142 @@ def test_a_short_record_is_fitted():
 # --- the band by slices ---
 
 
+def wandering(rows, rate_hz=500.0, seed=3):
+    rng = np.random.default_rng(seed)
+    time = np.arange(rows) / rate_hz
+    corners = np.cumsum(rng.uniform(0.05, 0.5, 4 * round(time[-1]) + 8))
+    path = np.interp(time, corners, rng.uniform(0, 9, len(corners)))
+    return Record.from_arrays(time, path, path)
+
+
+NO_OTHERS = Others(0, *np.zeros((4, 0, 1)))
+
+
 def test_half_widths_are_conformal_quantiles_of_the_slices():
-    """Against slices that are formed row by row."""
+    """Against slices that are formed row by row, of residuals that no part of the law explains."""
+    record = wandering(40000)
+    course = Course.of(record)
     rng = np.random.default_rng(3)
-    time = np.arange(9000) / 500
-    path = np.interp(time, np.cumsum(rng.uniform(0.05, 0.5, 80)), rng.uniform(0, 9, 80))
-    record = Record.from_arrays(time, path, path)
-    residual = rng.normal(size=9000) * (0.1 + np.abs(np.gradient(path, time)))
-    rows = rng.uniform(size=9000) < 0.5
-    band = Band.calibrated(record, residual, rows)
-    speed = np.abs(np.gradient(path, time))
-    since = time_since_reversal(time, path)
-    half = band.along(record)
+    residual = rng.normal(size=40000)
+    residual[np.abs(course.speed - np.median(course.speed)) < 3] *= 3
+    spread = np.zeros((40000, 2))
+    band = Band.calibrated(course, residual, spread, 0.5, 0.0, NO_OTHERS)
+    speed = np.abs(np.gradient(record.input, record.time))
+    since = time_since_reversal(record.time, record.input)
+    np.testing.assert_array_equal(course.since, since)
+    assert band.law is not None
+    deviation = band.law.deviation(course, spread)
+    half = band.along(course, spread)
     for i in range(3):
         for j in range(3):
-            inside = rows & (np.digitize(speed, band.speed, right=True) == i)
+            inside = np.digitize(speed, band.speed, right=True) == i
             inside &= np.digitize(since, band.since, right=True) == j
-            if inside.sum() < 300:
+            if inside.sum() < 3000:
                 continue
-            ordered = np.sort(np.abs(residual[inside]))
+            ordered = np.sort(np.abs(residual[inside]) / deviation[inside])
             expected = ordered[int(np.ceil(0.95 * (len(ordered) + 1))) - 1]
-            np.testing.assert_allclose(half[inside], expected)
-    # Fast slices are wide, slow ones narrow, and each holds what it should.
-    assert band.half[2].min() > 2 * band.half[0].max()
-    fresh = rng.normal(size=9000) * (0.1 + speed)
-    for i in range(3):
-        inside = np.digitize(speed, band.speed, right=True) == i
-        assert 0.93 < np.mean(np.abs(fresh[inside]) <= half[inside]) < 0.97
+            np.testing.assert_allclose(half[inside], expected * deviation[inside])
+
+
+def test_the_law_finds_what_the_variance_goes_with():
+    """Residuals drawn with a known variance, and new ones of it held in each part alone."""
+    record = wandering(20000)
+    course = Course.of(record)
+    rng = np.random.default_rng(4)
+    spread = np.abs(rng.normal(size=(20000, 2))) * [0.5, 2.0]
+    usual = np.sqrt(np.mean(course.speed**2))
+    true = 0.04 + 0.5 * (course.speed / usual) ** 2 + 1.5 * np.exp(-course.travel / 0.5)
+    true += 3.0 * spread[:, 1] ** 2
+    residual = rng.normal(size=20000) * np.sqrt(true)
+    band = Band.calibrated(course, residual, spread, 0.5, 0.0, NO_OTHERS)
+    assert band.law is not None
+    found = band.law.deviation(course, spread) ** 2
+    assert np.median(np.abs(np.log(found / true))) < 0.1
+    half, fresh = band.along(course, spread), rng.normal(size=20000) * np.sqrt(true)
+    for part in (course.speed, course.travel, spread[:, 1]):
+        third = np.digitize(part, np.quantile(part, (1 / 3, 2 / 3)))
+        for k in range(3):
+            assert 0.93 < np.mean(np.abs(fresh[third == k]) <= half[third == k]) < 0.97
 
 
 def test_slices_of_few_rows_have_the_width_of_all():
-    time = np.arange(200) / 100
-    record = Record.from_arrays(time, np.sin(9 * time), time)
+    record = wandering(200)
     residual = np.random.default_rng(0).normal(size=200)
-    band = Band.calibrated(record, residual, np.ones(200, dtype=bool))
-    np.testing.assert_array_equal(band.half, np.sort(np.abs(residual))[190])
+    band = Band.calibrated(Course.of(record), residual, np.zeros((200, 2)), 1.0, 0.0, NO_OTHERS)
+    assert np.ptp(band.half) == 0
+
+
+def test_no_band_is_narrower_than_the_noise():
+    record = wandering(2000)
+    course, none = Course.of(record), np.zeros((2000, 2))
+    band = Band.calibrated(course, np.zeros(2000), none, 1.0, 0.3, NO_OTHERS)
+    np.testing.assert_allclose(band.along(course, none), 0.3 * scipy.stats.norm.ppf(0.975))
+
+
+def test_the_spread_is_that_of_the_other_models(plain, record):
+    """Against models that are built one by one."""
+    found = spread_of(
+        plain.chain,
+        (plain.values, plain.coefficients),
+        plain.band.others,
+        record,
+        lambda there, along: replace(plain, coefficients=there[1]).simulate(along),
+    )
+    here, others = plain.simulate(record), plain.band.others
+    squares = np.zeros((len(record.time), 2))
+    for k in range(len(others.offset)):
+        coefficients = replace(
+            plain.coefficients,
+            weights=plain.weights + others.weights[k],
+            offset=plain.offset + others.offset[k],
+        )
+        there = replace(plain, coefficients=coefficients).simulate(record)
+        squares[:, 0 if k < others.of_blocks else 1] += (there - here) ** 2
+    np.testing.assert_allclose(found, np.sqrt(squares), rtol=1e-9, atol=1e-12)
+    assert (others.of_blocks, len(others.offset)) == (12, 28)
+
+
+def test_a_wander_goes_on_as_it_went_and_another_record_has_another():
+    """Against the increments of the course that is built from its cosines, lag by lag."""
+    waves = Drift(horizon_s=10.0, waves=3)
+    chain = Chain(Plane(4, 0.0, 1.0), (waves,))
+    added = np.array([1.0, -0.5, 0.3])
+    numbers = Coefficients(np.zeros(chain.plane.cells), np.zeros(chain.plane.cells), 0.0, added)
+    lags = np.array([-3.0, 0.0, 1.0, 2.5, 5.0, 20.0])
+    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), 12.0 + lags, True)
+    time = np.linspace(0, 10, 5001)
+    course = np.cos(np.pi * time[:, None] / 10 * [1, 2, 3]) @ added
+    expected = [np.sqrt(np.mean((course[k:] - course[:-k]) ** 2)) for k in (500, 1250, 2500)]
+    np.testing.assert_array_equal(found[:2], 0)
+    np.testing.assert_allclose(found[2:5], expected, rtol=0.01)
+    np.testing.assert_allclose(found[5], 2 * found[4], rtol=0.01)  # variance grows with time
+    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), lags, False)
+    np.testing.assert_allclose(found, np.sqrt(2) * course.std(), rtol=0.01)
+    straight = Chain(chain.plane, (Drift(horizon_s=10.0),))
+    numbers = replace(numbers, added=np.array([1.0]))
+    values = {"drift": {"tau_s": 300.0}}
+    assert not unforeseen(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
+
+
+def test_long_records_are_thinned_without_losing_a_turn():
+    record = wandering(30000)
+    kept = few_rows(record)
+    assert len(kept) == 8000
+    assert set(reversals(record.input, 0.002 * np.ptp(record.input))) <= set(kept.tolist())
+    assert (kept[0], kept[-1]) == (0, 29999)
+
+
+def test_a_band_comes_back_from_its_file(plain, record):
+    again = Model.from_json(json.loads(json.dumps(plain.to_json())))
+    np.testing.assert_array_equal(again.half_width(record), plain.half_width(record))
+    for key, wrong, said in (
+        ("weights", ["1"], "band.others.weights is a list of 1: expected 28, as many as offset"),
+        ("added", [[1.0]] * 28, r"band.others.added\[0\] is a list of 1: expected 0"),
+    ):
+        content = plain.to_json()
+        content["band"]["others"][key] = wrong
+        with pytest.raises(pj.InputError, match=said):
+            Model.from_json(content)
 
 
 def test_a_file_without_a_band_has_that_of_the_whole(plain, record):
@@ -556,6 +663,9 @@ def test_a_file_without_a_band_has_that_of_the_whole(plain, record):
     older = Model.from_json(content)
     assert older.band is None
     np.testing.assert_array_equal(older.half_width(record), 1.96 * plain.rms_validation)
+    content = plain.to_json()
+    content["band"] = {"speed": [1.0, 2.0], "since_s": [0.1, 0.2], "half": [0.5] * 9}
+    np.testing.assert_array_equal(Model.from_json(content).half_width(record), 0.5)
     content = plain.to_json()
     content["band"]["half"] = content["band"]["half"][:4]
     with pytest.raises(pj.InputError, match=r"band.half is a list of 4: expected 9"):

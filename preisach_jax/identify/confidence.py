@@ -10,9 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from preisach_jax.chain import Coefficients
+from preisach_jax.chain.runs import of_last_run
 from preisach_jax.effects.base import Parameter, WeightEffect
 from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
 from preisach_jax.model import ParameterEstimate
+from preisach_jax.model.band import Others, rounded
 
 LEVEL = 0.95
 """Coverage of the intervals, and certainty of the tests."""
@@ -20,8 +23,34 @@ LEVEL = 0.95
 LEAST_PARTS = 3
 """Least number of blocks for each amount from which their covariance is inverted."""
 
+OTHERS_OF_BLOCKS = 12
+"""Models that a band gets from stretches of the record."""
 
-def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEstimate]]:
+OTHERS_OF_PRIOR = 16
+"""Models that a band gets from what the smoothness prior decides."""
+
+
+class Influences(NamedTuple):
+    """What parts of a record move of every column of a model.
+
+    Attributes:
+        linear: the columns, and behind them the tangents of the nonlinear parameters.
+        blocks: (block, column) what each block moves.
+        stretches: (stretch, column) the same of stretches of four blocks.
+        inside: columns that are free of their bound.
+        gram: (column, column) regularised matrix of the regression on all columns.
+    """
+
+    linear: Linearised
+    blocks: np.ndarray
+    stretches: np.ndarray
+    inside: np.ndarray
+    gram: np.ndarray
+
+
+def estimates(
+    problem: Problem, point: Point, known: Influences | None = None
+) -> dict[str, dict[str, ParameterEstimate]]:
     r"""All parameters of a point's effects with 95 % intervals.
 
     Joint linearisation in weights and parameters, with the sandwich covariance
@@ -33,6 +62,7 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     Arguments:
         problem: the record.
         point: a refined point.
+        known: its `influences`, if they are known.
 
     Returns:
         Estimates by effect and parameter name; intervals never leave the parameters' bounds.
@@ -40,7 +70,8 @@ def estimates(problem: Problem, point: Point) -> dict[str, dict[str, ParameterEs
     parameters = point.parameters
     if not parameters and not point.chain.coefficients:
         return {effect.name: {} for effect in point.chain.effects}
-    linear, parts = _influences(problem, point, parameters)
+    found_by = known or influences(problem, point, parameters)
+    linear, parts = found_by.linear, (found_by.blocks, found_by.stretches)
     size = len(point.solution)
     # Stretches of several blocks hold longer correlations; blocks, being more, are surer.
     deviation = np.sqrt(np.maximum(*(_variances(part) for part in parts)))
@@ -95,10 +126,16 @@ def with_grid_error(
     return wider
 
 
-def _influences(
+def influences(
     problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]
-) -> tuple[Linearised, tuple[np.ndarray, np.ndarray]]:
-    """What each block, and each stretch of four, moves of every column; `(part, column)`."""
+) -> Influences:
+    """What each block, and each stretch of four, moves of every column.
+
+    Arguments:
+        problem: the record.
+        point: a refined point.
+        parameters: the nonlinear parameters that are not held, with their effects.
+    """
     linear = linearise(problem, point, parameters)
     gram, _ = linear.equations.system(point.folds, point.strength)
     free = ~point.equations.nonnegative | (point.solution > 0)
@@ -127,7 +164,75 @@ def _influences(
     influence[:, inside] = solved.T
     stretch = used // FOLDS
     longer = np.stack([influence[stretch == s].sum(axis=0) for s in np.unique(stretch)])
-    return linear, (influence, longer)
+    return Influences(linear, influence, longer, inside, gram)
+
+
+def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
+    r"""What could have come of the record in place of a model: square roots of covariances of it.
+
+    Of the sandwich covariance of `estimates`, each of some stretches of the record is one; of the
+    posterior covariance \(\sigma^2 M^{-1}\) of the hysterons alone, with the regularised matrix M,
+    those of the greatest variances, of which hardly any row tells and which the smoothness prior
+    decides.
+
+    Arguments:
+        point: the refined point, with all hysterons.
+        found: its `influences`, with all parameters.
+
+    Returns:
+        (move, column) changes of all columns, tangents last, and how many are of stretches.
+    """
+    groups = np.array_split(found.stretches, min(OTHERS_OF_BLOCKS, len(found.stretches)))
+    of_blocks = np.stack([group.sum(axis=0) for group in groups])
+    of_blocks *= np.sqrt(len(groups) / max(len(groups) - 1, 1))
+    density = found.inside[found.inside < point.columns.offset]
+    count = min(OTHERS_OF_PRIOR, len(density))
+    told, direction = scipy.linalg.eigh(
+        found.gram[np.ix_(density, density)], subset_by_index=(0, count - 1), check_finite=False
+    )
+    told = np.maximum(told, np.finfo(float).tiny)
+    of_prior = np.zeros((count, found.blocks.shape[1]))
+    of_prior[:, density] = direction.T * np.sqrt(point.validation_mean_square / told)[:, None]
+    return np.concatenate([of_blocks, of_prior]), len(groups)
+
+
+def other_models(
+    problem: Problem, point: Point, found: Influences, moves: np.ndarray, of_blocks: int
+) -> Others:
+    """The models that `moves_of` a point lead to, along the last run of the record.
+
+    Arguments:
+        problem: the record.
+        point: the refined point, with all hysterons.
+        found: its `influences`, with all parameters.
+        moves: (move, column) changes of all columns.
+        of_blocks: how many of them are of stretches of the record.
+    """
+    size = len(point.solution)
+
+    def numbers(move: np.ndarray) -> Coefficients:
+        there = point.coefficients(point.solution + move[:size])
+        return of_last_run(point.chain, there, problem.signals)
+
+    here = numbers(np.zeros(size))
+    there = [numbers(move) for move in moves]
+    parameters = np.zeros((len(moves), len(point.parameters)))
+    for position, (effect, parameter) in enumerate(point.parameters):
+        value = point.values[effect][parameter.name]
+        steps = moves[:, size + position] / found.linear.scale[position]
+        if parameter.log:
+            coordinate = parameter.to_search(value)
+            ends = [parameter.from_search(coordinate + step) for step in steps.tolist()]
+            steps = np.array(ends) - value
+        # Amounts may leave their bounds: held there, those that make up for others no longer do.
+        parameters[:, position] = steps
+    return Others(
+        of_blocks,
+        rounded(np.array([each.weights - here.weights for each in there])),
+        np.array([each.offset - here.offset for each in there]),
+        np.array([each.added - here.added for each in there]),
+        parameters,
+    )
 
 
 def _variances(parts: np.ndarray) -> np.ndarray:
@@ -188,7 +293,8 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certain
     parameters = [
         (name, p) for name, p in point.parameters if not p.is_amount or point.values[name][p.name]
     ]
-    linear, parts = _influences(problem, point, parameters)
+    found = influences(problem, point, parameters)
+    linear, parts = found.linear, (found.blocks, found.stretches)
     size, first = len(point.solution), point.columns.first_added
     columns = [first + place - 1 for place in linear_amounts]
     # Amounts of single runs stand just behind the offset.

@@ -25,9 +25,11 @@ from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
-from preisach_jax.model.band import Band
+from preisach_jax.model.band import Band, Course
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
 from preisach_jax.model.origin import Origin
+from preisach_jax.model.spread import spread_of
+from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import pretty_unit
@@ -35,7 +37,6 @@ from preisach_jax.record import Record
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
-
 
 RANGE_TOLERANCE = 0.01
 """Share of the input range by which an input may leave the plane: noise of a converter does."""
@@ -56,8 +57,8 @@ class Model:
         origin: the record on which it was identified.
         rms_validation: held-out RMS error, in output units.
         noise, discretisation: their shares of it, where a diagnosis has measured them.
-        band: the 95 % band by slices, calibrated on the rows that were held out; of models that
-            were written before there was one, None.
+        band: the 95 % band, calibrated on rows that did not identify what predicts them; of models
+            that were written before there was one, None.
     """
 
     chain: Chain
@@ -125,8 +126,7 @@ class Model:
             record: the record; its output is not used.
 
         Returns:
-            The prediction; its band is that of the slices of `Model.band`, and what memory leaves
-            open.
+            The prediction, with a 95 % band.
 
         Raises:
             InputError: if the input leaves the range of the plane, or an auxiliary column that the
@@ -141,14 +141,10 @@ class Model:
             (2000,)
         """
         self._check(record)
-        sure = np.zeros(len(record.time))
-        if self.begins_with_origin(record):
-            output, gap = self.simulate(record), sure
-        elif self.follows_origin(record):
-            output, gap = self._continue(record), sure
-        else:
-            output, gap = self._from_unknown_memory(record)
-        half = self.half_width(record) + gap
+        output = self._run_of(record)(self, record)
+        half = self.half_width(record)
+        if not (self.begins_with_origin(record) or self.follows_origin(record)):
+            half = half + self._open_memory(record)
         return Prediction(record.time, output, output - half, output + half)
 
     def half_width(self, record: Record) -> np.ndarray:
@@ -158,12 +154,24 @@ class Model:
             record: the record.
 
         Returns:
-            That of the slices in which rows were held out; without them, 1.96 times the held-out
-            RMS error.
+            That of `Model.band`; without it, 1.96 times the held-out RMS error.
         """
         if self.band is None:
             return np.full(len(record.time), 1.96 * self.rms_validation)
-        return self.band.along(record)
+        run, here = self._run_of(record), (self.values, self.coefficients)
+        spread = spread_of(self.chain, here, self.band.others, record, lambda there, few: run(
+            replace(self, values=there[0], coefficients=there[1]), few
+        ))  # fmt: skip
+        known = self.band.along(Course.of(record), spread)
+        goes_on = run is not Model._from_middle
+        ahead = unforeseen(self.chain, *here, self.origin.span_s, record.time, goes_on)
+        return np.hypot(known, 1.96 * ahead) if self.band.law else known  # as older files had it
+
+    def _run_of(self, record: Record) -> Callable[[Model, Record], np.ndarray]:
+        """What computes a model's output along a record, by what is known of its past."""
+        if self.begins_with_origin(record):
+            return Model.simulate
+        return Model._continue if self.follows_origin(record) else Model._from_middle
 
     def _check(self, record: Record) -> None:
         self._check_units(record)
@@ -275,23 +283,29 @@ class Model:
             first_run=np.zeros(0),
         )
 
-    def _from_unknown_memory(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
-        """Output from the middle of what memory leaves open, and half the width of that."""
+    def _from_middle(self, record: Record) -> np.ndarray:
+        """Output from the middle of what an unknown memory leaves open."""
         with jax.enable_x64(True):
             signals, coefficients = self.unknown_start(record)
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
-            if record.initial_memory != "free":
-                return np.asarray(output), np.zeros(len(record.time))
-            weights = coefficients.weights
-            lowest = replace(coefficients, memory=np.zeros_like(weights))
+            return np.asarray(output)
+
+    def _open_memory(self, record: Record) -> np.ndarray:
+        """Half the width of what an unknown memory leaves open."""
+        if record.initial_memory != "free":
+            return np.zeros(len(record.time))
+        with jax.enable_x64(True):
+            signals, coefficients = self.unknown_start(record)
+            middle = hysteresis_output(self.chain, self.values, signals, coefficients)
+            lowest = replace(coefficients, memory=np.zeros_like(coefficients.weights))
             gap = jnp.abs(middle - hysteresis_output(self.chain, self.values, signals, lowest))
             # The operator lies between all hysterons off and all on.
-            most, first = float(np.abs(weights).sum()), float(jnp.abs(middle[0]))
+            most, first = float(np.abs(coefficients.weights).sum()), float(jnp.abs(middle[0]))
             for effect in self.chain.at(OutputEffect):
                 acting = effect.at(self.values[effect.name])
                 gap = gap + acting.past_bound(signals, max(first, most - first))
-            return np.asarray(output), np.asarray(gap)
+            return np.asarray(gap)
 
     def to_json(self) -> dict[str, Any]:
         """The content of the model file."""

@@ -35,6 +35,11 @@ class Origin:
     initial_memory: str
     history: np.ndarray
 
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Time of its first and its last row, in s."""
+        return self.start_s, self.stop_s
+
     @staticmethod
     def of(record: Record) -> Origin:
         """What a model remembers of its record."""

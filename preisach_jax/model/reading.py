@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from preisach_jax.chain import (
 from preisach_jax.effects import BUILT_IN, library, placeholder
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
-from preisach_jax.model.band import SLICES, Band
+from preisach_jax.model.band import PARTS, SLICES, Band
 from preisach_jax.model.content import FORMAT, FORMAT_VERSION
 from preisach_jax.model.core import Model
 from preisach_jax.model.estimates import ParameterEstimate
@@ -39,6 +39,7 @@ from preisach_jax.model.schema import (
     table_of,
     text,
     whole,
+    whole_numbers,
 )
 from preisach_jax.model.upgrade import upgraded
 from preisach_jax.operator.checks import HYSTERONS
@@ -98,7 +99,7 @@ def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Mo
             "or fit anew"
         )
     with _told_as_damage():
-        sound = checked({"band": None, **upgraded(content, int(found))}, _CONTENT)
+        sound = checked(_with_band(upgraded(content, int(found))), _CONTENT)
     kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
     with _told_as_damage():
         return _model_of(sound, kinds)
@@ -120,16 +121,79 @@ MOST_COLUMNS = 1000
 _ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
 
 
-_BAND = of_keys({"speed": numbers, "since_s": numbers, "half": numbers})
+_LAW = of_keys(
+    {"shares": numbers, "usual_speed": number(0.0), "cell": number(0.0), "least": number(0.0)}
+)
+_OTHERS = of_keys(
+    {
+        "of_blocks": whole(0),
+        "step": numbers,
+        "weights": list_of(whole_numbers),
+        "offset": list_of(numbers),
+        "added": list_of(numbers),
+        "parameters": list_of(numbers),
+    }
+)
+_BAND = of_keys(
+    {
+        "speed": numbers,
+        "since_s": numbers,
+        "half": numbers,
+        "law": _LAW | None,
+        "others": _OTHERS | None,
+    }
+)
 
 
-def _band_from(found: dict[str, np.ndarray] | None) -> Band | None:
+def _with_band(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a file, with what those that are older do not say of a band."""
+    band: Any = content.get("band")
+    if isinstance(band, Mapping):
+        older: dict[str, Any] = {"law": None, "others": None}
+        band = older | dict(cast(Mapping[str, Any], band))
+    return {**content, "band": band}
+
+
+def _band_from(found: dict[str, Any] | None, chain: Chain) -> Band | None:
     if found is None:
         return None
     for key, count in (("speed", SLICES - 1), ("since_s", SLICES - 1), ("half", SLICES**2)):
         if len(found[key]) != count:
             raise InputError(f"band.{key} is a list of {len(found[key])}: expected {count}")
+    if found["law"] is not None and len(found["law"]["shares"]) != PARTS:
+        count = len(found["law"]["shares"])
+        raise InputError(f"band.law.shares is a list of {count}: expected {PARTS}")
+    _check_others(found["others"], chain)
     return Band.from_json(found)
+
+
+def _check_others(found: dict[str, Any] | None, chain: Chain) -> None:
+    """Refuse other models that are not of the chain."""
+    if found is None:
+        return
+    models = len(found["offset"])
+    if len(found["step"]) != models:
+        raise InputError(
+            f"band.others.step is a list of {len(found['step'])}: expected {models}, as many as "
+            "offset has"
+        )
+    counts = {
+        "weights": chain.plane.cells,
+        "offset": 1,
+        "added": len(chain.coefficients),
+        "parameters": sum(len(effect.parameters()) for effect in chain.effects),
+    }
+    for key, count in counts.items():
+        if len(found[key]) != models:
+            raise InputError(
+                f"band.others.{key} is a list of {len(found[key])}: expected {models}, as many as "
+                "offset has"
+            )
+        for i, row in enumerate(found[key]):
+            if len(row) != count:
+                raise InputError(
+                    f"band.others.{key}[{i}] is a list of {len(row)}: expected {count}"
+                )
 
 
 _CONTENT = of_keys(
@@ -203,7 +267,7 @@ def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
         rms_validation=content["rms_validation"],
         noise=content["noise"],
         discretisation=content["discretisation"],
-        band=_band_from(content["band"]),
+        band=_band_from(content["band"], chain),
     )
 
 

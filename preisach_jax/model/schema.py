@@ -205,6 +205,14 @@ numbers = Annotated[
 """A list of finite numbers, as (count,) float64."""
 
 
+def _counts(given: str) -> list[int]:
+    return [int(each) for each in given.split()]
+
+
+whole_numbers = Annotated[text, AfterValidator(_counts), _expect("a text of whole numbers")]
+"""A text of whole numbers between blanks, as a list: as a list of JSON it is much longer."""
+
+
 def like(pattern: Any, most: int) -> Any:
     """What is of the kind of a value: a setting of an effect.
 

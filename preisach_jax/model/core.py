@@ -27,6 +27,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.model.band import Band
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.mechanical import check_not_inside, moved
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
@@ -109,6 +110,8 @@ class Model:
 
     def simulate(self, record: Record) -> np.ndarray:
         """Output along a record that starts as the identification record did, `(time,)`."""
+        if self.chain.mechanics:
+            return self._moved(record, begins=True)
         with jax.enable_x64(True):
             signals = signals_of(record, self.origin.start_s)
             return np.asarray(response(self.chain, self.values, signals, self.coefficients))
@@ -144,12 +147,18 @@ class Model:
         sure = np.zeros(len(record.time))
         if self.begins_with_origin(record):
             output, gap = self.simulate(record), sure
+        elif self.chain.mechanics:
+            output, gap = self._moved(record, begins=False), sure
         elif self.follows_origin(record):
             output, gap = self._continue(record), sure
         else:
             output, gap = self._from_unknown_memory(record)
         half = self.half_width(record) + gap
         return Prediction(record.time, output, output - half, output + half)
+
+    def _moved(self, record: Record, *, begins: bool) -> np.ndarray:
+        """(time,) output of a model whose hysteresis is inside mechanics."""
+        return self.offset + moved(self.chain, self.values, self.weights, record, begins=begins)
 
     def half_width(self, record: Record) -> np.ndarray:
         """Half width of the 95 % band along a record whose past is known, `(time,)`.
@@ -167,6 +176,8 @@ class Model:
 
     def _check(self, record: Record) -> None:
         self._check_units(record)
+        if self.chain.mechanics:
+            return  # the plane is one of displacements, and `moved` asks whether they stay on it
         plane = self.plane
         reach = RANGE_TOLERANCE * (plane.high - plane.low)
         beyond = np.flatnonzero(
@@ -204,8 +215,10 @@ class Model:
         """Ask whether each output along a branch belongs to one input.
 
         Raises:
-            InputError: if the weights have both signs, so that branches rise and fall.
+            InputError: if the weights have both signs, so that branches rise and fall, or the
+                hysteresis is inside mechanics, which no inverse step of an operator undoes.
         """
+        check_not_inside(self.chain, self.origin.record, "an inverse")
         if self.chain.signed and self.weights.min() < 0 < self.weights.max():
             raise InputError(
                 f"the model of {self.origin.record} has weights of both signs: along a branch the "

@@ -125,6 +125,12 @@ TELLING = {
         seconds=10.0,
         rate_hz=2000.0,
     ),
+    "restoring_force": Telling(
+        "behind_a_step",
+        "Ringing behind each corner of the input (dotted), as behind a resonance, but slower "
+        "while it is great: the spring yields, and takes energy away with each swing.",
+        seconds=12.0,
+    ),
     "drift": Telling(
         "input_early_and_late",
         "A shift that hardly depends on the input: the residual of the first quarter of the "

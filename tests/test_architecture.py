@@ -34,6 +34,7 @@ LAYERS = [
     "record",
     "look",
     "effects",
+    "mechanics",
     "chain",
     "model",
     "export",

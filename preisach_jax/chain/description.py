@@ -18,6 +18,7 @@ from preisach_jax.effects.base import (
     SensorEffect,
     WeightEffect,
 )
+from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 
@@ -102,6 +103,18 @@ class Chain(eqx.Module):
     def feeds_back(self) -> bool:
         """Whether an effect makes the input of the hysterons depend on their output."""
         return any(effect.feeds_back for effect in self.at(HysteresisEffect))
+
+    @property
+    def mechanics(self) -> RestoringForce | None:
+        """The effect that puts the hysteresis inside mechanics, if there is one."""
+        own = [e for e in self.effects if isinstance(e, RestoringForce)]
+        return own[0] if own else None
+
+    @property
+    def size_text(self) -> str:
+        """How many numbers the hysteresis has, in words."""
+        one_state = self.mechanics is not None and self.mechanics.has_one_state
+        return "Bouc-Wen law" if one_state else f"{self.plane.levels} levels"
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
         """The same plane and hysterons with other effects."""

@@ -21,6 +21,7 @@ EFFECT_NAMES = (
     "rate_dependence",
     "reptation",
     "resonance",
+    "restoring_force",
     "slew_limit",
     "viscosity",
 )

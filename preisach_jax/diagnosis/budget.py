@@ -108,11 +108,29 @@ def noise_rms(problem: Problem, point: Point) -> float:
         The RMS in output units.
     """
     residual = residual_in_time(problem, point) * problem.unit
-    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, problem.breaks)])
-    middle = np.median(np.abs(differences - np.median(differences)))
-    deviation = middle / scipy.special.ndtri(0.75)
     step = output_quantisation_rms(problem)
-    return max(float(deviation) / np.sqrt(6), step, _rms_at_rest(problem, residual))
+    return max(_unpredictable_rms(residual, problem.breaks), step, _rms_at_rest(problem, residual))
+
+
+def budget_of_residual(fit: Fit) -> Budget:
+    """What the held-out error of a fit without a grid is made of: noise, and the rest.
+
+    Arguments:
+        fit: a fit whose model is simulated from a few numbers.
+    """
+    residual = fit.residual[fit.record.measured]
+    steps = lattice_step(fit.record.output[fit.record.measured]) / float(np.sqrt(12))
+    left = fit.rms_validation
+    noise = min(max(_unpredictable_rms(residual), steps), left)
+    rest = float(np.sqrt(left**2 - noise**2))
+    return Budget(noise, 0.0, steps, 0.0, 0.0, rest, fit.record.channels["output"].unit)
+
+
+def _unpredictable_rms(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> float:
+    """RMS of white noise in a residual in time order, from its second differences."""
+    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, breaks)])
+    middle = np.median(np.abs(differences - np.median(differences)))
+    return float(middle / scipy.special.ndtri(0.75)) / float(np.sqrt(6))
 
 
 def output_quantisation_rms(problem: Problem) -> float:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from preisach_jax.fit import Fit
 from preisach_jax.identify import VALIDATION, Point, Problem
 from preisach_jax.identify.signature import Prospect, amounts_of
 
@@ -145,6 +146,36 @@ def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
     return _evidence(problem, *residuals, gain, spent)
 
 
+def compare_fits(simple: Fit, rich: Fit) -> Evidence:
+    """Evidence for one fit of a single record against another, from what both leave of all rows.
+
+    Arguments:
+        simple: the fit to beat.
+        rich: the fit that should be better.
+
+    Returns:
+        The evidence; positive numbers speak for `rich`.
+    """
+    measured, held_out = rich.record.measured, rich.validation
+    starts = np.cumsum(np.diff(held_out.astype(int), prepend=0) == 1)[held_out]
+
+    def squares(fit: Fit) -> np.ndarray:
+        sums = np.bincount(starts, fit.residual[held_out] ** 2)[1:]
+        return np.asarray(sums / np.bincount(starts)[1:])
+
+    gain = 1 - simple_ratio(rich.rms_validation**2, simple.rms_validation**2)
+    spent = sum(len(effect.parameters()) for effect in rich.model.effects)
+    spent += int(np.count_nonzero(rich.model.weights)) if rich.model.chain.mechanics else 0
+    return _evidence_of(
+        simple.residual[measured],
+        rich.residual[measured],
+        squares(simple),
+        squares(rich),
+        gain,
+        spent,
+    )
+
+
 def promised_evidence(problem: Problem, simple: Point, prospect: Prospect) -> Evidence:
     """Evidence for an effect beside a model as it is promised to first order.
 
@@ -165,10 +196,22 @@ def promised_evidence(problem: Problem, simple: Point, prospect: Prospect) -> Ev
 def _evidence(
     problem: Problem, before: np.ndarray, after: np.ndarray, gain: float, spent: int
 ) -> Evidence:
-    squares_before = block_mean_squares(problem, before)
-    squares_after = block_mean_squares(problem, after)
-    count = len(problem.target)
-    whitened = [innovation_variance(e, breaks=problem.breaks) for e in (before, after)]
+    squares = (block_mean_squares(problem, before), block_mean_squares(problem, after))
+    return _evidence_of(before, after, *squares, gain, spent, problem.breaks)
+
+
+def _evidence_of(
+    before: np.ndarray,
+    after: np.ndarray,
+    squares_before: np.ndarray,
+    squares_after: np.ndarray,
+    gain: float,
+    spent: int,
+    breaks: tuple[int, ...] = (),
+) -> Evidence:
+    """Evidence from residuals in time order, and their mean squares over the held-out blocks."""
+    count = len(before)
+    whitened = [innovation_variance(e, breaks=breaks) for e in (before, after)]
     ratio = whitened[0] / whitened[1]
     return Evidence(
         gain=gain,

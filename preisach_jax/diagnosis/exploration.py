@@ -6,9 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from preisach_jax.diagnosis.budget import Floor, discretisation_rms, error_budget
+from preisach_jax.diagnosis.budget import (
+    Floor,
+    budget_of_residual,
+    discretisation_rms,
+    error_budget,
+)
 from preisach_jax.diagnosis.conclusion import assembled
-from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.evidence import compare, compare_fits
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
@@ -18,6 +23,7 @@ from preisach_jax.diagnosis.walk import tried_beside
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
@@ -83,7 +89,8 @@ class Exploration:
         record = found.base.record
         tried = effects_to_try(record, effects)
         present = {effect.name: effect for fit in found.steps for effect in fit.model.effects}
-        others = [effect for name, effect in present.items() if name not in _names(tried)]
+        known = {*_names(tried), RestoringForce.name}
+        others = [effect for name, effect in present.items() if name not in known]
         step = None
         for fit in found.steps:
             step = Exploration(fit, (*tried, *others), step)
@@ -112,7 +119,9 @@ class Exploration:
 
     @property
     def left(self) -> tuple[Effect, ...]:
-        """The effects that may still be added."""
+        """The effects that may still be added: none where the hysteresis is inside mechanics."""
+        if self.fit.model.chain.mechanics:
+            return ()
         return tuple(effect for effect in self.tried if effect.name not in self.effects)
 
     @property
@@ -126,6 +135,8 @@ class Exploration:
     @property
     def point(self) -> Point:
         """The model of this step on the rows of the search."""
+        if self.fit.model.chain.mechanics:
+            raise InputError(ALONE)
         if "point" not in self._cache:
             with double_precision():
                 self._cache["point"] = _on_the_rows_of(self.problem, self.fit.point)
@@ -147,6 +158,8 @@ class Exploration:
             >>> explore(record).candidates()[0].effect  # doctest: +SKIP
             'creep'
         """
+        if "candidates" not in self._cache and not self.left:
+            self._cache["candidates"] = ()
         if "candidates" not in self._cache:
             self._cache["candidates"] = self._ranked(progress or in_silence)
         return self._cache["candidates"]
@@ -189,6 +202,8 @@ class Exploration:
         (new,) = resolve([effect], aux_units(self.record))
         if new.name in self.effects:
             raise InputError(f"the model has the effect {new.name!r} already; add another")
+        if isinstance(new, RestoringForce) or self.fit.model.chain.mechanics:
+            raise InputError(ALONE)
         tried = self.tried if new.name in by_name else (*self.tried, new)
         with double_precision():
             progress(f"fitting {new.name}", 0.0)
@@ -208,6 +223,8 @@ class Exploration:
             >>> explore(record).budget().is_met  # doctest: +SKIP
             False
         """
+        if self.fit.model.chain.mechanics:
+            return budget_of_residual(self.fit)
         if "budget" not in self._cache:
             with double_precision():
                 coarse = on_a_coarser_plane(self.problem, self.point)
@@ -248,9 +265,11 @@ class Exploration:
         candidates = tuple(c for step in self.steps for c in _compared(step, self.effects))
         if progress is not None:
             progress("limiting the effects that were not added", 0.5)
-        with double_precision():
-            whole = Problem.of(self.record, SEARCH_ROWS)
-            bounds = limits(whole, with_signs(whole, self.point), self.left)
+        bounds = ()
+        if self.left:
+            with double_precision():
+                whole = Problem.of(self.record, SEARCH_ROWS)
+                bounds = limits(whole, with_signs(whole, self.point), self.left)
         notes = [BY_HAND] if findings else []
         return assembled(
             [step.fit for step in self.steps],
@@ -269,10 +288,19 @@ BY_HAND = (
 )
 
 
+ALONE = (
+    "restoring_force is fitted alone, since no other effect acts inside its mechanics: fit it with "
+    "pj.fit(record, effects=('restoring_force',)), or go back to the step before it"
+)
+
+
 def _finding(step: Exploration, last: Fit) -> Finding:
     assert step.before is not None  # the first step has added nothing
     name, before = step.effects[-1], step.before
-    evidence = compare(step.problem, before.point, step.point).numbers()
+    if step.fit.model.chain.mechanics:
+        evidence = compare_fits(before.fit, step.fit).numbers()
+    else:
+        evidence = compare(step.problem, before.point, step.point).numbers()
     parameters = last.model.parameters[name]
     errors = (before.fit.rms_validation, step.fit.rms_validation)
     return Finding(name, (name,), parameters, *errors, evidence)
@@ -325,7 +353,8 @@ def explore(
         >>> plain.add("drift").fit.rms_validation < plain.fit.rms_validation / 5
         True
     """
-    tried = effects_to_try(record, effects)
+    asked = effects_to_try(record, effects)
+    tried = tuple(effect for effect in asked if not isinstance(effect, RestoringForce))
     if progress is not None:
         progress("fitting the rate-independent model", 0.0)
     with double_precision():

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
+from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane
@@ -19,6 +20,7 @@ from preisach_jax.diagnosis.walk import (
 )
 from preisach_jax.effects import OF_COLUMNS, library, resolve
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.fit import (
     Fit,
     Progress,
@@ -84,12 +86,24 @@ def diagnose(
         'adequate'
     """
     record = as_one(record, hold_out, "diagnose")
-    tried = effects_to_try(record, effects)
+    asked = effects_to_try(record, effects)
+    # It is fitted alone, and only once all others have been asked.
+    inside = [effect for effect in asked if isinstance(effect, RestoringForce)]
+    tried = tuple(effect for effect in asked if effect not in inside)
+    mechanics = inside[0] if inside else RestoringForce() if effects is None else None
     least = tolerance_of(tolerance, record)
     with double_precision():
         return freed_of_spikes(
             record,
-            lambda given: _walk(given, tried, levels, least, progress or in_silence, watch),
+            lambda given: _walk(
+                given,
+                tried,
+                (mechanics, bool(inside)),
+                levels,
+                least,
+                progress or in_silence,
+                watch,
+            ),
             lambda found: found.steps[-1],
         )
 
@@ -111,6 +125,7 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
 def _walk(
     record: Record,
     tried: tuple[Effect, ...],
+    mechanics: tuple[RestoringForce | None, bool],
     levels: int | None,
     tolerance: float,
     progress: Progress,
@@ -126,7 +141,11 @@ def _walk(
         with FinalFits(record) as finals:
             found = _selected(step, finals, levels is not None, tolerance, pace, watch)
             if isinstance(found, Step):
-                return concluded(found, finals, tolerance, pace.tell)
+                plain = concluded(found, finals, tolerance, pace.tell)
+                effect, asked = mechanics
+                return with_mechanics(
+                    plain, found, finals, effect, tolerance, pace.tell, asked=asked
+                )
         record = found
 
 

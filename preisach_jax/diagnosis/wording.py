@@ -45,6 +45,7 @@ PLAIN = {
     "output_quantisation": "coarse steps of the sensor's converter",
     "viscosity": "a viscosity (a part of the output depends on the speed of the input)",
     "leakage": "a leakage of the reading (a constant output decays to zero)",
+    "restoring_force": "mechanics around the hysteresis (it is a force that the output drives)",
     "log_rate": "a widening of the loop with the logarithm of the rate",
 }
 

@@ -29,6 +29,7 @@ from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.errors import InputError
@@ -57,6 +58,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     Cross,
     Leakage,
     LogRate,
+    RestoringForce,
 )
 ENTRY_POINTS = "preisach_jax.effects"
 
@@ -75,7 +77,7 @@ def library() -> dict[str, Effect]:
         ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents', 'gain:COL',
          'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate', 'moving',
          'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
-         'rate_dependence', 'reptation', 'resonance', 'slew_limit', 'viscosity']
+         'rate_dependence', 'reptation', 'resonance', 'restoring_force', 'slew_limit', 'viscosity']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

@@ -40,7 +40,13 @@ class Resonance(OutputEffect):
     signature: ClassVar[str] = (
         "residual that rings at one frequency after steps and corners, and dies away at rest"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("output_lag", "delay", "hum", "cross:COL")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "output_lag",
+        "delay",
+        "hum",
+        "cross:COL",
+        "restoring_force",
+    )
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "steps or corners followed by rest, sampled at ten times the mode: a mode rings and dies "

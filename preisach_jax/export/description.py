@@ -12,7 +12,7 @@ from preisach_jax.effects.base import Effect, OutputEffect, SensorEffect
 from preisach_jax.effects.places import Place
 from preisach_jax.errors import InputError
 from preisach_jax.export.laws import LAWS
-from preisach_jax.model import RANGE_TOLERANCE, Model, exactly_summable
+from preisach_jax.model import RANGE_TOLERANCE, Model, check_not_inside, exactly_summable
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,10 @@ def describe(
         The description; its parts begin as `Model.predict` begins a record that continues none.
 
     Raises:
-        InputError: if the rate is not positive, an effect to leave out is not in the model, or an
-            effect is not one of the built-in library.
+        InputError: if the rate is not positive, an effect to leave out is not in the model, an
+            effect is not one of the built-in library, or the hysteresis is inside mechanics.
     """
+    check_not_inside(model.chain, model.origin.record, "code sample by sample")
     model = left_out(model, without)
     if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the sampling rate is {rate_hz} Hz: give a positive number")

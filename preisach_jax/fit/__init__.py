@@ -7,6 +7,7 @@ from preisach_jax.fit.finish import (
     on_all_rows,
     with_regressors,
 )
+from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Progress, double_precision, in_silence
 from preisach_jax.fit.start import (
@@ -53,6 +54,7 @@ __all__ = [
     "feeds_back",
     "finished",
     "fit",
+    "fit_inside",
     "freed_of_spikes",
     "in_reduced_basis",
     "in_silence",

@@ -10,8 +10,10 @@ import numpy as np
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit.finish import on_all_rows
+from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Progress, double_precision, in_silence
 from preisach_jax.fit.start import (
@@ -83,7 +85,16 @@ def fit(
 
 
 def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
+    inside = [effect for effect in chosen if isinstance(effect, RestoringForce)]
+    if inside and len(chosen) > 1:
+        others = ", ".join(effect.name for effect in chosen if effect is not inside[0])
+        raise InputError(
+            f"{record.name}: restoring_force is fitted alone, since no other effect acts inside "
+            f"its mechanics; leave out {others}"
+        )
     record, problem, point = begun(record, levels)
+    if inside:
+        return fit_inside(record, inside[0], point, levels, progress)
     backwards = [effect.name for effect in chosen if feeds_back(effect)]
     if point.chain.signed and backwards:
         raise InputError(

@@ -65,7 +65,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
     coefficients = held_back.coefficients()
     signals = signals_of(record)
     prediction = np.asarray(response(point.chain, held_back.values, signals, coefficients))
-    held_out = _held_out_rows(problem, record)
+    held_out = held_out_rows(problem, record)
     residual = (record.output - prediction)[held_out]
     cells = whole.chain.plane.cells
     found = influences(problem, whole, whole.parameters)
@@ -135,7 +135,7 @@ def with_regressors(problem: Problem, fit: Fit) -> Point:
     return evaluate(problem, point.chain, point.values, point.strength, point)
 
 
-def _held_out_rows(problem: Problem, record: Record) -> np.ndarray:
+def held_out_rows(problem: Problem, record: Record) -> np.ndarray:
     """(time,) measured rows of the whole record that lie in the stretches held out."""
     if len(problem.identified) < len(ALL):
         mask = np.zeros(len(record.time), dtype=bool)

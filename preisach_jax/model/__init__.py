@@ -1,9 +1,11 @@
 """A model with its numbers: what it predicts, and its file."""
 
 from preisach_jax.model.content import FORMAT_VERSION
-from preisach_jax.model.core import RANGE_TOLERANCE, Model
+from preisach_jax.model.core import Model
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.mechanical import check_not_inside
 from preisach_jax.model.origin import Origin
+from preisach_jax.model.requirements import RANGE_TOLERANCE
 from preisach_jax.model.weights import exactly_summable
 
 __all__ = [
@@ -13,5 +15,6 @@ __all__ = [
     "Origin",
     "ParameterEstimate",
     "Prediction",
+    "check_not_inside",
     "exactly_summable",
 ]

@@ -192,7 +192,7 @@ class Band:
             in output units.
         law: how the deviation goes with the input; of files that were written before there was
             one, None.
-        others: the models that the law needs; None without a law.
+        others: the models that the law needs; None without a law, and where there are none.
     """
 
     speed: np.ndarray
@@ -208,7 +208,7 @@ class Band:
         spread: np.ndarray,
         cell: float,
         noise: float,
-        others: Others,
+        others: Others | None = None,
     ) -> Band:
         """The band that holds 95 % of the residuals of each slice.
 
@@ -218,7 +218,7 @@ class Band:
             spread: (row, 2) deviation among other models: of the blocks, and of the prior.
             cell: width of the plane's cells, in the unit of the input.
             noise: RMS of the noise, in output units.
-            others: the other models.
+            others: the other models, if there are any.
 
         Returns:
             The band.
@@ -227,9 +227,8 @@ class Band:
             >>> t = np.arange(40000) / 100
             >>> course = Course.of(Record.from_arrays(t, np.sin(t), np.sin(t)))
             >>> noise = np.random.default_rng(0).normal(size=40000)
-            >>> others = Others(0, *np.zeros((4, 0, 1)))
             >>> none = np.zeros((40000, 2))
-            >>> band = Band.calibrated(course, noise, none, 0.1, 1.0, others)
+            >>> band = Band.calibrated(course, noise, none, 0.1, 1.0)
             >>> bool(np.all(np.abs(band.along(course, none) - 1.96) < 0.3))
             True
         """

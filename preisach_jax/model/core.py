@@ -22,24 +22,21 @@ from preisach_jax.chain import (
     stated_start,
 )
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
-from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.model.band import Band, Course
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
+from preisach_jax.model.mechanical import check_not_inside, moved
 from preisach_jax.model.origin import Origin
+from preisach_jax.model.requirements import check_record
 from preisach_jax.model.spread import spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
-from preisach_jax.quantity import pretty_unit
 from preisach_jax.record import Record
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
-
-RANGE_TOLERANCE = 0.01
-"""Share of the input range by which an input may leave the plane: noise of a converter does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +107,8 @@ class Model:
 
     def simulate(self, record: Record) -> np.ndarray:
         """Output along a record that starts as the identification record did, `(time,)`."""
+        if self.chain.mechanics:
+            return self.offset + moved(self.chain, self.values, self.weights, record, begins=True)
         with jax.enable_x64(True):
             signals = signals_of(record, self.origin.start_s)
             return np.asarray(response(self.chain, self.values, signals, self.coefficients))
@@ -140,12 +139,16 @@ class Model:
             >>> model.predict(pj.Record.from_arrays(t, u, u)).output.shape
             (2000,)
         """
-        self._check(record)
-        output = self._run_of(record)(self, record)
-        half = self.half_width(record)
-        if not (self.begins_with_origin(record) or self.follows_origin(record)):
+        check_record(self.chain, self.units, record)
+        run = self._run_of(record)
+        output, half = run(self, record), self.half_width(record)
+        if run is Model._from_middle:
             half = half + self._open_memory(record)
         return Prediction(record.time, output, output - half, output + half)
+
+    def _moved_from_rest(self, record: Record) -> np.ndarray:
+        """(time,) output of a body that is at rest, or in the steady state of a period."""
+        return self.offset + moved(self.chain, self.values, self.weights, record, begins=False)
 
     def half_width(self, record: Record) -> np.ndarray:
         """Half width of the 95 % band along a record whose past is known, `(time,)`.
@@ -171,49 +174,18 @@ class Model:
         """What computes a model's output along a record, by what is known of its past."""
         if self.begins_with_origin(record):
             return Model.simulate
+        if self.chain.mechanics:
+            return Model._moved_from_rest
         return Model._continue if self.follows_origin(record) else Model._from_middle
-
-    def _check(self, record: Record) -> None:
-        self._check_units(record)
-        plane = self.plane
-        reach = RANGE_TOLERANCE * (plane.high - plane.low)
-        beyond = np.flatnonzero(
-            (record.input < plane.low - reach) | (record.input > plane.high + reach)
-        )
-        if len(beyond):
-            row = int(beyond[0])
-            unit = self.units.get("input", "")
-            raise InputError(
-                f"{record.name}: the input {record.input[row]:.6g} {unit} in sample {row + 1} lies "
-                f"outside the range {plane.low:.6g} to {plane.high:.6g} {unit} on which the model "
-                f"was identified ({len(beyond)} such samples); identify a model on a record that "
-                "covers it, or cut these samples out"
-            )
-        for effect in self.effects:
-            if isinstance(effect, OfColumn) and effect.column not in record.aux:
-                raise InputError(
-                    f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
-                    f"load the record with it (--aux {effect.column})"
-                )
-
-    def _check_units(self, record: Record) -> None:
-        for role in ("input", "output", *record.aux):
-            own, given = (
-                pretty_unit(units)
-                for units in (self.units.get(role, ""), record.channels[role].unit)
-            )
-            if own and given and own != given:
-                raise InputError(
-                    f"{record.name}, column {record.channels[role].name}: its unit is {given}, and "
-                    f"the model was identified in {own}; convert the column, or fit a model to it"
-                )
 
     def check_invertible(self) -> None:
         """Ask whether each output along a branch belongs to one input.
 
         Raises:
-            InputError: if the weights have both signs, so that branches rise and fall.
+            InputError: if the weights have both signs, so that branches rise and fall, or the
+                hysteresis is inside mechanics, which no inverse step of an operator undoes.
         """
+        check_not_inside(self.chain, self.origin.record, "an inverse")
         if self.chain.signed and self.weights.min() < 0 < self.weights.max():
             raise InputError(
                 f"the model of {self.origin.record} has weights of both signs: along a branch the "

@@ -196,6 +196,7 @@ _DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, 
     "cross:y_V": lambda rng, made, swing: machines.draw_cross(rng, swing),
     "leakage": lambda rng, made, swing: machines.draw_leakage(rng, made.duration_s),
     "log_rate": lambda rng, made, swing: machines.draw_log_rate(rng, made.fastest),
+    "restoring_force": lambda rng, made, swing: machines.draw_body(rng, made.stroke_um),
 }
 
 EFFECTS = tuple(_DRAWS)

@@ -64,6 +64,8 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
     if "input_quantisation" in hidden:
         rounded = round_to(command, hidden["input_quantisation"]["step_V"])
         drive = _amplify(hidden, rounded, step_s)
+    if "restoring_force" in hidden:  # the hysteresis is that of the springs, not of the material
+        return machines.swung(hidden["restoring_force"], drive, step_s)
     if "moving" in hidden:  # strain of its neighbours helps a domain to switch
         return stage.moving_hysteresis(drive, hidden["moving"]["a_V_per_um"], widening)
     return stage.hysteresis(drive, widening)

@@ -7,10 +7,12 @@
 | `viscosity` | + a w + b tanh(w / speed), tau dw/dt = du/dt - w | see `draw_viscosity` |
 | `cross:y_V` | + gain (y behind a mode) | `gain_um_per_V`, `f_hz`, `zeta` |
 | `leakage` | dz/dt = dy/dt - z/tau | `tau_s` |
+| `restoring_force` | a body on a spring that yields, in place of the plays | see `draw_body` |
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -64,6 +66,19 @@ def draw_leakage(rng: np.random.Generator, duration_s: float) -> dict[str, float
     return {"tau_s": float(duration_s * 10.0 ** rng.uniform(-0.5, 0.5))}
 
 
+def draw_body(rng: np.random.Generator, stroke_um: float) -> dict[str, float]:
+    """A body on two springs, one of which yields, of the stage's stroke over its range."""
+    return {
+        "f_hz": float(rng.uniform(4.0, 8.0)),
+        "zeta": float(0.01 * 3.0 ** rng.uniform()),
+        "share": float(rng.uniform(0.3, 0.6)),
+        "stiffness_V_per_um": RANGE_V / stroke_um,
+        "beta": float(rng.uniform(0.3, 0.7)),
+        "gamma": float(rng.uniform(-0.2, 0.2)),
+        "yield_um": float(rng.uniform(0.15, 0.3) * stroke_um),
+    }
+
+
 def columns(hidden: Hidden, time: np.ndarray, seed: int) -> dict[str, np.ndarray]:
     """Courses of a temperature about 20 °C and of another axis, as far as they are asked for.
 
@@ -99,6 +114,45 @@ def log_slack(hidden: Hidden, rate: np.ndarray) -> np.ndarray | float:
         return 0.0
     law = hidden["log_rate"]
     return law["coefficient_V"] * np.log10(1.0 + rate / law["slow_V_per_s"])
+
+
+def swung(law: Mapping[str, float], force: np.ndarray, step_s: float) -> np.ndarray:
+    """Position of a body on a spring that yields (Bouc-Wen), from rest under the first force.
+
+    z'' = w² (u / K - (1 - share) z - share h) - 2 zeta w z', w = 2π f,
+    h' = z' - |h / yield| (beta |z'| sgn h + gamma z'), by Runge-Kutta steps of fourth order.
+
+    Arguments:
+        law: the parameters.
+        force: (time,) V.
+        step_s: time step, s.
+
+    Returns:
+        (time,) position from rest, µm.
+    """
+    w, damping = 2.0 * np.pi * law["f_hz"], 2.0 * law["zeta"]
+    share, beta, gamma, yields = law["share"], law["beta"], law["gamma"], law["yield_um"]
+
+    def slope(z: float, v: float, h: float, pull: float) -> tuple[float, float, float]:
+        rest = w * w * (pull - (1.0 - share) * z - share * h) - damping * w * v
+        bent = beta * abs(v) * (1.0 if h > 0 else -1.0) + gamma * v
+        return v, rest, v - abs(h) / yields * bent
+
+    pulls = ((force - force[0]) / law["stiffness_V_per_um"]).tolist()
+    z = v = h = 0.0
+    path = [0.0]
+    for first, last in itertools.pairwise(pulls):
+        middle, half = 0.5 * (first + last), 0.5 * step_s
+        a = slope(z, v, h, first)
+        b = slope(z + half * a[0], v + half * a[1], h + half * a[2], middle)
+        c = slope(z + half * b[0], v + half * b[1], h + half * b[2], middle)
+        d = slope(z + step_s * c[0], v + step_s * c[1], h + step_s * c[2], last)
+        sixth = step_s / 6.0
+        z += sixth * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+        v += sixth * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        h += sixth * (a[2] + 2 * b[2] + 2 * c[2] + d[2])
+        path.append(z)
+    return np.array(path)
 
 
 def warmed(hidden: Hidden, h: np.ndarray, made: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -133,7 +133,7 @@ def as_text(fit: Fit) -> str:
     stroke = fit.record.output_range
     rms, largest = fit.rms_validation, fit.max_abs_validation
     lines = [
-        f"Preisach model, {fit.model.plane.levels} levels"
+        f"Preisach model, {fit.model.chain.size_text}"
         + "".join(f" + {name}" for name in fit.effects),
         f"  held-out error {rms:.4g} {unit} RMS ({100 * rms / stroke:.3g} % of stroke), "
         f"{largest:.4g} {unit} at most; fit {fit.fit_percent:.2f} %",

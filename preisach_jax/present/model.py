@@ -19,13 +19,14 @@ def model_name(effects: Iterable[str]) -> str:
 
 def plane_text(model: Model) -> str:
     """Levels, cells and limits of a model's plane, and the signs of its weights if not positive."""
-    plane, unit = model.plane, model.units.get("input", "")
+    axis = "output" if model.chain.mechanics else "input"
+    plane, unit = model.plane, model.units.get(axis, "")
     factor, shown = scaled(max(abs(plane.low), abs(plane.high)), unit)
     span = f"{number(factor * plane.low)} to {number(factor * plane.high)} {shown}".rstrip()
     falls = ", output falls as the input rises" if model.chain.polarity < 0 else ""
     if model.chain.signed:
         falls = ", weights of both signs"
-    return f"{plane.levels} levels, {plane.cells:,} cells, input from {span}{falls}"
+    return f"{model.chain.size_text}, {plane.cells:,} cells, {axis} from {span}{falls}"
 
 
 def model_rows(model: Model) -> list[tuple[str, str]]:
@@ -42,7 +43,7 @@ def model_line(model: Model) -> str:
     """A model in one line: its effects, its levels, its error."""
     error = quantity(model.rms_validation, model.units.get("output", ""), 3)
     name = model_name(effect.name for effect in model.effects)
-    return f"{name}, {model.plane.levels} levels, held-out error {error} RMS"
+    return f"{name}, {model.chain.size_text}, held-out error {error} RMS"
 
 
 MOST_SHOWN = 8

@@ -59,9 +59,10 @@ def write_report(
         "loop": plot.loop(traces),
         "residuals": plot.residuals(traces),
         "residual_tests": plot.residual_tests(traces),
-        "density": plot.density(found.model),
         "candidates": plot.candidates(found),
     }
+    if not found.model.chain.mechanics:  # there the axes of the plane are no inputs
+        figures["density"] = plot.density(found.model)
     if drawn(found):
         figures["remainder"] = remainder(found)
     files = {
@@ -111,8 +112,9 @@ def write_comparison(
         "loop": plot.loop(traces),
         "residuals": plot.residuals(traces),
         "residual_tests": plot.residual_tests(traces),
-        "density": plot.density(comparison.model),
     }
+    if not comparison.model.chain.mechanics:
+        figures["density"] = plot.density(comparison.model)
     page = comparison_page(comparison, command)
     files = {
         "report.html": _rendered("comparison.html.j2", page, figures),

@@ -1,0 +1,157 @@
+"""The hysteresis inside the mechanics, tried where a resonance behind it leaves something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from preisach_jax.diagnosis.budget import budget_of_residual
+from preisach_jax.diagnosis.conclusion import MOST_MISSED, assembled
+from preisach_jax.diagnosis.evidence import Evidence, compare_fits
+from preisach_jax.diagnosis.finals import FinalFits
+from preisach_jax.diagnosis.result import Candidate, Diagnosis, Finding
+from preisach_jax.diagnosis.step import Step
+from preisach_jax.diagnosis.trial import Trial
+from preisach_jax.diagnosis.wording import notes_on
+from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.restoring_force import RestoringForce
+from preisach_jax.errors import InputError
+from preisach_jax.fit import Fit, Progress, fit_inside
+from preisach_jax.quantity import quantity
+
+LEAST_GAIN = 0.5
+"""Relative fall of the held-out mean square against a resonance below which the hysteresis is not
+said to be inside the mechanics: near a weak loop both say nearly the same."""
+
+NO_FRICTION = "the intervals of its share or of its yielding include zero: a spring does as well"
+
+MISSES_MUCH = "the model with it still misses much of the output"
+
+
+def with_mechanics(
+    found: Diagnosis,
+    step: Step,
+    finals: FinalFits,
+    effect: RestoringForce | None,
+    tolerance: float,
+    progress: Progress,
+    *,
+    asked: bool = False,
+) -> Diagnosis:
+    """The diagnosis, with the hysteresis inside the mechanics if that passes both tests.
+
+    It is simulated, alone, which takes a minute: only where a resonance was named, or promises
+    most and was not, and more remains than the budget.  It takes the place of all other effects,
+    and must pass the tests against the model with the resonance.
+
+    Arguments:
+        found: the diagnosis without it.
+        step: the step that this has come to.
+        finals: the fits to all rows.
+        effect: the effect; None if it is not to be tried.
+        tolerance: RMS error, in output units, that does not matter.
+        progress: called with a text and the share of the work that is done.
+        asked: whether it was asked for by name: then it is tried beside anything that is left.
+    """
+    rival = _rival(found, step, finals)
+    if effect is None or found.base.record.runs or found.verdict in ("adequate", "explained"):
+        return found
+    if rival is None:
+        if not asked:
+            return found
+        rival = found.final
+    before = min(rival, found.final, key=lambda fit: fit.rms_validation)
+    record, levels = finals.record, found.base.model.plane.levels
+    try:
+        fit = fit_inside(
+            record,
+            effect,
+            found.base.point,
+            levels,
+            lambda text, done: progress(text, 0.9 + 0.1 * done),
+            to_beat=before.rms_validation,
+        )
+    except InputError as error:
+        why_not = str(error).removeprefix(f"{record.name}: ")
+        row = Candidate(effect.name, 0, 0.0, np.nan, {}, False, f"not fitted: {why_not}")
+        return replace(found, candidates=(*found.candidates, row))
+    objection = _objection(compare_fits(before, fit), fit)
+    evidence = compare_fits(found.base, fit)
+    row = Candidate(
+        effect.name,
+        0,
+        evidence.gain,
+        fit.rms_validation,
+        evidence.numbers(),
+        not objection,
+        objection,
+    )
+    if objection:
+        return replace(found, candidates=(*found.candidates, row))
+    return _inside(found, step, before, fit, row, tolerance)
+
+
+def _rival(found: Diagnosis, step: Step, finals: FinalFits) -> Fit | None:
+    """The model with a resonance that is to be beaten; None where no resonance leads."""
+    name = Resonance.name
+    if name in found.effects:
+        return found.final
+    first = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == 0]
+    best = max(first, key=lambda trial: trial.evidence.gain, default=None)
+    if found.effects or best is None or best.effect.name != name or best.evidence.gain <= 0:
+        return None
+    return finals.of(step.problem, best.point).fit
+
+
+def _objection(evidence: Evidence, fit: Fit) -> str:
+    """What speaks against it, beside a model with a resonance; empty if nothing does."""
+    if evidence.against:
+        return f"against a resonance, {evidence.against}"
+    if not evidence.gain >= LEAST_GAIN:
+        return (
+            f"against a resonance, the held-out mean square falls by {100 * evidence.gain:.1f} %, "
+            f"less than {100 * LEAST_GAIN:.0f} %"
+        )
+    (estimates,) = fit.model.parameters.values()
+    shown = [estimates[name] for name in ("share", "beta") if name in estimates]
+    if any(each.low <= 0 <= each.high for each in shown):
+        return NO_FRICTION
+    spread = float(np.nanstd(fit.record.output))
+    return MISSES_MUCH if fit.rms_validation > MOST_MISSED * spread else ""
+
+
+def _inside(
+    found: Diagnosis, step: Step, before: Fit, fit: Fit, row: Candidate, tolerance: float
+) -> Diagnosis:
+    """The diagnosis that names it in place of all other effects."""
+    budget = budget_of_residual(fit)
+    fit = replace(fit, model=fit.model.with_budget(budget.noise, 0.0))
+    finding = Finding(
+        row.effect,
+        (row.effect,),
+        fit.model.parameters[row.effect],
+        found.base.rms_validation,
+        fit.rms_validation,
+        row.evidence,
+    )
+    others = tuple(
+        replace(each, accepted=False, why_not=f"{row.effect} does more") if each.accepted else each
+        for each in found.candidates
+    )
+    sizes = [quantity(each.rms_validation, budget.unit, 3) for each in (before, fit)]
+    note = (
+        "The hysteresis is inside the mechanics, driven by the output: that leaves "
+        f"{sizes[1]} RMS held out, where a hysteresis of the input with a resonance behind it "
+        f"leaves {sizes[0]}. What other effects could be hidden beside it was not asked."
+    )
+    return assembled(
+        (found.base, fit),
+        (finding,),
+        budget,
+        (*others, row),
+        (),
+        step.tried,
+        (*notes_on(fit.record, found.base.model), note),
+        tolerance=tolerance,
+    )

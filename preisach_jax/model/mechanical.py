@@ -1,0 +1,86 @@
+"""What a model whose hysteresis is inside mechanics predicts."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from preisach_jax.chain import Chain, EffectValues
+from preisach_jax.errors import InputError
+from preisach_jax.mechanics.body import (
+    FARTHEST,
+    along,
+    at_rest,
+    body_of,
+    closes,
+    fitted_start,
+)
+from preisach_jax.record import Record
+
+
+def moved(
+    chain: Chain,
+    values: EffectValues,
+    weights: np.ndarray,
+    record: Record,
+    *,
+    begins: bool,
+) -> np.ndarray:
+    """Displacement of a model's body along a record, `(time,)`.
+
+    Arguments:
+        chain: the chain of the model, with its plane over displacements.
+        values: parameters by effect.
+        weights: (cells,) weights, in units of force.
+        record: the record.
+        begins: whether the record begins as the one that was fitted.  Otherwise it begins at rest,
+            or in the steady state of an input that closes as a period does.
+
+    Raises:
+        InputError: if the motion leaves the displacements that the model knows far behind.
+    """
+    effect, plane = chain.mechanics, chain.plane
+    assert effect is not None
+    own = values[effect.name]
+    time, force, f_hz = record.time, record.input, own["f_hz"]
+    with jax.enable_x64(True):
+        body = body_of(effect, own, plane, weights)
+        start = fitted_start(effect, plane) if begins else at_rest(effect, plane)
+        if not begins and closes(time, force):
+            start = along(body, start, *_once_more(time, force), f_hz)[1]
+        path = along(body, start, time, force, f_hz)[0]
+    farthest = FARTHEST * max(abs(plane.low), abs(plane.high))
+    beyond = np.flatnonzero(~(np.abs(path) <= farthest))
+    if len(beyond):
+        raise InputError(
+            f"{record.name}: along this input the output comes to {path[beyond[0]]:.4g} "
+            f"{record.output_unit} from rest in sample {beyond[0] + 1}, and the model "
+            f"knows it up to {farthest / FARTHEST:.4g}; fit it to a record that goes as far"
+        )
+    return path
+
+
+def check_not_inside(chain: Chain, origin: str, what: str) -> None:
+    """Ask whether a model's hysteresis is driven by its input.
+
+    Arguments:
+        chain: the chain of the model.
+        origin: name of the record that the model was fitted to.
+        what: what is made of it, for the message.
+
+    Raises:
+        InputError: if it is driven by the output, inside mechanics.
+    """
+    if chain.mechanics:
+        raise InputError(
+            f"the model of {origin} has its hysteresis inside mechanics "
+            f"(restoring_force): there is {what} only of models whose input drives the hysteresis; "
+            "predict and compare work with it, or fit a model of other effects"
+        )
+
+
+def _once_more(time: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The period before a record that repeats, up to its first sample."""
+    step = float(np.median(np.diff(time)))
+    length = time[-1] - time[0] + step
+    return np.append(time - length, time[0]), np.append(force, force[0])

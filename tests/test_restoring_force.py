@@ -1,0 +1,241 @@
+"""A hysteresis inside mechanics: its motion, its laws, its model, and when a diagnosis names it."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import preisach_jax as pj
+from preisach_jax.compensation.online import OnlineInverse
+from preisach_jax.diagnosis import inside
+from preisach_jax.diagnosis.comparison import compare
+from preisach_jax.effects.restoring_force import BOUC_WEN, PREISACH, RestoringForce
+from preisach_jax.errors import InputError
+from preisach_jax.export.description import describe
+from preisach_jax.mechanics.body import along, at_rest, body_of
+from preisach_jax.operator.plane import Plane
+from preisach_jax.plant import simulate_stage
+
+RATE = 250.0
+MASS, DAMPING, SPRING, HYSTERETIC, BETA, GAMMA = 2.0, 4.0, 5e3, 5e3, 0.6, -0.3
+YIELDS = 0.01
+NOISE = 2e-5
+
+
+def multisine(count, seed=0, low=2.0, high=25.0, rms=20.0):
+    """A period of a random-phase multisine, and the same as a function of time."""
+    rng = np.random.default_rng(seed)
+    period = count / RATE
+    lines = np.arange(int(low * period), int(high * period)) / period
+    phase = rng.uniform(0, 2 * np.pi, len(lines))
+    size = rms * np.sqrt(2 / len(lines))
+    return lambda t: size * np.cos(2 * np.pi * np.multiply.outer(t, lines) + phase).sum(axis=-1)
+
+
+def bouc_wen(time, force):
+    """Displacement from rest, by SciPy."""
+
+    def slope(t, state):
+        z, v, h = state
+        bent = BETA * abs(v) * abs(h) * np.sign(h) + GAMMA * v * abs(h)
+        rest = force(t) - DAMPING * v - SPRING * z - HYSTERETIC * YIELDS * h
+        return v, rest / MASS, (v - bent) / YIELDS
+
+    # The slope jumps where the motion turns: steps stay short.
+    found = solve_ivp(
+        slope, (time[0], time[-1]), (0.0, 0.0, 0.0), "RK45", time, rtol=1e-7, atol=1e-9,
+        max_step=1 / RATE,
+    )  # fmt: skip
+    return found.y[0]
+
+
+def plays(time, force, fine=4):
+    """Displacement of a body on Jenkins elements, spring and dry slider in row, in small steps."""
+    slide = np.array([1.0, 2.0, 4.0, 8.0]) * 1e-3
+    stiff = np.array([1.5e3, 1.5e3, 1e3, 1e3])
+    step = 1 / (RATE * fine)
+    place = np.zeros(4)
+    z = v = 0.0
+    path = []
+    for n in range(len(time) * fine):
+        if n % fine == 0:
+            path.append(z)
+        middle = z + 0.5 * step * v
+        place = np.clip(place, middle - slide, middle + slide)
+        spring = SPRING * middle + stiff @ (middle - place)
+        pull = float(force(time[0] + (n + 0.5) * step))
+        v += step * (pull - spring - DAMPING * v) / (MASS + 0.5 * step * DAMPING)
+        z += step * v
+    return np.array(path)
+
+
+def record_of(motion, count=1500, seed=0):
+    time = np.arange(count) / RATE
+    force = multisine(count, seed)
+    output = motion(time, force) + NOISE * np.random.default_rng(seed + 1).normal(size=count)
+    return pj.Record.from_arrays(
+        time, force(time), output, units={"input": "N", "output": "m"}, name="body"
+    )
+
+
+@pytest.fixture(scope="module")
+def body():
+    record = record_of(bouc_wen)
+    return record, pj.fit(record, effects=(RestoringForce(law=BOUC_WEN),), levels=5)
+
+
+# --- the motion ---
+
+
+def test_the_motion_is_that_of_scipy(x64):
+    time = np.arange(500) / RATE
+    force = multisine(500, seed=3)
+    stiffness = SPRING + HYSTERETIC
+    values = {
+        "f_hz": np.sqrt(stiffness / MASS) / (2 * np.pi),
+        "zeta": DAMPING / (2 * np.sqrt(stiffness * MASS)),
+        "share": HYSTERETIC / stiffness,
+        "stiffness": stiffness,
+        "beta": BETA,
+        "gamma": GAMMA,
+        "n": 1.0,
+    }
+    effect = RestoringForce(law=BOUC_WEN, range_z=YIELDS)
+    plane = Plane(2, -0.1, 0.1)
+    moved = body_of(effect, values, plane, np.zeros(plane.cells))
+    got, _ = along(moved, at_rest(effect, plane), time, force(time), values["f_hz"])
+    expected = bouc_wen(time, force)
+    assert np.abs(got - expected).max() < 1e-4 * np.ptp(expected)
+
+
+def test_a_body_without_hysteresis_is_an_oscillator(x64):
+    time = np.arange(400) / RATE
+    f, zeta, stiffness = 6.0, 0.05, 2e3
+    values = {"f_hz": f, "zeta": zeta, "share": 0.0, "stiffness": stiffness}
+    effect, plane = RestoringForce(law=PREISACH), Plane(4, -1.0, 1.0)
+    moved = body_of(effect, values, plane, jnp.zeros(plane.cells))
+    got, _ = along(moved, at_rest(effect, plane), time, np.full(400, 10.0), f)
+    omega, root = 2 * np.pi * f, np.sqrt(1 - zeta**2)
+    swing = np.cos(root * omega * time) + zeta / root * np.sin(root * omega * time)
+    expected = 10.0 / stiffness * (1 - np.exp(-zeta * omega * time) * swing)
+    np.testing.assert_allclose(got, expected, atol=5e-5 * np.abs(expected).max())
+
+
+# --- both laws from records ---
+
+
+def test_a_bouc_wen_law_is_found_down_to_the_noise(body):
+    record, fit = body
+    assert fit.rms_validation < 1.1 * NOISE
+    found = fit.model.values["restoring_force"]
+    stiffness = SPRING + HYSTERETIC
+    assert found["stiffness"] == pytest.approx(stiffness, rel=0.02)
+    assert found["f_hz"] == pytest.approx(np.sqrt(stiffness / MASS) / (2 * np.pi), rel=0.01)
+    assert found["share"] == pytest.approx(0.5, abs=0.05)
+    # The law is measured in half the range of the record.
+    scale = YIELDS / (np.ptp(record.output) / 2)
+    assert found["beta"] * scale == pytest.approx(BETA, rel=0.1)
+    assert found["gamma"] * scale == pytest.approx(GAMMA, rel=0.2)
+
+
+def test_new_records_are_predicted_from_rest_and_in_the_steady_state(body):
+    _, fit = body
+    count = 1000
+    time = np.arange(2 * count) / RATE
+    force = multisine(count, seed=8)
+    both = bouc_wen(time, force)
+    steady = pj.Record.from_arrays(time[:count], force(time[:count]), both[count:])
+    spread = np.std(both)
+    assert np.std(fit.predict(steady).output - steady.output) < 0.01 * spread
+    open_ended = pj.Record.from_arrays(time[:-77], force(time[:-77]), both[:-77])
+    starts_at_rest = fit.predict(open_ended).output
+    assert np.std(starts_at_rest - both[:-77]) < 0.01 * spread
+
+
+def test_an_operator_takes_what_closed_loops_leave():
+    record = record_of(plays, 1200)
+    fit = pj.fit(record, effects=(RestoringForce(law=PREISACH),), levels=9)
+    plain = pj.fit(record, effects=("resonance",), levels=9)
+    assert fit.rms_validation < 0.3 * plain.rms_validation
+    assert fit.rms_validation < 0.03 * np.std(record.output)
+
+
+# --- the model ---
+
+
+def test_a_saved_model_predicts_the_same(body, tmp_path):
+    record, fit = body
+    fit.save(tmp_path / "m.json")
+    again = pj.Model.load(tmp_path / "m.json")
+    np.testing.assert_array_equal(again.predict(record).output, fit.predict(record).output)
+    assert "Bouc-Wen law" in fit.summary()
+    assert compare(again, record).fit_percent > 95
+
+
+def test_what_has_no_inverse_and_no_code_is_refused(body):
+    record, fit = body
+    for use in (
+        lambda: describe(fit.model),
+        lambda: OnlineInverse(fit.model, RATE, limits=(-1.0, 1.0)),
+        lambda: pj.compensate(fit.model, record),
+    ):
+        with pytest.raises(InputError, match="inside mechanics"):
+            use()
+
+
+def test_a_record_that_goes_much_farther_is_refused(body):
+    record, fit = body
+    far = pj.Record.from_arrays(record.time, 20 * record.input, record.output)
+    with pytest.raises(InputError, match="knows it up to"):
+        fit.predict(far)
+
+
+def test_what_cannot_be_fitted_is_refused():
+    record = record_of(lambda t, f: f(t) ** 3, 400)
+    with pytest.raises(InputError, match="no mass on a spring"):
+        pj.fit(record, effects=("restoring_force",), levels=3)
+    with pytest.raises(InputError, match="fitted alone"):
+        pj.fit(record, effects=("restoring_force", "creep"), levels=3)
+    other = record_of(lambda t, f: f(t) ** 3, 400, seed=5)
+    with pytest.raises(InputError, match="one record"):
+        pj.fit([record, other], effects=("restoring_force",), levels=3)
+    with pytest.raises(InputError, match="the law of"):
+        RestoringForce(law="dahl")
+
+
+def test_the_stage_hides_it():
+    made = simulate_stage(1, 6.0, ("restoring_force",), 1000.0)
+    law = made.truth["parameters"]["restoring_force"]
+    assert made.output[0] == pytest.approx(0, abs=0.05)
+    # Where the drive rests at its top, springs of this stiffness hold it, the yielded one less.
+    assert np.ptp(made.output) > 75.0 / law["stiffness_V_per_um"]
+
+
+# --- the diagnosis ---
+
+
+def test_it_is_named_where_it_is_hidden():
+    record = record_of(bouc_wen, 3000)
+    found = pj.diagnose(record, levels=7)
+    assert found.effects == ("restoring_force",)
+    assert found.verdict == "explained"
+    assert [rung.effects for rung in found.ladder] == [(), ("restoring_force",)]
+
+
+def test_a_plain_resonance_keeps_its_name(monkeypatch):
+    def never(*_, **__):
+        raise AssertionError("tried beside a resonance that explains the record")
+
+    monkeypatch.setattr(inside, "fit_inside", never)
+    stage = simulate_stage(4, 8.0, ("resonance",), 1000.0)
+    record = pj.Record.from_arrays(stage.time, stage.input, stage.output)
+    found = pj.diagnose(record, ["resonance", "creep", "delay"], levels=15)
+    assert found.effects == ("resonance",)
+
+
+def test_it_needs_to_halve_the_error_of_a_resonance(body):
+    _, fit = body
+    half = replace(fit, prediction=fit.prediction + 0.5 * NOISE * np.sin(np.arange(1500)))
+    assert "less than 50 %" in inside._objection(inside.compare_fits(half, fit), fit)

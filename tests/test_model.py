@@ -649,6 +649,9 @@ def test_a_band_comes_back_from_its_file(plain, record):
     np.testing.assert_array_equal(again.half_width(record), plain.half_width(record))
     for key, wrong, said in (
         ("weights", ["1"], "band.others.weights is a list of 1: expected 28, as many as offset"),
+        ("weights", ["1 x"] * 28, r"band.others.weights\[0\] is '1 x': expected a text of whole"),
+        ("weights", ["9" * 400] * 28, r"band.others.weights\[0\] is .*: expected a text of whole"),
+        ("step", [1.0], "band.others.step is a list of 1: expected 28, as many as offset has"),
         ("added", [[1.0]] * 28, r"band.others.added\[0\] is a list of 1: expected 0"),
     ):
         content = plain.to_json()

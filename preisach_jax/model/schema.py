@@ -205,8 +205,15 @@ numbers = Annotated[
 """A list of finite numbers, as (count,) float64."""
 
 
+MOST_COUNT = 10**6
+"""Greatest of the numbers of `whole_numbers`."""
+
+
 def _counts(given: str) -> list[int]:
-    return [int(each) for each in given.split()]
+    found = [int(each) for each in given.split()]
+    if any(abs(count) > MOST_COUNT for count in found):
+        raise ValueError
+    return found
 
 
 whole_numbers = Annotated[text, AfterValidator(_counts), _expect("a text of whole numbers")]

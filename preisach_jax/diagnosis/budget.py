@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.chain.runs import response, signals_of
-from preisach_jax.diagnosis.evidence import residual_in_time
+from preisach_jax.diagnosis.evidence import innovation_variance, residual_in_time
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
@@ -36,6 +36,10 @@ SETTLING = 50
 
 LEAST_RESTS = 10
 """Stretches of rest below which nothing is read from them."""
+
+CLEARLY_PREDICTED = 0.75
+"""RMS error of an autoregression of a residual, over the noise that its second differences show,
+below which these show what rings."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,9 @@ def noise_rms(problem: Problem, point: Point) -> float:
     variance \(6\sigma^2\) for white noise, and hardly any share of what a model may lack; their
     median absolute value does not mind the samples at which a fast move betrays the model.  Noise
     of a longer memory shows where the input rests, as what each rest leaves around a straight line
-    of its own.  The step of the converter sets the least value.
+    of its own.  The step of the converter sets the least value.  What rings near the sampling rate
+    has great second differences as well: where an autoregression predicts clearly more of them, it
+    is its error that counts.
 
     Arguments:
         problem: the record.
@@ -108,6 +114,7 @@ def noise_rms(problem: Problem, point: Point) -> float:
         The RMS in output units.
     """
     residual = residual_in_time(problem, point) * problem.unit
+<<<<<<< HEAD
     step = output_quantisation_rms(problem)
     return max(_unpredictable_rms(residual, problem.breaks), step, _rms_at_rest(problem, residual))
 
@@ -131,6 +138,16 @@ def _unpredictable_rms(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> fl
     differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, breaks)])
     middle = np.median(np.abs(differences - np.median(differences)))
     return float(middle / scipy.special.ndtri(0.75)) / float(np.sqrt(6))
+=======
+    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, problem.breaks)])
+    middle = np.median(np.abs(differences - np.median(differences)))
+    deviation = middle / scipy.special.ndtri(0.75)
+    white = float(deviation) / float(np.sqrt(6))
+    unpredicted = float(np.sqrt(innovation_variance(residual, breaks=problem.breaks)))
+    if unpredicted < CLEARLY_PREDICTED * white:
+        white = unpredicted
+    return max(white, output_quantisation_rms(problem), _rms_at_rest(problem, residual))
+>>>>>>> modes
 
 
 def output_quantisation_rms(problem: Problem) -> float:

@@ -6,7 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
+<<<<<<< HEAD
 from preisach_jax.diagnosis.inside import with_mechanics
+=======
+from preisach_jax.diagnosis.growth import grown, with_larger
+>>>>>>> modes
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane
@@ -169,7 +173,13 @@ def _selected(
     step = refined_and_shown(step)
     while len(step.named) < MOST_EFFECTS:
         pace.begin_round(len(step.named))
+        larger = grown(step)
         step, more = with_best(step, tolerance, pace.tell)
+        if larger is not None and not (more and _is_better(step, larger)):
+            step = refined_and_shown(larger)
+            continue
+        if not more:
+            step, more = with_larger(step, tolerance)
         if not more:
             step, more = with_pair(step, tolerance)
         if not more:
@@ -180,5 +190,12 @@ def _selected(
                 return left
         # A finer plane may bring out what the coarse one has hidden.
         step = refined_and_shown(without_superfluous(step))
+    while (larger := grown(step)) is not None:
+        step = refined_and_shown(larger)
     pace.begin_conclusion(len(step.named))
     return without_what_explains_too_little(with_families(step))
+
+
+def _is_better(step: Step, other: Step) -> bool:
+    """Whether the model of a step leaves less on the rows held out than that of another."""
+    return step.now.validation_mean_square < other.now.validation_mean_square

@@ -190,6 +190,18 @@ class Effect(eqx.Module):
         """Forms of the effect to try on a record, the simplest first; by default `bound_to`'s."""
         return (self.bound_to(survey),)
 
+    def enlarged(
+        self, survey: Survey, values: Values
+    ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
+        """This effect with one term more, and values to start from; by default None, it has none.
+
+        Arguments:
+            survey: the record, with the residual of a model that has this effect.
+            values: the values of its parameters in that model.
+        """
+        del survey, values
+        return None
+
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file."""
         return {

@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, OutputEffect, Survey
+from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
+from preisach_jax.effects.modal import Modal, mode_step
 from preisach_jax.effects.parameter import log_grid, parameter
 
+LARGEST_GAIN = 100.0
+"""Gain of a further mode over that of the first one, of any sign, at most."""
 
-class Resonance(OutputEffect):
-    r"""One mode of unit gain at rest: \(\ddot z + 2\zeta\omega\dot z + \omega^2 (z - h) = 0\).
+
+def _gain(number: int) -> Any:
+    """Declare the gain of a mode after the first one."""
+    return parameter(
+        "1",
+        -LARGEST_GAIN,
+        LARGEST_GAIN,
+        start=lambda own: (own.start_of(number).gain,),
+        meaning=f"gain of mode {number} at rest, over that of the first one",
+        when=lambda own: own.modes >= number,
+    )
+
+
+class Resonance(Modal, OutputEffect):
+    r"""Modes that the hysteresis drives, side by side, the first one of unit gain at rest.
+
+    \[ z = \sum_k g_k y_k, \qquad
+    \ddot y_k + 2\zeta_k\omega_k\dot y_k + \omega_k^2 (y_k - h) = 0, \qquad g_1 = 1 \]
+
+    A diagnosis begins with one mode and finds the number (see `Effect.enlarged`); to fit more,
+    say `Resonance(modes=2)`.
 
     Arguments:
         f_low_hz, f_high_hz: bounds of the search for \(\omega / 2\pi\), in Hz.
+        modes: how many modes, up to four.
+        starts: see `Modal`.
 
     Example:
         >>> import jax.numpy as jnp
@@ -30,7 +55,8 @@ class Resonance(OutputEffect):
         "Behind the active material a mass moves on a spring: the stage on its flexures, or the "
         "stack itself.  The mode follows slow motion, overshoots and rings after fast motion at "
         "its natural frequency until its damping has taken the energy away, and is late in "
-        "between."
+        "between.  Further modes (bending, tilting) move beside the first one, each with a gain of "
+        "its own, of either sign; a diagnosis adds them one by one, four at most."
     )
     source: ClassVar[str] = (
         "D. Croft, S. Devasia, Rev. Sci. Instrum. 70 (1999) 4600-4605 (vibration of a piezo "
@@ -60,31 +86,60 @@ class Resonance(OutputEffect):
         lambda own: own.f_low_hz,
         lambda own: own.f_high_hz,
         log=True,
-        start=lambda own: log_grid(
-            max(own.f_high_hz / 10**2.5, own.f_low_hz) * 1.05, own.f_high_hz / 1.05, per_decade=10
+        start=lambda own: (
+            *log_grid(
+                max(own.f_high_hz / 10**2.5, own.f_low_hz) * 1.05,
+                own.f_high_hz / 1.05,
+                per_decade=10,
+            ),
+            *own.seen,
         ),
         meaning="natural frequency without damping",
     )
     zeta: float = parameter("1", 0.001, 0.7, log=True, start=(0.02, 0.2), meaning="damping ratio")
 
+    gain_2: float = _gain(2)
+    gain_3: float = _gain(3)
+    gain_4: float = _gain(4)
+
+    @property
+    def lowest_hz(self) -> float:
+        return self.f_low_hz
+
+    @property
+    def highest_hz(self) -> float:
+        return self.f_high_hz
+
+    @property
+    def gains(self) -> list[Any]:
+        """Gain of each mode at rest, over that of the first one, where the effect acts."""
+        return [1.0, self.gain_2, self.gain_3, self.gain_4][: self.modes]
+
     def bound_to(self, survey: Survey) -> Resonance:
-        return Resonance(f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
+        bound = replace(self, f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
+        return bound.searched_from(survey, survey.input, settled=True)
+
+    def enlarged(
+        self, survey: Survey, values: Values
+    ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
+        found = self.with_mode_from(survey, survey.input, values, settled=True)
+        if found is None:
+            return None
+        more, start = found
+        # Without the slope of the loop only the place of the mode is known, not its sign.
+        gain = f"gain_{more.modes}"
+        return more, tuple({**start, gain: size} for size in (0.5, -0.5))
 
     def init(self, first: Array) -> Array:
-        return jnp.stack([jnp.zeros_like(first), jnp.zeros_like(first), first])
+        rest = jnp.zeros_like(first)
+        return jnp.stack([*[rest] * (2 * self.modes), first])
 
     def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        # The state is (z - h, dz/dt / omega, h): small numbers, and zero at rest.
-        away, speed, last = state
-        omega, zeta = 2 * jnp.pi * self.f_hz, self.zeta
-        # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
-        angle = omega * jnp.where(dt > 0, dt, 1.0)
-        root = jnp.sqrt(1 - zeta**2)
-        decay = jnp.exp(-zeta * angle)
-        cosine, sine = decay * jnp.cos(root * angle), decay * jnp.sin(root * angle) / root
-        gone = 1 - cosine - zeta * sine
-        slope = (value - last) / angle
-        moved = (1 - gone) * away + sine * speed - slope * (sine + 2 * zeta * gone)
-        faster = (cosine - zeta * sine) * speed - sine * away + slope * gone
-        away, speed = jnp.where(dt > 0, moved, away), jnp.where(dt > 0, faster, speed)
-        return jnp.stack([away, speed, value]), value + away
+        last, output = state[-1], jnp.zeros_like(value)
+        after: list[Array] = []
+        for k, ((f_hz, zeta), gain) in enumerate(zip(self.damped, self.gains, strict=True)):
+            own = (state[2 * k], state[2 * k + 1], last)
+            away, speed = mode_step(f_hz, zeta, own, value, dt)
+            after += [away, speed]
+            output = output + gain * (value + away)
+        return jnp.stack([*after, value]), output

@@ -117,6 +117,11 @@ def _delay(effect: Any, values: dict[str, float], own: tuple[float, ...], step_s
 def _resonance(
     effect: Any, values: dict[str, float], own: tuple[float, ...], step_s: float
 ) -> Numbers:
+    if effect.modes > 1:
+        raise InputError(
+            f"the resonance has {effect.modes} modes, and the C code has one: fit the record with "
+            "one mode, effects=('resonance',), or leave it out with --without resonance"
+        )
     zeta, angle = values["zeta"], 2 * math.pi * values["f_hz"] * step_s
     root, decay = math.sqrt(1 - zeta**2), math.exp(-zeta * angle)
     cosine, sine = decay * math.cos(root * angle), decay * math.sin(root * angle) / root

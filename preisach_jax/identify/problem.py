@@ -44,6 +44,9 @@ WHOLE_CELLS = 400
 reduced basis, and tell an effect from the density better."""
 
 
+WORTH_THINNING = 0.75
+"""Share of a record's samples from which on thinning it is not worth what it loses."""
+
 MOST_KEPT = 10_000_000
 """States beyond which columns are computed anew instead of kept: that takes less than a second,
 and keeping them takes hundreds of megabytes."""
@@ -100,8 +103,11 @@ class Problem:
         signals = signals_of(record)
         if limit is not None and len(record.time) > 1.25 * limit:
             kept = rows_kept(record, limit)
-            record = without_rows(record, kept)
-            signals = thinned(signals_of(record), signals, kept)
+            # Little is saved where an input turns at nearly every sample, and its dynamics are
+            # lost with what lies between the samples kept.
+            if len(kept) <= WORTH_THINNING * len(record.time):
+                record = without_rows(record, kept)
+                signals = thinned(signals_of(record), signals, kept)
         rows = np.flatnonzero(record.measured)
         block, fold = blocks_of(record, rows)
         order = np.argsort(fold, kind="stable")

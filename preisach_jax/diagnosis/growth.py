@@ -1,0 +1,114 @@
+"""Terms that an effect of a model lacks: a second mode of a resonance, and so on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.judgement import judged
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.diagnosis.trial import Row, Trial
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import settled
+from preisach_jax.identify import Point, evaluate, refine
+
+LEAST_GAIN_OF_A_TERM = 0.1
+"""Relative fall of the held-out mean square from which on an effect gets a term more."""
+
+GAIN_TO_ENLARGE = 0.2
+"""The same from which on an effect that does not pass is tried with a term more."""
+
+
+def grown(step: Step) -> Step | None:
+    """The step with the effect enlarged that gains most by it; None if none passes the tests.
+
+    The effects are those of the model; each is refitted with a term more, jointly with the rest,
+    and must pass the two tests against the present model.
+
+    Arguments:
+        step: the step.
+    """
+    best: tuple[Effect, Point] | None = None
+    for effect in step.now.chain.effects:
+        rich = _enlarged(step, effect)
+        if rich is None:
+            continue
+        evidence = compare(step.problem, step.now, rich)
+        if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM or _at_a_bound(effect, rich):
+            continue
+        if best is None or rich.validation_mean_square < best[1].validation_mean_square:
+            best = next(e for e in rich.chain.effects if e.name == effect.name), rich
+    return None if best is None else _with(step, *best)
+
+
+def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
+    """The step with an effect that passes with a term more, and not with its first one alone.
+
+    One mode of two leaves so much where the other one rings that its gain differs from block to
+    block.
+
+    Arguments:
+        step: the step, beside whose model no effect passes.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    here = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == step.position]
+    promising = [trial for trial in here if trial.evidence.gain >= GAIN_TO_ENLARGE]
+    for first in sorted(promising, key=lambda trial: trial.point.validation_mean_square):
+        ahead = replace(step, path=(*step.path, first.point), named=(*step.named, Named(first, {})))
+        larger = grown(ahead)
+        if larger is None or larger.named[-1].trial is first:
+            continue
+        evidence = compare(step.problem, step.now, larger.now)
+        larger_trial = larger.named[-1].trial
+        trial = replace(larger_trial, evidence=evidence, certain=first.certain, objection="")
+        _, passed, _ = judged(step.problem, step.now, [trial], lambda text: None, tolerance)
+        if passed is None:
+            continue
+        rows = [row for row in step.trials if row[0] is not first]
+        added: Row = (trial, True, trial.effect.name)
+        named = (*step.named, Named(trial, {}))
+        return replace(larger, named=named, trials=(*rows, added)), True
+    return step, False
+
+
+def _enlarged(step: Step, effect: Effect) -> Point | None:
+    """The model of a step with an effect enlarged, from the best of its starts."""
+    now, problem = step.now, step.problem
+    found = effect.enlarged(problem.survey_of(now, effect), now.values[effect.name])
+    if found is None:
+        return None
+    more, starts = found
+    effects = tuple(more if each is effect else each for each in now.chain.effects)
+    chain = now.chain.with_effects(effects)
+
+    def refined(start: dict[str, float]) -> Point:
+        values = {**now.values, effect.name: start}
+        return refine(problem, evaluate(problem, chain, values, now.strength), iterations=3)
+
+    trial = min(map(refined, starts), key=lambda point: point.objective)
+    return settled(problem, trial) if trial.objective < now.objective else None
+
+
+def _at_a_bound(effect: Effect, rich: Point) -> bool:
+    """Whether a parameter that an effect has gained lies at a bound, where no such term is."""
+    more = next(each for each in rich.chain.effects if each.name == effect.name)
+    known = {parameter.name for parameter in effect.parameters()}
+    for parameter in more.parameters():
+        value = rich.values[effect.name][parameter.name]
+        gained = parameter.name not in known
+        if gained and not 1.001 * parameter.low < value < 0.999 * parameter.high:
+            return True
+    return False
+
+
+def _with(step: Step, effect: Effect, point: Point) -> Step:
+    """The step with an effect of its model enlarged."""
+
+    old = next((each.trial for each in step.named if each.name == effect.name), None)
+    if old is None:
+        return replace(step, path=(*step.path[:-1], point), other=None)
+    trial = replace(old, effect=effect, point=point)
+    named = tuple(replace(n, trial=trial) if n.trial is old else n for n in step.named)
+    rows: list[Row] = [(trial if t is old else t, added, other) for t, added, other in step.trials]
+    path = (*step.path[:-1], point)
+    return replace(step, named=named, trials=tuple(rows), path=path, other=None)

@@ -114,9 +114,11 @@ def noise_rms(problem: Problem, point: Point) -> float:
         The RMS in output units.
     """
     residual = residual_in_time(problem, point) * problem.unit
-<<<<<<< HEAD
-    step = output_quantisation_rms(problem)
-    return max(_unpredictable_rms(residual, problem.breaks), step, _rms_at_rest(problem, residual))
+    white = _unpredictable_rms(residual, problem.breaks)
+    predicted_to = float(np.sqrt(innovation_variance(residual, breaks=problem.breaks)))
+    if predicted_to < CLEARLY_PREDICTED * white:
+        white = predicted_to
+    return max(white, output_quantisation_rms(problem), _rms_at_rest(problem, residual))
 
 
 def budget_of_residual(fit: Fit) -> Budget:
@@ -138,16 +140,6 @@ def _unpredictable_rms(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> fl
     differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, breaks)])
     middle = np.median(np.abs(differences - np.median(differences)))
     return float(middle / scipy.special.ndtri(0.75)) / float(np.sqrt(6))
-=======
-    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, problem.breaks)])
-    middle = np.median(np.abs(differences - np.median(differences)))
-    deviation = middle / scipy.special.ndtri(0.75)
-    white = float(deviation) / float(np.sqrt(6))
-    unpredicted = float(np.sqrt(innovation_variance(residual, breaks=problem.breaks)))
-    if unpredicted < CLEARLY_PREDICTED * white:
-        white = unpredicted
-    return max(white, output_quantisation_rms(problem), _rms_at_rest(problem, residual))
->>>>>>> modes
 
 
 def output_quantisation_rms(problem: Problem) -> float:

@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
-<<<<<<< HEAD
-from preisach_jax.diagnosis.inside import with_mechanics
-=======
 from preisach_jax.diagnosis.growth import grown, with_larger
->>>>>>> modes
+from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane

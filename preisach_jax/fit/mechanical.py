@@ -241,10 +241,11 @@ def _as_motion(record: Record) -> _Motion:
         )
     measured = record.measured
     output = np.interp(record.time, record.time[measured], record.output[measured])
-    even: np.ndarray = np.linspace(record.time[0], record.time[-1], len(record.time))
-    guess = first_guess(
-        even, *(np.interp(even, record.time, each) for each in (record.input, output))
-    )
+    first, last = float(record.time[0]), float(record.time[-1])
+    even = np.asarray(np.linspace(first, last, len(record.time)), float)
+    force = np.asarray(np.interp(even, record.time, record.input), float)
+    moved = np.asarray(np.interp(even, record.time, output), float)
+    guess = first_guess(even, force, moved)
     _check_body(record, guess)
     held_out = held_out_rows(Problem.of(record, FINAL_ROWS), record)
     return _Motion(record.time - record.time[0], record.input, output, measured, held_out, guess)

@@ -126,10 +126,10 @@ def closes(time: np.ndarray, force: np.ndarray) -> bool:
     cut = np.abs(np.fft.rfft(centred)) ** 2
     window = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 4
     shaped = np.abs(np.fft.rfft(centred * window)) ** 2 / np.mean(window**2)
-    total: np.ndarray = np.cumsum(shaped)
+    total = np.asarray(np.cumsum(shaped), float)
     if total[-1] == 0:
         return True
-    last = int(np.searchsorted(total, 0.999 * total[-1]))
+    last = int(np.sum(total < 0.999 * total[-1]))
     edge = min(int(1.3 * last) + 8, count)
     if len(cut) - edge < count // 20:
         return False  # the band reaches up to half the sampling rate

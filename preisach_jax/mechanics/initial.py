@@ -51,8 +51,8 @@ def first_guess(time: np.ndarray, force: np.ndarray, z: np.ndarray) -> Guess:
     fade = np.clip(np.minimum(np.arange(count), np.arange(count)[::-1]) / (TAPER * count), 0, 1)
     window = np.sin(np.pi / 2 * fade) ** 2
     driving, moving = (np.fft.rfft((each - each.mean()) * window) for each in (force, z))
-    power: np.ndarray = np.cumsum(np.abs(driving) ** 2)
-    last = int(np.searchsorted(power, POWER * power[-1]))
+    power = np.asarray(np.cumsum(np.abs(driving) ** 2), float)
+    last = int(np.sum(power < POWER * power[-1]))
     edge = float(frequency[max(min(last, count // 2), 1)])
     passed = 1 / (1 + (frequency / edge) ** 8)
     omega = 2j * np.pi * frequency

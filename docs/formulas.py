@@ -10,13 +10,14 @@ import re
 from html import escape, unescape
 
 SIGNS = {
-    "alpha": "α", "beta": "β", "delta": "δ", "Delta": "Δ", "ell": "ℓ", "eta": "η", "lambda": "λ",
-    "mu": "μ", "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ", "sigma": "σ",
-    "tau": "τ", "theta": "θ", "zeta": "ζ", "partial": "∂", "top": "⊤", "infty": "∞",
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "Delta": "Δ", "ell": "ℓ", "eta": "η",
+    "lambda": "λ", "mu": "μ", "omega": "ω", "phi": "φ", "varphi": "φ", "pi": "π", "rho": "ρ",
+    "sigma": "σ", "tau": "τ", "theta": "θ", "zeta": "ζ", "partial": "∂", "top": "⊤",
+    "infty": "∞",
 }  # fmt: skip
 OPERATORS = {
     "le": "≤", "ge": "≥", "gg": "≫", "ll": "≪", "in": "∈", "cdot": "·", "times": "×", "pm": "±",
-    "to": "→", "leftarrow": "←", "|": "‖", "{": "{", "}": "}",
+    "to": "→", "leftarrow": "←", "|": "‖", "{": "{", "}": "}", "langle": "⟨", "rangle": "⟩",
     "lceil": "⌈", "rceil": "⌉",
 }  # fmt: skip
 NAMES = {"arsinh", "asinh", "cos", "exp", "ln", "log", "max", "min", "sin", "tanh"}

@@ -37,7 +37,9 @@ def make_model(effects=(), levels: int = 6, visited=None) -> Any:
     content = {"weights": weights.tolist(), "noise": float("nan")}
     return SimpleNamespace(
         plane=plane,
-        chain=SimpleNamespace(polarity=1, signed=False),
+        chain=SimpleNamespace(
+            polarity=1, signed=False, mechanics=None, size_text=f"{plane.levels} levels"
+        ),
         weights=weights,
         visited=visited,
         effects=effects,

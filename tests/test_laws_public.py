@@ -44,7 +44,7 @@ LAWS = {
     "compensate": "compensation.a_course_comes_back_through_every_effect",
     "design": "design.the_candidate_with_the_greatest_least_separation_is_chosen",
     "diagnose": "diagnosis.same_record_same_outcome_on_any_number_of_threads",
-    "effects": "laws_model.every_effect_but_one_is_in_a_chain",
+    "effects": "laws_model.every_effect_but_two_is_in_a_chain",
     "explore": "exploration.the_same_clicks_give_the_same_numbers_whether_ranked_or_not",
     "fit": "laws_fit.the_model_predicts_its_own_record_as_well_as_is_stated",
     "fleet_to_folder": "fleet.a_fleet_goes_on_in_its_folder",

@@ -127,7 +127,10 @@ def test_a_play_alone_is_a_parallelogram():
     np.testing.assert_allclose(z, 2.0 * (np.array([3, 3, 15, 15, 13, 13]) - 3.0), atol=1e-9)
 
 
-@pytest.mark.parametrize("effects", [(), ("creep",), EFFECTS])
+ALL_BUT_SPRINGS = tuple(name for name in EFFECTS if name != "restoring_force")
+
+
+@pytest.mark.parametrize("effects", [(), ("creep",), ALL_BUT_SPRINGS])
 def test_a_seed_means_one_record(effects):
     first, again, other = (simulate_stage(s, effects=effects, **SHORT) for s in (5, 5, 6))
     np.testing.assert_array_equal(first.output, again.output)
@@ -455,7 +458,21 @@ def test_the_sensor_bends_all_that_moves():
     np.testing.assert_allclose(bent(moved.output), rec.output - moved.output, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("pair", list(combinations(EFFECTS, 2)), ids="+".join)
+WITHOUT_PLAYS = ("rate_dependence", "log_rate", "moving")
+PAIRS = [
+    pair
+    for pair in combinations(EFFECTS, 2)
+    if not ("restoring_force" in pair and set(pair) & set(WITHOUT_PLAYS))
+]
+
+
+@pytest.mark.parametrize("name", WITHOUT_PLAYS)
+def test_what_acts_on_plays_is_refused_where_there_are_none(name):
+    with pytest.raises(InputError, match=f"the plays, on which {name} acts; leave one"):
+        simulate_stage(2, effects=("restoring_force", name), **CLEAN)
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
 def test_any_two_effects_are_simulated_together(pair):
     drive = path(0.0, 70.0, 20.0, 55.0, 55.0, 5.0, points=60)
     rec = simulate_stage(2, effects=pair, drive=drive, rate_hz=500.0)
@@ -469,7 +486,10 @@ def test_any_two_effects_are_simulated_together(pair):
 
 
 def test_a_drive_at_rest_can_have_every_effect():
-    rec = simulate_stage(2, effects=EFFECTS, drive=np.full(500, 30.0), rate_hz=500.0)
+    every = [name for name in EFFECTS if name not in WITHOUT_PLAYS]
+    for effects in (every, [name for name in EFFECTS if name != "restoring_force"]):
+        rec = simulate_stage(2, effects=effects, drive=np.full(500, 30.0), rate_hz=500.0)
+        assert np.all(np.isfinite(rec.output))
     assert np.all(np.isfinite(rec.output))
     assert json.loads(json.dumps(rec.truth, allow_nan=False)) == rec.truth
 

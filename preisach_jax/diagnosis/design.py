@@ -19,7 +19,7 @@ from preisach_jax.errors import InputError, require_positive
 from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
 from preisach_jax.identify import Problem, thinned_rows, with_all_rows
-from preisach_jax.model import Model
+from preisach_jax.model import Model, without_effects
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 
@@ -276,15 +276,7 @@ def _problem(record: Record, output: np.ndarray, rows: np.ndarray) -> Problem:
 
 def _without_auxiliary(model: Model) -> Model:
     """The model where its auxiliary columns are constant: then they are part of the offset."""
-    owners = [effect for effect, _ in model.chain.coefficients]
-    kept = tuple(effect for effect in model.effects if not isinstance(effect, OfColumn))
-    names = {effect.name for effect in kept}
-    added = model.coefficients.added[[owner in names for owner in owners]]
-    return replace(
-        model,
-        chain=model.chain.with_effects(kept),
-        coefficients=replace(model.coefficients, added=added),
-    )
+    return without_effects(model, [e.name for e in model.effects if isinstance(e, OfColumn)])
 
 
 def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray) -> Model:
@@ -292,11 +284,7 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
 
     What remains of the density's detail beyond that plane is in the noise that the user states.
     """
-    bare = replace(
-        model,
-        chain=model.chain.with_effects(()),
-        coefficients=replace(model.coefficients, added=np.empty(0)),
-    )
+    bare = without_effects(model, [effect.name for effect in model.effects])
     problem = _problem(record, _simulated(bare, record), rows)
     point = with_all_rows(base_point(problem, levels)).coefficients()
     zeros = np.zeros_like(point.weights)

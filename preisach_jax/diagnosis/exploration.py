@@ -43,6 +43,7 @@ from preisach_jax.fit import (
     with_signs,
 )
 from preisach_jax.identify import Point, Problem, evaluate
+from preisach_jax.model import Model
 from preisach_jax.record import Record
 
 
@@ -135,8 +136,7 @@ class Exploration:
     @property
     def point(self) -> Point:
         """The model of this step on the rows of the search."""
-        if self.fit.model.chain.mechanics:
-            raise InputError(ALONE)
+        _check_not_inside(self.fit.model)
         if "point" not in self._cache:
             with double_precision():
                 self._cache["point"] = _on_the_rows_of(self.problem, self.fit.point)
@@ -202,8 +202,7 @@ class Exploration:
         (new,) = resolve([effect], aux_units(self.record))
         if new.name in self.effects:
             raise InputError(f"the model has the effect {new.name!r} already; add another")
-        if isinstance(new, RestoringForce) or self.fit.model.chain.mechanics:
-            raise InputError(ALONE)
+        _check_not_inside(self.fit.model, new.name)
         tried = self.tried if new.name in by_name else (*self.tried, new)
         with double_precision():
             progress(f"fitting {new.name}", 0.0)
@@ -288,10 +287,14 @@ BY_HAND = (
 )
 
 
-ALONE = (
-    "restoring_force is fitted alone, since no other effect acts inside its mechanics: fit it with "
-    "pj.fit(record, effects=('restoring_force',)), or go back to the step before it"
-)
+def _check_not_inside(model: Model, added: str = "") -> None:
+    if model.chain.mechanics or added == RestoringForce.name:
+        names = filter(None, [*(effect.name for effect in model.effects), added])
+        raise InputError(
+            f"the model has {', '.join(names)}: restoring_force is fitted alone, since "
+            "no other effect acts inside its mechanics; fit it with "
+            "pj.fit(record, effects=('restoring_force',)), or go back to the step before it"
+        )
 
 
 def _finding(step: Exploration, last: Fit) -> Finding:

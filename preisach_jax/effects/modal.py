@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import replace
 from typing import Any, Self
 
@@ -74,14 +75,14 @@ class Modal(Effect):
     zeta_4: float = _damping(4)
 
     @property
+    @abstractmethod
     def lowest_hz(self) -> float:
         """The lowest natural frequency that is searched."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def highest_hz(self) -> float:
         """The highest natural frequency that is searched."""
-        raise NotImplementedError
 
     @property
     def seen(self) -> tuple[float, ...]:

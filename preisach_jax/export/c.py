@@ -12,9 +12,9 @@ import numpy as np
 
 from preisach_jax.effects.places import Place
 from preisach_jax.export.account import differences, jumps, sizes
-from preisach_jax.export.description import Description, Part, describe, left_out
+from preisach_jax.export.description import Description, Part, describe
 from preisach_jax.export.selftest import self_test
-from preisach_jax.model import Model
+from preisach_jax.model import Model, without_effects
 
 NUMBERS_A_LINE = 4
 
@@ -187,7 +187,7 @@ def files(
     """
     described = describe(model, rate_hz, without)
     content = view(described)
-    test = self_test(left_out(model, without), described)
+    test = self_test(without_effects(model, without), described)
     content |= {
         "test": test,
         "size": sizes(described),

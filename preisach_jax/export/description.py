@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,13 @@ from preisach_jax.effects.base import Effect, OutputEffect, SensorEffect
 from preisach_jax.effects.places import Place
 from preisach_jax.errors import InputError
 from preisach_jax.export.laws import LAWS
-from preisach_jax.model import RANGE_TOLERANCE, Model, check_not_inside, exactly_summable
+from preisach_jax.model import (
+    RANGE_TOLERANCE,
+    Model,
+    check_not_inside,
+    exactly_summable,
+    without_effects,
+)
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ def describe(
             effect is not one of the built-in library, or the hysteresis is inside mechanics.
     """
     check_not_inside(model.chain, model.origin.record, "code sample by sample")
-    model = left_out(model, without)
+    model = without_effects(model, without)
     if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the sampling rate is {rate_hz} Hz: give a positive number")
     step_s = model.origin.step_s if rate_hz is None else 1 / rate_hz
@@ -144,38 +150,6 @@ def describe(
         model.chain.signed,
         plane.low - reach,
         plane.high + reach,
-    )
-
-
-def left_out(model: Model, without: Sequence[str]) -> Model:
-    """The model without some of its effects.
-
-    Arguments:
-        model: the model.
-        without: names of the effects that are left out.
-
-    Returns:
-        The model of the others, with their numbers as they were.
-
-    Raises:
-        InputError: if one of the effects is not in the model.
-    """
-    names = [effect.name for effect in model.effects]
-    for name in without:
-        if name not in names:
-            have = ", ".join(names) or "none"
-            raise InputError(
-                f"there is no effect {name!r} to leave out; give one of the model: {have}"
-            )
-    if not without:
-        return model
-    linear = zip(model.chain.coefficients, model.coefficients.added.tolist(), strict=True)
-    added = [value for (name, _), value in linear if name not in without]
-    effects = tuple(effect for effect in model.effects if effect.name not in without)
-    return replace(
-        model,
-        chain=model.chain.with_effects(effects),
-        coefficients=replace(model.coefficients, added=np.array(added)),
     )
 
 

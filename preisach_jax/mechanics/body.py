@@ -135,4 +135,4 @@ def closes(time: np.ndarray, force: np.ndarray) -> bool:
         return False  # the band reaches up to half the sampling rate
     floor, found = float(np.mean(shaped[edge:])), float(np.mean(cut[edge:]))
     quiet = floor * (len(cut) - edge) <= QUIET * total[-1]
-    return quiet and found <= CLOSES * floor + 1e-20 * total[-1]
+    return bool(quiet and found <= CLOSES * floor + 1e-20 * total[-1])

@@ -7,6 +7,7 @@ from preisach_jax.model.mechanical import check_not_inside
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.requirements import RANGE_TOLERANCE
 from preisach_jax.model.weights import exactly_summable
+from preisach_jax.model.without import without_effects
 
 __all__ = [
     "FORMAT_VERSION",
@@ -17,4 +18,5 @@ __all__ = [
     "Prediction",
     "check_not_inside",
     "exactly_summable",
+    "without_effects",
 ]

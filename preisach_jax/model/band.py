@@ -128,7 +128,7 @@ class Law:
 
         Arguments:
             course: the rows.
-            residual: (row,) measured less predicted output.
+            residual: (row,) measured minus predicted output.
             spread: (row, 2) deviation among other models: of the blocks, and of the prior.
             cell: width of the plane's cells.
             noise: RMS of the noise.
@@ -144,10 +144,9 @@ class Law:
         for _ in range(ROUNDS if squares.any() else 0):
             scaled = parts / size / variance[:, None]
             left = (squares - parts @ least) / variance
-            # With the products alone the work does not grow with the rows.
-            factor = scipy.linalg.cholesky(scaled.T @ scaled + 1e-12 * np.eye(len(size)))
-            goal = scipy.linalg.solve_triangular(factor, scaled.T @ left, trans="T")
-            shares = scipy.optimize.nnls(factor, goal)[0] / size + least
+            # Behind a QR decomposition the search does not grow with the rows.
+            turned, factor = np.linalg.qr(scaled)
+            shares = scipy.optimize.nnls(factor, turned.T @ left)[0] / size + least
             variance = np.maximum(parts @ shares, floor)
         z = float(scipy.special.ndtri(0.5 + COVERAGE / 2))
         return Law(shares, usual, cell, z * noise)
@@ -214,7 +213,7 @@ class Band:
 
         Arguments:
             course: the rows.
-            residual: (row,) measured less predicted output, of predictions by other rows.
+            residual: (row,) measured minus predicted output, of predictions by other rows.
             spread: (row, 2) deviation among other models: of the blocks, and of the prior.
             cell: width of the plane's cells, in the unit of the input.
             noise: RMS of the noise, in output units.

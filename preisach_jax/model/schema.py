@@ -212,7 +212,8 @@ MOST_COUNT = 10**6
 def _counts(given: str) -> list[int]:
     found = [int(each) for each in given.split()]
     if any(abs(count) > MOST_COUNT for count in found):
-        raise ValueError
+        told = f"whole numbers of at most {MOST_COUNT:,}"
+        raise PydanticCustomError("expected", "{expected}", {"expected": told})
     return found
 
 

@@ -30,6 +30,10 @@ class Measurement:
     fastest: float
 
 
+OF_THE_PLAYS = ("rate_dependence", "log_rate", "moving")
+"""Effects that act on the plays of the stage."""
+
+
 def effect_names(effects: Sequence[str]) -> list[str]:
     """Full names of effects.
 
@@ -54,6 +58,12 @@ def effect_names(effects: Sequence[str]) -> list[str]:
             raise InputError(f"the stage has no effect {name!r}: choose from {', '.join(EFFECTS)}")
     if len(set(names)) < len(names):
         raise InputError(f"effects are {', '.join(names)}: name each only once")
+    idle = [name for name in names if name in OF_THE_PLAYS]
+    if "restoring_force" in names and idle:
+        raise InputError(
+            f"effects are {', '.join(names)}: the springs of restoring_force take the place of the "
+            f"plays, on which {idle[0]} acts; leave one of the two out"
+        )
     return names
 
 

@@ -240,7 +240,7 @@ def like(pattern: Any, most: int) -> Any:
         isinstance(inner, float) for inner in cast(tuple[Any, ...], pattern)
     )
     if numbers_only:
-        return Annotated[list_of(number(), least=1), AfterValidator(tuple)]
+        return Annotated[list_of(number(), least=1 if pattern else 0), AfterValidator(tuple)]
     return Annotated[Any, AfterValidator(_as_tuple)]
 
 

@@ -30,14 +30,17 @@ def grown(step: Step) -> Step | None:
     """
     best: tuple[Effect, Point] | None = None
     for effect in step.now.chain.effects:
-        rich = _enlarged(step, effect)
-        if rich is None:
+        found = _enlarged(step, effect)
+        if found is None:
             continue
+        more, rich = found
         evidence = compare(step.problem, step.now, rich)
-        if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM or _at_a_bound(effect, rich):
+        if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM:
+            continue
+        if _at_a_bound(effect, more, rich):
             continue
         if best is None or rich.validation_mean_square < best[1].validation_mean_square:
-            best = next(e for e in rich.chain.effects if e.name == effect.name), rich
+            best = found
     return None if best is None else _with(step, *best)
 
 
@@ -71,8 +74,8 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
     return step, False
 
 
-def _enlarged(step: Step, effect: Effect) -> Point | None:
-    """The model of a step with an effect enlarged, from the best of its starts."""
+def _enlarged(step: Step, effect: Effect) -> tuple[Effect, Point] | None:
+    """An effect of a step with a term more, and the model with it from the best of its starts."""
     now, problem = step.now, step.problem
     found = effect.enlarged(problem.survey_of(now, effect), now.values[effect.name])
     if found is None:
@@ -86,12 +89,11 @@ def _enlarged(step: Step, effect: Effect) -> Point | None:
         return refine(problem, evaluate(problem, chain, values, now.strength), iterations=3)
 
     trial = min(map(refined, starts), key=lambda point: point.objective)
-    return settled(problem, trial) if trial.objective < now.objective else None
+    return (more, settled(problem, trial)) if trial.objective < now.objective else None
 
 
-def _at_a_bound(effect: Effect, rich: Point) -> bool:
+def _at_a_bound(effect: Effect, more: Effect, rich: Point) -> bool:
     """Whether a parameter that an effect has gained lies at a bound, where no such term is."""
-    more = next(each for each in rich.chain.effects if each.name == effect.name)
     known = {parameter.name for parameter in effect.parameters()}
     for parameter in more.parameters():
         value = rich.values[effect.name][parameter.name]
@@ -103,12 +105,11 @@ def _at_a_bound(effect: Effect, rich: Point) -> bool:
 
 def _with(step: Step, effect: Effect, point: Point) -> Step:
     """The step with an effect of its model enlarged."""
-
+    path = (*step.path[:-1], point)
     old = next((each.trial for each in step.named if each.name == effect.name), None)
     if old is None:
-        return replace(step, path=(*step.path[:-1], point), other=None)
+        return replace(step, path=path, other=None)
     trial = replace(old, effect=effect, point=point)
     named = tuple(replace(n, trial=trial) if n.trial is old else n for n in step.named)
     rows: list[Row] = [(trial if t is old else t, added, other) for t, added, other in step.trials]
-    path = (*step.path[:-1], point)
     return replace(step, named=named, trials=tuple(rows), path=path, other=None)

@@ -187,8 +187,9 @@ def _selected(
                 return left
         # A finer plane may bring out what the coarse one has hidden.
         step = refined_and_shown(without_superfluous(step))
-    while (larger := grown(step)) is not None:
-        step = refined_and_shown(larger)
+    else:  # no effect more may be named, but those that are may still lack a term
+        while (larger := grown(step)) is not None:
+            step = refined_and_shown(larger)
     pace.begin_conclusion(len(step.named))
     return without_what_explains_too_little(with_families(step))
 

@@ -98,21 +98,20 @@ def modes_in(
     grid = [(float(f), zeta) for f in hz[inside] for zeta in DAMPINGS]
     weight = np.sqrt(power)
     candidates = _residues(hz, grid, settled) * weight[:, None, None]
-    goal, found = measured * weight, list[int]()
-    residues = np.zeros((0, 2))
+    size = np.maximum(np.sum(np.abs(candidates) ** 2, axis=0), np.finfo(float).tiny)
+    goal, found = _split(measured * weight), list[int]()
+    left, residues = goal, np.zeros(0)
     for _ in range(min(count, int(inside.sum()))):
-        columns = _split(candidates[:, found].reshape(len(hz), -1))
-        solved = np.linalg.lstsq(columns, _split(goal), rcond=1e-10)[0]
-        left = _split(goal) - columns @ solved
         moment = np.einsum("fmc,f->mc", candidates.conj(), left[: len(hz)] + 1j * left[len(hz) :])
-        size = np.sum(np.abs(candidates) ** 2, axis=0)
         # The two residues of a mode are a quarter of a turn apart, and so orthogonal.
-        taken = np.sum(moment.real**2 / np.maximum(size, np.finfo(float).tiny), axis=1)
+        taken = np.sum(moment.real**2 / size, axis=1)
         taken[found] = 0.0
         found.append(int(taken.argmax()))
         columns = _split(candidates[:, found].reshape(len(hz), -1))
-        residues = np.linalg.lstsq(columns, _split(goal), rcond=1e-10)[0].reshape(-1, 2)
-    modes = [Mode(*grid[at], *both) for at, both in zip(found, residues.tolist(), strict=True)]
+        residues = np.linalg.lstsq(columns, goal, rcond=1e-10)[0]
+        left = goal - columns @ residues
+    pairs = residues.reshape(-1, 2).tolist()
+    modes = [Mode(*grid[at], *both) for at, both in zip(found, pairs, strict=True)]
     return tuple(sorted(modes, key=lambda mode: -np.hypot(mode.gain, mode.quadrature) / mode.zeta))
 
 

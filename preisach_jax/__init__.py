@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from preisach_jax.filter.online import OnlineFilter
     from preisach_jax.fit import Fit, fit
     from preisach_jax.look import Look, look
+    from preisach_jax.loss import Cycle, Loss, loss_per_cycle
     from preisach_jax.model import Model, ParameterEstimate, Prediction
     from preisach_jax.operator.plane import Plane
     from preisach_jax.operator.simulation import simulate
@@ -57,6 +58,7 @@ __all__ = [
     "AdaptiveFilter",
     "AddedEffect",
     "Compensation",
+    "Cycle",
     "Design",
     "Diagnosis",
     "Effect",
@@ -68,6 +70,7 @@ __all__ = [
     "InputError",
     "Look",
     "Loop",
+    "Loss",
     "Model",
     "OnlineFilter",
     "OnlineInverse",
@@ -93,6 +96,7 @@ __all__ = [
     "fit",
     "fleet_to_folder",
     "look",
+    "loss_per_cycle",
     "parameter",
     "run_fleet",
     "simulate",
@@ -105,6 +109,7 @@ _HOMES = {
     "AdaptiveFilter": "filter.adaptive",
     "AddedEffect": "effects.base",
     "Compensation": "compensation",
+    "Cycle": "loss",
     "Design": "diagnosis.design",
     "Diagnosis": "diagnosis",
     "Effect": "effects.base",
@@ -116,6 +121,7 @@ _HOMES = {
     "InputError": "errors",
     "Look": "look",
     "Loop": "compensation",
+    "Loss": "loss",
     "Model": "model",
     "OnlineFilter": "filter.online",
     "OnlineInverse": "compensation",
@@ -141,6 +147,7 @@ _HOMES = {
     "fit": "fit",
     "fleet_to_folder": "filter.fleet",
     "look": "look",
+    "loss_per_cycle": "loss",
     "parameter": "effects.parameter",
     "run_fleet": "filter.fleet",
     "simulate": "operator.simulation",

@@ -36,6 +36,9 @@ from preisach_jax.record.course import input_rate, last_reversal
 COVERAGE = 0.95
 """Share of the rows that a band holds."""
 
+COVERAGE_Z = 1.959963984540054
+"""Half width of that of a normal distribution, in deviations."""
+
 SLICES = 3
 """Slices by the speed, and by the time since the last reversal."""
 
@@ -148,13 +151,18 @@ class Law:
             turned, factor = np.linalg.qr(scaled)
             shares = scipy.optimize.nnls(factor, turned.T @ left)[0] / size + least
             variance = np.maximum(parts @ shares, floor)
-        z = float(scipy.special.ndtri(0.5 + COVERAGE / 2))
-        return Law(shares, usual, cell, z * noise)
+        return Law(shares, usual, cell, COVERAGE_Z * noise)
 
     def deviation(self, course: Course, spread: np.ndarray) -> np.ndarray:
         """(row,) standard deviation of what is missed, in output units."""
         variance = _parts(course, spread, self.usual_speed, self.cell) @ self.shares
         return np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+
+    def by_origin(self, course: Course) -> tuple[np.ndarray, np.ndarray]:
+        """(row,) variances beside those of other models: what goes with the speed, and the rest."""
+        parts = _parts(course, np.zeros((len(course.speed), 2)), self.usual_speed, self.cell)
+        of_speed = parts[:, 1:3] @ self.shares[1:3]
+        return of_speed, parts[:, :5] @ self.shares[:5] - of_speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,6 +256,11 @@ class Band:
                     half[i, j] = conformal(errors[both])
         return Band(*edges, half, law, others)
 
+    def by_slice(self, course: Course) -> np.ndarray:
+        """(row,) half width of the slice of each row, in deviations by the law."""
+        by_speed = np.searchsorted(self.speed, course.speed)
+        return self.half[by_speed, np.searchsorted(self.since, course.since)]
+
     def along(self, course: Course, spread: np.ndarray) -> np.ndarray:
         """(row,) half width along a record, in output units.
 
@@ -255,8 +268,7 @@ class Band:
             course: of its input.
             spread: (row, 2) deviation among other models along it.
         """
-        by_speed = np.searchsorted(self.speed, course.speed)
-        half = self.half[by_speed, np.searchsorted(self.since, course.since)]
+        half = self.by_slice(course)
         if self.law is None:
             return half
         return np.maximum(half * self.law.deviation(course, spread), self.law.least)

@@ -29,7 +29,7 @@ from preisach_jax.model.estimates import ParameterEstimate, Prediction
 from preisach_jax.model.mechanical import check_not_inside, moved
 from preisach_jax.model.origin import Origin
 from preisach_jax.model.requirements import check_record
-from preisach_jax.model.spread import spread_of
+from preisach_jax.model.spread import Numbers, differences, spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
@@ -162,13 +162,30 @@ class Model:
         if self.band is None:
             return np.full(len(record.time), 1.96 * self.rms_validation)
         run, here = self._run_of(record), (self.values, self.coefficients)
-        spread = spread_of(self.chain, here, self.band.others, record, lambda there, few: run(
-            replace(self, values=there[0], coefficients=there[1]), few
-        ))  # fmt: skip
+        spread = spread_of(self.chain, here, self.band.others, record, self._with_numbers(run))
         known = self.band.along(Course.of(record), spread)
         goes_on = run is not Model._from_middle
         ahead = unforeseen(self.chain, *here, self.origin.span_s, record.time, goes_on)
         return np.hypot(known, 1.96 * ahead) if self.band.law else known  # as older files had it
+
+    def others_along(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
+        """What other models that its record could have led to predict minus what it does.
+
+        Arguments:
+            record: the record.
+
+        Returns:
+            (row,) samples of the record, and (model, row) differences there, in output units; no
+            models where the band has none.
+        """
+        others = self.band.others if self.band is not None else None
+        run, here = self._with_numbers(self._run_of(record)), (self.values, self.coefficients)
+        return differences(self.chain, here, others, record, run)
+
+    def _with_numbers(
+        self, run: Callable[[Model, Record], np.ndarray]
+    ) -> Callable[[Numbers, Record], np.ndarray]:
+        return lambda there, few: run(replace(self, values=there[0], coefficients=there[1]), few)
 
     def _run_of(self, record: Record) -> Callable[[Model, Record], np.ndarray]:
         """What computes a model's output along a record, by what is known of its past."""

@@ -23,6 +23,36 @@ SMALL_TURN = 0.002
 """Share of the input's range by which it must come back for a turn to be among them."""
 
 
+def differences(
+    chain: Chain,
+    here: Numbers,
+    others: Others | None,
+    record: Record,
+    run: Callable[[Numbers, Record], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """What other models predict minus what the one that was identified does.
+
+    Arguments:
+        chain: what is in all of them.
+        here: the numbers of the model that was identified.
+        others: what those of the others differ by.
+        record: along which record.
+        run: output with some numbers along it.
+
+    Returns:
+        (row,) samples of the record: all, or the `few_rows` of a long one; and (model, row) the
+        differences there, in output units.
+    """
+    count = len(record.time)
+    rows = few_rows(record) if count > MOST_ROWS else np.arange(count)
+    if others is None or not len(others.offset):
+        return rows, np.zeros((0, len(rows)))
+    few = without_rows(record, rows) if count > MOST_ROWS else record
+    middle = run(here, few)
+    apart = [run(_moved(chain, here, others, k), few) - middle for k in range(len(others.offset))]
+    return rows, np.stack(apart)
+
+
 def spread_of(
     chain: Chain,
     here: Numbers,
@@ -30,32 +60,18 @@ def spread_of(
     record: Record,
     run: Callable[[Numbers, Record], np.ndarray],
 ) -> np.ndarray:
-    """Deviation of the output among other models.
-
-    Arguments:
-        chain: what is in all of them.
-        here: the numbers of the model that was identified.
-        others: what those of the others differ by; without any there is no spread.
-        record: along which record.
-        run: output with some numbers along it.
+    """Deviation of the output among other models, with the arguments of `differences`.
 
     Returns:
-        (time, 2) in output units: of those of the record's blocks, and of the prior.
+        (time, 2) in output units: of those of the record's blocks, and of the prior; none without
+        other models.
     """
     if others is None:
         return np.zeros((len(record.time), 2))
-    few, kept = record, None
-    if len(record.time) > MOST_ROWS:
-        kept = few_rows(record)
-        few = without_rows(record, kept)
-    middle = run(here, few)
-    squares = np.zeros((len(few.time), 2))
-    for k in range(len(others.offset)):
-        squares[:, int(k >= others.of_blocks)] += (
-            run(_moved(chain, here, others, k), few) - middle
-        ) ** 2
-    spread = np.sqrt(squares)
-    if kept is None:
+    kept, apart = differences(chain, here, others, record, run)
+    parts = (apart[: others.of_blocks], apart[others.of_blocks :])
+    spread = np.sqrt(np.stack([np.sum(part**2, axis=0) for part in parts], axis=1))
+    if len(kept) == len(record.time):
         return spread
     rows = np.arange(len(record.time))
     columns: list[np.ndarray] = [np.interp(rows, kept, column) for column in spread.T]

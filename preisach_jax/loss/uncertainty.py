@@ -1,0 +1,87 @@
+r"""How far the loss of a measured cycle may be from that of a model's.
+
+What a prediction misses, e(t), changes the area of a loop by \(\oint e\,du\).  Its variance is a
+sum of parts, whose sizes are those of the `Law` of the prediction's band, and which differ in how
+far e is alike along the path:
+
+- of other models that the record could have led to, each has a loop of its own, and its area is
+  taken as it is;
+- what goes with the speed has one sign on each branch, so that it adds up along the whole path,
+  \((\oint \sigma\,|du|)^2\);
+- what cells miss is alike over a cell of width c, \(\oint \sigma^2 c\,|du|\);
+- noise is alike over no step at all, \(\sum \sigma^2 (\Delta u)^2\).
+
+The half width is the conformal quantile of the band times the deviation; to it comes what the
+prediction's band has beyond that, where the memory is unknown, as if it had one sign throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from preisach_jax.loss.cycles import ClosedPath, enclosed
+from preisach_jax.model import Model, Prediction
+from preisach_jax.model.band import COVERAGE_Z, Band, Course, Law
+from preisach_jax.record import Record
+
+
+def half_widths(
+    model: Model, record: Record, predicted: Prediction, loops: Sequence[ClosedPath]
+) -> np.ndarray:
+    """Half widths of the 95 % band of the loss of some cycles.
+
+    Arguments:
+        model: the model.
+        record: the record.
+        predicted: what the model predicts of it.
+        loops: its cycles.
+
+    Returns:
+        (loop,) in input units times output units.
+    """
+    half = 0.5 * (predicted.high - predicted.low)
+    band = model.band
+    if band is None or band.law is None:  # of an older file, which says nothing of the parts
+        return np.array([_of_one_sign(loop, record.input, half) for loop in loops])
+    course = Course.of(record)
+    rows, apart = model.others_along(record)
+    open_memory = np.maximum(half - model.half_width(record), 0.0)
+    slices = band.by_slice(course)
+    found: list[float] = []
+    for loop in loops:
+        variance = _of_law(loop, record.input, course, band.law)
+        variance += _of_others(loop, record.input, rows, apart, band, band.law)
+        deviations = float(np.mean(loop.along(slices)))
+        more = _of_one_sign(loop, record.input, open_memory)
+        found.append(deviations * float(np.sqrt(variance)) + more)
+    return np.array(found)
+
+
+def _of_one_sign(loop: ClosedPath, input: np.ndarray, size: np.ndarray) -> float:
+    """What an error of one sign on each branch makes of an area."""
+    steps, along = np.abs(np.diff(loop.along(input))), loop.along(size)
+    return float(np.sum(0.5 * (along[1:] + along[:-1]) * steps))
+
+
+def _of_law(loop: ClosedPath, input: np.ndarray, course: Course, law: Law) -> float:
+    """Variance of an area by what goes with the speed, what cells miss, and noise."""
+    of_speed, rest = law.by_origin(course)
+    noise = np.minimum(rest, (law.least / COVERAGE_Z) ** 2)
+    steps = np.abs(np.diff(loop.along(input)))
+    of_steps = loop.along(noise)[1:] @ steps**2
+    of_cells = loop.along(rest - noise)[1:] @ (steps * np.maximum(law.cell, steps))
+    return float(_of_one_sign(loop, input, np.sqrt(of_speed)) ** 2 + of_steps + of_cells)
+
+
+def _of_others(
+    loop: ClosedPath, input: np.ndarray, rows: np.ndarray, apart: np.ndarray, band: Band, law: Law
+) -> float:
+    """Variance of an area among the other models."""
+    if band.others is None or not len(apart):
+        return 0.0
+    x = loop.along(input)
+    areas = np.array([enclosed(x, np.interp(loop.path, rows, each)) for each in apart])
+    of_blocks, of_prior = areas[: band.others.of_blocks], areas[band.others.of_blocks :]
+    return float(law.shares[-2] * np.sum(of_blocks**2) + law.shares[-1] * np.sum(of_prior**2))

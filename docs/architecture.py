@@ -31,6 +31,7 @@ the order.
   that it can be kept.
 - `diagnosis`: from the plain model to a verdict by immutable steps, walked by `diagnose` or by
   hand (`explore`).
+- `loss`: what closed cycles of a record lose, as measured and by a model.
 - `compensation`, `export`: the inverse, and C, FMU and python-control.
 - `present`, `plot`, `report`, `app`, `cli`: all that people see. A result loads its part of
   `present` or `plot` when it is shown.

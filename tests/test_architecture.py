@@ -37,6 +37,7 @@ LAYERS = [
     "mechanics",
     "chain",
     "model",
+    "loss",
     "export",
     "compensation",
     "identify",

@@ -43,7 +43,8 @@ CHAINS = {
     "steps": bound("input_quantisation", "operator_creep", "output_nonlinearity",
                    "output_quantisation"),
     "feedback": bound("moving"),
-    "machine": bound("log_rate", "gain:load_N", "viscosity", "leakage", "cross:load_N"),
+    "machine": bound("log_rate", "gain:load_N", "viscosity", "leakage", "cross:load_N",
+                     "excess_loss"),
 }  # fmt: skip
 # A smaller example would be looked for over minutes, and this small chain is none to look through.
 few = settings(max_examples=4, phases=(Phase.generate,))

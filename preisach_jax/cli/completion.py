@@ -8,6 +8,7 @@ EFFECT_NAMES = (
     "delay",
     "drift",
     "eddy_currents",
+    "excess_loss",
     "hum",
     "input_lag",
     "input_quantisation",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from preisach_jax.present.diagnosis import budget_rows, finding_parameters, headline
 from preisach_jax.present.fit import error_table, run_table
+from preisach_jax.present.loss import loss_table
 from preisach_jax.present.record import record_lines
 
 if TYPE_CHECKING:
@@ -281,6 +282,9 @@ def show_diagnosis(found: Diagnosis) -> None:
         table(*run_table(found.final.by_record, found.base.record))
     say()
     table(("error budget", "RMS", "from"), budget_rows(found), numbers=False)
+    if found.final.loss is not None and found.final.loss.cycles:
+        say("\nLoss per cycle")
+        table(*loss_table(found.final.loss, found.final.record))
     for finding in found.findings:
         others = f"; cannot be told from {', '.join(finding.family[1:])}"
         say(f"\n{finding.effect}{others if len(finding.family) > 1 else ''}")

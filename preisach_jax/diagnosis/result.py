@@ -216,6 +216,7 @@ class Diagnosis:
             "located": self.located,
             "remainder": [relation.to_json() for relation in self.remainder],
             "notes": list(self.notes),
+            "loss": self.final.loss.to_json() if self.final.loss is not None else None,
         } | self._records()
 
     def _records(self) -> dict[str, Any]:

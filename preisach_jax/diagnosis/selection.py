@@ -34,6 +34,7 @@ from preisach_jax.fit import (
     in_silence,
     without_spikes,
 )
+from preisach_jax.loss import magnet_of
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one
 
@@ -61,7 +62,8 @@ def diagnose(
     Arguments:
         record: the measurement, or several of one machine: one model, with a memory for each.
         effects: effects to try, by name or as objects; by default the library, without those that
-            are tried on request, and all auxiliary columns.  To try one's own beside the library:
+            are tried on request (but with those that are of the field, where the units are those
+            of a magnet), and all auxiliary columns.  To try one's own beside the library:
             `[*pj.effects().values(), Mine()]`.
         levels: levels N of the plane; by default 25, and finer where that pays.
         hold_out: further records that are held out whole, in place of blocks of the others.
@@ -111,7 +113,13 @@ def diagnose(
 
 def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tuple[Effect, ...]:
     """The effects that are asked for, or the library; with one for each auxiliary column."""
-    everything = [name for name, effect in library().items() if not effect.on_request]
+    magnet = magnet_of(record)
+    field = magnet.field if magnet else "none"
+    everything = [
+        name
+        for name, effect in library().items()
+        if not effect.on_request or effect.of_field == field
+    ]
     asked: list[str | Effect] = list(everything if effects is None else effects)
     names = [item if isinstance(item, str) else item.name for item in asked]
     of_columns = [kind.prefix for kind in OF_COLUMNS if f"{kind.prefix}:COL" in names]

@@ -43,6 +43,7 @@ PLAIN = {
     "moving": "feedback of the output on the material (minor loops that are not congruent)",
     "input_quantisation": "coarse steps of the drive's converter",
     "output_quantisation": "coarse steps of the sensor's converter",
+    "excess_loss": "an excess loss (domain walls need a field by the root of the input's rate)",
     "viscosity": "a viscosity (a part of the output depends on the speed of the input)",
     "leakage": "a leakage of the reading (a constant output decays to zero)",
     "restoring_force": "mechanics around the hysteresis (it is a force that the output drives)",

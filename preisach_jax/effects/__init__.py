@@ -14,6 +14,7 @@ from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.eddy_currents import EddyCurrents
+from preisach_jax.effects.excess_loss import ExcessLoss
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
@@ -59,6 +60,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     Leakage,
     LogRate,
     RestoringForce,
+    ExcessLoss,
 )
 ENTRY_POINTS = "preisach_jax.effects"
 
@@ -74,9 +76,9 @@ def library() -> dict[str, Effect]:
 
     Example:
         >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents', 'gain:COL',
-         'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate', 'moving',
-         'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
+        ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents',
+         'excess_loss', 'gain:COL', 'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate',
+         'moving', 'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
          'rate_dependence', 'reptation', 'resonance', 'restoring_force', 'slew_limit', 'viscosity']
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]

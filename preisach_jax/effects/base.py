@@ -101,6 +101,8 @@ class Effect(eqx.Module):
         form_pays: share of a simpler form's held-out mean square that another form of the effect
             (see `variants`) must not leave.
         on_request: whether a diagnosis tries it only where it is asked for by name.
+        of_field: which signal of a magnet is the field, `"input"` or `"output"`, where a diagnosis
+            tries it all the same.
         needs: what a record must hold to tell the effect from the density of hysterons: `RATES`,
             places that are passed at more than one rate, or rests; `CYCLES`, places that are passed
             more than once.
@@ -127,6 +129,7 @@ class Effect(eqx.Module):
     experiment: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     on_request: ClassVar[bool] = False
+    of_field: ClassVar[str] = ""
     goes_with_speed: ClassVar[bool] = False
     special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False

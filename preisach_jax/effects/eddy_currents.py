@@ -36,6 +36,7 @@ class EddyCurrents(HysteresisEffect):
     feeds_back: ClassVar[bool] = True
     # Each trial of k means all states anew, and an output that agrees with itself.
     on_request: ClassVar[bool] = True
+    of_field: ClassVar[str] = "input"
     physics: ClassVar[str] = (
         "A change of the flux induces currents in a conducting core, whose field opposes it: the "
         "material sees the applied field less a part in proportion to the speed of its own "
@@ -51,7 +52,7 @@ class EddyCurrents(HysteresisEffect):
         "loops wider at speed, in proportion to the slope of the loop: most on its flanks, none "
         "where the output saturates"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence")
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence", "excess_loss")
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "loops into saturation at several rates over a decade: eddy currents act where the loop "

@@ -52,6 +52,7 @@ class RateDependence(SpeedWidening):
         "slew_limit",
         "eddy_currents",
         "log_rate",
+        "excess_loss",
     )
     experiment: ClassVar[str] = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "

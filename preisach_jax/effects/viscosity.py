@@ -58,7 +58,7 @@ class Viscosity(AddedEffect):
         "residual that goes with the speed of the input and drops before each turning point, "
         "where a lag is greatest behind it"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "delay")
+    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "delay", "excess_loss")
     needs: ClassVar[tuple[str, ...]] = (RATES,)
     experiment: ClassVar[str] = (
         "sines of one size at three or more frequencies: a viscosity leads the displacement, and "

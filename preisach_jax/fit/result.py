@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 from preisach_jax.identify import (
     Point,
 )
+from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Prediction
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
@@ -88,6 +90,11 @@ class Fit:
     def by_record(self) -> tuple[RunErrors, ...]:
         """What the model leaves of each of several records; empty for a single one."""
         return errors_by_run(self.record, self.residual, self.identification, self.validation)
+
+    @cached_property
+    def loss(self) -> Loss | None:
+        """Of a magnet, what its closed cycles lose; None if the units are not those of H and B."""
+        return loss_per_cycle(self.record, self.model) if magnet_of(self.record) else None
 
     def summary(self) -> str:
         """Errors and parameters as text."""

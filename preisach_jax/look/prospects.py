@@ -319,6 +319,7 @@ _RULES: Mapping[str, Callable[[Excitation], tuple[Grade, str, str]]] = {
     "rate_dependence": _dynamic,
     "log_rate": _dynamic,
     "viscosity": _dynamic,
+    "excess_loss": _dynamic,
     "resonance": _resonance,
     "restoring_force": _resonance,
     "creep": _creep,

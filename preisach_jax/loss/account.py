@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ class Cycle:
     @property
     def difference_percent(self) -> float:
         """By how much the model's loss is above the measured one, in per cent."""
-        return 100 * (self.model / self.measured - 1) if self.measured else float("nan")
+        return 100 * (self.model / self.measured - 1) if self.measured else math.nan
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Loss:
         rows = [
             asdict(kind) | {"difference_percent": kind.difference_percent} for kind in self.kinds
         ]
-        known = [{key: x if x == x else None for key, x in row.items()} for row in rows]
+        known = [{key: None if math.isnan(x) else x for key, x in row.items()} for row in rows]
         return {"unit": self.unit, "field": self.field, "cycles": known}
 
 
@@ -143,7 +144,7 @@ def loss_per_cycle(record: Record, model: Model | None = None) -> Loss:
 
 
 def _cycle(record: Record, loop: ClosedPath, factor: float, modelled: float, half: float) -> Cycle:
-    input, output = loop.along(record.input), loop.along(record.output)
+    driven, output = loop.along(record.input), loop.along(record.output)
     known = ~np.isnan(output)
     enough = np.mean(known) >= 1 - BRIDGED
     ends = np.interp([loop.start, loop.stop], np.arange(len(record)), record.time)
@@ -151,11 +152,11 @@ def _cycle(record: Record, loop: ClosedPath, factor: float, modelled: float, hal
         count=1,
         start_s=float(ends[0]),
         duration_s=float(ends[1] - ends[0]),
-        input_low=float(input.min()),
-        input_high=float(input.max()),
-        output_low=float(output[known].min()) if enough else float("nan"),
-        output_high=float(output[known].max()) if enough else float("nan"),
-        measured=factor * _area(loop, record.input, record.output) if enough else float("nan"),
+        input_low=float(driven.min()),
+        input_high=float(driven.max()),
+        output_low=float(output[known].min()) if enough else math.nan,
+        output_high=float(output[known].max()) if enough else math.nan,
+        measured=factor * _area(loop, record.input, record.output) if enough else math.nan,
         model=modelled,
         low=modelled - half,
         high=modelled + half,
@@ -181,8 +182,10 @@ def _alike(one: Cycle, other: Cycle) -> bool:
 def _mean(cycles: Sequence[Cycle]) -> Cycle:
     """The mean of some cycles; their model's error is one and the same, so its band is as wide."""
     columns = {name: [row[name] for row in map(asdict, cycles)] for name in asdict(cycles[0])}
-    means = {
-        name: float(np.nanmean(values)) if not np.isnan(values).all() else float("nan")
-        for name, values in columns.items()
-    }
-    return Cycle(**(means | {"count": len(cycles), "start_s": cycles[0].start_s}))
+    means = {name: _mean_of_known(values) for name, values in columns.items()}
+    return replace(Cycle(**means), count=len(cycles), start_s=cycles[0].start_s)
+
+
+def _mean_of_known(values: Sequence[float]) -> Any:
+    known = [value for value in values if not math.isnan(value)]
+    return sum(known) / len(known) if known else math.nan

@@ -82,6 +82,6 @@ def _of_others(
     if band.others is None or not len(apart):
         return 0.0
     x = loop.along(input)
-    areas = np.array([enclosed(x, np.interp(loop.path, rows, each)) for each in apart])
+    areas = np.array([enclosed(x, np.interp(loop.path, rows, apart[k])) for k in range(len(apart))])
     of_blocks, of_prior = areas[: band.others.of_blocks], areas[band.others.of_blocks :]
     return float(law.shares[-2] * np.sum(of_blocks**2) + law.shares[-1] * np.sum(of_prior**2))

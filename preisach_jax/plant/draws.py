@@ -207,6 +207,7 @@ _DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, 
     "leakage": lambda rng, made, swing: machines.draw_leakage(rng, made.duration_s),
     "log_rate": lambda rng, made, swing: machines.draw_log_rate(rng, made.fastest),
     "restoring_force": lambda rng, made, swing: machines.draw_body(rng, made.stroke_um),
+    "excess_loss": lambda rng, made, swing: machines.draw_excess(rng, made.fastest, swing),
 }
 
 EFFECTS = tuple(_DRAWS)

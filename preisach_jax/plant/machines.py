@@ -5,6 +5,7 @@
 | `log_rate` | slacks grow by c log10(1 + rate of u / slow) | `coefficient_V`, `slow_V_per_s` |
 | `gain:temp_C` | h (1 + gain (temp - 20 °C)) | `gain_per_C` |
 | `viscosity` | + a w + b tanh(w / speed), tau dw/dt = du/dt - w | see `draw_viscosity` |
+| `excess_loss` | + coefficient sgn(du/dt) |du/dt|^(1/2) | `coefficient` |
 | `cross:y_V` | + gain (y behind a mode) | `gain_um_per_V`, `f_hz`, `zeta` |
 | `leakage` | dz/dt = dy/dt - z/tau | `tau_s` |
 | `restoring_force` | a body on a spring that yields, in place of the plays | see `draw_body` |
@@ -50,6 +51,11 @@ def draw_viscosity(rng: np.random.Generator, fastest: float, swing: float) -> di
         "speed_V_per_s": float(rng.uniform(0.02, 0.1)) * fastest,
         "tau_s": float(rng.uniform(1e-3, 4e-3)),
     }
+
+
+def draw_excess(rng: np.random.Generator, fastest: float, swing: float) -> dict[str, float]:
+    """A part that goes with the root of the rate, µm/(V/s)^(1/2)."""
+    return {"coefficient": float(rng.uniform(1.0, 2.0)) * swing / (fastest or 1.0) ** 0.5}
 
 
 def draw_cross(rng: np.random.Generator, swing: float) -> dict[str, float]:
@@ -183,6 +189,9 @@ def with_forces(
         speed = np.asarray(filtered)
         z = z + law["viscous_um_s_per_V"] * speed
         z = z + law["saturating_um"] * np.tanh(speed / law["speed_V_per_s"])
+    if "excess_loss" in hidden:
+        rate = np.diff(drive, prepend=drive[0]) / step_s
+        z = z + hidden["excess_loss"]["coefficient"] * np.sign(rate) * np.sqrt(np.abs(rate))
     if "cross:y_V" in hidden:
         law = hidden["cross:y_V"]
         omega = 2.0 * np.pi * law["f_hz"]

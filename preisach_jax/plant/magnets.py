@@ -101,10 +101,11 @@ class MagnetRecord:
 def make_core(seed: int) -> Core:
     """A core of soft steel, drawn from a seed."""
     rng = np.random.default_rng([seed, 31])
-    threshold = np.sort(0.9 * rng.uniform(0.02, 1.0, STOPS) ** 1.5)
-    force = np.exp(-threshold / 0.35) * rng.uniform(0.6, 1.4, STOPS)
+    threshold = np.sort(0.9 * rng.uniform(0.05, 1.0, STOPS))
+    # Few walls move in a small field, so that small loops are thin (Rayleigh).
+    force = threshold * np.exp(-threshold / 0.25) * rng.uniform(0.6, 1.4, STOPS)
     force *= rng.uniform(30.0, 50.0) / force.sum()  # its sum is the coercive field
-    line, knee = rng.uniform(15.0, 30.0), rng.uniform(60.0, 120.0)
+    line, knee = rng.uniform(15.0, 30.0), rng.uniform(30.0, 60.0)
     return Core(threshold, force / threshold, float(line), float(knee))
 
 
@@ -172,7 +173,8 @@ def simulate_magnet(
             raise InputError(f"the core has no effect {name!r}: choose from {', '.join(LOSSES)}")
     hidden = {name: draw_losses(name, seed) for name in effects}
     induction = sine_bursts(seconds, rate_hz) if drive is None else np.asarray(drive, float)
-    time, core, aux = np.arange(induction.size) / rate_hz, make_core(seed), {}
+    time, core = np.arange(induction.size) / rate_hz, make_core(seed)
+    aux: dict[str, np.ndarray] = {}
     field = core.field(induction)
     if "gain:temp_C" in hidden:
         warming = np.sin(2.0 * math.pi * time / time[-1]) + 0.5 * np.sin(9.0 * time / time[-1])

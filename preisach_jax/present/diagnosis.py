@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from preisach_jax.present import html
 from preisach_jax.present.fit import error_rows, error_table, run_lines, run_table
+from preisach_jax.present.loss import loss_lines, loss_table
 from preisach_jax.present.model import chain_table, model_line, parameter_rows
 from preisach_jax.quantity import quantity
 
@@ -106,6 +107,7 @@ def as_html(found: Diagnosis) -> str:
         html.table(*error_table(found.ladder, record), numbers_from=1),
         html.table(*run_table(found.final.by_record, record), numbers_from=1),
         html.table(headers, finding_rows(found.findings)),
+        html.table(*loss_table(found.final.loss, record), numbers_from=0),
         *(html.sentence(f"{name}: {text}") for name, text in said.items() if text),
         *map(html.sentence, found.notes),
     )
@@ -143,6 +145,7 @@ def as_text(found: Diagnosis) -> str:
     if found.located:
         lines.append(f"  what remains: {found.located}")
     lines += [f"    {text}" for text in found.remainder_in_words]
+    lines += [f"  {line}" for line in loss_lines(found.final.loss, found.base.record)]
     if found.next_experiment:
         lines.append(f"  record next: {found.next_experiment.text}")
     return "\n".join(lines)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from preisach_jax.present import html
+from preisach_jax.present.loss import loss_lines, loss_table
 from preisach_jax.present.model import chain_table, model_line, model_name
 from preisach_jax.quantity import number, scaled
 
@@ -121,6 +122,7 @@ def as_html(fit: Fit) -> str:
         html.heading(f"{fit.record.name}: {model_line(fit.model)}"),
         html.table(*error_table((fit,), fit.record), numbers_from=1),
         html.table(*run_table(fit.by_record, fit.record), numbers_from=1),
+        html.table(*loss_table(fit.loss, fit.record), numbers_from=0),
         chain_table(fit.model),
     )
 
@@ -146,4 +148,5 @@ def as_text(fit: Fit) -> str:
                 f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
                 f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
             )
-    return "\n".join([*lines, *(f"  {line}" for line in fault_lines(fit.record))])
+    more = (*fault_lines(fit.record), *loss_lines(fit.loss, fit.record))
+    return "\n".join([*lines, *(f"  {line}" for line in more)])

@@ -18,6 +18,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.identify import BLOCKS, FOLDS
 from preisach_jax.present.diagnosis import budget_rows, finding_parameters, ladder_rows, limit_rows
 from preisach_jax.present.fit import run_table
+from preisach_jax.present.loss import loss_table
 from preisach_jax.present.model import model_rows
 from preisach_jax.present.record import record_rows
 from preisach_jax.quantity import number, quantity, scaled
@@ -77,6 +78,7 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "located": found.located,
         "remainder": found.remainder_in_words,
         "notes": found.notes,
+        "loss": loss_table(found.final.loss, found.final.record),
         "driven": _driven(found, language),
         "limits": limit_rows(found),
         "budget": budget_rows(found),

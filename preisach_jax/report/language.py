@@ -18,6 +18,15 @@ LANGUAGES = ("en", "de")
 
 _WORDS: dict[str, tuple[str, str]] = {
     "diagnosis_of": ("Preisach diagnosis of", "Preisach-Diagnose von"),
+    "loss": ("Loss per cycle", "Verlust je Umlauf"),
+    "loss_caption": (
+        "Energy that each closed cycle of the input loses, without cycles inside it; cycles of "
+        "like ends and duration are averaged. The band holds the measured loss of 95 of 100 cycles "
+        "if the model holds.",
+        "Energie, die jeder geschlossene Umlauf des Eingangs verliert, ohne Umläufe darin; Umläufe "
+        "mit gleichen Enden und gleicher Dauer sind gemittelt. Das Band enthält den gemessenen "
+        "Verlust von 95 aus 100 Umläufen, wenn das Modell gilt.",
+    ),
     "of_the_stroke": ("of the stroke", "des Hubs"),
     "error_left": ("RMS error on held-out rows", "RMS-Fehler auf zurückgehaltenen Zeilen"),
     "was": ("before", "vorher"),
@@ -161,6 +170,7 @@ _EFFECTS_DE = {
     "eddy_currents": "Wirbelströme (die Geschwindigkeit des Ausgangs wirkt zurück)",
     "output_nonlinearity": "ein nichtlinearer Sensor (er verformt die ganze Schleife gleich)",
     "input_quantisation": "grobe Stufen des Wandlers im Antrieb",
+    "excess_loss": "Zusatzverluste (ein Feld mit der Wurzel der Rate des Eingangs)",
     "viscosity": "Dämpfung (eine Kraft, die von der Geschwindigkeit des Eingangs abhängt)",
     "leakage": "Leckage der Messung (sie vergisst langsame Signale)",
     "log_rate": "Ratenabhängigkeit mit dem Logarithmus der Geschwindigkeit",

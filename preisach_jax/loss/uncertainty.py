@@ -82,6 +82,9 @@ def _of_others(
     if band.others is None or not len(apart):
         return 0.0
     x = loop.along(input)
-    areas = np.array([enclosed(x, np.interp(loop.path, rows, apart[k])) for k in range(len(apart))])
+    areas = np.empty(len(apart))
+    for k in range(len(apart)):
+        y: np.ndarray = np.interp(loop.path, rows, apart[k])
+        areas[k] = enclosed(x, y)
     of_blocks, of_prior = areas[: band.others.of_blocks], areas[band.others.of_blocks :]
     return float(law.shares[-2] * np.sum(of_blocks**2) + law.shares[-1] * np.sum(of_prior**2))

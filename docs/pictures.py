@@ -167,10 +167,20 @@ def eddy_current_record(telling: Telling, k: float = 2e-3) -> pj.Record:
     return pj.Record.from_arrays(time, 500 * drive, z, units={"input": "A/m", "output": "T"})
 
 
+def core_record(telling: Telling) -> pj.Record:
+    """A core with an excess loss: the field over a chosen induction."""
+    from preisach_jax.plant.magnets import simulate_magnet
+
+    core = simulate_magnet(2, effects=("excess_loss",))
+    units = {"input": "T", "output": "A/m"}
+    return pj.Record.from_arrays(core.time, core.induction, core.field, units=units)
+
+
 MADE: dict[str, Callable[[Telling], pj.Record]] = {
     "operator_creep": operator_creep_record,
     "reptation": reptation_record,
     "eddy_currents": eddy_current_record,
+    "excess_loss": core_record,
 }
 
 

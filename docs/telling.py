@@ -168,6 +168,13 @@ TELLING = {
         "A residual in the direction of motion, greatest at speed and zero at rest and where the "
         "input turns. Weights have taken up what belongs to the usual rate.",
     ),
+    "excess_loss": Telling(
+        "input_rate",
+        "A residual of the field by the root of the rate of the induction: steep where the rate is "
+        "low, ever flatter where it is high. Weights have taken up the mean of it.",
+        made="The core is simulated: `preisach_jax.plant.magnets.simulate_magnet(seed=2, "
+        "effects=('excess_loss',))`, whose input is the induction and whose output is the field.",
+    ),
     "gain:COL": Telling(
         "output_cold_and_warm",
         "A residual that grows with the output, with opposite slopes at low and at high values of "

@@ -170,8 +170,9 @@ TELLING = {
     ),
     "excess_loss": Telling(
         "input_rate",
-        "A residual of the field by the root of the rate of the induction: steep where the rate is "
-        "low, ever flatter where it is high. Weights have taken up the mean of it.",
+        "A residual of the field that grows with the rate of the induction, ever more slowly. "
+        "Weights have taken up what belongs to the usual rate, so that the slope is reversed where "
+        "the rate is low.",
         made="The core is simulated: `preisach_jax.plant.magnets.simulate_magnet(seed=2, "
         "effects=('excess_loss',))`, whose input is the induction and whose output is the field.",
     ),

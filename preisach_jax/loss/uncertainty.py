@@ -8,11 +8,12 @@ far e is alike along the path:
   taken as it is;
 - what goes with the speed has one sign on each branch, so that it adds up along the whole path,
   \((\oint \sigma\,|du|)^2\);
-- what cells miss is alike over a cell of width c, \(\oint \sigma^2 c\,|du|\);
+- what cells of width c miss is alike over four of them, \(\oint \sigma^2\,4 c\,|du|\);
 - noise is alike over no step at all, \(\sum \sigma^2 (\Delta u)^2\).
 
-The half width is the conformal quantile of the band times the deviation; to it comes what the
-prediction's band has beyond that, where the memory is unknown, as if it had one sign throughout.
+The half width is the conformal quantile of the band times the deviation.  Where the memory is
+unknown, the area of what the input forces on the way comes to it, at most its height times the
+swing.
 """
 
 from __future__ import annotations
@@ -23,8 +24,12 @@ import numpy as np
 
 from preisach_jax.loss.cycles import ClosedPath, enclosed
 from preisach_jax.model import Model, Prediction
-from preisach_jax.model.band import COVERAGE_Z, Band, Course, Law
+from preisach_jax.model.band import COVERAGE_Z, Course, Law
 from preisach_jax.record import Record
+
+
+REACH = 4.0
+"""Cells over which what cells miss is alike: the longer one of the two decays of the law."""
 
 
 def half_widths(
@@ -47,14 +52,19 @@ def half_widths(
         return np.array([_of_one_sign(loop, record.input, half) for loop in loops])
     course = Course.of(record)
     rows, apart = model.others_along(record)
+    of_blocks = band.others.of_blocks if band.others is not None else 0
+    parts = apart[:of_blocks], apart[of_blocks:]
     open_memory = np.maximum(half - model.half_width(record), 0.0)
     slices = band.by_slice(course)
     found: list[float] = []
     for loop in loops:
         variance = _of_law(loop, record.input, course, band.law)
-        variance += _of_others(loop, record.input, rows, apart, band, band.law)
+        for differences, share in zip(parts, band.law.shares[-2:].tolist(), strict=True):
+            variance += share * _of_others(loop, record.input, rows, differences)
         deviations = float(np.mean(loop.along(slices)))
-        more = _of_one_sign(loop, record.input, open_memory)
+        # A hysteron of unknown state adds a constant, and so no area, until the input forces it.
+        forced = float(np.ptp(loop.along(open_memory)))
+        more = forced * float(np.ptp(loop.along(record.input)))
         found.append(deviations * float(np.sqrt(variance)) + more)
     return np.array(found)
 
@@ -71,20 +81,16 @@ def _of_law(loop: ClosedPath, input: np.ndarray, course: Course, law: Law) -> fl
     noise = np.minimum(rest, (law.least / COVERAGE_Z) ** 2)
     steps = np.abs(np.diff(loop.along(input)))
     of_steps = loop.along(noise)[1:] @ steps**2
-    of_cells = loop.along(rest - noise)[1:] @ (steps * np.maximum(law.cell, steps))
+    of_cells = loop.along(rest - noise)[1:] @ (steps * np.maximum(REACH * law.cell, steps))
     return float(_of_one_sign(loop, input, np.sqrt(of_speed)) ** 2 + of_steps + of_cells)
 
 
 def _of_others(
-    loop: ClosedPath, input: np.ndarray, rows: np.ndarray, apart: np.ndarray, band: Band, law: Law
+    loop: ClosedPath, input: np.ndarray, rows: np.ndarray, differences: np.ndarray
 ) -> float:
-    """Variance of an area among the other models."""
-    if band.others is None or not len(apart):
-        return 0.0
-    x = loop.along(input)
-    areas = np.empty(len(apart))
-    for k in range(len(apart)):
-        y: np.ndarray = np.interp(loop.path, rows, apart[k])
-        areas[k] = enclosed(x, y)
-    of_blocks, of_prior = areas[: band.others.of_blocks], areas[band.others.of_blocks :]
-    return float(law.shares[-2] * np.sum(of_blocks**2) + law.shares[-1] * np.sum(of_prior**2))
+    """Sum of the squared areas by which some other models differ."""
+    x, total = loop.along(input), 0.0
+    for k in range(len(differences)):
+        y: np.ndarray = np.interp(loop.path, rows, differences[k])
+        total += enclosed(x, y) ** 2
+    return total

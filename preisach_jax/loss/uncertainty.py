@@ -27,7 +27,6 @@ from preisach_jax.model import Model, Prediction
 from preisach_jax.model.band import COVERAGE_Z, Course, Law
 from preisach_jax.record import Record
 
-
 REACH = 4.0
 """Cells over which what cells miss is alike: the longer one of the two decays of the law."""
 

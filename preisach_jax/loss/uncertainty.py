@@ -88,8 +88,6 @@ def _of_others(
     loop: ClosedPath, input: np.ndarray, rows: np.ndarray, differences: np.ndarray
 ) -> float:
     """Sum of the squared areas by which some other models differ."""
-    x, total = loop.along(input), 0.0
-    for k in range(len(differences)):
-        y: np.ndarray = np.interp(loop.path, rows, differences[k])
-        total += enclosed(x, y) ** 2
-    return total
+    x = loop.along(input)
+    curves: list[np.ndarray] = [np.interp(loop.path, rows, row) for row in differences]
+    return sum(enclosed(x, curve) ** 2 for curve in curves)

@@ -67,6 +67,7 @@ def make_fit(record: Record, effects=(), error: float = 0.5) -> Any:
         validation=held_out,
         effects=tuple(effect.name for effect in effects),
         by_record=(),
+        loss=None,
     )
 
 

@@ -39,12 +39,12 @@ def bound(*names):
 
 CHAINS = {
     "input": bound("input_lag", "slew_limit", "rate_dependence", "ageing", "output_lag", "drift"),
-    "output": bound("creep", "delay", "resonance", "hum", "aux:load_N", "reptation"),
+    "output": bound("creep", "delay", "resonance", "hum", "aux:load_N", "reptation",
+                    "excess_loss"),
     "steps": bound("input_quantisation", "operator_creep", "output_nonlinearity",
                    "output_quantisation"),
     "feedback": bound("moving"),
-    "machine": bound("log_rate", "gain:load_N", "viscosity", "leakage", "cross:load_N",
-                     "excess_loss"),
+    "machine": bound("log_rate", "gain:load_N", "viscosity", "leakage", "cross:load_N"),
 }  # fmt: skip
 # A smaller example would be looked for over minutes, and this small chain is none to look through.
 few = settings(max_examples=4, phases=(Phase.generate,))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         compensate,
         simulate_loop,
     )
-    from preisach_jax.diagnosis import Diagnosis, diagnose
+    from preisach_jax.diagnosis import Diagnosis, SparseForm, diagnose, find_form
     from preisach_jax.diagnosis.design import Design, design
     from preisach_jax.diagnosis.exploration import Exploration, explore
     from preisach_jax.effects import library as effects
@@ -83,6 +83,7 @@ __all__ = [
     "RecursiveLeastSquares",
     "SensorEffect",
     "Signals",
+    "SparseForm",
     "Survey",
     "Sweep",
     "WeightEffect",
@@ -93,6 +94,7 @@ __all__ = [
     "diagnose",
     "effects",
     "explore",
+    "find_form",
     "fit",
     "fleet_to_folder",
     "look",
@@ -134,6 +136,7 @@ _HOMES = {
     "RecursiveLeastSquares": "filter.least_squares",
     "SensorEffect": "effects.base",
     "Signals": "effects.base",
+    "SparseForm": "diagnosis",
     "Survey": "effects.base",
     "Sweep": "sweep",
     "WeightEffect": "effects.base",
@@ -144,6 +147,7 @@ _HOMES = {
     "diagnose": "diagnosis",
     "effects": "effects",
     "explore": "diagnosis.exploration",
+    "find_form": "diagnosis",
     "fit": "fit",
     "fleet_to_folder": "filter.fleet",
     "look": "look",

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import tempfile
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -67,6 +68,7 @@ def common(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
     "preisach diagnose stage.csv --effects creep,aux:load_N --report creep",
+    "preisach diagnose damper.csv --explore",
     "preisach diagnose slow.csv fast.csv --hold-out other.csv --json > found.json",
     fits=True,
     reads=READING,
@@ -85,6 +87,13 @@ def diagnose(
             help="error that may be ignored: per cent of the stroke (0.1%), or with a unit (20nm)",
         ),
     ] = None,
+    explore: Annotated[
+        bool,
+        typer.Option(
+            "--explore",
+            help="where no name fits, look for a sparse form of what remains: a form, not a cause",
+        ),
+    ] = False,
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
@@ -94,6 +103,7 @@ def diagnose(
 ) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
     from preisach_jax.diagnosis import diagnose as run
+    from preisach_jax.diagnosis import find_form
     from preisach_jax.files import check_folder
     from preisach_jax.report import write_report
     from preisach_jax.report.language import check_language
@@ -111,6 +121,9 @@ def diagnose(
         found = run(
             records, names or None, levels, hold_out=apart, tolerance=tolerance, progress=show
         )
+        if explore:
+            show("looking for a form of what remains", 0.96)
+            found = replace(found, form=find_form(found))
         show("writing the report", 0.97)
         write_report(found, report, command=context.obj["command"], language=language)
     screen.show_diagnosis(found)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from preisach_jax.present.diagnosis import budget_rows, finding_parameters, headline
+from preisach_jax.present.diagnosis import budget_rows, finding_parameters, form_lines, headline
 from preisach_jax.present.fit import error_table, run_table
 from preisach_jax.present.loss import loss_table
 from preisach_jax.present.record import record_lines
@@ -302,6 +302,11 @@ def show_diagnosis(found: Diagnosis) -> None:
     if found.located:
         say(f"\nWhat remains: {found.located}")
         for text in found.remainder_in_words:
+            say(f"  {text}")
+    if found.form is not None:
+        first, *others = form_lines(found)
+        say(f"\n{first}")
+        for text in others:
             say(f"  {text}")
     if found.next_experiment:
         say(f"\nRecord next: {found.next_experiment.text}\n  ({found.next_experiment.why})")

@@ -193,6 +193,25 @@ def promised_evidence(problem: Problem, simple: Point, prospect: Prospect) -> Ev
     return _evidence(problem, before, after, prospect.held_out, spent)
 
 
+def evidence_between(
+    problem: Problem, before: np.ndarray, after: np.ndarray, spent: int
+) -> Evidence:
+    """Evidence for a change of a model, from the residuals without and with it.
+
+    Arguments:
+        problem: the record.
+        before, after: (row,) residuals in the order of the problem's rows.
+        spent: how many parameters more the model has with it.
+
+    Returns:
+        The evidence; positive numbers speak for the change.
+    """
+    held_out = problem.fold == VALIDATION[0]
+    left, right = (float(np.mean(e[held_out] ** 2)) for e in (before, after))
+    order = problem.in_time
+    return _evidence(problem, before[order], after[order], 1 - simple_ratio(right, left), spent)
+
+
 def _evidence(
     problem: Problem, before: np.ndarray, after: np.ndarray, gain: float, spent: int
 ) -> Evidence:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.diagnosis.form import SparseForm
 from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
@@ -142,6 +143,7 @@ class Diagnosis:
         remainder: what it goes with, strongest first; empty if it is within the budget.
         notes: what a reader must know of the record and of what was tried.
         steps: the fit of each rung.
+        form: the sparse form of what remains that was asked for (`find_form`), or None.
     """
 
     verdict: str
@@ -158,6 +160,7 @@ class Diagnosis:
     remainder: tuple[Relation, ...]
     notes: tuple[str, ...]
     steps: tuple[Fit, ...]
+    form: SparseForm | None = None
 
     def __repr__(self) -> str:
         first, last = (
@@ -217,6 +220,7 @@ class Diagnosis:
             "remainder": [relation.to_json() for relation in self.remainder],
             "notes": list(self.notes),
             "loss": self.final.loss.to_json() if self.final.loss is not None else None,
+            "form": self.form.to_json() if self.form else None,
         } | self._records()
 
     def _records(self) -> dict[str, Any]:

@@ -79,6 +79,34 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     ]
 
 
+def form_lines(found: Diagnosis) -> list[str]:
+    """The sparse form that was asked for: what it would take away, its terms, where to look."""
+    form = found.form
+    if form is None:
+        return []
+    lines = [form.sentence]
+    if form.offered:
+        lines.append(f"remainder ≈ {form.formula}")
+        lines += form.state_texts
+        lines.append(f"where to look: {'; '.join(form.physics)}")
+    return [*lines, *form.notes]
+
+
+def form_rows(found: Diagnosis) -> list[tuple[str, str, str, str]]:
+    """The terms of the sparse form: formula, coefficient, RMS, and where to look."""
+    if found.form is None:
+        return []
+    return [
+        (
+            term.formula,
+            quantity(term.coefficient, found.form.unit, 3),
+            quantity(term.rms, found.form.unit, 3),
+            term.physics,
+        )
+        for term in found.form.terms
+    ]
+
+
 def finding_parameters(finding: Finding) -> list[tuple[str, str]]:
     """The parameters of a finding with their intervals, as texts."""
     return parameter_rows(finding.parameters)
@@ -109,6 +137,7 @@ def as_html(found: Diagnosis) -> str:
         html.table(headers, finding_rows(found.findings)),
         html.table(*loss_table(found.final.loss, record), numbers_from=0),
         *(html.sentence(f"{name}: {text}") for name, text in said.items() if text),
+        *map(html.sentence, form_lines(found)),
         *map(html.sentence, found.notes),
     )
 
@@ -146,6 +175,7 @@ def as_text(found: Diagnosis) -> str:
         lines.append(f"  what remains: {found.located}")
     lines += [f"    {text}" for text in found.remainder_in_words]
     lines += [f"  {line}" for line in loss_lines(found.final.loss, found.base.record)]
+    lines += [f"  {text}" for text in form_lines(found)]
     if found.next_experiment:
         lines.append(f"  record next: {found.next_experiment.text}")
     return "\n".join(lines)

@@ -16,7 +16,13 @@ from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
 from preisach_jax.errors import InputError
 from preisach_jax.identify import BLOCKS, FOLDS
-from preisach_jax.present.diagnosis import budget_rows, finding_parameters, ladder_rows, limit_rows
+from preisach_jax.present.diagnosis import (
+    budget_rows,
+    finding_parameters,
+    form_rows,
+    ladder_rows,
+    limit_rows,
+)
 from preisach_jax.present.fit import run_table
 from preisach_jax.present.loss import loss_table
 from preisach_jax.present.model import model_rows
@@ -77,6 +83,8 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "next_command": _next_command(found),
         "located": found.located,
         "remainder": found.remainder_in_words,
+        "form": found.form,
+        "form_terms": form_rows(found),
         "notes": found.notes,
         "loss": loss_table(found.final.loss, found.final.record),
         "driven": _driven(found, language),

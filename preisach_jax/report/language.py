@@ -128,6 +128,23 @@ _WORDS: dict[str, tuple[str, str]] = {
         "Daten; ihr Gewicht folgt aus dem der Nachbarn. Die Farbskala ist eine Quadratwurzel; die "
         "Diagonale, der reversible Anteil, kann über ihr Ende hinausgehen.",
     ),
+    "form": ("A form of what remains", "Eine Form dessen, was bleibt"),
+    "form_is_no_cause": (
+        "This is a form, not a cause: it says how the remainder depends on the states at hand, "
+        "and where to look. It is not part of the model, and other terms may do nearly as well.",
+        "Das ist eine Form, keine Ursache: Sie sagt, wie der Rest von den bekannten Größen "
+        "abhängt und wo zu suchen ist. Sie gehört nicht zum Modell, und andere Terme können fast "
+        "ebenso gut sein.",
+    ),
+    "term": ("term", "Term"),
+    "coefficient": ("coefficient", "Koeffizient"),
+    "where_to_look": ("where to look", "wo zu suchen ist"),
+    "form_caption": (
+        "The remainder over the leading term, averaged over parts of equal numbers of rows, and "
+        "what the form takes away of it.",
+        "Der Rest über dem führenden Term, gemittelt über Teile gleich vieler Zeilen, und was die "
+        "Form davon wegnimmt.",
+    ),
     "method": ("Method", "Verfahren"),
     "reproduce": ("To reproduce", "Zum Nachrechnen"),
     "beside": (

@@ -1,0 +1,154 @@
+r"""The terms of a library beside a model: freed from what it takes up, and pursued in a remainder.
+
+The terms are freed from what the model can take up, as the remainder is by its fit: with the
+regressors A of the model and the matrix G of its penalised normal equations, a term leaves
+
+\[ \varphi - A\,G^{-1} A_i^\top \varphi_i, \]
+
+where i are the rows that identify (M. C. Lovell, J. Am. Stat. Assoc. 58 (1963) 993-1010).
+Orthogonal least squares (S. Chen, S. A. Billings, W. Luo, Int. J. Control 50 (1989) 1873-1896)
+then takes the term that explains most of the remainder on these rows, one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from preisach_jax.diagnosis.terms import Library, Listed
+from preisach_jax.effects.base import SensorEffect
+from preisach_jax.identify import VALIDATION, Point, Problem, with_strength
+from preisach_jax.identify.regression import slices_of
+from preisach_jax.identify.signature import Projection
+
+MOST_TERMS = 4
+
+SHIFTED_PARTS = 12
+"""Parts of the record that are shifted each by a lag of its own."""
+
+AS_GOOD = 0.97
+"""Share of the greatest power explained with which a simpler term is taken."""
+
+LEAST_LEFT = 1e-4
+"""Share of the power of a term that the model and the terms taken must leave of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreedTerms:
+    """The terms on the measured rows, freed from what a model can take up.
+
+    Attributes:
+        listed: the terms.
+        projection: that of the model.
+        whole: (row, term) values.
+        left: (row, term) what the model leaves of them, of unit size on the rows that identify.
+        size: (term,) by which they were divided.
+        gram: (term, term) products on the rows that identify.
+    """
+
+    listed: Sequence[Listed]
+    projection: Projection
+    whole: np.ndarray
+    left: np.ndarray
+    size: np.ndarray
+    gram: np.ndarray
+
+    @staticmethod
+    def of(problem: Problem, point: Point, library: Library) -> FreedTerms:
+        """The terms of a library beside a model, without those that it takes up."""
+        projection = Projection(problem, point)
+        whole = np.stack([term.values[problem.rows] for term in library.terms], axis=1)
+        left = projection.left(whole)
+        rows = projection.rows
+        powers = np.sum(left[rows] ** 2, axis=0)
+        own = np.sum((whole[rows] - whole[rows].mean(axis=0)) ** 2, axis=0)
+        seen = powers > LEAST_LEFT * own
+        size = np.sqrt(powers[seen])
+        left = left[:, seen] / size
+        listed = [term for term, there in zip(library.terms, seen, strict=True) if there]
+        inside = left[rows]
+        return FreedTerms(listed, projection, whole[:, seen], left, size, inside.T @ inside)
+
+    def pursued(self, remainder: np.ndarray) -> list[int]:
+        """Terms in the order in which they explain most of a remainder, (row,)."""
+        rows, chosen = self.projection.rows, list[int]()
+        moment = self.left[rows].T @ remainder[rows]
+        orders = np.array([term.order for term in self.listed])
+        while len(chosen) < min(MOST_TERMS, len(self.listed)):
+            inner = self.gram[np.ix_(chosen, chosen)]
+            beside = np.linalg.solve(inner, self.gram[chosen]) if chosen else self.gram[chosen]
+            power = np.diag(self.gram) - np.sum(self.gram[chosen] * beside, axis=0)
+            left = moment - moment[chosen] @ beside
+            score = np.where(power > LEAST_LEFT, left**2 / np.maximum(power, LEAST_LEFT), -1.0)
+            score[chosen] = -1.0
+            if not score.max() > 0:
+                break
+            good = np.flatnonzero(score >= AS_GOOD * score.max())
+            good = good[orders[good] == orders[good].min()]
+            chosen.append(int(good[np.argmax(score[good])]))
+        return chosen
+
+    def after(self, remainder: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+        """(row,) what some terms, as large as suits them best, leave of a remainder."""
+        rows, own = self.projection.rows, self.left[:, list(chosen)]
+        inner = self.gram[np.ix_(chosen, chosen)]
+        return remainder - own @ np.linalg.solve(inner, own[rows].T @ remainder[rows])
+
+    def by_chance(self, problem: Problem, seed: int, draws: int) -> float:
+        """Greatest relative fall of the held-out mean square on shifted remainders."""
+        generator = np.random.default_rng(seed)
+        order, held_out = problem.in_time, problem.fold == VALIDATION[0]
+        shifted = np.empty((len(order), draws))
+        parts = np.array_split(order, SHIFTED_PARTS)
+        for draw in range(draws):
+            for part in parts:
+                lag = int(generator.integers(len(part)))
+                shifted[part, draw] = np.roll(self.projection.whole[part], lag)
+        gains: list[float] = []
+        refitted_remainders: np.ndarray = self.projection.left(shifted)
+        for draw in range(draws):
+            remainder = refitted_remainders[:, draw]
+            before = float(np.mean(remainder[held_out] ** 2))
+            chosen = self.pursued(remainder)
+            left = [self.after(remainder, chosen[:k]) for k in range(1, len(chosen) + 1)]
+            gains += [1 - float(np.mean(e[held_out] ** 2)) / before for e in left if before]
+        return max(gains, default=0.0)
+
+
+def refitted(
+    problem: Problem, point: Point, terms: FreedTerms, chosen: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a model leaves whose density is fitted with some terms.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        terms: the terms beside it.
+        chosen: places of some of them.
+
+    Returns:
+        (row,) residual and (term,) coefficients, both in output ranges.
+    """
+    if point.chain.at(SensorEffect):  # what the sensor does is linear only to first order
+        own = terms.left[:, list(chosen)]
+        inner = terms.gram[np.ix_(chosen, chosen)]
+        rows = terms.projection.rows
+        found = np.linalg.solve(inner, own[rows].T @ point.residual[rows])
+        return point.residual - own @ found, found / terms.size[list(chosen)]
+    columns = terms.whole[:, list(chosen)]
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    columns = columns / scale
+    parts = slices_of(problem.fold)
+    other = np.stack([point.matrix[rows].T @ columns[rows] for rows in parts])
+    inner = np.stack([columns[rows].T @ columns[rows] for rows in parts])
+    moment = np.stack([columns[rows].T @ point.target[rows] for rows in parts])
+    matrix = np.concatenate([point.matrix, columns], axis=1)
+    guess = np.concatenate([point.solution, np.zeros(len(chosen))])
+    equations = point.equations.extended(other, inner, moment)
+    wider = with_strength(
+        problem, replace(point, matrix=matrix, equations=equations, solution=guess)
+    )
+    found = wider.solution[-len(chosen) :]
+    return wider.residual, found / scale

@@ -1,0 +1,242 @@
+"""The search for a sparse form of what remains of a model.
+
+The terms are pursued in the remainder one by one (`freed`); the blocks held out say whether each
+stays, by the two tests that an effect must pass.  Chance is measured by the same search on
+remainders that are shifted round parts of the record, each part by a lag of its own: they keep
+their course, and lose what they go with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from preisach_jax.diagnosis.evidence import Evidence, evidence_between
+from preisach_jax.diagnosis.form import Dependence, SparseForm, Term
+from preisach_jax.diagnosis.freed import FreedTerms, refitted
+from preisach_jax.diagnosis.result import Diagnosis
+from preisach_jax.diagnosis.terms import Listed, library_of
+from preisach_jax.errors import InputError
+from preisach_jax.fit import (
+    FINAL_ROWS,
+    Fit,
+    Progress,
+    double_precision,
+    in_silence,
+    with_regressors,
+)
+from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.quantity import quantity
+
+DRAWS = 40
+"""Shifted remainders by which chance is measured."""
+
+LEAST_FORM_GAIN = 0.2
+"""Relative fall of the held-out mean square below which no form is offered."""
+
+PARTS = 24
+"""Parts of equal numbers of rows of the picture."""
+
+
+def find_form(
+    found: Diagnosis, *, seed: int = 0, draws: int = DRAWS, progress: Progress | None = None
+) -> SparseForm:
+    r"""Find a sparse form of what a diagnosis leaves unexplained.
+
+    \[ z = \text{model} + \sum_{k \le 4} c_k\,\varphi_k(u, h, \dot u, \ldots) \]
+
+    The terms are powers, products, saturating functions and first-order memories of the input,
+    the output of the model, their rates, path and time since the last reversal, time, and
+    auxiliary columns.  The density is fitted anew with them.  A form is offered only if it passes
+    the two tests of an effect on the held-out blocks, lowers the held-out mean square by a fifth
+    at least, takes away more than discretisation of the plane, and does more than the same search
+    on any of some shifted remainders.  It is a form, not a cause, and never among the effects.
+
+    Arguments:
+        found: a diagnosis; of one that leaves nothing unexplained no form is sought.
+        seed: of the shifts.
+        draws: how many shifted remainders measure chance, at least 1.
+        progress: called with a text and a share done.
+
+    Returns:
+        The form; without terms, and with the reason, where none is offered.
+
+    Raises:
+        InputError: if draws is below 1.
+
+    Example:
+        >>> import numpy as np, preisach_jax as pj
+        >>> t = np.arange(3000) / 100
+        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
+        >>> z = u**1.1 + 0.02 * np.gradient(u, t) ** 3
+        >>> z += 0.01 * np.random.default_rng(0).normal(size=3000)
+        >>> found = pj.diagnose(pj.Record.from_arrays(t, u, z), ["drift"], levels=9)
+        >>> found.verdict, [term.formula for term in pj.find_form(found).terms]
+        ('unexplained', ["u'³"])
+    """
+    if not draws >= 1:
+        raise InputError(f"draws is {draws}; give an integer of at least 1")
+
+    def none(why_not: str) -> SparseForm:
+        return SparseForm.none(found.final.rms_validation, found.budget.unit, why_not)
+
+    if found.verdict not in ("unexplained", "partly_explained"):
+        return none(f"the verdict is {found.verdict}, which leaves nothing unexplained")
+    if found.model.chain.mechanics is not None:
+        return none("the output drives the hysteresis, and a term would change its path")
+    with double_precision():
+        return sought(found.final, found.budget.discretisation, seed, draws, progress or in_silence)
+
+
+def sought(
+    fit: Fit, discretisation: float, seed: int, draws: int, progress: Progress = in_silence
+) -> SparseForm:
+    """The form of what a fit leaves, whatever the verdict on it.
+
+    Arguments:
+        fit: the fit.
+        discretisation: RMS of what the grid of the plane adds, in output units.
+        seed, draws: of the shifted remainders.
+        progress: called with a text and the share of the work that is done.
+    """
+    progress("making terms of the states", 0.0)
+    record = fit.record
+    problem = Problem.of(record, FINAL_ROWS)
+    point = with_regressors(problem, fit)
+    kept = np.searchsorted(record.time, problem.record.time)
+    library = library_of(record, fit.prediction, kept)
+    progress("freeing the terms from the density", 0.1)
+    terms = FreedTerms.of(problem, point, library)
+    progress("refitting the density with the terms", 0.4)
+    trial = _tried(problem, point, terms)
+    none = SparseForm.none(fit.rms_validation, record.output_unit, "", tuple(library.notes))
+    if not trial.chosen:
+        return replace(
+            none,
+            why_not="no term lowers the held-out error by a twentieth and passes both tests",
+        )
+    progress("measuring what chance reaches", 0.6)
+    chance = terms.by_chance(problem, seed, draws)
+    evidence = trial.evidence.numbers()
+    measured = replace(none, evidence=evidence, chance=chance, draws=draws)
+    if against := _against(trial, chance, draws, discretisation):
+        return replace(measured, why_not=against)
+    told, dependence = _described(trial)
+    before, after = trial.rms
+    return replace(measured, terms=told, rms_before=before, rms_after=after, dependence=dependence)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Terms that pass both tests one after the other, fitted with the density.
+
+    Attributes:
+        problem, point, terms: the record, the model, and all terms beside it.
+        chosen: places of those that are taken.
+        after: (row,) what is left with them, in output ranges.
+        coefficients: (term,) theirs, in output ranges.
+    """
+
+    problem: Problem
+    point: Point
+    terms: FreedTerms
+    chosen: list[int]
+    after: np.ndarray
+    coefficients: np.ndarray
+
+    def with_terms(self, chosen: Sequence[int]) -> _Trial:
+        """The same with other terms."""
+        after, coefficients = refitted(self.problem, self.point, self.terms, chosen)
+        return replace(self, chosen=list(chosen), after=after, coefficients=coefficients)
+
+    def beats(self, simpler: _Trial) -> bool:
+        """Whether both tests speak for it against one of fewer terms."""
+        more = len(self.chosen) - len(simpler.chosen)
+        return not evidence_between(self.problem, simpler.after, self.after, more).against
+
+    @property
+    def evidence(self) -> Evidence:
+        """What speaks for all its terms together."""
+        before = self.point.residual
+        return evidence_between(self.problem, before, self.after, len(self.chosen))
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Held-out error without and with it, in output units."""
+        held_out = self.problem.fold == VALIDATION[0]
+        before, after = (
+            float(np.sqrt(np.mean(e[held_out] ** 2))) * self.problem.unit
+            for e in (self.point.residual, self.after)
+        )
+        return before, after
+
+
+def _tried(problem: Problem, point: Point, terms: FreedTerms) -> _Trial:
+    """Forward by what explains most of the remainder, and back where a later one replaces it."""
+    now = _Trial(problem, point, terms, [], point.residual, np.zeros(0))
+    for term in terms.pursued(point.residual):
+        trial = now.with_terms([*now.chosen, term])
+        if trial.beats(now):
+            now = trial
+    for term in now.chosen[:-1]:
+        fewer = now.with_terms([other for other in now.chosen if other != term])
+        if not now.beats(fewer):
+            now = fewer
+    return now
+
+
+def _against(trial: _Trial, chance: float, draws: int, discretisation: float) -> str:
+    """Why a form is not offered; empty if it is."""
+    evidence, unit = trial.evidence, trial.problem.record.output_unit
+    if evidence.against:
+        return evidence.against
+    falls = f"the best one lowers the held-out mean square by {100 * evidence.gain:.0f} %"
+    if not evidence.gain >= LEAST_FORM_GAIN:
+        return f"{falls}, less than {100 * LEAST_FORM_GAIN:.0f} %"
+    if not evidence.gain > chance:
+        return (
+            f"{falls}, the same search on {draws} shifted remainders by up to {100 * chance:.0f} %"
+        )
+    before, after = trial.rms
+    removed = float(np.sqrt(before**2 - after**2))
+    if not removed > discretisation:
+        return (
+            f"the best one takes away {quantity(removed, unit, 3)} RMS, no more than the "
+            f"discretisation of the plane, {quantity(discretisation, unit, 3)}"
+        )
+    return ""
+
+
+def _described(trial: _Trial) -> tuple[tuple[Term, ...], Dependence]:
+    """The terms, the one that takes up most first, and the remainder over that one."""
+    terms, chosen, unit = trial.terms, trial.chosen, trial.problem.unit
+    rows = float(np.count_nonzero(terms.projection.rows))
+    sizes = np.abs(trial.coefficients) * terms.size[chosen] / np.sqrt(rows) * unit
+    ranked: list[int] = np.argsort(-sizes, kind="stable").tolist()
+    told: list[Term] = []
+    for k in ranked:
+        listed = terms.listed[chosen[k]]
+        coefficient = float(trial.coefficients[k]) * unit
+        told.append(
+            Term(listed.formula, coefficient, float(sizes[k]), listed.physics, listed.states)
+        )
+    leading = terms.listed[chosen[ranked[0]]]
+    before = trial.point.residual
+    courses = (before * unit, (before - trial.after) * unit)
+    return tuple(told), _dependence(leading, trial.problem.rows, *courses)
+
+
+def _dependence(
+    term: Listed, rows: np.ndarray, remainder: np.ndarray, form: np.ndarray
+) -> Dependence:
+    """The remainder over a term, or over the state if it is a function of one alone."""
+    label, unit, values = f"{term.formula}, each in parts of its scale", "", term.values[rows]
+    if term.along is not None:
+        state = term.states[0]
+        label, unit = state.name, state.unit
+        values = state.centre + state.scale * term.along[rows]
+    parts = [part for part in np.array_split(np.argsort(values, kind="stable"), PARTS) if len(part)]
+    means = [np.array([float(x[part].mean()) for part in parts]) for x in (values, remainder, form)]
+    return Dependence(label, unit, *means)

@@ -1,0 +1,331 @@
+"""The terms that a sparse form is searched among: functions of the states at hand."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from preisach_jax.diagnosis.form import State
+from preisach_jax.diagnosis.remainder import OF_COLUMN, PHYSICS
+from preisach_jax.record import Record
+from preisach_jax.record.course import input_rate, last_reversal
+
+MEMORIES = 6
+"""Time constants of first-order memories, from some samples to a part of the record."""
+
+QUANTILE = 0.98
+"""Quantile of the magnitude of a rate that is its scale."""
+
+ORDERS = {"plain": 1, "square": 2, "product": 2, "cube": 3, "saturating": 3, "memory": 4,
+          "bent product": 4, "memory product": 5}  # fmt: skip
+"""Of how many numbers and factors each kind of term is: of terms alike the least is taken."""
+
+BY_KIND = {
+    "position": PHYSICS["input"],
+    "output": PHYSICS["output"],
+    "rate": "viscous friction, eddy currents, a voltage that motion induces, a lag or a delay",
+    "acceleration": "inertia, a resonance, or a filter of second order",
+    "direction": PHYSICS["direction of the input"],
+    "path": PHYSICS["path since the last reversal"],
+    "age": PHYSICS["time since the last reversal"],
+    "time": PHYSICS["time"],
+    "turn": PHYSICS["input at the last reversal"],
+    "column": OF_COLUMN,
+}
+"""What kind of physics makes a term of one state."""
+
+BY_PAIR = {
+    frozenset({"position", "rate"}): "damping, a lag or an induced voltage that changes with the "
+    "position",
+    frozenset({"output", "rate"}): "damping or eddy currents that change with the output",
+    frozenset({"position", "output"}): "a gain that changes with the position, or feedback of the "
+    "output",
+    frozenset({"position", "direction"}): "a loop whose width changes with the position, as dry "
+    "friction under a changing load",
+    frozenset({"output", "direction"}): "dry friction that grows with the force",
+    frozenset({"position", "time"}): "a gain that changes as time goes by: ageing, warming",
+    frozenset({"output", "time"}): "a gain that changes as time goes by: ageing, warming",
+    frozenset({"rate", "time"}): "a damping that changes as time goes by: warming of an oil",
+    frozenset({"direction", "rate"}): "friction that grows faster or slower than the speed",
+}
+"""What kind of physics makes the product of two states."""
+
+OF_COLUMN_PRODUCT = "the column scales the loop, or changes its damping"
+
+OF_MEMORY = "creep, a lag or a relaxation; of a speed or its square, warming by the drive's losses"
+
+OF_MEMORY_PRODUCT = "a gain that follows the past: warming by losses, fatigue that heals"
+
+
+@dataclass(frozen=True, eq=False)
+class _Values:
+    """A state, its kind, and its standardised values along the samples."""
+
+    state: State
+    kind: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """A term of the library.
+
+    Attributes:
+        formula, physics, states: as those of a `Term`.
+        order: how many numbers and factors it is made of.
+        values: (sample,) its values.
+        along: (sample,) those of its state, if it is a function of one at the same sample.
+    """
+
+    formula: str
+    physics: str
+    states: tuple[State, ...]
+    order: int
+    values: np.ndarray
+    along: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """All terms along the samples of a record.
+
+    Attributes:
+        terms: the terms.
+        notes: what could not be made terms of.
+    """
+
+    terms: list[Listed] = field(default_factory=list[Listed])
+    notes: list[str] = field(default_factory=list[str])
+
+    def add(self, formula: str, physics: str, order: int, values: np.ndarray, *of: _Values) -> None:
+        """Take up a term, unless it does not vary or is not finite."""
+        if np.isfinite(values).all() and np.ptp(values) > 1e-9 * (np.abs(values).max() or 1.0):
+            states = tuple(dict.fromkeys(each.state for each in of))
+            alone = of[0].values if len(of) == 1 and order < ORDERS["memory"] else None
+            self.terms.append(Listed(formula, physics, states, order, values, alone))
+
+
+def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
+    """The terms of a record and of what a model says of it.
+
+    Arguments:
+        record: the record.
+        output: (time,) output of the model, in output units.
+        kept: (sample,) rows at which the terms are wanted, ascending.
+
+    Returns:
+        The library.
+
+    Example:
+        >>> t = np.arange(400) / 100
+        >>> record = Record.from_arrays(t, np.sin(t**2), t, aux={"still": 0 * t})
+        >>> found = library_of(record, np.sin(t**2), np.arange(400))
+        >>> found.notes
+        ['The column still is constant (0): no terms are made of it; record it while it changes.']
+        >>> [term.formula for term in found.terms][:3]
+        ['u', 'u²', 'u³']
+    """
+    found = Library()
+    states = {each.kind: each for each in _states(record, output, kept)}
+    columns = _columns(record, kept, found.notes)
+    speed = _speed(states)
+    for each in (*states.values(), *columns):
+        _alone(found, each)
+    _products(found, states, columns, speed)
+    starts = np.searchsorted(kept, record.starts)
+    _memories(found, states, columns, speed, record.time[kept], starts)
+    return found
+
+
+def _states(record: Record, output: np.ndarray, kept: np.ndarray) -> list[_Values]:
+    """The states of a record, but its columns; those that do not vary are left out."""
+    last, time = last_reversal(record.input, None, record.starts), record.time
+    rate = input_rate(time, record.input, record.starts)
+    of_output = input_rate(time, output, record.starts)
+    second = input_rate(time, rate, record.starts)
+    since, way = time - time[last], np.abs(record.input - record.input[last])
+    u, z = record.input_unit, record.output_unit
+    centred, signed, counted = "centred", "signed", "counted"
+    rows = [
+        ("position", "input", "u", u, record.input, centred),
+        ("output", "output of the model", "h", z, output, centred),
+        ("rate", "rate of the input", "u'", f"{u}/s" if u else "1/s", rate, signed),
+        ("rate of output", "rate of the model's output", "h'", f"{z}/s" if z else "1/s",
+         of_output, signed),
+        ("acceleration", "second derivative of the input", "u''", f"{u}/s²" if u else "1/s²",
+         second, signed),
+        ("direction", "direction of the last move", "d", "", _last_move(record.input), counted),
+        ("path", "path since the last reversal", "s", u, way, "scaled"),
+        ("age", "logarithm of the time since the last reversal, in samples", "a", "",
+         np.log10(1 + since / record.step_s), counted),
+        ("time", "time", "t", "s", time, centred),
+        ("turn", "input at the last reversal", "u_r", u, record.input[last], centred),
+    ]  # fmt: skip
+    found: list[_Values] = []
+    for kind, name, symbol, unit, values, way_of in rows:
+        own = values[kept]
+        if not np.isfinite(own).all() or not np.ptp(own):
+            continue
+        centre, scale = 0.0, 1.0
+        if way_of == centred:
+            centre, scale = float(own.max() + own.min()) / 2, float(np.ptp(own)) / 2
+        elif way_of == signed:
+            size = np.abs(own)
+            scale = float(np.quantile(size[size > 1e-9 * size.max()], QUANTILE))
+        elif way_of == "scaled":
+            scale = float(np.abs(own).max())
+        state = State(name, symbol, unit, centre, scale)
+        found.append(_Values(state, kind, (own - centre) / scale))
+    return found
+
+
+def _last_move(values: np.ndarray) -> np.ndarray:
+    """(time,) direction of the last move, 1 or -1; before the first one 1."""
+    step = np.sign(np.diff(values, prepend=values[:1]))
+    moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
+    return np.where(step[moved] == 0, 1.0, step[moved])
+
+
+def _columns(record: Record, kept: np.ndarray, notes: list[str]) -> list[_Values]:
+    """Auxiliary columns, each from its mean in parts of its deviation."""
+    found: list[_Values] = []
+    for name, values in record.aux.items():
+        own = values[kept]
+        if not np.isfinite(own).all():
+            gaps = int(np.count_nonzero(~np.isfinite(own)))
+            notes.append(
+                f"The column {name} has {gaps} rows without a number: no terms are made of it; "
+                "fill the gaps."
+            )
+        elif not np.ptp(own) > 1e-9 * np.abs(own).max():
+            notes.append(
+                f"The column {name} is constant ({own[0]:g}): no terms are made of it; record it "
+                "while it changes."
+            )
+        else:
+            unit = record.channels[name].unit
+            centre, scale = float(own.mean()), float(own.std())
+            state = State(f"column {name}", name, unit, centre, scale)
+            found.append(_Values(state, "column", (own - centre) / scale))
+    return found
+
+
+def _speed(states: dict[str, _Values]) -> _Values | None:
+    rate = states.get("rate")
+    return rate and _Values(rate.state, "rate", np.abs(rate.values))
+
+
+def _physics(*kinds: str) -> str:
+    """Where to look for what makes a product of states of these kinds."""
+    own = {kind.removesuffix(" of output") for kind in kinds}
+    if len(own) == 1:
+        return BY_KIND[own.pop()]
+    if "column" in own:
+        return OF_COLUMN_PRODUCT
+    if frozenset(own) in BY_PAIR:
+        return BY_PAIR[frozenset(own)]
+    ranked = [kind for kind in BY_KIND if kind in own and kind not in ("position", "direction")]
+    return f"{BY_KIND[ranked[0]]}; its size changes with the other state"
+
+
+def _alone(found: Library, of: _Values) -> None:
+    """Terms of one state."""
+    x, s, physics = of.values, of.state.symbol, _physics(of.kind)
+    found.add(s, physics, ORDERS["plain"], x, of)
+    if of.kind == "direction":
+        return
+    found.add(f"{s}²", physics, ORDERS["square"], x**2, of)
+    found.add(f"{s}³", physics, ORDERS["cube"], x**3, of)
+    if of.kind in ("rate", "rate of output", "column"):
+        found.add(f"|{s}|", physics, ORDERS["square"], np.abs(x), of)
+        found.add(f"{s}|{s}|", physics, ORDERS["square"], x * np.abs(x), of)
+        root = np.sign(x) * np.sqrt(np.abs(x))
+        found.add(f"sgn({s}) √|{s}|", physics, ORDERS["saturating"], root, of)
+        for at in (0.03, 0.1, 0.3):
+            bent = np.tanh(x / at)
+            found.add(f"tanh({s}/{at:g})", physics, ORDERS["saturating"], bent, of)
+
+
+def _products(
+    found: Library, states: dict[str, _Values], columns: Sequence[_Values], speed: _Values | None
+) -> None:
+    """Products of two states, and of a place with a bent rate."""
+    listed: list[tuple[str, _Values]] = [
+        (each.state.symbol, each)
+        for each in (*states.values(), *columns)
+        if each.kind not in ("acceleration", "rate of output")
+    ]
+    if speed is not None:
+        listed.append((f"|{speed.state.symbol}|", speed))
+    for (name, one), (other, two) in itertools.combinations(listed, 2):
+        values = one.values * two.values
+        physics = _physics(one.kind, two.kind)
+        found.add(f"{name} · {other}", physics, ORDERS["product"], values, one, two)
+    rate = states.get("rate")
+    if rate is None:
+        return
+    r, s = rate.values, rate.state.symbol
+    bent = ((f"{s}|{s}|", r * np.abs(r)), (f"{s}²", r**2), (f"{s}³", r**3),
+            (f"tanh({s}/0.1)", np.tanh(r / 0.1)), (f"tanh({s}/0.3)", np.tanh(r / 0.3)))  # fmt: skip
+    for each in (*(states[k] for k in ("position", "output") if k in states), *columns):
+        physics, own = _physics(each.kind, "rate"), each.state.symbol
+        for name, values in bent:
+            found.add(
+                f"{own} · {name}", physics, ORDERS["bent product"], each.values * values, each, rate
+            )
+        square = each.values**2 * r
+        found.add(f"{own}² · {s}", physics, ORDERS["bent product"], square, each, rate)
+
+
+def _memories(
+    found: Library,
+    states: dict[str, _Values],
+    columns: Sequence[_Values],
+    speed: _Values | None,
+    time: np.ndarray,
+    starts: np.ndarray,
+) -> None:
+    """First-order memories of states, and of those the products with input and output."""
+    of: list[tuple[str, np.ndarray, _Values]] = [
+        (each.state.symbol, each.values, each)
+        for each in (*states.values(), *columns)
+        if each.kind not in ("time", "turn", "acceleration", "path", "age", "rate of output")
+    ]
+    if "position" in states:
+        place = states["position"]
+        of.append((f"{place.state.symbol}²", place.values**2, place))
+    if speed is not None:
+        s = speed.state.symbol
+        of += [(f"|{s}|", speed.values, speed), (f"{s}²", speed.values**2, speed)]
+    step, whole = float(np.median(np.diff(time))), float(time[-1] - time[0])
+    constants = np.geomspace(4 * step, whole / 4, MEMORIES)
+    signals = np.stack([values for _, values, _ in of], axis=1)
+    kept = _low_pass(signals, time, constants, starts)
+    gains = [states[k] for k in ("position", "output") if k in states]
+    for position, (name, _, own) in enumerate(of):
+        for place, tau in enumerate(constants.tolist()):
+            label, values = f"low-pass of {name} over {tau:.2g} s", kept[:, position, place]
+            found.add(label, OF_MEMORY, ORDERS["memory"], values, own)
+            if own.kind not in ("rate", "column"):
+                continue
+            for gain in gains:
+                product = gain.values * values
+                told = f"{gain.state.symbol} · ({label})"
+                found.add(told, OF_MEMORY_PRODUCT, ORDERS["memory product"], product, gain, own)
+
+
+def _low_pass(
+    signals: np.ndarray, time: np.ndarray, constants: np.ndarray, starts: np.ndarray
+) -> np.ndarray:
+    """(sample, signal, constant) first-order low-passes, each at rest where a record starts."""
+    keep = np.exp(-np.diff(time, prepend=time[:1])[:, None] / constants)
+    keep[starts] = 0.0
+    found = np.empty((*signals.shape, len(constants)))
+    state = np.repeat(signals[0][:, None], len(constants), axis=1)
+    for k, values in enumerate(signals):
+        state = values[:, None] + (state - values[:, None]) * keep[k]
+        found[k] = state
+    return found

@@ -28,8 +28,9 @@ MOST_TERMS = 4
 SHIFTED_PARTS = 12
 """Parts of the record that are shifted each by a lag of its own."""
 
-AS_GOOD = 0.97
-"""Share of the greatest power explained with which a simpler term is taken."""
+AS_GOOD = 1.02
+"""Times the least power that a simpler term may leave to be taken, or less than which another must
+leave to take the place of one."""
 
 LEAST_LEFT = 1e-4
 """Share of the power of a term that the model and the terms taken must leave of it."""
@@ -45,6 +46,7 @@ class FreedTerms:
         whole: (row, term) values.
         left: (row, term) what the model leaves of them, of unit size on the rows that identify.
         size: (term,) by which they were divided.
+        remainder: (row,) what the model leaves of the output, with weights of any sign.
         gram: (term, term) products on the rows that identify.
     """
 
@@ -53,12 +55,15 @@ class FreedTerms:
     whole: np.ndarray
     left: np.ndarray
     size: np.ndarray
+    remainder: np.ndarray
     gram: np.ndarray
 
     @staticmethod
     def of(problem: Problem, point: Point, library: Library) -> FreedTerms:
         """The terms of a library beside a model, without those that it takes up."""
-        projection = Projection(problem, point)
+        # What a model lacks presses weights against zero, and they are free with the right terms.
+        projection = Projection(problem, point, any_sign=True)
+        goal = point.residual if point.chain.at(SensorEffect) else point.target
         whole = np.stack([term.values[problem.rows] for term in library.terms], axis=1)
         left = projection.left(whole)
         rows = projection.rows
@@ -69,25 +74,59 @@ class FreedTerms:
         left = left[:, seen] / size
         listed = [term for term, there in zip(library.terms, seen, strict=True) if there]
         inside = left[rows]
-        return FreedTerms(listed, projection, whole[:, seen], left, size, inside.T @ inside)
+        remainder: np.ndarray = projection.left(goal)
+        return FreedTerms(
+            listed, projection, whole[:, seen], left, size, remainder, inside.T @ inside
+        )
 
-    def pursued(self, remainder: np.ndarray) -> list[int]:
-        """Terms in the order in which they explain most of a remainder, (row,)."""
-        rows, chosen = self.projection.rows, list[int]()
+    def pursued(self, remainder: np.ndarray) -> list[list[int]]:
+        """Places of the terms that explain most of a remainder, (row,): of one, of two, and so on.
+
+        After each term that is added, each of those before it is exchanged where another one
+        explains more beside the rest.
+        """
+        rows = self.projection.rows
+        power = float(remainder[rows] @ remainder[rows])
         moment = self.left[rows].T @ remainder[rows]
-        orders = np.array([term.order for term in self.listed])
+        found, chosen = list[list[int]](), list[int]()
         while len(chosen) < min(MOST_TERMS, len(self.listed)):
-            inner = self.gram[np.ix_(chosen, chosen)]
-            beside = np.linalg.solve(inner, self.gram[chosen]) if chosen else self.gram[chosen]
-            power = np.diag(self.gram) - np.sum(self.gram[chosen] * beside, axis=0)
-            left = moment - moment[chosen] @ beside
-            score = np.where(power > LEAST_LEFT, left**2 / np.maximum(power, LEAST_LEFT), -1.0)
-            score[chosen] = -1.0
-            if not score.max() > 0:
+            chosen = self._exchanged(moment, power, [*chosen, self._next(moment, power, chosen)])
+            found.append(chosen)
+        return found
+
+    def _next(self, moment: np.ndarray, power: float, chosen: list[int]) -> int:
+        """The term that leaves least beside others, or the simplest of those that leave no more."""
+        inner, across = self.gram[np.ix_(chosen, chosen)], self.gram[chosen]
+        beside: np.ndarray = np.linalg.solve(inner, across)
+        own: np.ndarray = np.diag(self.gram) - np.sum(across * beside, axis=0)
+        score: np.ndarray = (moment - moment[chosen] @ beside) ** 2 / np.maximum(own, LEAST_LEFT)
+        score[own <= LEAST_LEFT] = 0.0
+        score[chosen] = -1.0
+        left = power - self._explained(moment, chosen) - score
+        good = np.flatnonzero((left <= AS_GOOD * left.min()) & (score >= 0))
+        if not len(good):  # by rounding alone, where nothing is left
+            good = np.array([int(np.argmax(score))])
+        orders = np.array([self.listed[k].order for k in good.tolist()])
+        good = good[orders == orders.min()]
+        return int(good[np.argmax(score[good])])
+
+    def _explained(self, moment: np.ndarray, chosen: list[int]) -> float:
+        inner = self.gram[np.ix_(chosen, chosen)]
+        return float(moment[chosen] @ np.linalg.solve(inner, moment[chosen]))
+
+    def _exchanged(self, moment: np.ndarray, power: float, chosen: list[int]) -> list[int]:
+        """Some terms, each exchanged as long as clearly less is left."""
+        left = power - self._explained(moment, chosen)
+        for _ in range(MOST_TERMS):
+            before = chosen
+            for term in before[:-1]:
+                others = [other for other in chosen if other != term]
+                trial = [*others, self._next(moment, power, others)]
+                now = power - self._explained(moment, trial)
+                if now * AS_GOOD < left:
+                    chosen, left = trial, now
+            if chosen == before:
                 break
-            good = np.flatnonzero(score >= AS_GOOD * score.max())
-            good = good[orders[good] == orders[good].min()]
-            chosen.append(int(good[np.argmax(score[good])]))
         return chosen
 
     def after(self, remainder: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
@@ -105,14 +144,13 @@ class FreedTerms:
         for draw in range(draws):
             for part in parts:
                 lag = int(generator.integers(len(part)))
-                shifted[part, draw] = np.roll(self.projection.whole[part], lag)
+                shifted[part, draw] = np.roll(self.remainder[part], lag)
         gains: list[float] = []
         refitted_remainders: np.ndarray = self.projection.left(shifted)
         for draw in range(draws):
             remainder = refitted_remainders[:, draw]
             before = float(np.mean(remainder[held_out] ** 2))
-            chosen = self.pursued(remainder)
-            left = [self.after(remainder, chosen[:k]) for k in range(1, len(chosen) + 1)]
+            left = [self.after(remainder, chosen) for chosen in self.pursued(remainder)]
             gains += [1 - float(np.mean(e[held_out] ** 2)) / before for e in left if before]
         return max(gains, default=0.0)
 
@@ -135,7 +173,7 @@ def refitted(
         own = terms.left[:, list(chosen)]
         inner = terms.gram[np.ix_(chosen, chosen)]
         rows = terms.projection.rows
-        found = np.linalg.solve(inner, own[rows].T @ point.residual[rows])
+        found = np.linalg.solve(inner, own[rows].T @ terms.remainder[rows])
         return point.residual - own @ found, found / terms.size[list(chosen)]
     columns = terms.whole[:, list(chosen)]
     scale = np.sqrt(np.mean(columns**2, axis=0))

@@ -1,7 +1,7 @@
 """The search for a sparse form of what remains of a model.
 
-The terms are pursued in the remainder one by one (`freed`); the blocks held out say whether each
-stays, by the two tests that an effect must pass.  Chance is measured by the same search on
+The terms are pursued in the remainder one by one (`freed`); the blocks held out say whether more
+of them stay, by the two tests that an effect must pass.  Chance is measured by the same search on
 remainders that are shifted round parts of the record, each part by a lag of its own: they keep
 their course, and lose what they go with.
 """
@@ -174,13 +174,15 @@ class _Trial:
 
 
 def _tried(problem: Problem, point: Point, terms: FreedTerms) -> _Trial:
-    """Forward by what explains most of the remainder, and back where a later one replaces it."""
+    """Forward by what explains most of the remainder, and back where one does as well without."""
     now = _Trial(problem, point, terms, [], point.residual, np.zeros(0))
-    for term in terms.pursued(point.residual):
-        trial = now.with_terms([*now.chosen, term])
+    for chosen in terms.pursued(terms.remainder):
+        trial = now.with_terms(chosen)
         if trial.beats(now):
             now = trial
-    for term in now.chosen[:-1]:
+    for term in now.chosen:
+        if len(now.chosen) == 1:
+            break
         fewer = now.with_terms([other for other in now.chosen if other != term])
         if not now.beats(fewer):
             now = fewer

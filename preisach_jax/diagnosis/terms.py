@@ -102,9 +102,12 @@ class Library:
 
     def add(self, formula: str, physics: str, order: int, values: np.ndarray, *of: _Values) -> None:
         """Take up a term, unless it does not vary or is not finite."""
+        past = "low-pass" in formula
         if np.isfinite(values).all() and np.ptp(values) > 1e-9 * (np.abs(values).max() or 1.0):
             states = tuple(dict.fromkeys(each.state for each in of))
-            alone = of[0].values if len(of) == 1 and order < ORDERS["memory"] else None
+            # What the model says of the output holds a part of whatever it lacks.
+            order += any("output" in each.kind for each in of)
+            alone = of[0].values if len(of) == 1 and not past else None
             self.terms.append(Listed(formula, physics, states, order, values, alone))
 
 

@@ -98,12 +98,18 @@ class Prospect:
 
 
 class Projection:
-    """Takes out of a signature what a model can take up, on the rows that identify it."""
+    """Takes out of a signature what a model can take up, on the rows that identify it.
 
-    def __init__(self, problem: Problem, point: Point):
+    Arguments:
+        problem: the record.
+        point: the model.
+        any_sign: whether weights that are zero, as those of the other sign would be, count as well.
+    """
+
+    def __init__(self, problem: Problem, point: Point, *, any_sign: bool = False):
         linear = linearise(problem, point, point.parameters)
         gram, _ = linear.equations.system(point.folds, point.strength)
-        free = ~point.equations.nonnegative | (point.solution > 0)
+        free = ~point.equations.nonnegative | (point.solution > 0) | any_sign
         inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
         self.rows: np.ndarray = np.isin(problem.fold, point.folds)
         self.block: np.ndarray = problem.block[self.rows]

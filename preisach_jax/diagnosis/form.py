@@ -12,6 +12,9 @@ from preisach_jax.quantity import number, quantity
 
 LABEL = "form, not cause"
 
+LEAST_TOLD = 0.2
+"""RMS of a term, over that of the leading one, from which on its physics is told."""
+
 
 @dataclass(frozen=True)
 class State:
@@ -156,8 +159,9 @@ class SparseForm:
 
     @property
     def physics(self) -> list[str]:
-        """Where to look, the leading term first, each text once."""
-        return list(dict.fromkeys(term.physics for term in self.terms))
+        """Where to look, the leading term first; small terms only mend what the others miss."""
+        least = LEAST_TOLD * max((term.rms for term in self.terms), default=0.0)
+        return list(dict.fromkeys(term.physics for term in self.terms if term.rms >= least))
 
     def to_json(self) -> dict[str, Any] | None:
         """The content of the key `form` of `diagnosis.json`; None if none is offered."""

@@ -80,7 +80,7 @@ def find_form(
         raise InputError(f"draws is {draws}; give an integer of at least 1")
 
     def none(why_not: str) -> SparseForm:
-        return SparseForm.none(found.final.rms_validation, found.budget.unit, why_not)
+        return SparseForm.none(found.ladder[-1].rms_validation, found.budget.unit, why_not)
 
     if found.verdict not in ("unexplained", "partly_explained"):
         return none(f"the verdict is {found.verdict}, which leaves nothing unexplained")

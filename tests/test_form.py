@@ -235,9 +235,9 @@ def test_the_picture_has_what_the_form_holds():
     assert axes.get_ylabel() == "mean remainder (nm)"
     assert LABEL in axes.get_title(loc="left")
     assert form.dependence is not None
-    points, line = axes.lines[1:3]
-    np.testing.assert_allclose(points.get_ydata(), 1e3 * form.dependence.remainder)
-    np.testing.assert_allclose(line.get_ydata(), 1e3 * form.dependence.form)
+    points, line = (np.asarray(each.get_ydata(), dtype=float) for each in axes.lines[1:3])
+    np.testing.assert_allclose(points, 1e3 * form.dependence.remainder)
+    np.testing.assert_allclose(line, 1e3 * form.dependence.form)
 
 
 def test_report_and_texts_say_that_it_is_no_cause(tmp_path):

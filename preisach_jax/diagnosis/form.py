@@ -83,7 +83,7 @@ class Dependence:
 class SparseForm:
     r"""A sum of few terms of the states at hand that takes up what remains of a model.
 
-    \[ z = \text{model} + \sum_k c_k\,\varphi_k(u, h, \dot u, \ldots) \]
+    \[ z = \text{model} + \sum_k c_k\,\varphi_k(u, h, \dot u, ...) \]
 
     It is a form, not a cause: other terms may do nearly as well, and none of them is an effect.
 

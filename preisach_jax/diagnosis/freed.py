@@ -32,6 +32,8 @@ AS_GOOD = 1.02
 """Times the least power that a simpler term may leave to be taken, or less than which another must
 leave to take the place of one."""
 
+ROUNDING = 1e-12
+
 LEAST_LEFT = 1e-4
 """Share of the power of a term that the model and the terms taken must leave of it."""
 
@@ -89,23 +91,28 @@ class FreedTerms:
         power = float(remainder[rows] @ remainder[rows])
         moment = self.left[rows].T @ remainder[rows]
         found, chosen = list[list[int]](), list[int]()
-        while len(chosen) < min(MOST_TERMS, len(self.listed)):
-            chosen = self._exchanged(moment, power, [*chosen, self._next(moment, power, chosen)])
+        while len(chosen) < MOST_TERMS:
+            term = self._next(moment, power, chosen)
+            if term is None:
+                break
+            chosen = self._exchanged(moment, power, [*chosen, term])
             found.append(chosen)
         return found
 
-    def _next(self, moment: np.ndarray, power: float, chosen: list[int]) -> int:
-        """The term that leaves least beside others, or the simplest of those that leave no more."""
+    def _next(self, moment: np.ndarray, power: float, chosen: list[int]) -> int | None:
+        """The simplest of the terms that leave hardly more beside others than the best one."""
         inner, across = self.gram[np.ix_(chosen, chosen)], self.gram[chosen]
         beside: np.ndarray = np.linalg.solve(inner, across)
         own: np.ndarray = np.diag(self.gram) - np.sum(across * beside, axis=0)
+        seen = own > LEAST_LEFT
+        seen[chosen] = False
+        if not seen.any():
+            return None
         score: np.ndarray = (moment - moment[chosen] @ beside) ** 2 / np.maximum(own, LEAST_LEFT)
-        score[own <= LEAST_LEFT] = 0.0
-        score[chosen] = -1.0
-        left = power - self._explained(moment, chosen) - score
-        good = np.flatnonzero((left <= AS_GOOD * left.min()) & (score >= 0))
-        if not len(good):  # by rounding alone, where nothing is left
-            good = np.array([int(np.argmax(score))])
+        score = np.where(seen, score, -1.0)
+        # What rounding leaves of nothing tells no terms apart.
+        left = np.maximum(power - self._explained(moment, chosen) - score, ROUNDING * power)
+        good = np.flatnonzero(seen & (left <= AS_GOOD * left.min()))
         orders = np.array([self.listed[k].order for k in good.tolist()])
         good = good[orders == orders.min()]
         return int(good[np.argmax(score[good])])
@@ -121,7 +128,8 @@ class FreedTerms:
             before = chosen
             for term in before[:-1]:
                 others = [other for other in chosen if other != term]
-                trial = [*others, self._next(moment, power, others)]
+                other = self._next(moment, power, others)
+                trial = chosen if other is None else [*others, other]
                 now = power - self._explained(moment, trial)
                 if now * AS_GOOD < left:
                     chosen, left = trial, now

@@ -45,7 +45,7 @@ def find_form(
 ) -> SparseForm:
     r"""Find a sparse form of what a diagnosis leaves unexplained.
 
-    \[ z = \text{model} + \sum_{k \le 4} c_k\,\varphi_k(u, h, \dot u, \ldots) \]
+    \[ z = \text{model} + \sum_{k \le 4} c_k\,\varphi_k(u, h, \dot u, ...) \]
 
     The terms are powers, products, saturating functions and first-order memories of the input,
     the output of the model, their rates, path and time since the last reversal, time, and

@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from preisach_jax.diagnosis.evidence import held_out_gain
 from preisach_jax.diagnosis.terms import Library, Listed
 from preisach_jax.effects.base import SensorEffect
-from preisach_jax.identify import VALIDATION, Point, Problem, with_strength
+from preisach_jax.identify import Point, Problem, with_strength
 from preisach_jax.identify.regression import slices_of
 from preisach_jax.identify.signature import Projection
 
@@ -144,9 +145,9 @@ class FreedTerms:
         return remainder - own @ np.linalg.solve(inner, own[rows].T @ remainder[rows])
 
     def by_chance(self, problem: Problem, seed: int, draws: int) -> float:
-        """Greatest relative fall of the held-out mean square on shifted remainders."""
+        """Greatest gain on shifted remainders of terms that pass the first test."""
         generator = np.random.default_rng(seed)
-        order, held_out = problem.in_time, problem.fold == VALIDATION[0]
+        order = problem.in_time
         shifted = np.empty((len(order), draws))
         parts = np.array_split(order, SHIFTED_PARTS)
         for draw in range(draws):
@@ -154,12 +155,11 @@ class FreedTerms:
                 lag = int(generator.integers(len(part)))
                 shifted[part, draw] = np.roll(self.remainder[part], lag)
         gains: list[float] = []
-        refitted_remainders: np.ndarray = self.projection.left(shifted)
+        remainders: np.ndarray = self.projection.left(shifted)
         for draw in range(draws):
-            remainder = refitted_remainders[:, draw]
-            before = float(np.mean(remainder[held_out] ** 2))
+            remainder = remainders[:, draw]
             left = [self.after(remainder, chosen) for chosen in self.pursued(remainder)]
-            gains += [1 - float(np.mean(e[held_out] ** 2)) / before for e in left if before]
+            gains += [held_out_gain(problem, remainder, after) for after in left]
         return max(gains, default=0.0)
 
 

@@ -2,6 +2,7 @@ r"""How often is a sparse form found where the library has no name, and how ofte
 
     python benchmarks/blind/forms.py                          # development seeds 1 and 2
     python benchmarks/blind/forms.py --kinds drag warming --first 5 --seeds 1 --plain 0
+    python benchmarks/blind/forms.py --kinds drag --effects drift --levels 25   # some seconds a case
     python benchmarks/blind/forms.py --first 900 --seeds 3 --plain 50 --report
 
 Ten kinds of physics that are no effect of the library are added, by NumPy alone, to the output of
@@ -121,10 +122,18 @@ def made(kind: str | None, seed: int) -> tuple[pj.Record, np.ndarray]:
     return record, hidden
 
 
-def measured(kind: str, seed: int) -> dict[str, Any]:
-    """What is found of one kind: verdict, effects, form, and the errors beside the true law's."""
+def measured(
+    kind: str, seed: int, effects: Sequence[str] | None, levels: int | None
+) -> dict[str, Any]:
+    """What is found of one kind: verdict, effects, form, and the errors beside the true law's.
+
+    Arguments:
+        kind: one of `LAWS`.
+        seed: of the record.
+        effects, levels: of the diagnosis.
+    """
     record, hidden = made(kind, seed)
-    found = pj.diagnose(record)
+    found = pj.diagnose(record, effects, levels)
     form = pj.find_form(found)
     without = pj.Record.from_arrays(record.time, record.input, record.output - hidden)
     law = pj.fit(without, levels=found.model.plane.levels).rms_validation
@@ -145,10 +154,10 @@ def measured(kind: str, seed: int) -> dict[str, Any]:
     }
 
 
-def nothing(seed: int) -> dict[str, Any]:
+def nothing(seed: int, effects: Sequence[str] | None, levels: int | None) -> dict[str, Any]:
     """Whether a form is offered of a plain record: by the command, and by the search alone."""
     record, _ = made(None, seed)
-    found = pj.diagnose(record)
+    found = pj.diagnose(record, effects, levels)
     with double_precision():
         alone = sought(found.final, found.budget.discretisation, 0, DRAWS)
     return {
@@ -177,6 +186,8 @@ def main() -> None:
     """Measure, print, and write what is found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--kinds", nargs="*", default=list(LAWS), choices=list(LAWS))
+    parser.add_argument("--effects", nargs="*", help="effects to try, if not the whole library")
+    parser.add_argument("--levels", type=int, help="levels of the plane, if not found")
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--plain", type=int, default=10)
@@ -185,7 +196,7 @@ def main() -> None:
     found: list[dict[str, Any]] = []
     for seed in range(asked.first, asked.first + asked.seeds):
         for kind in asked.kinds:
-            found.append(row := measured(kind, seed))
+            found.append(row := measured(kind, seed, asked.effects, asked.levels))
             told = row["formula"] or row["why_not"]
             print(
                 f"{kind:14} {seed:4} {row['verdict']:17} {'+'.join(row['effects']):24} "
@@ -195,12 +206,13 @@ def main() -> None:
             )
     plain: list[dict[str, Any]] = []
     for seed in range(asked.first, asked.first + asked.plain):
-        plain.append(row := nothing(seed))
+        plain.append(row := nothing(seed, asked.effects, asked.levels))
         print(f"{'nothing':14} {seed:4} {json.dumps(row)}", flush=True)
     summary = summed(found, plain)
     print(json.dumps(summary, indent=1))
     if asked.report:
         settings = {"seconds": SECONDS, "rate_hz": RATE_HZ, "size": SIZE, "noise": NOISE}
+        settings |= {"effects": asked.effects, "levels": asked.levels}
         content = {"settings": settings, "first_seed": asked.first, "summary": summary}
         write_results("forms.json", content | {"found": found, "plain": plain})
 

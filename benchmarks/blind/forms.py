@@ -2,7 +2,7 @@ r"""How often is a sparse form found where the library has no name, and how ofte
 
     python benchmarks/blind/forms.py                          # development seeds 1 and 2
     python benchmarks/blind/forms.py --kinds drag warming --first 5 --seeds 1 --plain 0
-    python benchmarks/blind/forms.py --kinds drag --effects drift --levels 25   # some seconds a case
+    python benchmarks/blind/forms.py --kinds drag --effects drift --levels 25
     python benchmarks/blind/forms.py --first 900 --seeds 3 --plain 50 --report
 
 Ten kinds of physics that are no effect of the library are added, by NumPy alone, to the output of

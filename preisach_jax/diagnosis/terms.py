@@ -267,13 +267,20 @@ def _products(
         values = one.values * two.values
         physics = _physics(one.kind, two.kind)
         found.add(f"{name} · {other}", physics, ORDERS["product"], values, one, two)
+    places = [states[kind] for kind in ("position", "output") if kind in states]
+    for place, column in itertools.product(places, columns):
+        x, c, own = column.values, column.state.symbol, place.state.symbol
+        physics = _physics(place.kind, column.kind)
+        for name, values in ((f"|{c}|", np.abs(x)), (f"{c}²", x**2)):
+            product = place.values * values
+            found.add(f"{own} · {name}", physics, ORDERS["bent product"], product, place, column)
     rate = states.get("rate")
     if rate is None:
         return
     r, s = rate.values, rate.state.symbol
     bent = ((f"{s}|{s}|", r * np.abs(r)), (f"{s}²", r**2), (f"{s}³", r**3),
             (f"tanh({s}/0.1)", np.tanh(r / 0.1)), (f"tanh({s}/0.3)", np.tanh(r / 0.3)))  # fmt: skip
-    for each in (*(states[k] for k in ("position", "output") if k in states), *columns):
+    for each in (*places, *columns):
         physics, own = _physics(each.kind, "rate"), each.state.symbol
         for name, values in bent:
             found.add(

@@ -212,21 +212,6 @@ def evidence_between(
     return _evidence(problem, before[order], after[order], 1 - simple_ratio(right, left), spent)
 
 
-def held_out_gain(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
-    """Relative fall of the held-out mean square; zero where the first test is not passed.
-
-    Arguments:
-        problem: the record.
-        before, after: (row,) residuals in the order of the problem's rows.
-    """
-    order, held_out = problem.in_time, problem.fold == VALIDATION[0]
-    left, right = (float(np.mean(e[held_out] ** 2)) for e in (before, after))
-    squares = [block_mean_squares(problem, e[order]) for e in (before, after)]
-    gain = 1 - simple_ratio(right, left)
-    first = Evidence(gain, _z(*squares), len(squares[0]), np.inf)
-    return 0.0 if first.against else gain
-
-
 def _evidence(
     problem: Problem, before: np.ndarray, after: np.ndarray, gain: float, spent: int
 ) -> Evidence:
@@ -249,15 +234,13 @@ def _evidence_of(
     ratio = whitened[0] / whitened[1]
     return Evidence(
         gain=gain,
-        z=_z(squares_before, squares_after),
+        z=max(
+            standardised(squares_before - squares_after),
+            standardised(_log(squares_before) - _log(squares_after)),
+        ),
         blocks=len(squares_before),
         delta_bic=float(count * np.log(ratio) - spent * np.log(count)),
     )
-
-
-def _z(before: np.ndarray, after: np.ndarray) -> float:
-    """The z of the gains of the held-out blocks, from their mean squares."""
-    return max(standardised(before - after), standardised(_log(before) - _log(after)))
 
 
 def _log(squares: np.ndarray) -> np.ndarray:

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.diagnosis.evidence import held_out_gain
 from preisach_jax.diagnosis.terms import Library, Listed
 from preisach_jax.effects.base import SensorEffect
-from preisach_jax.identify import Point, Problem, with_strength
+from preisach_jax.identify import VALIDATION, Point, Problem, with_strength
 from preisach_jax.identify.regression import slices_of
 from preisach_jax.identify.signature import Projection
 
@@ -145,9 +144,9 @@ class FreedTerms:
         return remainder - own @ np.linalg.solve(inner, own[rows].T @ remainder[rows])
 
     def by_chance(self, problem: Problem, seed: int, draws: int) -> float:
-        """Greatest gain on shifted remainders of terms that pass the first test."""
+        """Greatest relative fall of the held-out mean square on shifted remainders."""
         generator = np.random.default_rng(seed)
-        order = problem.in_time
+        order, held_out = problem.in_time, problem.fold == VALIDATION[0]
         shifted = np.empty((len(order), draws))
         parts = np.array_split(order, SHIFTED_PARTS)
         for draw in range(draws):
@@ -155,11 +154,12 @@ class FreedTerms:
                 lag = int(generator.integers(len(part)))
                 shifted[part, draw] = np.roll(self.remainder[part], lag)
         gains: list[float] = []
-        remainders: np.ndarray = self.projection.left(shifted)
+        refitted_remainders: np.ndarray = self.projection.left(shifted)
         for draw in range(draws):
-            remainder = remainders[:, draw]
+            remainder = refitted_remainders[:, draw]
+            before = float(np.mean(remainder[held_out] ** 2))
             left = [self.after(remainder, chosen) for chosen in self.pursued(remainder)]
-            gains += [held_out_gain(problem, remainder, after) for after in left]
+            gains += [1 - float(np.mean(e[held_out] ** 2)) / before for e in left if before]
         return max(gains, default=0.0)
 
 

@@ -17,6 +17,7 @@ from preisach_jax.export.description import describe
 from preisach_jax.mechanics.body import along, at_rest, body_of
 from preisach_jax.operator.plane import Plane
 from preisach_jax.plant import simulate_stage
+from preisach_jax.report import write_comparison, write_report
 
 RATE = 250.0
 MASS, DAMPING, SPRING, HYSTERETIC, BETA, GAMMA = 2.0, 4.0, 5e3, 5e3, 0.6, -0.3
@@ -216,12 +217,18 @@ def test_the_stage_hides_it():
 # --- the diagnosis ---
 
 
-def test_it_is_named_where_it_is_hidden():
+def test_it_is_named_where_it_is_hidden_and_reported(tmp_path):
     record = record_of(bouc_wen, 3000)
     found = pj.diagnose(record, levels=7)
     assert found.effects == ("restoring_force",)
     assert found.verdict == "explained"
     assert [rung.effects for rung in found.ladder] == [(), ("restoring_force",)]
+    write_report(found, tmp_path / "report")
+    assert "restoring_force" in (tmp_path / "report" / "report.html").read_text()
+    # The plane of a displacement has no axes of the input to be drawn on.
+    assert not (tmp_path / "report" / "density.png").exists()
+    write_comparison(compare(found.model, record), tmp_path / "comparison")
+    assert (tmp_path / "comparison" / "report.html").exists()
 
 
 def test_a_plain_resonance_keeps_its_name(monkeypatch):

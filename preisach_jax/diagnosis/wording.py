@@ -53,7 +53,7 @@ PLAIN = {
 OF_COLUMN = {
     "aux": "the influence of {}",
     "gain": "a loop that {} scales",
-    "cross": "coupling from {} through a mode of the mechanics",
+    "cross": "coupling from {} through the mechanics",
 }
 
 

@@ -14,7 +14,7 @@ from preisach_jax.effects.parameter import Parameter, coefficient
 class ExcessLoss(AddedEffect):
     r"""A field beside the static one, where the input is the induction.
 
-    \[ c\,\operatorname{sgn}(\dot u)\,|\dot u|^{1/2} \]
+    \[ c\,\mathrm{sgn}(\dot u)\,|\dot u|^{1/2} \]
 
     The rate at a sample is the mean of the intervals on both sides.
 

@@ -108,8 +108,8 @@ class _Reader:
             return f"<msqrt>{self.argument()}</msqrt>"
         if name in {"mathrm", "text"}:
             return re.sub(r"</?mrow>|</?mi>", "", self.atom()).join(("<mi>", "</mi>"))
-        if name == "sum":
-            return "<mo>∑</mo>"
+        if name in {"sum", "oint"}:
+            return f"<mo>{'∑' if name == 'sum' else '∮'}</mo>"
         if name in SIZED:
             return self.atom()
         raise UnknownCommandError(f"\\{name}")

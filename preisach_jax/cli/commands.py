@@ -67,7 +67,7 @@ def common(
 @command(
     "preisach diagnose stage.csv",
     "preisach diagnose stage.csv --time t_s --input u_V --output z_um",
-    "preisach diagnose stage.csv --effects creep,aux:load_N --explore --report creep",
+    "preisach diagnose stage.csv --effects aux:load_N --explore --report load",
     "preisach diagnose slow.csv fast.csv --hold-out other.csv --json > found.json",
     fits=True,
     reads=READING,

@@ -12,7 +12,7 @@ import pytest
 from stand_ins import make_diagnosis, make_model, make_record
 
 from preisach_jax.diagnosis.comparison import Comparison, ResidualTests, compare
-from preisach_jax.diagnosis.wording import PLAIN
+from preisach_jax.diagnosis.wording import OF_COLUMN, PLAIN
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_file, check_folder, json_bytes, plain_json, write_files
 from preisach_jax.model import Prediction
@@ -189,7 +189,7 @@ def test_every_word_is_there_in_both_languages():
     assert all(german.values())
     holes = {key: text.count("{}") for key, text in english.items()}
     assert holes == {key: text.count("{}") for key, text in german.items()}
-    for name in PLAIN:
+    for name in [*PLAIN, *(f"{kind}:load" for kind in OF_COLUMN)]:
         assert effect_name(name, "de") != name, name
 
 

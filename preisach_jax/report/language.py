@@ -195,6 +195,12 @@ _EFFECTS_DE = {
     "output_quantisation": "grobe Stufen des Wandlers im Sensor",
 }
 
+_OF_COLUMN_DE = {
+    "aux": "der Einfluss von {}",
+    "gain": "eine Schleife, deren Größe von {} abhängt",
+    "cross": "Übersprechen von {} durch die Mechanik",
+}
+
 
 def check_language(language: str) -> str:
     """The language, if it is one of `LANGUAGES`.
@@ -221,8 +227,9 @@ def effect_name(effect: str, language: str) -> str:
     """An effect in the words of a language."""
     if language == "en":
         return plain(effect)
-    if effect.startswith("aux:"):
-        return f"der Einfluss von {effect.removeprefix('aux:')}"
+    prefix, _, column = effect.partition(":")
+    if column and prefix in _OF_COLUMN_DE:
+        return _OF_COLUMN_DE[prefix].format(column)
     return _EFFECTS_DE.get(effect, plain(effect))
 
 

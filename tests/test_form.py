@@ -1,6 +1,7 @@
 """A sparse form where no name fits: found when hidden, silent where nothing is, never a cause."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -170,12 +171,32 @@ def test_the_pursuit_takes_what_least_squares_takes(cubed):
         np.linalg.lstsq(terms.left[rows][:, [k]], goal[rows], rcond=None)[1][0]
         for k in range(len(terms.listed))
     ]
-    (first,) = terms.pursued(goal)[0]
+    pursued = [chosen for _, chosen in terms.pursued(goal, sharpened=False)]
+    (first,), pair = pursued[:2]
     assert powers[first] <= 1.02 * min(powers)
-    pair = terms.pursued(goal)[1]
     left = terms.after(goal, pair)[rows]
     direct = np.linalg.lstsq(terms.left[rows][:, pair], goal[rows], rcond=None)[1][0]
     assert left @ left == pytest.approx(direct)
+
+
+@pytest.mark.parametrize(
+    ("law", "formula", "truth"),
+    [
+        (lambda t, u, v: late(v**2, t, 0.21), r"low-pass of u'² over ([\d.]+) s", 0.21),
+        (lambda t, u, v: np.sign(v) * np.abs(v) ** 1.4, r"sgn\(u'\) \|u'\|\^([\d.]+)", 1.4),
+        (lambda t, u, v: (u - 5) * np.tanh(v / 0.18), r"u · tanh\(u'/([\d.]+)\)", 0.18),
+    ],
+)
+def test_numbers_inside_terms_are_found_between_those_of_the_library(law, formula, truth):
+    time, u, output, _ = played(904)
+    rate = np.gradient(u, time)
+    hidden = law(time, u, rate / np.quantile(np.abs(rate), 0.98))
+    noise = NOISE * np.random.default_rng(5).normal(size=SAMPLES)
+    record = pj.Record.from_arrays(time, u, output + 0.2 * hidden / hidden.std() + noise)
+    form = pj.find_form(diagnosed(record))
+    found = re.fullmatch(formula, form.terms[0].formula)
+    assert found, form.formula
+    assert float(found[1]) == pytest.approx(truth, rel=0.1)
 
 
 def test_memories_are_first_order_low_passes():

@@ -7,12 +7,14 @@ regressors A of the model and the matrix G of its penalised normal equations, a 
 
 where i are the rows that identify (M. C. Lovell, J. Am. Stat. Assoc. 58 (1963) 993-1010).
 Orthogonal least squares (S. Chen, S. A. Billings, W. Luo, Int. J. Control 50 (1989) 1873-1896)
-then takes the term that explains most of the remainder on these rows, one after the other.
+then takes the term that explains most of the remainder on these rows, one after the other.  The
+numbers inside the terms taken (time constants, widths, exponents) are then looked for between those
+of the library.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +36,9 @@ leave to take the place of one."""
 
 ROUNDING = 1e-12
 
+NUMBERS, ZOOMS, PASSES = 9, 4, 2
+"""Numbers inside a term that are tried at once, how often closer ones are, and rounds of terms."""
+
 LEAST_LEFT = 1e-4
 """Share of the power of a term that the model and the terms taken must leave of it."""
 
@@ -43,6 +48,7 @@ class FreedTerms:
     """The terms on the measured rows, freed from what a model can take up.
 
     Attributes:
+        problem: the record.
         listed: the terms.
         projection: that of the model.
         whole: (row, term) values.
@@ -52,6 +58,7 @@ class FreedTerms:
         gram: (term, term) products on the rows that identify.
     """
 
+    problem: Problem
     listed: Sequence[Listed]
     projection: Projection
     whole: np.ndarray
@@ -78,26 +85,97 @@ class FreedTerms:
         inside = left[rows]
         remainder: np.ndarray = projection.left(goal)
         return FreedTerms(
-            listed, projection, whole[:, seen], left, size, remainder, inside.T @ inside
+            problem, listed, projection, whole[:, seen], left, size, remainder, inside.T @ inside
         )
 
-    def pursued(self, remainder: np.ndarray) -> list[list[int]]:
-        """Places of the terms that explain most of a remainder, (row,): of one, of two, and so on.
+    def pursued(
+        self, remainder: np.ndarray, *, sharpened: bool = True
+    ) -> Iterator[tuple[FreedTerms, list[int]]]:
+        """The terms that explain most of a remainder, (row,): one, two, and so on.
 
         After each term that is added, each of those before it is exchanged where another one
         explains more beside the rest.
+
+        Arguments:
+            remainder: (row,) the remainder.
+            sharpened: whether numbers inside the terms are looked for between those of the library.
+
+        Yields:
+            All terms, with those that were sharpened at the end, and places of the chosen ones.
         """
+        terms, chosen = self, list[int]()
         rows = self.projection.rows
         power = float(remainder[rows] @ remainder[rows])
-        moment = self.left[rows].T @ remainder[rows]
-        found, chosen = list[list[int]](), list[int]()
         while len(chosen) < MOST_TERMS:
-            term = self._next(moment, power, chosen)
+            moment = terms.left[rows].T @ remainder[rows]
+            term = terms._next(moment, power, chosen)
             if term is None:
                 break
-            chosen = self._exchanged(moment, power, [*chosen, term])
-            found.append(chosen)
-        return found
+            chosen = terms._exchanged(moment, power, [*chosen, term])
+            if sharpened:
+                terms, chosen = terms._sharpened(remainder, chosen)
+            yield terms, chosen
+
+    def _sharpened(self, remainder: np.ndarray, chosen: list[int]) -> tuple[FreedTerms, list[int]]:
+        """Some terms with the numbers inside them that leave least of a remainder."""
+        terms, now = self, list(chosen)
+        for _ in range(PASSES):
+            before = list(now)
+            for place in range(len(now)):
+                terms, now[place] = terms._sharper(remainder, now, place)
+            if now == before:
+                break
+        return terms, now
+
+    def _sharper(
+        self, remainder: np.ndarray, chosen: list[int], place: int
+    ) -> tuple[FreedTerms, int]:
+        """One of some terms with the best number inside it, if that leaves clearly less."""
+        listed = self.listed[chosen[place]]
+        shape, rows = listed.shape, self.projection.rows
+        if shape is None:
+            return self, chosen[place]
+        others = chosen[:place] + chosen[place + 1 :]
+        basis = np.linalg.qr(self.left[rows][:, others])[0]
+        rest = remainder[rows] - basis @ (basis.T @ remainder[rows])
+
+        def left_with(own: np.ndarray) -> np.ndarray:
+            beside = own - basis @ (basis.T @ own)
+            power = np.maximum(np.sum(beside**2, axis=0), ROUNDING)
+            return rest @ rest - (rest @ beside) ** 2 / power
+
+        best, ratio = shape.value, shape.ratio
+        for _ in range(ZOOMS):
+            numbers = best * ratio ** np.linspace(-1, 1, NUMBERS)
+            freed: np.ndarray = self.projection.left(shape.values(numbers)[self.problem.rows])
+            freed = freed[rows] / np.linalg.norm(freed[rows], axis=0)
+            best = float(numbers[np.argmin(left_with(freed))])
+            ratio **= 2 / (NUMBERS - 1)
+        sharper = self._with(listed.shaped(shape, best))
+        now = float(left_with(self.left[rows][:, chosen[place : place + 1]])[0])
+        then = float(left_with(sharper.left[rows][:, -1:])[0])
+        floor = ROUNDING * float(remainder[rows] @ remainder[rows])
+        if max(then, floor) * AS_GOOD < now:
+            return sharper, len(sharper.listed) - 1
+        return self, chosen[place]
+
+    def _with(self, listed: Listed) -> FreedTerms:
+        """These and one term more."""
+        rows = self.projection.rows
+        whole = listed.values[self.problem.rows][:, None]
+        left = self.projection.left(whole)
+        size = np.linalg.norm(left[rows], axis=0)
+        left = np.concatenate([self.left, left / size], axis=1)
+        across = left[rows].T @ left[rows][:, -1:]
+        gram = np.block([[self.gram, across[:-1]], [across.T]])
+        return replace(
+            self, listed=[*self.listed, listed], whole=np.concatenate([self.whole, whole], axis=1),
+            left=left, size=np.concatenate([self.size, size]), gram=gram,
+        )  # fmt: skip
+
+    def numbers(self, chosen: Sequence[int]) -> int:
+        """How many numbers some terms take from the record: coefficients, and those inside."""
+        return sum(1 + self.listed[k].numbers for k in chosen)
 
     def _next(self, moment: np.ndarray, power: float, chosen: list[int]) -> int | None:
         """The simplest of the terms that leave hardly more beside others than the best one."""
@@ -143,24 +221,43 @@ class FreedTerms:
         inner = self.gram[np.ix_(chosen, chosen)]
         return remainder - own @ np.linalg.solve(inner, own[rows].T @ remainder[rows])
 
-    def by_chance(self, problem: Problem, seed: int, draws: int) -> float:
-        """Greatest relative fall of the held-out mean square on shifted remainders."""
+    def by_chance(self, seed: int, draws: int, gain: float) -> float:
+        """Greatest relative fall of the held-out mean square on shifted remainders.
+
+        Arguments:
+            seed, draws: of the shifts.
+            gain: that of the form: numbers inside terms are looked for, as in its search, where
+                terms of the library alone reach half of it.
+        """
         generator = np.random.default_rng(seed)
-        order, held_out = problem.in_time, problem.fold == VALIDATION[0]
+        order = self.problem.in_time
         shifted = np.empty((len(order), draws))
         parts = np.array_split(order, SHIFTED_PARTS)
         for draw in range(draws):
             for part in parts:
                 lag = int(generator.integers(len(part)))
                 shifted[part, draw] = np.roll(self.remainder[part], lag)
-        gains: list[float] = []
         refitted_remainders: np.ndarray = self.projection.left(shifted)
+        most = 0.0
         for draw in range(draws):
             remainder = refitted_remainders[:, draw]
-            before = float(np.mean(remainder[held_out] ** 2))
-            left = [self.after(remainder, chosen) for chosen in self.pursued(remainder)]
-            gains += [1 - float(np.mean(e[held_out] ** 2)) / before for e in left if before]
-        return max(gains, default=0.0)
+            own = self._gain(remainder, sharpened=False)
+            if own > gain / 2:
+                own = max(own, self._gain(remainder, sharpened=True))
+            most = max(most, own)
+        return most
+
+    def _gain(self, remainder: np.ndarray, *, sharpened: bool) -> float:
+        """Greatest relative fall of the held-out mean square by any number of terms."""
+        held_out = self.problem.fold == VALIDATION[0]
+        before = float(np.mean(remainder[held_out] ** 2))
+        if not before:
+            return 0.0
+        left = (
+            terms.after(remainder, chosen)
+            for terms, chosen in self.pursued(remainder, sharpened=sharpened)
+        )
+        return max((1 - float(np.mean(e[held_out] ** 2)) / before for e in left), default=0.0)
 
 
 def refitted(

@@ -122,8 +122,8 @@ def sought(
             why_not="no term lowers the held-out error by a twentieth and passes both tests",
         )
     progress("measuring what chance reaches", 0.6)
-    chance = terms.by_chance(problem, seed, draws)
     evidence = trial.evidence.numbers()
+    chance = terms.by_chance(seed, draws, evidence["gain"])
     measured = replace(none, evidence=evidence, chance=chance, draws=draws)
     if against := _against(trial, chance, draws, discretisation):
         return replace(measured, why_not=against)
@@ -150,21 +150,28 @@ class _Trial:
     after: np.ndarray
     coefficients: np.ndarray
 
-    def with_terms(self, chosen: Sequence[int]) -> _Trial:
+    def with_terms(self, terms: FreedTerms, chosen: Sequence[int]) -> _Trial:
         """The same with other terms."""
-        after, coefficients = refitted(self.problem, self.point, self.terms, chosen)
-        return replace(self, chosen=list(chosen), after=after, coefficients=coefficients)
+        after, coefficients = refitted(self.problem, self.point, terms, chosen)
+        return replace(
+            self, terms=terms, chosen=list(chosen), after=after, coefficients=coefficients
+        )
 
     def beats(self, simpler: _Trial) -> bool:
         """Whether both tests speak for it against one of fewer terms."""
-        more = len(self.chosen) - len(simpler.chosen)
+        more = max(self.numbers - simpler.numbers, 1)
         return not evidence_between(self.problem, simpler.after, self.after, more).against
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers its terms take from the record."""
+        return self.terms.numbers(self.chosen)
 
     @property
     def evidence(self) -> Evidence:
         """What speaks for all its terms together."""
         before = self.point.residual
-        return evidence_between(self.problem, before, self.after, len(self.chosen))
+        return evidence_between(self.problem, before, self.after, self.numbers)
 
     @property
     def rms(self) -> tuple[float, float]:
@@ -180,14 +187,14 @@ class _Trial:
 def _tried(problem: Problem, point: Point, terms: FreedTerms) -> _Trial:
     """Forward by what explains most of the remainder, and back where one does as well without."""
     now = _Trial(problem, point, terms, [], point.residual, np.zeros(0))
-    for chosen in terms.pursued(terms.remainder):
-        trial = now.with_terms(chosen)
+    for wider, chosen in terms.pursued(terms.remainder):
+        trial = now.with_terms(wider, chosen)
         if trial.beats(now):
             now = trial
     for term in now.chosen:
         if len(now.chosen) == 1:
             break
-        fewer = now.with_terms([other for other in now.chosen if other != term])
+        fewer = now.with_terms(now.terms, [other for other in now.chosen if other != term])
         if not now.beats(fewer):
             now = fewer
     return now

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from preisach_jax.diagnosis.form import State
 from preisach_jax.diagnosis.remainder import OF_COLUMN, PHYSICS
+from preisach_jax.diagnosis.shape import Shape, low_pass, memory, power, saturating
 from preisach_jax.record import Record
 from preisach_jax.record.course import input_rate, last_reversal
 
 MEMORIES = 6
 """Time constants of first-order memories, from some samples to a part of the record."""
+
+WIDTHS = (0.03, 0.1, 0.3)
+"""Widths of saturating functions, in parts of the scale of a state."""
+
+NEXT_WIDTH, NEXT_EXPONENT = 3.3, 2.0
+"""How far a width and an exponent may be from that of the library, as a ratio."""
 
 QUANTILE = 0.98
 """Quantile of the magnitude of a rate that is its scale."""
@@ -78,6 +85,8 @@ class Listed:
         order: how many numbers and factors it is made of.
         values: (sample,) its values.
         along: (sample,) those of its state, if it is a function of one at the same sample.
+        shape: the number inside it; None if there is none.
+        numbers: how many numbers inside it are found from the record.
     """
 
     formula: str
@@ -86,6 +95,13 @@ class Listed:
     order: int
     values: np.ndarray
     along: np.ndarray | None = None
+    shape: Shape | None = None
+    numbers: int = 0
+
+    def shaped(self, shape: Shape, number: float) -> Listed:
+        """The same term with another number inside it."""
+        values = shape.values(np.array([number]))[:, 0]
+        return replace(self, formula=shape.formula(number), values=values, shape=None, numbers=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +116,15 @@ class Library:
     terms: list[Listed] = field(default_factory=list[Listed])
     notes: list[str] = field(default_factory=list[str])
 
-    def add(self, formula: str, physics: str, order: int, values: np.ndarray, *of: _Values) -> None:
+    def add(
+        self,
+        formula: str,
+        physics: str,
+        order: int,
+        values: np.ndarray,
+        *of: _Values,
+        shape: Shape | None = None,
+    ) -> None:
         """Take up a term, unless it does not vary or is not finite."""
         past = "low-pass" in formula
         if np.isfinite(values).all() and np.ptp(values) > 1e-9 * (np.abs(values).max() or 1.0):
@@ -108,7 +132,12 @@ class Library:
             # What the model says of the output holds a part of whatever it lacks.
             order += any("output" in each.kind for each in of)
             alone = of[0].values if len(of) == 1 and not past else None
-            self.terms.append(Listed(formula, physics, states, order, values, alone))
+            self.terms.append(Listed(formula, physics, states, order, values, alone, shape))
+
+    def add_shaped(self, shape: Shape, physics: str, order: int, *of: _Values) -> None:
+        """Take up a term with a number inside it."""
+        values = shape.values(np.array([shape.value]))[:, 0]
+        self.add(shape.formula(shape.value), physics, order, values, *of, shape=shape)
 
 
 def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
@@ -243,13 +272,14 @@ def _alone(found: Library, of: _Values) -> None:
     found.add(f"{s}²", physics, ORDERS["square"], x**2, of)
     found.add(f"{s}³", physics, ORDERS["cube"], x**3, of)
     if of.kind in ("rate", "rate of output", "column"):
-        found.add(f"|{s}|", physics, ORDERS["square"], np.abs(x), of)
-        found.add(f"{s}|{s}|", physics, ORDERS["square"], x * np.abs(x), of)
-        root = np.sign(x) * np.sqrt(np.abs(x))
-        found.add(f"sgn({s}) √|{s}|", physics, ORDERS["saturating"], root, of)
-        for at in (0.03, 0.1, 0.3):
-            bent = np.tanh(x / at)
-            found.add(f"tanh({s}/{at:g})", physics, ORDERS["saturating"], bent, of)
+        for exponent, odd, order in (
+            (1.0, False, "square"), (2.0, True, "square"), (0.5, True, "saturating")
+        ):  # fmt: skip
+            bent = power(s, x, exponent, NEXT_EXPONENT, odd=odd)
+            found.add_shaped(bent, physics, ORDERS[order], of)
+        for width in WIDTHS:
+            bent = saturating(s, x, width, NEXT_WIDTH)
+            found.add_shaped(bent, physics, ORDERS["saturating"], of)
 
 
 def _products(
@@ -271,23 +301,24 @@ def _products(
     for place, column in itertools.product(places, columns):
         x, c, own = column.values, column.state.symbol, place.state.symbol
         physics = _physics(place.kind, column.kind)
-        for name, values in ((f"|{c}|", np.abs(x)), (f"{c}²", x**2)):
-            product = place.values * values
-            found.add(f"{own} · {name}", physics, ORDERS["bent product"], product, place, column)
+        bent = power(c, x, 1.0, NEXT_EXPONENT, odd=False).times(own, place.values)
+        found.add_shaped(bent, physics, ORDERS["bent product"], place, column)
+        square = place.values * x**2
+        found.add(f"{own} · {c}²", physics, ORDERS["bent product"], square, place, column)
     rate = states.get("rate")
     if rate is None:
         return
     r, s = rate.values, rate.state.symbol
-    bent = ((f"{s}|{s}|", r * np.abs(r)), (f"{s}²", r**2), (f"{s}³", r**3),
-            (f"tanh({s}/0.1)", np.tanh(r / 0.1)), (f"tanh({s}/0.3)", np.tanh(r / 0.3)))  # fmt: skip
+    bent = [power(s, r, 2.0, NEXT_EXPONENT, odd=True),
+            *(saturating(s, r, width, NEXT_WIDTH) for width in WIDTHS[1:])]  # fmt: skip
+    order = ORDERS["bent product"]
     for each in (*places, *columns):
-        physics, own = _physics(each.kind, "rate"), each.state.symbol
-        for name, values in bent:
-            found.add(
-                f"{own} · {name}", physics, ORDERS["bent product"], each.values * values, each, rate
-            )
-        square = each.values**2 * r
-        found.add(f"{own}² · {s}", physics, ORDERS["bent product"], square, each, rate)
+        physics, own, values = _physics(each.kind, "rate"), each.state.symbol, each.values
+        for shape in bent:
+            found.add_shaped(shape.times(own, values), physics, order, each, rate)
+        found.add(f"{own} · {s}²", physics, order, values * r**2, each, rate)
+        found.add(f"{own} · {s}³", physics, order, values * r**3, each, rate)
+        found.add(f"{own}² · {s}", physics, order, values**2 * r, each, rate)
 
 
 def _memories(
@@ -312,30 +343,20 @@ def _memories(
         of += [(f"|{s}|", speed.values, speed), (f"{s}²", speed.values**2, speed)]
     step, whole = float(np.median(np.diff(time))), float(time[-1] - time[0])
     constants = np.geomspace(4 * step, whole / 4, MEMORIES)
+    ratio = float(constants[1] / constants[0])
     signals = np.stack([values for _, values, _ in of], axis=1)
-    kept = _low_pass(signals, time, constants, starts)
+    kept = low_pass(signals, time, constants, starts)
     gains = [states[k] for k in ("position", "output") if k in states]
-    for position, (name, _, own) in enumerate(of):
+    for position, (name, signal, own) in enumerate(of):
         for place, tau in enumerate(constants.tolist()):
-            label, values = f"low-pass of {name} over {tau:.2g} s", kept[:, position, place]
-            found.add(label, OF_MEMORY, ORDERS["memory"], values, own)
+            values = kept[:, position, place]
+            shape = memory(name, signal, tau, ratio, time, starts)
+            label, order = shape.formula(tau), ORDERS["memory"]
+            found.add(label, OF_MEMORY, order, values, own, shape=shape)
             if own.kind not in ("rate", "column"):
                 continue
             for gain in gains:
-                product = gain.values * values
-                told = f"{gain.state.symbol} · ({label})"
-                found.add(told, OF_MEMORY_PRODUCT, ORDERS["memory product"], product, gain, own)
-
-
-def _low_pass(
-    signals: np.ndarray, time: np.ndarray, constants: np.ndarray, starts: np.ndarray
-) -> np.ndarray:
-    """(sample, signal, constant) first-order low-passes, each at rest where a record starts."""
-    keep = np.exp(-np.diff(time, prepend=time[:1])[:, None] / constants)
-    keep[starts] = 0.0
-    found = np.empty((*signals.shape, len(constants)))
-    state = np.repeat(signals[0][:, None], len(constants), axis=1)
-    for k, values in enumerate(signals):
-        state = values[:, None] + (state - values[:, None]) * keep[k]
-        found[k] = state
-    return found
+                symbol, scale = gain.state.symbol, gain.values
+                product = shape.times(symbol, scale, bracketed=True)
+                told, order = product.formula(tau), ORDERS["memory product"]
+                found.add(told, OF_MEMORY_PRODUCT, order, scale * values, gain, own, shape=product)

@@ -23,7 +23,16 @@ from preisach_jax.app.export import exports
 from preisach_jax.app.first import Curves, FirstView, extreme_rows
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
-from preisach_jax.app.panels import CandidateRow, facts, failure, ladder, order_of, table, told
+from preisach_jax.app.panels import (
+    CandidateRow,
+    facts,
+    failure,
+    ladder,
+    order_of,
+    table,
+    told,
+    verdict,
+)
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script, without_detours
 from preisach_jax.app.statistics import amplitude_spectrum, drawn_rows, plane_course
@@ -160,6 +169,24 @@ class TestTexts:
         row.show(hum, step.before)
         assert "convincing" not in row.text
         assert hum.why_not.split(",")[0].lower() in row.text.lower()
+
+
+class TestForm:
+    def test_it_is_offered_where_something_remains_and_shown_once(self, step):
+        walk = Walk(step.before, (Click("fit", 9),))
+        assert not walk.asks_for_form  # nobody knows yet what remains
+        step.before.budget()
+        assert walk.asks_for_form
+        after = walk.with_form(lambda text, share: None)
+        assert not after.asks_for_form
+        assert after.diagnosis is not None
+        form = after.diagnosis.form
+        assert form is not None
+        assert form.offered
+        assert "t" in {state.symbol for term in form.terms for state in term.states}
+        assert "form, not cause" in verdict(after.step, after.diagnosis)
+        step.budget()
+        assert not walk.on(step, Click("add", effect="drift")).asks_for_form
 
 
 class TestScript:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from browser import FLAGS, browser_path, keep, served
 from test_files import REFUSED, put
+from test_form import hidden_record
 
 import preisach_jax as pj
 
@@ -129,9 +130,8 @@ def test_a_hidden_effect_is_found_added_undone_and_exported(tab, stage, tmp_path
     tab.locator("ol.ladder").get_by_text("+ delay").wait_for()
     assert nanometres(rungs(tab)["+ delay"]) == after
 
-    button(tab, "Prepare export").click()
+    report = download_of_export(tab, tmp_path)
     files = {name: download(tab, name, tmp_path) for name in ("repeat.py", "model.json")}
-    report = download(tab, "report.html", tmp_path).read_text()
     assert "delay" in report
     assert "http://" not in re.sub(r'xmlns[:\w]*="[^"]*"', "", report)
     keep(tab, "exported")
@@ -148,6 +148,27 @@ def test_a_hidden_effect_is_found_added_undone_and_exported(tab, stage, tmp_path
     assert again.rms_validation == told.rms_validation
     error = float(repeated.stdout.splitlines()[-1].split()[-2])
     assert f"{1e3 * error:.4g} nm" in rungs(tab)["+ delay"]
+
+
+def test_a_form_of_what_no_effect_explains_is_looked_for(tab, tmp_path):
+    record, _ = hidden_record("position times rate", 901)
+    rows = np.column_stack([record.time, record.input, record.output])
+    path = tmp_path / "coil.csv"
+    np.savetxt(path, rows, delimiter=",", header="t_s,u_V,z_um", comments="")
+    load(tab, path)
+    button(tab, "Look for a form").click()
+    words = tab.locator(".verdict .words")
+    words.get_by_text("form, not cause").wait_for()
+    assert "· u · u'" in words.inner_text()
+    playwright.expect(button(tab, "Look for a form")).to_be_hidden()
+    keep(tab, "form")
+    report = download_of_export(tab, tmp_path)
+    assert "This is a form, not a cause" in report
+
+
+def download_of_export(page, folder):
+    button(page, "Prepare export").click()
+    return download(page, "report.html", folder).read_text()
 
 
 def download(page, name, folder):

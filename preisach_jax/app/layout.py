@@ -83,6 +83,8 @@ class Layout:
         self.levels.param.watch(on["levels"], "value")
         self.fit = button("Fit", on["fit"], "primary")
         self.find = button("Find it for me", on["find"], "primary")
+        self.form = button("Look for a form", on["form"])
+        self.form.visible = False  # until something remains unexplained
         self.undo = button("Undo", on["undo"])
         self.cancel = button("Cancel", on["cancel"])
         self.dark = styled(pn.widgets.Button(label="Dark or light", color="default"))
@@ -134,7 +136,7 @@ class Layout:
             self.record, self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
         )  # fmt: skip
         buttons = pn.Row(
-            self.fit, self.find, self.undo, self.cancel, sizing_mode="stretch_width",
+            self.fit, self.find, self.form, self.undo, self.cancel, sizing_mode="stretch_width",
             stylesheets=[WRAP],
         )  # fmt: skip
         side = pn.Column(

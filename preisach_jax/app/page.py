@@ -52,9 +52,9 @@ class Page(Opening):
         layout = Layout(
             {
                 "drop": self._on_drop, "refuse": self._refuse, "levels": self._on_levels,
-                "fit": self._on_fit, "find": self._on_find, "undo": self._on_undo,
-                "cancel": self._on_cancel, "axis": self._on_axis, "shown": self._on_shown,
-                "export": self._on_export, "save": self._on_save,
+                "fit": self._on_fit, "find": self._on_find, "form": self._on_form,
+                "undo": self._on_undo, "cancel": self._on_cancel, "axis": self._on_axis,
+                "shown": self._on_shown, "export": self._on_export, "save": self._on_save,
             }
         )  # fmt: skip
         super().__init__(layout)
@@ -195,6 +195,16 @@ class Page(Opening):
     def _found_it(self, found: Diagnosis, step: Exploration, levels: int | None) -> None:
         self._before_search = None
         self._go_to(Walk(step, (Click("find", levels),), found))
+
+    def _on_form(self, event: Any) -> None:
+        del event
+        walk = self._walk
+        if walk is not None and walk.asks_for_form:
+            self._start("looking for a form of what remains", walk.with_form, self._show_form)
+
+    def _show_form(self, walk: Walk) -> None:
+        self._walk = walk
+        self._rank_if_cut_short()
 
     def _go_to(self, walk: Walk) -> None:
         self._walk, found = walk, walk.diagnosis
@@ -348,6 +358,8 @@ class Page(Opening):
         shown.advice.object = panels.paragraph(self._advise())
         shown.fit.visible = has_record and walk is None and not busy
         shown.find.disabled = not has_record or searching
+        shown.form.visible = walk is not None and walk.asks_for_form
+        shown.form.disabled = searching
         shown.undo.disabled = walk is None or walk.step.before is None or searching
         shown.cancel.disabled = not busy
         shown.prepare.disabled = walk is None or searching

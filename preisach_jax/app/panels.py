@@ -19,7 +19,7 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
 from preisach_jax.look import Look
-from preisach_jax.present.diagnosis import headline
+from preisach_jax.present.diagnosis import form_lines, headline
 from preisach_jax.present.model import model_name, parameter_rows
 from preisach_jax.present.record import record_lines
 from preisach_jax.quantity import number, quantity
@@ -218,6 +218,7 @@ def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup,
         if found.located:
             lines.append(f"What remains: {found.located}.")
             lines += [f"{text}." for text in found.remainder_in_words]
+        lines += form_lines(found)
         if found.next_experiment:
             lines.append(f"Record next: {found.next_experiment.text}")
         words = Markup("").join(paragraph.format(line) for line in lines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from preisach_jax.app.layout import button
 from preisach_jax.app.project import SUFFIX, packed
 from preisach_jax.app.script import Click, without_detours
 from preisach_jax.app.upload import Upload
-from preisach_jax.diagnosis import diagnose
+from preisach_jax.diagnosis import diagnose, find_form
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.selection import effects_to_try
@@ -53,6 +53,20 @@ class Walk:
     def way(self) -> tuple[Click, ...]:
         """What leads to the step that is shown."""
         return (*self.clicks, *[Click("undo")] * self.back)
+
+    @property
+    def asks_for_form(self) -> bool:
+        """Whether something remains of the step that is shown, and no form of it was sought."""
+        found, budget = self.diagnosis, self.step.known_budget
+        if found is None:
+            return budget is not None and not budget.is_met
+        return found.form is None and found.verdict in ("unexplained", "partly_explained")
+
+    def with_form(self, progress: Progress) -> Walk:
+        """The walk up to the step that is shown, with a form of what remains of it."""
+        found = self.diagnosis or self.step.conclude(progress)
+        found = replace(found, form=find_form(found, progress=progress))
+        return Walk(self.step, self.way, found)
 
     def at(self, place: int) -> Walk:
         """The same walk with another of its steps shown, counted from the plain model."""

@@ -174,8 +174,8 @@ class TestTexts:
 class TestForm:
     def test_it_is_offered_where_something_remains_and_shown_once(self, step):
         walk = Walk(step.before, (Click("fit", 9),))
-        assert not walk.asks_for_form  # nobody knows yet what remains
         step.before.budget()
+        step.before.candidates()
         assert walk.asks_for_form
         after = walk.with_form(lambda text, share: None)
         assert not after.asks_for_form
@@ -186,7 +186,10 @@ class TestForm:
         assert "t" in {state.symbol for term in form.terms for state in term.states}
         assert "form, not cause" in verdict(after.step, after.diagnosis)
         step.budget()
+        step.candidates()
         assert not walk.on(step, Click("add", effect="drift")).asks_for_form
+        fresh = Walk(pj.explore(step.record, ["drift"], levels=9), (Click("fit", 9),))
+        assert not fresh.asks_for_form  # nobody knows yet what remains
 
 
 class TestScript:

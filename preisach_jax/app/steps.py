@@ -56,10 +56,11 @@ class Walk:
 
     @property
     def asks_for_form(self) -> bool:
-        """Whether something remains of the step that is shown, and no form of it was sought."""
+        """Whether effects were compared, something remains, and no form of it was sought."""
         found, budget = self.diagnosis, self.step.known_budget
         if found is None:
-            return budget is not None and not budget.is_met
+            was_compared = bool(self.step.known_candidates)
+            return was_compared and budget is not None and not budget.is_met
         return found.form is None and found.verdict in ("unexplained", "partly_explained")
 
     def with_form(self, progress: Progress) -> Walk:

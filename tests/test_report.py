@@ -172,10 +172,23 @@ def test_a_german_report_has_the_same_numbers(tmp_path, verdict):
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(source)
     assert '<html lang="de">' in source
-    for text in ("Was fehlt", "Fehlerbilanz", "Der nächste Schritt", "des Hubs"):
+    for text in ("Was fehlt", "Fehlerbilanz", "Der nächste Schritt", "des Hubs", "Ein Effekt wird"):
         assert text in page.text, text
-    for text in ("What is missing", "Error budget", "What to do next", "of the stroke"):
+    for text in (
+        "What is missing",
+        "Error budget",
+        "What to do next",
+        "of the stroke",
+        "An effect is",
+    ):
         assert text not in page.text, text
+    english = diagnosis_page(found, None)
+    german = diagnosis_page(found, None, "de")
+    for table in ("budget", "record", "model", "software"):
+        for row, other in zip(english[table], german[table], strict=True):
+            assert row[0] != other[0]  # a label, and the rest says the same or is a translation
+            assert len(row) == len(other)
+    assert len(english["method"]) == len(german["method"])
     rms, unit = found.ladder[-1].rms_validation, found.budget.unit
     sentence = verdict_sentence(found, "de")
     assert quantity(rms, unit, 3) in sentence

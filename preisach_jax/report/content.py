@@ -28,6 +28,7 @@ from preisach_jax.present.loss import loss_table
 from preisach_jax.present.model import model_rows
 from preisach_jax.present.record import record_rows
 from preisach_jax.quantity import number, quantity, scaled
+from preisach_jax.report.german import in_language, method_in_german, rows_in_language
 from preisach_jax.report.language import (
     effect_name,
     verdict_headline,
@@ -89,13 +90,13 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "loss": loss_table(found.final.loss, found.final.record),
         "driven": _driven(found, language),
         "limits": limit_rows(found),
-        "budget": budget_rows(found),
+        "budget": rows_in_language(budget_rows(found), language),
         "sampling": sampling_note(record),
-        "record": record_rows(record),
-        "model": model_rows(found.model),
-        "software": software_rows(),
+        "record": rows_in_language(record_rows(record), language),
+        "model": rows_in_language(model_rows(found.model), language),
+        "software": rows_in_language(software_rows(), language),
         "command": shareable(command),
-        "method": _method(found),
+        "method": method_in_german(found) if language == "de" else _method(found),
         "references": REFERENCES,
     }
 
@@ -276,7 +277,10 @@ def _finding(finding: Finding, model: Model, language: str) -> dict[str, Any]:
         "meanings": _meanings(effect),
         "before": f"{number(factor * finding.rms_before, 3)} {shown}".rstrip(),
         "after": f"{number(factor * finding.rms_after, 3)} {shown}".rstrip(),
-        "evidence": [(_EVIDENCE.get(name, name), number(x, 3)) for name, x in numbers.items()],
+        "evidence": [
+            (in_language(_EVIDENCE.get(name, name), language), number(x, 3))
+            for name, x in numbers.items()
+        ],
         "physics": effect.physics,
         "signature": effect.signature,
         "source": effect.source,

@@ -10,7 +10,7 @@ from scipy import signal
 from preisach_jax.diagnosis import conclusion, judgement, step, walk
 from preisach_jax.diagnosis.budget import (
     Floor,
-    discretisation_rms,
+    by_another_plane,
     error_budget,
     memory_rms,
     noise_rms,
@@ -105,16 +105,16 @@ UNIT = cast(Any, SimpleNamespace(unit=10.0))
 
 def test_the_error_of_the_grid_is_held_to_fall_with_the_cell():
     # e² = n² + g² on 20 levels and n² + (g/2)² on 40, so that g² = (9 - 4.5) · 4/3 = 6.
-    fine = discretisation_rms(UNIT, on_plane(20, 9.0), on_plane(40, 4.5))
+    fine = by_another_plane(UNIT, on_plane(20, 9.0), on_plane(40, 4.5))
     assert fine == pytest.approx(10 * np.sqrt(6.0))
     # On 10 levels n² + (2g)²: g² = (18 - 9) / 3.
-    coarse = discretisation_rms(UNIT, on_plane(20, 9.0), on_plane(10, 18.0))
+    coarse = by_another_plane(UNIT, on_plane(20, 9.0), on_plane(10, 18.0))
     assert coarse == pytest.approx(10 * np.sqrt(3.0))
 
 
 def test_the_grid_is_no_more_than_the_whole_and_no_less_than_nothing():
-    assert discretisation_rms(UNIT, on_plane(20, 9.0), on_plane(40, 0.0)) == pytest.approx(30.0)
-    assert discretisation_rms(UNIT, on_plane(20, 9.0), on_plane(40, 9.1)) == 0.0
+    assert by_another_plane(UNIT, on_plane(20, 9.0), on_plane(40, 0.0)) == pytest.approx(30.0)
+    assert by_another_plane(UNIT, on_plane(20, 9.0), on_plane(40, 9.1)) == 0.0
 
 
 def test_planes_are_refined_up_to_these_numbers():

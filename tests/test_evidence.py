@@ -18,6 +18,7 @@ from preisach_jax.diagnosis.budget import (
     error_budget,
     input_quantisation_rms,
     memory_rms,
+    most_of_the_grid,
     noise_rms,
     refined_levels,
 )
@@ -333,3 +334,26 @@ def test_without_a_finer_plane_a_coarser_one_tells(x64):
     point = base_point(noisy, 9)
     coarser = on_a_coarser_plane(noisy, point)
     assert discretisation_rms(noisy, point, coarser) < 0.3 * 0.5
+
+
+def test_a_grid_error_is_no_more_than_cells_can_make(x64):
+    # A part that goes with the rate: a coarser plane fits it worse, but no cells make it.
+    time = np.arange(3000) / 250
+    turns = np.where(np.arange(60) % 2, 1, -1) * np.random.default_rng(3).uniform(1, 5, 60)
+    corners = np.cumsum(10 ** np.random.default_rng(4).uniform(-1.3, -0.3, 60))
+    values = 5 + np.interp(time, (corners - corners[0]) * time[-1] / np.ptp(corners), turns)
+    hidden = 2 * np.tanh(np.gradient(values, time) / 20) * values / 5
+    problem = Problem.of(Record.from_arrays(time, values, values + hidden), 3000)
+    point = base_point(problem, 12)
+    coarser = on_a_coarser_plane(problem, point)
+    # The whole slope is about one and the cell a twelfth of the range of the input.
+    slope = np.sqrt(
+        np.sum(np.diff(point_output(problem, point)) ** 2) / np.sum(np.diff(values) ** 2)
+    )
+    most = slope * np.ptp(values) / 12 / np.sqrt(3)
+    assert most_of_the_grid(problem, point) == pytest.approx(most, rel=0.05)
+    assert discretisation_rms(problem, point, coarser) <= most_of_the_grid(problem, point)
+
+
+def point_output(problem, point):
+    return problem.target[problem.in_time] - problem.unit * point.residual[problem.in_time]

@@ -221,6 +221,23 @@ def refined_levels(rows: int, levels: int) -> int | None:
 
 
 def discretisation_rms(problem: Problem, point: Point, other: Point) -> float:
+    """RMS of what the grid of the plane adds, by another plane (`by_another_plane`).
+
+    It is no more than cells of this size can make (`most_of_the_grid`): beyond that, the other
+    plane fits more or less of what the model lacks.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        other: the same model on a finer or a coarser plane.
+
+    Returns:
+        The RMS in output units.
+    """
+    return min(by_another_plane(problem, point, other), most_of_the_grid(problem, point))
+
+
+def by_another_plane(problem: Problem, point: Point, other: Point) -> float:
     """RMS of what the grid of the plane adds, from the change of the held-out error on another.
 
     A finer plane takes its share away, a coarser one adds its own.  The error is taken to fall
@@ -238,6 +255,31 @@ def discretisation_rms(problem: Problem, point: Point, other: Point) -> float:
     ratio = point.chain.plane.levels / other.chain.plane.levels
     share = (here - other.validation_mean_square) / (1 - ratio ** (2 * GRID_ORDER))
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
+
+
+def most_of_the_grid(problem: Problem, point: Point) -> float:
+    r"""RMS of a grid error that cells of the plane cannot exceed.
+
+    Inside a cell of width \(\Delta\) the output changes by \(\Delta\,dz/du\). Where all of
+    that is one jump at an end of the cell, and the model's ramp goes on evenly, the difference is
+    spread evenly from zero to the whole: \(\Delta\,|dz/du| / \sqrt 3\). The slope is the RMS
+    one of the model along the record.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+
+    Returns:
+        The RMS in output units.
+    """
+    order = problem.in_time
+    values = problem.record.input[problem.rows[order]]
+    output = problem.target[order] - point.residual[order] * problem.unit
+    moved, changed = (np.concatenate([np.diff(part) for part in np.split(each, problem.breaks)])
+                      for each in (values, output))  # fmt: skip
+    changed = changed[moved != 0]
+    slope = float(np.sqrt(np.sum(changed**2) / np.sum(moved**2)))
+    return slope * point.chain.plane.delta_x / float(np.sqrt(3))
 
 
 def memory_rms(problem: Problem, point: Point) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from preisach_jax.diagnosis.budget import discretisation_rms
+from preisach_jax.diagnosis.budget import by_another_plane
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
 from preisach_jax.diagnosis.tellable import implausible
 from preisach_jax.diagnosis.trial import (
@@ -188,7 +188,7 @@ def _stands_on_a_finer_plane(
     if feeds_back(effect) or isinstance(effect, SensorEffect):
         # These bend the loop as its cells do: they must do more than all of the grid.
         removed = now.validation_mean_square - trial.point.validation_mean_square
-        grid = discretisation_rms(problem, now, plain) / problem.unit
+        grid = by_another_plane(problem, now, plain) / problem.unit
         if not removed > grid**2:
             return False
     return not compare(problem, plain, at_levels(problem, trial.point, finer)).against

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from preisach_jax.diagnosis.budget import discretisation_rms, noise_rms, refined_levels
+from preisach_jax.diagnosis.budget import by_another_plane, noise_rms, refined_levels
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.diagnosis.trial import Row, Trial
 from preisach_jax.effects.base import Effect
@@ -94,7 +94,7 @@ class Step:
     @property
     def is_within_budget(self) -> bool:
         """Whether noise and discretisation explain half of the held-out mean square or more."""
-        grid = discretisation_rms(self.problem, self.now, self.compared.other or self.now)
+        grid = by_another_plane(self.problem, self.now, self.compared.other or self.now)
         noise = noise_rms(self.problem, self.now)
         error = self.now.validation_mean_square * self.problem.unit**2
         return error <= 2 * (noise**2 + grid**2)

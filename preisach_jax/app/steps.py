@@ -61,7 +61,7 @@ class Walk:
         if found is None:
             was_compared = bool(self.step.known_candidates)
             return was_compared and budget is not None and not budget.is_met
-        return found.form is None and found.verdict in ("unexplained", "partly_explained")
+        return found.form is None and found.leaves_a_part
 
     def with_form(self, progress: Progress) -> Walk:
         """The walk up to the step that is shown, with a form of what remains of it."""

@@ -106,14 +106,15 @@ class FreedTerms:
         terms, chosen = self, list[int]()
         rows = self.projection.rows
         power = float(remainder[rows] @ remainder[rows])
+        moment = self.left[rows].T @ remainder[rows]
         while len(chosen) < MOST_TERMS:
-            moment = terms.left[rows].T @ remainder[rows]
             term = terms._next(moment, power, chosen)
             if term is None:
                 break
             chosen = terms._exchanged(moment, power, [*chosen, term])
             if sharpened:
                 terms, chosen = terms._sharpened(remainder, chosen)
+                moment = np.append(moment, terms.left[rows, len(moment) :].T @ remainder[rows])
             yield terms, chosen
 
     def _sharpened(self, remainder: np.ndarray, chosen: list[int]) -> tuple[FreedTerms, list[int]]:
@@ -136,7 +137,7 @@ class FreedTerms:
         if shape is None:
             return self, chosen[place]
         others = chosen[:place] + chosen[place + 1 :]
-        basis = np.linalg.qr(self.left[rows][:, others])[0]
+        basis = np.linalg.qr(self.left[:, others][rows])[0]
         rest = remainder[rows] - basis @ (basis.T @ remainder[rows])
 
         def left_with(own: np.ndarray) -> np.ndarray:
@@ -144,19 +145,17 @@ class FreedTerms:
             power = np.maximum(np.sum(beside**2, axis=0), ROUNDING)
             return rest @ rest - (rest @ beside) ** 2 / power
 
-        best, ratio = shape.value, shape.ratio
+        best, ratio, then = shape.value, shape.ratio, np.inf
         for _ in range(ZOOMS):
             numbers = best * ratio ** np.linspace(-1, 1, NUMBERS)
             freed: np.ndarray = self.projection.left(shape.values(numbers)[self.problem.rows])
-            freed = freed[rows] / np.linalg.norm(freed[rows], axis=0)
-            best = float(numbers[np.argmin(left_with(freed))])
+            powers = left_with(freed[rows] / np.linalg.norm(freed[rows], axis=0))
+            best, then = float(numbers[np.argmin(powers)]), float(powers.min())
             ratio **= 2 / (NUMBERS - 1)
-        sharper = self._with(listed.shaped(shape, best))
-        now = float(left_with(self.left[rows][:, chosen[place : place + 1]])[0])
-        then = float(left_with(sharper.left[rows][:, -1:])[0])
+        now = float(left_with(self.left[rows, chosen[place]][:, None])[0])
         floor = ROUNDING * float(remainder[rows] @ remainder[rows])
         if max(then, floor) * AS_GOOD < now:
-            return sharper, len(sharper.listed) - 1
+            return self._with(listed.shaped(shape, best)), len(self.listed)
         return self, chosen[place]
 
     def _with(self, listed: Listed) -> FreedTerms:
@@ -166,7 +165,7 @@ class FreedTerms:
         left = self.projection.left(whole)
         size = np.linalg.norm(left[rows], axis=0)
         left = np.concatenate([self.left, left / size], axis=1)
-        across = left[rows].T @ left[rows][:, -1:]
+        across = left[rows].T @ left[rows, -1:]
         gram = np.block([[self.gram, across[:-1]], [across.T]])
         return replace(
             self, listed=[*self.listed, listed], whole=np.concatenate([self.whole, whole], axis=1),

@@ -55,7 +55,7 @@ def with_mechanics(
         asked: whether it was asked for by name: then it is tried beside anything that is left.
     """
     rival = _rival(found, step, finals)
-    if effect is None or found.base.record.runs or found.verdict in ("adequate", "explained"):
+    if effect is None or found.base.record.runs or not found.leaves_a_part:
         return found
     if rival is None:
         if not asked:

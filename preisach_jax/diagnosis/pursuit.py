@@ -86,7 +86,7 @@ def find_form(
     def none(why_not: str) -> SparseForm:
         return SparseForm.none(found.ladder[-1].rms_validation, found.budget.unit, why_not)
 
-    if found.verdict not in ("unexplained", "partly_explained"):
+    if not found.leaves_a_part:
         return none(f"the verdict is {found.verdict}, which leaves nothing unexplained")
     if found.model.chain.mechanics is not None:
         return none("the output drives the hysteresis, and a term would change its path")

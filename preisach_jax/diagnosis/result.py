@@ -162,6 +162,11 @@ class Diagnosis:
     steps: tuple[Fit, ...]
     form: SparseForm | None = None
 
+    @property
+    def leaves_a_part(self) -> bool:
+        """Whether its effects, if any, leave a part of the error unexplained."""
+        return self.verdict in ("partly_explained", "unexplained")
+
     def __repr__(self) -> str:
         first, last = (
             quantity(rung.rms_validation, self.budget.unit, 3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.plant import machines
+from preisach_jax.plant.columns import save_columns
 from preisach_jax.plant.draws import (
     Measurement,
     draw_effect,
@@ -63,13 +63,9 @@ class StageRecord:
             ...     print((Path(folder) / "stage.csv").read_text().splitlines()[0])
             t_s,u_V,z_um
         """
-        columns = {"t_s": self.time, "u_V": self.input, "z_um": self.output, **self.aux}
         # Ten digits hold an encoder step, a sixteen-bit drive and half a microsecond in an hour.
-        texts = [[f"{value:.10g}" for value in column.tolist()] for column in columns.values()]
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*texts, strict=True))
+        columns = {"t_s": self.time, "u_V": self.input, "z_um": self.output, **self.aux}
+        save_columns(path, columns)
 
 
 def simulate_stage(

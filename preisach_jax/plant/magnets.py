@@ -14,7 +14,6 @@ that of Bertotti (Hysteresis in Magnetism, Academic Press 1998, ch. 12).
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.plant.columns import save_columns
 
 LOSSES = ("gain:temp_C", "eddy_currents", "excess_loss")
 STOPS = 40
@@ -91,11 +91,7 @@ class MagnetRecord:
     def save(self, path: str | Path) -> None:
         """Write the columns t_s, H_A_per_m, B_T and the auxiliary ones, comma-separated."""
         columns = {"t_s": self.time, "H_A_per_m": self.field, "B_T": self.induction, **self.aux}
-        texts = [[f"{value:.10g}" for value in column.tolist()] for column in columns.values()]
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*texts, strict=True))
+        save_columns(path, columns)
 
 
 def make_core(seed: int) -> Core:

@@ -109,7 +109,7 @@ def _driven(found: Diagnosis, language: str) -> str:
         language: of the sentence.
     """
     model, record = found.model, found.base.record
-    if found.verdict not in ("adequate", "explained"):
+    if found.leaves_a_part:
         return ""
     try:
         model.check_invertible()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -58,9 +59,11 @@ def behind_hysteresis(
     for effect in chain.at(OutputEffect):
         signal = apply_effect(effect, as_arrays(values[effect.name]), signal, signals.time)
     beside = tuple(columns_beside(chain, values, signals, known or {}).values())
-    ends = np.cumsum([columns.shape[1] for columns in beside]).tolist()
-    amounts = tuple(np.split(np.asarray(coefficients.added), ends)[: len(beside)])
-    signal = _summed(signal, as_array(float(coefficients.offset)), beside, amounts)
+    ends = np.cumsum([0, *(columns.shape[1] for columns in beside)]).tolist()
+    amounts = tuple(coefficients.added[slice(*pair)] for pair in itertools.pairwise(ends))
+    offset = coefficients.offset
+    offset = offset if isinstance(offset, jax.Array) else as_array(float(offset))
+    signal = _summed(signal, offset, beside, amounts)
     return sensed(chain, values, signal, coefficients)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,11 +25,15 @@ from preisach_jax.fit.start import (
     in_reduced_basis,
 )
 from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
+from preisach_jax.fit.training import Schedule, in_double, trained
 from preisach_jax.identify.confidence import with_grid_error
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
     as_one,
 )
+
+if TYPE_CHECKING:
+    from optax import GradientTransformation
 
 
 def fit(
@@ -38,6 +43,8 @@ def fit(
     *,
     hold_out: Sequence[Record] = (),
     progress: Progress | None = None,
+    optimiser: GradientTransformation | None = None,
+    training_steps: int | None = None,
 ) -> Fit:
     r"""Fit the Preisach model with chosen effects to a record.
 
@@ -50,14 +57,19 @@ def fit(
         levels: levels N of the plane; by default 25.
         hold_out: further records that are held out whole, in place of blocks of the others.
         progress: called with a text and a share done.
+        optimiser: of optax, such as `optax.adam(1e-2)`, by which floating JAX arrays that effects
+            of one's own hold are trained through the model; without one they stay as they are.
+        training_steps: its steps at most, by default 1000; a third of the identification rows
+            tells when to stop.
 
     Returns:
         The fit.
 
     Raises:
         InputError: if what is given is no record, several of them do not belong together, an
-            effect is unknown or that of a constant column, or levels is not an integer from 2 to
-            200.
+            effect is unknown or that of a constant column, levels is not an integer from 2 to
+            200, an optimiser has nothing to train, or a training fails before it finds anything
+            better than its start.
 
     Example:
         >>> import numpy as np, preisach_jax as pj
@@ -76,15 +88,31 @@ def fit(
                 f"{record.name}, column {name}: the auxiliary column is constant "
                 f"({values[0]:g}), so its effect cannot be seen; leave out {own[0]}"
             )
+    schedule = None if optimiser is None else Schedule.of(optimiser, training_steps)
+    if schedule is None and training_steps is not None:
+        raise InputError(
+            f"training_steps is {training_steps}, but nothing is trained without an optimiser; give "
+            "one, such as optimiser=optax.adam(1e-2)"
+        )
     with double_precision():
+        if schedule is not None:
+            chosen = in_double(chosen)
         return freed_of_spikes(
             record,
-            lambda given: _fitted(given, chosen, checked_levels(levels), progress or in_silence),
+            lambda given: _fitted(
+                given, chosen, checked_levels(levels), schedule, progress or in_silence
+            ),
             lambda found: found,
         )
 
 
-def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: Progress) -> Fit:
+def _fitted(
+    record: Record,
+    chosen: tuple[Effect, ...],
+    levels: int,
+    schedule: Schedule | None,
+    progress: Progress,
+) -> Fit:
     inside = [effect for effect in chosen if isinstance(effect, RestoringForce)]
     if inside and len(chosen) > 1:
         others = ", ".join(effect.name for effect in chosen if effect is not inside[0])
@@ -105,7 +133,10 @@ def _fitted(record: Record, chosen: tuple[Effect, ...], levels: int, progress: P
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
-    found = on_all_rows(record, problem, point)
+    training = None
+    if schedule is not None:
+        point, training = trained(problem, point, schedule, progress)
+    found = replace(on_all_rows(record, problem, point), training=training)
     if not point.parameters and not point.chain.coefficients:
         return found
     # What the cells add moves parameters as well: intervals from the residual alone are too short.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from preisach_jax.fit.training import Training
 from preisach_jax.identify import (
     Point,
 )
@@ -35,6 +36,7 @@ class Fit:
         identification: (time,) rows that identified `prediction`.
         validation: (time,) rows held out: contiguous blocks spread over the record.
         point: the numerical state, from which a larger model starts; possibly without regressors.
+        training: how the arrays of its effects were trained; None if they were not.
     """
 
     record: Record
@@ -43,6 +45,7 @@ class Fit:
     identification: np.ndarray
     validation: np.ndarray
     point: Point
+    training: Training | None = None
 
     def __repr__(self) -> str:
         from preisach_jax.present.model import model_line

@@ -1,0 +1,224 @@
+"""Effects that hold arrays, trained by an optimiser through the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from preisach_jax.effects.base import Effect
+from preisach_jax.errors import InputError, NotFiniteError, whole_number
+from preisach_jax.fit.running import Progress, in_silence
+from preisach_jax.identify import IDENTIFICATION, Point, Problem, evaluate, refine, with_strength
+
+if TYPE_CHECKING:
+    from optax import GradientTransformation, GradientTransformationExtraArgs
+
+    from preisach_jax.fit.gradient import Leaves, Steps
+
+TRAINING_STEPS = 1_000
+"""Steps of an optimiser, at most, if nothing else is asked for."""
+
+STEPS_AT_ONCE = 25
+"""Steps from one solution for the linear coefficients to the next."""
+
+PATIENCE = 10
+"""Such rounds without a better model until the training ends."""
+
+LEAST_FALL = 1e-3
+"""Relative fall of the mean square by which a model is better."""
+
+DIVERGED = 100.0
+"""Times the mean square at the start at which a training has diverged."""
+
+TRAINED, STOPPING = IDENTIFICATION[:-1], IDENTIFICATION[-1:]
+"""Folds of the rows that identify: those by which arrays are trained, and the one that says which
+step is the best.  The rows that are held out take no part in either."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How the arrays of effects were trained.
+
+    Attributes:
+        effects: names of the effects.
+        numbers: how many numbers their arrays hold.
+        steps: steps that were taken.
+        best_step: step whose arrays were kept; 0 where no step lowers the error.
+        rms_before, rms_after: error on the identification rows that chose the step, before the
+            first step and at the best one, in output units.
+        ended: why it ended.
+    """
+
+    effects: tuple[str, ...]
+    numbers: int
+    steps: int
+    best_step: int
+    rms_before: float
+    rms_after: float
+    ended: str
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """How effects are trained: by which optimiser, and for how many steps at most."""
+
+    optimiser: GradientTransformationExtraArgs
+    steps: int
+
+    @staticmethod
+    def of(optimiser: GradientTransformation, steps: int | None) -> Schedule:
+        """A schedule from what a user gave.
+
+        Arguments:
+            optimiser: of optax.
+            steps: steps at most; by default 1000.
+
+        Raises:
+            InputError: if the optimiser is none, or steps is no whole number of at least 1.
+        """
+        import optax
+
+        if not isinstance(optimiser, optax.GradientTransformation):
+            raise InputError(
+                f"optimiser is {optimiser!r:.80}: give one of optax, such as optax.adam(1e-2)"
+            )
+        count = TRAINING_STEPS if steps is None else steps
+        count = whole_number("training_steps is", count, least=1)
+        return Schedule(optax.with_extra_args_support(optimiser), count)
+
+
+def in_double(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    """Some effects whose arrays are in double precision, if any of them has arrays to train.
+
+    Arguments:
+        effects: the effects.
+
+    Raises:
+        InputError: if none of them holds an array that can be trained.
+    """
+    from preisach_jax.fit.gradient import is_trained, leaves_of
+
+    if not leaves_of(effects):
+        names = ", ".join(effect.name for effect in effects) or "none"
+        raise InputError(
+            f"an optimiser is given, but no effect (effects: {names}) holds a floating JAX array "
+            "that it could train; pass one that does, such as an equinox.nn.MLP, or no optimiser"
+        )
+
+    def cast(leaf: Any) -> Any:
+        return leaf.astype(float) if is_trained(leaf) else leaf
+
+    return tuple(jax.tree.map(cast, effect) for effect in effects)
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best model so far.
+
+    Attributes:
+        step: how many steps it took.
+        point: the model.
+        mean_square: on the fold that chooses, in squared output ranges.
+    """
+
+    step: int
+    point: Point
+    mean_square: float
+
+
+def trained(
+    problem: Problem, point: Point, schedule: Schedule, progress: Progress = in_silence
+) -> tuple[Point, Training]:
+    """The model whose effects have trained arrays, its other numbers refitted with them.
+
+    Arguments:
+        problem: the record.
+        point: the model, with the arrays from which the training starts.
+        schedule: the optimiser and its steps.
+        progress: called with a text and the share of the work that is done.
+
+    Returns:
+        The model, solved on all rows that identify, and how it was trained.  Where the training
+        fails after it has found a better model than that of the start, it is that model.
+
+    Raises:
+        InputError: if a gradient is not finite, or the training diverges, before anything better
+            than the start was found.
+    """
+    from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken
+
+    leaves = leaves_of(point.chain.effects)
+    now = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
+    first = best = _Best(0, now, _mean_square(problem, now))
+    state = schedule.optimiser.init(leaves)
+    optimiser = shared(schedule.optimiser, leaves)
+    at_once = min(STEPS_AT_ONCE, schedule.steps)
+    rounds = -(-schedule.steps // at_once)
+    taken, ended = 0, f"all {rounds * at_once} steps were taken"
+    for position in range(rounds):
+        progress(f"training {', '.join(leaves)}, step {taken}", position / rounds)
+        course = Course.of(problem, now, tuple(leaves))
+        result = steps_taken(course, leaves, state, optimiser, at_once)
+        failure = _failure(result, leaves, taken)
+        if not failure:
+            leaves, state, taken = result.leaves, result.state, taken + at_once
+            moved = _moved(problem, now, leaves)
+            own = np.inf if moved is None else _mean_square(problem, moved)
+            if moved is None or not own <= DIVERGED * first.mean_square:
+                failure = f"the training diverges at step {taken}; lower the learning rate"
+            elif own < (1 - LEAST_FALL) * best.mean_square:
+                best = _Best(taken, moved, own)
+            now = moved or now
+        if failure and not best.step:
+            raise InputError(failure)
+        if failure:
+            ended = f"{failure}; what was found at step {best.step} is kept"
+            break
+        if taken - best.step >= PATIENCE * at_once:
+            ended = f"the error no longer fell after step {best.step}"
+            break
+    end = evaluate(problem, best.point.chain, best.point.values, point.strength, best.point)
+    end = refine(problem, with_strength(problem, end))
+    before, after = (float(np.sqrt(each.mean_square)) * problem.unit for each in (first, best))
+    numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(leaves))
+    return end, Training(tuple(leaves), numbers, taken, best.step, before, after, ended)
+
+
+def _mean_square(problem: Problem, point: Point) -> float:
+    """Mean square on the fold that chooses the step, in squared output ranges."""
+    return float(np.mean(point.residual[np.isin(problem.fold, STOPPING)] ** 2))
+
+
+def _moved(problem: Problem, point: Point, leaves: Leaves) -> Point | None:
+    """The model with other arrays, its other numbers refitted; None if it is not finite."""
+    from preisach_jax.fit.gradient import with_leaves
+
+    chain = point.chain.with_effects(with_leaves(point.chain.effects, leaves))
+    try:
+        moved = evaluate(problem, chain, point.values, point.strength, point, TRAINED)
+        return refine(problem, moved, iterations=1)
+    except NotFiniteError:
+        return None
+
+
+def _failure(result: Steps, leaves: Leaves, taken: int) -> str:
+    """What went wrong in some steps, in a line; empty if nothing did."""
+    from preisach_jax.fit.gradient import names_of
+
+    values, finite = np.asarray(result.mean_square), np.asarray(result.finite)
+    sound = np.isfinite(values) & finite.all(axis=1)
+    if sound.all():
+        return ""
+    at = int(np.argmin(sound))
+    step = taken + at + 1
+    if not np.isfinite(values[at]):
+        return f"the training diverges at step {step}: the error is not finite; lower the learning rate"
+    array = names_of(leaves)[int(np.argmin(finite[at]))]
+    return (
+        f"the effect {array}: the gradient is not finite at step {step}; write the effect so that "
+        "it has a derivative wherever it acts (a root or a norm has none at zero, and jnp.where "
+        "does not hide that), or lower the learning rate"
+    )

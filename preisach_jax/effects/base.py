@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from preisach_jax.effects.arrays import arrays_in
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
 from preisach_jax.effects.parameter import Parameter, declared_by
 from preisach_jax.effects.places import Place
@@ -206,10 +207,10 @@ class Effect(eqx.Module):
         return None
 
     def settings(self) -> dict[str, Any]:
-        """The fields of this effect, for the model file."""
-        return {
-            own.name: getattr(self, own.name) for own in fields(self) if declared_by(own) is None
-        }
+        """The fields of this effect, for the model file; of those with arrays, these as lists."""
+        plain = {own.name: getattr(self, own.name) for own in fields(self) if not declared_by(own)}
+        held = {name: arrays_in(value) for name, value in plain.items()}
+        return plain | {n: [each.tolist() for each in own] for n, own in held.items() if own}
 
 
 class _Stepped(Effect):

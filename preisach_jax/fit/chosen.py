@@ -57,9 +57,9 @@ def fit(
         levels: levels N of the plane; by default 25.
         hold_out: further records that are held out whole, in place of blocks of the others.
         progress: called with a text and a share done.
-        optimiser: of optax, such as `optax.adam(1e-2)`, by which floating JAX arrays that effects
-            of one's own hold are trained through the model; without one they stay as they are.
-        training_steps: its steps at most, by default 1000; a third of the identification rows
+        optimiser: of optax, such as `optax.adam(1e-2)`, by which the floating arrays that
+            effects of one's own hold are trained through the model; without one they stay as they are.
+        training_steps: its steps at most, by default 2000; a third of the identification rows
             tells when to stop.
 
     Returns:

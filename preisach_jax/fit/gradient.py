@@ -29,6 +29,7 @@ from preisach_jax.chain import Chain
 from preisach_jax.chain.compiled import ROUND_COLUMNS, as_arrays
 from preisach_jax.chain.differentiable import Run, on_the_unit_plane, output_along
 from preisach_jax.chain.runs import JoinedSignals, of_run, parts_of
+from preisach_jax.effects.arrays import is_floating
 from preisach_jax.effects.base import Effect, Values
 from preisach_jax.identify import Point, Problem
 
@@ -36,14 +37,9 @@ Leaves = dict[str, Effect]
 """By effect, the arrays that are trained, in the effect's own tree; None in all other places."""
 
 
-def is_trained(leaf: Any) -> bool:
-    """Whether a leaf of an effect is trained: a floating array of JAX; NumPy's are constants."""
-    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)
-
-
 def leaves_of(effects: tuple[Effect, ...]) -> Leaves:
     """The arrays of some effects that are trained, without the effects that have none."""
-    found = {effect.name: eqx.filter(effect, is_trained) for effect in effects}
+    found = {effect.name: eqx.filter(effect, is_floating) for effect in effects}
     return {name: own for name, own in found.items() if jax.tree.leaves(own)}
 
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from preisach_jax.effects.arrays import is_floating
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError, NotFiniteError, whole_number
 from preisach_jax.fit.running import Progress, in_silence
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
     from preisach_jax.fit.gradient import Leaves, Steps
 
-TRAINING_STEPS = 1_000
+TRAINING_STEPS = 2_000
 """Steps of an optimiser, at most, if nothing else is asked for."""
 
 STEPS_AT_ONCE = 25
@@ -74,7 +76,7 @@ class Schedule:
 
         Arguments:
             optimiser: of optax.
-            steps: steps at most; by default 1000.
+            steps: steps at most; by default 2000.
 
         Raises:
             InputError: if the optimiser is none, or steps is no whole number of at least 1.
@@ -99,17 +101,17 @@ def in_double(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     Raises:
         InputError: if none of them holds an array that can be trained.
     """
-    from preisach_jax.fit.gradient import is_trained, leaves_of
+    from preisach_jax.fit.gradient import leaves_of
 
     if not leaves_of(effects):
         names = ", ".join(effect.name for effect in effects) or "none"
         raise InputError(
-            f"an optimiser is given, but no effect (effects: {names}) holds a floating JAX array "
-            "that it could train; pass one that does, such as an equinox.nn.MLP, or no optimiser"
+            f"an optimiser is given, but no effect (effects: {names}) holds a floating array "
+            "that it can train; pass one that does, such as an equinox.nn.MLP, or no optimiser"
         )
 
     def cast(leaf: Any) -> Any:
-        return leaf.astype(float) if is_trained(leaf) else leaf
+        return jnp.asarray(leaf, float) if is_floating(leaf) else leaf
 
     return tuple(jax.tree.map(cast, effect) for effect in effects)
 
@@ -180,11 +182,17 @@ def trained(
         if taken - best.step >= PATIENCE * at_once:
             ended = f"the error no longer fell after step {best.step}"
             break
-    end = evaluate(problem, best.point.chain, best.point.values, point.strength, best.point)
+    chain = best.point.chain.with_effects(jax.tree.map(_stored, best.point.chain.effects))
+    end = evaluate(problem, chain, best.point.values, point.strength, best.point)
     end = refine(problem, with_strength(problem, end))
     before, after = (float(np.sqrt(each.mean_square)) * problem.unit for each in (first, best))
     numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(leaves))
     return end, Training(tuple(leaves), numbers, taken, best.step, before, after, ended)
+
+
+def _stored(leaf: Any) -> Any:
+    # Double precision that JAX holds can be used only where JAX is told to work in it.
+    return np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf
 
 
 def _mean_square(problem: Problem, point: Point) -> float:

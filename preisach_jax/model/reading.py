@@ -16,6 +16,7 @@ from preisach_jax.chain import (
     Coefficients,
 )
 from preisach_jax.effects import BUILT_IN, library, placeholder
+from preisach_jax.effects.arrays import with_settings
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
 from preisach_jax.model.band import PARTS, SLICES, Band
@@ -330,7 +331,7 @@ def _set(pattern: Effect, entry: dict[str, Any], place: str) -> Effect:
         for key, value in entry["settings"].items()
     }
     try:
-        effect = type(pattern)(**settings)
+        effect = with_settings(pattern, settings, f"{place}.settings")
         declared = [*effect.parameters(), *getattr(effect, "coefficients", tuple)()]
     except (ArithmeticError, ValueError) as error:
         raise InputError(f"{place}.settings are of no {entry['name']}: {error}") from error

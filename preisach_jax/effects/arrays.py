@@ -1,0 +1,83 @@
+"""Effects that hold arrays, such as the weights of a network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.errors import InputError
+
+
+class _Settable(Protocol):
+    def settings(self) -> dict[str, Any]: ...
+
+
+Kind = TypeVar("Kind", bound=_Settable)
+
+
+def is_floating(leaf: Any) -> bool:
+    """Whether a leaf of an effect is a floating array, of JAX or NumPy.
+
+    Example:
+        >>> is_floating(np.ones(2)), is_floating(np.arange(2)), is_floating(1.0)
+        (True, False, False)
+    """
+    return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(leaf.dtype, jnp.floating)
+
+
+def arrays_in(value: Any) -> list[Any]:
+    """The floating arrays of a field of an effect, in the order of its tree.
+
+    Example:
+        >>> [each.shape for each in arrays_in({"bias": np.ones(2), "weight": np.ones((2, 3))})]
+        [(2,), (2, 3)]
+    """
+    return jax.tree.leaves(eqx.filter(value, is_floating))
+
+
+def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
+    """An effect of a pattern's kind with the settings of a file.
+
+    Arguments:
+        pattern: an effect; of one that holds arrays, those are replaced in it, since a class may be
+            made with a key in place of its fields.
+        settings: its fields by name, as `Effect.settings` gave them.
+        place: where they stand in the file, for messages.
+
+    Raises:
+        InputError: if arrays are not of the shapes that the pattern's have.
+    """
+    held = [name for name in settings if arrays_in(getattr(pattern, name))]
+    if not held:
+        return type(pattern)(**settings)
+    own = pattern.settings()
+    others = {k: v for k, v in settings.items() if k not in held and v != own[k]}
+    return eqx.tree_at(
+        lambda effect: [getattr(effect, name) for name in held],
+        replace(pattern, **others) if others else pattern,
+        [_filled(getattr(pattern, name), settings[name], f"{place}.{name}") for name in held],
+    )
+
+
+def _filled(value: Any, arrays: Any, place: str) -> Any:
+    """A field of an effect with the arrays of a file, nested lists, in place of its own."""
+    own, rest = eqx.partition(value, is_floating)
+    leaves, tree = jax.tree.flatten(own)
+    expected = [tuple(leaf.shape) for leaf in leaves]
+    try:
+        given = [np.asarray(each, dtype=float) for each in arrays]
+        shapes = [each.shape for each in given]
+    except (TypeError, ValueError):
+        given, shapes = [], None
+    if shapes != expected or not all(np.isfinite(each).all() for each in given):
+        told = "no lists of finite numbers" if shapes is None else f"arrays of {shapes}"
+        raise InputError(
+            f"{place} holds {told:.80}, and the effect that was passed arrays of {expected}: pass "
+            "one of the size that was saved"
+        )
+    return eqx.combine(jax.tree.unflatten(tree, given), rest)

@@ -8,38 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.diagnosis.learned import LearnedTerm
+from preisach_jax.diagnosis.state import LABEL, State
 from preisach_jax.quantity import number, quantity
-
-LABEL = "form, not cause"
 
 LEAST_TOLD = 0.2
 """RMS of a term, over that of the leading one, from which on its physics is told."""
-
-
-@dataclass(frozen=True)
-class State:
-    """A quantity that terms are made of, counted from a centre and in parts of a scale.
-
-    Attributes:
-        name: in words.
-        symbol: in formulas.
-        unit: its unit, empty where it has none.
-        centre, scale: in that unit; a term takes (value - centre) / scale.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    centre: float
-    scale: float
-
-    @property
-    def text(self) -> str:
-        """What its symbol stands for, and in parts of what it is counted."""
-        if self.scale == 1.0 and not self.unit:
-            return f"{self.symbol}: {self.name}"
-        start = f" from {quantity(self.centre, self.unit, 3)}" if self.centre else ""
-        return f"{self.symbol}: {self.name}{start} in parts of {quantity(self.scale, self.unit, 3)}"
 
 
 @dataclass(frozen=True)
@@ -97,6 +71,7 @@ class SparseForm:
         why_not: why no form is offered; empty if one is.
         notes: what a reader must know of the states.
         dependence: the remainder over the leading term; None if none is offered.
+        learned: the learned term that was tried in its place; None if there was no need.
     """
 
     terms: tuple[Term, ...]
@@ -109,8 +84,11 @@ class SparseForm:
     why_not: str
     notes: tuple[str, ...]
     dependence: Dependence | None = None
+    learned: LearnedTerm | None = None
 
     def __repr__(self) -> str:
+        if self.learned is not None and self.learned.offered:
+            return f"<SparseForm: none, {self.why_not}; {self.learned.sentence}>"
         if not self.terms:
             return f"<SparseForm: none, {self.why_not}>"
         first, last = (quantity(rms, self.unit, 3) for rms in (self.rms_before, self.rms_after))
@@ -164,19 +142,22 @@ class SparseForm:
         return list(dict.fromkeys(term.physics for term in self.terms if term.rms >= least))
 
     def to_json(self) -> dict[str, Any] | None:
-        """The content of the key `form` of `diagnosis.json`; None if none is offered."""
-        if not self.terms:
+        """The content of the key `form` of `diagnosis.json`; None if nothing is offered."""
+        learned = self.learned if self.learned is not None and self.learned.offered else None
+        if not self.terms and learned is None:
             return None
+        told = self if learned is None else learned
         return {
             "label": LABEL,
             "formula": self.formula,
             "terms": [asdict(term) for term in self.terms],
-            "rms_before": self.rms_before,
-            "rms_after": self.rms_after,
+            "rms_before": told.rms_before,
+            "rms_after": told.rms_after,
             "unit": self.unit,
-            "evidence": dict(self.evidence),
-            "chance": self.chance,
-            "draws": self.draws,
-            "where_to_look": self.physics,
+            "evidence": dict(told.evidence),
+            "chance": told.chance,
+            "draws": told.draws,
+            "where_to_look": self.physics if learned is None else list(learned.where_to_look),
             "notes": list(self.notes),
+            "learned": None if learned is None else learned.to_json(),
         }

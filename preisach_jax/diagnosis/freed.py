@@ -230,13 +230,8 @@ class FreedTerms:
         """
         generator = np.random.default_rng(seed)
         order = self.problem.in_time
-        shifted = np.empty((len(order), draws))
-        parts = np.array_split(order, SHIFTED_PARTS)
-        for draw in range(draws):
-            for part in parts:
-                lag = int(generator.integers(len(part)))
-                shifted[part, draw] = np.roll(self.remainder[part], lag)
-        refitted_remainders: np.ndarray = self.projection.left(shifted)
+        moved = [shifted(self.remainder, order, generator) for _ in range(draws)]
+        refitted_remainders: np.ndarray = self.projection.left(np.stack(moved, axis=1))
         most = 0.0
         for draw in range(draws):
             remainder = refitted_remainders[:, draw]
@@ -257,6 +252,22 @@ class FreedTerms:
             for terms, chosen in self.pursued(remainder, sharpened=sharpened)
         )
         return max((1 - float(np.mean(e[held_out] ** 2)) / before for e in left), default=0.0)
+
+
+def shifted(
+    remainder: np.ndarray, in_time: np.ndarray, generator: np.random.Generator
+) -> np.ndarray:
+    """A remainder that is shifted round parts of the record, each by a lag of its own.
+
+    Arguments:
+        remainder: (row,) the remainder.
+        in_time: (row,) positions of the rows in the order of time.
+        generator: of the lags.
+    """
+    moved = np.empty_like(remainder)
+    for part in np.array_split(in_time, SHIFTED_PARTS):
+        moved[part] = np.roll(remainder[part], int(generator.integers(len(part))))
+    return moved
 
 
 def refitted(

@@ -16,28 +16,23 @@ import numpy as np
 from preisach_jax.diagnosis.evidence import Evidence, evidence_between
 from preisach_jax.diagnosis.form import Dependence, SparseForm, Term
 from preisach_jax.diagnosis.freed import FreedTerms, refitted
-from preisach_jax.diagnosis.judgement import CONFIRMATION_LEVELS, WEAK
+from preisach_jax.diagnosis.learning import learned
+from preisach_jax.diagnosis.offer import Offer
 from preisach_jax.diagnosis.result import Diagnosis
 from preisach_jax.diagnosis.terms import Listed, library_of
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
-    REFINEMENT,
     Fit,
     Progress,
-    at_levels,
     double_precision,
     in_silence,
     with_regressors,
 )
 from preisach_jax.identify import VALIDATION, Point, Problem
-from preisach_jax.quantity import quantity
 
 DRAWS = 40
 """Shifted remainders by which chance is measured."""
-
-LEAST_FORM_GAIN = 0.25
-"""Relative fall of the held-out mean square below which no form is offered."""
 
 PARTS = 24
 """Parts of equal numbers of rows of the picture."""
@@ -91,7 +86,12 @@ def find_form(
     if found.model.chain.mechanics is not None:
         return none("the output drives the hysteresis, and a term would change its path")
     with double_precision():
-        return sought(found.final, found.budget.discretisation, seed, draws, progress or in_silence)
+        progress = progress or in_silence
+        grid = found.budget.discretisation
+        form = sought(found.final, grid, seed, draws, progress)
+        if form.offered:
+            return form
+        return replace(form, learned=learned(found.final, grid, seed, draws, progress))
 
 
 def sought(
@@ -125,10 +125,12 @@ def sought(
     evidence = trial.evidence.numbers()
     chance = terms.by_chance(seed, draws, evidence["gain"])
     measured = replace(none, evidence=evidence, chance=chance, draws=draws)
-    if against := _against(trial, chance, draws, discretisation):
+    before, after = trial.rms
+    offer = Offer(problem, point, trial.evidence, before, after)
+    against = offer.against(discretisation) or offer.against_chance(chance, draws)
+    if against:
         return replace(measured, why_not=against)
     told, dependence = _described(trial)
-    before, after = trial.rms
     return replace(measured, terms=told, rms_before=before, rms_after=after, dependence=dependence)
 
 
@@ -198,43 +200,6 @@ def _tried(problem: Problem, point: Point, terms: FreedTerms) -> _Trial:
         if not now.beats(fewer):
             now = fewer
     return now
-
-
-def _against(trial: _Trial, chance: float, draws: int, discretisation: float) -> str:
-    """Why a form is not offered; empty if it is."""
-    evidence, unit = trial.evidence, trial.problem.record.output_unit
-    if evidence.against:
-        return evidence.against
-    falls = f"the best one lowers the held-out mean square by {100 * evidence.gain:.0f} %"
-    if not evidence.gain >= LEAST_FORM_GAIN:
-        return f"{falls}, less than {100 * LEAST_FORM_GAIN:.0f} %"
-    if not evidence.gain > chance:
-        return (
-            f"{falls}, the same search on {draws} shifted remainders by up to {100 * chance:.0f} %"
-        )
-    before, after = trial.rms
-    removed = float(np.sqrt(before**2 - after**2))
-    if not removed > discretisation:
-        return (
-            f"the best one takes away {quantity(removed, unit, 3)} RMS, no more than the "
-            f"discretisation of the plane, {quantity(discretisation, unit, 3)}"
-        )
-    return "" if evidence.gain >= WEAK else _by_the_grid(trial)
-
-
-def _by_the_grid(trial: _Trial) -> str:
-    """What says that a finer plane does nearly as well as a form; empty if none does."""
-    levels = trial.point.chain.plane.levels
-    finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
-    if finer <= levels:
-        return ""
-    plain = at_levels(trial.problem.reduced(), trial.point, finer)
-    left = trial.rms[1] / trial.problem.unit
-    if left**2 <= (1 - LEAST_FORM_GAIN) * plain.validation_mean_square:
-        return ""
-    rms = float(np.sqrt(plain.validation_mean_square)) * trial.problem.unit
-    shown = quantity(rms, trial.problem.record.output_unit, 3)
-    return f"a plane of {finer} levels leaves {shown} RMS without it: it mends the grid"
 
 
 def _described(trial: _Trial) -> tuple[tuple[Term, ...], Dependence]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from preisach_jax.diagnosis.form import State
 from preisach_jax.diagnosis.remainder import OF_COLUMN, PHYSICS
 from preisach_jax.diagnosis.shape import Shape, low_pass, memory, power, saturating
+from preisach_jax.diagnosis.state import State
 from preisach_jax.record import Record
 from preisach_jax.record.course import input_rate, last_reversal
 
@@ -68,7 +68,7 @@ OF_MEMORY_PRODUCT = "a gain that follows the past: warming by losses, fatigue th
 
 
 @dataclass(frozen=True, eq=False)
-class _Values:
+class Along:
     """A state, its kind, and its standardised values along the samples."""
 
     state: State
@@ -122,7 +122,7 @@ class Library:
         physics: str,
         order: int,
         values: np.ndarray,
-        *of: _Values,
+        *of: Along,
         shape: Shape | None = None,
     ) -> None:
         """Take up a term, unless it does not vary or is not finite."""
@@ -134,7 +134,7 @@ class Library:
             alone = of[0].values if len(of) == 1 and not past else None
             self.terms.append(Listed(formula, physics, states, order, values, alone, shape))
 
-    def add_shaped(self, shape: Shape, physics: str, order: int, *of: _Values) -> None:
+    def add_shaped(self, shape: Shape, physics: str, order: int, *of: Along) -> None:
         """Take up a term with a number inside it."""
         values = shape.values(np.array([shape.value]))[:, 0]
         self.add(shape.formula(shape.value), physics, order, values, *of, shape=shape)
@@ -161,8 +161,8 @@ def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
         ['u', 'u²', 'u³']
     """
     found = Library()
-    states = {each.kind: each for each in _states(record, output, kept)}
-    columns = _columns(record, kept, found.notes)
+    states = {each.kind: each for each in states_of(record, output, kept)}
+    columns = columns_of(record, kept, found.notes)
     speed = _speed(states)
     for each in (*states.values(), *columns):
         _alone(found, each)
@@ -172,7 +172,7 @@ def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
     return found
 
 
-def _states(record: Record, output: np.ndarray, kept: np.ndarray) -> list[_Values]:
+def states_of(record: Record, output: np.ndarray, kept: np.ndarray) -> list[Along]:
     """The states of a record, but its columns; those that do not vary are left out."""
     last, time = last_reversal(record.input, None, record.starts), record.time
     rate = input_rate(time, record.input, record.starts)
@@ -196,7 +196,7 @@ def _states(record: Record, output: np.ndarray, kept: np.ndarray) -> list[_Value
         ("time", "time", "t", "s", time, centred),
         ("turn", "input at the last reversal", "u_r", u, record.input[last], centred),
     ]  # fmt: skip
-    found: list[_Values] = []
+    found: list[Along] = []
     for kind, name, symbol, unit, values, way_of in rows:
         own = values[kept]
         if not np.isfinite(own).all() or not np.ptp(own):
@@ -210,7 +210,7 @@ def _states(record: Record, output: np.ndarray, kept: np.ndarray) -> list[_Value
         elif way_of == "scaled":
             scale = float(np.abs(own).max())
         state = State(name, symbol, unit, centre, scale)
-        found.append(_Values(state, kind, (own - centre) / scale))
+        found.append(Along(state, kind, (own - centre) / scale))
     return found
 
 
@@ -221,9 +221,9 @@ def _last_move(values: np.ndarray) -> np.ndarray:
     return np.where(step[moved] == 0, 1.0, step[moved])
 
 
-def _columns(record: Record, kept: np.ndarray, notes: list[str]) -> list[_Values]:
+def columns_of(record: Record, kept: np.ndarray, notes: list[str]) -> list[Along]:
     """Auxiliary columns, each from its mean in parts of its deviation."""
-    found: list[_Values] = []
+    found: list[Along] = []
     for name, values in record.aux.items():
         own = values[kept]
         if not np.isfinite(own).all():
@@ -241,16 +241,16 @@ def _columns(record: Record, kept: np.ndarray, notes: list[str]) -> list[_Values
             unit = record.channels[name].unit
             centre, scale = float(own.mean()), float(own.std())
             state = State(f"column {name}", name, unit, centre, scale)
-            found.append(_Values(state, "column", (own - centre) / scale))
+            found.append(Along(state, "column", (own - centre) / scale))
     return found
 
 
-def _speed(states: dict[str, _Values]) -> _Values | None:
+def _speed(states: dict[str, Along]) -> Along | None:
     rate = states.get("rate")
-    return rate and _Values(rate.state, "rate", np.abs(rate.values))
+    return rate and Along(rate.state, "rate", np.abs(rate.values))
 
 
-def _physics(*kinds: str) -> str:
+def physics_of(*kinds: str) -> str:
     """Where to look for what makes a product of states of these kinds."""
     own = {kind.removesuffix(" of output") for kind in kinds}
     if len(own) == 1:
@@ -263,9 +263,9 @@ def _physics(*kinds: str) -> str:
     return f"{BY_KIND[ranked[0]]}; its size changes with the other state"
 
 
-def _alone(found: Library, of: _Values) -> None:
+def _alone(found: Library, of: Along) -> None:
     """Terms of one state."""
-    x, s, physics = of.values, of.state.symbol, _physics(of.kind)
+    x, s, physics = of.values, of.state.symbol, physics_of(of.kind)
     found.add(s, physics, ORDERS["plain"], x, of)
     if of.kind == "direction":
         return
@@ -283,10 +283,10 @@ def _alone(found: Library, of: _Values) -> None:
 
 
 def _products(
-    found: Library, states: dict[str, _Values], columns: Sequence[_Values], speed: _Values | None
+    found: Library, states: dict[str, Along], columns: Sequence[Along], speed: Along | None
 ) -> None:
     """Products of two states, and of a place with a bent rate."""
-    listed: list[tuple[str, _Values]] = [
+    listed: list[tuple[str, Along]] = [
         (each.state.symbol, each)
         for each in (*states.values(), *columns)
         if each.kind not in ("acceleration", "rate of output")
@@ -295,12 +295,12 @@ def _products(
         listed.append((f"|{speed.state.symbol}|", speed))
     for (name, one), (other, two) in itertools.combinations(listed, 2):
         values = one.values * two.values
-        physics = _physics(one.kind, two.kind)
+        physics = physics_of(one.kind, two.kind)
         found.add(f"{name} · {other}", physics, ORDERS["product"], values, one, two)
     places = [states[kind] for kind in ("position", "output") if kind in states]
     for place, column in itertools.product(places, columns):
         x, c, own = column.values, column.state.symbol, place.state.symbol
-        physics = _physics(place.kind, column.kind)
+        physics = physics_of(place.kind, column.kind)
         bent = power(c, x, 1.0, NEXT_EXPONENT, odd=False).times(own, place.values)
         found.add_shaped(bent, physics, ORDERS["bent product"], place, column)
         square = place.values * x**2
@@ -313,7 +313,7 @@ def _products(
             *(saturating(s, r, width, NEXT_WIDTH) for width in WIDTHS[1:])]  # fmt: skip
     order = ORDERS["bent product"]
     for each in (*places, *columns):
-        physics, own, values = _physics(each.kind, "rate"), each.state.symbol, each.values
+        physics, own, values = physics_of(each.kind, "rate"), each.state.symbol, each.values
         for shape in bent:
             found.add_shaped(shape.times(own, values), physics, order, each, rate)
         found.add(f"{own} · {s}²", physics, order, values * r**2, each, rate)
@@ -323,14 +323,14 @@ def _products(
 
 def _memories(
     found: Library,
-    states: dict[str, _Values],
-    columns: Sequence[_Values],
-    speed: _Values | None,
+    states: dict[str, Along],
+    columns: Sequence[Along],
+    speed: Along | None,
     time: np.ndarray,
     starts: np.ndarray,
 ) -> None:
     """First-order memories of states, and of those the products with input and output."""
-    of: list[tuple[str, np.ndarray, _Values]] = [
+    of: list[tuple[str, np.ndarray, Along]] = [
         (each.state.symbol, each.values, each)
         for each in (*states.values(), *columns)
         if each.kind not in ("time", "turn", "acceleration", "path", "age", "rate of output")

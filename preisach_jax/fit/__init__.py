@@ -35,6 +35,7 @@ from preisach_jax.fit.steps import (
     with_signs,
     without_effect,
 )
+from preisach_jax.fit.training import Schedule, Training, trained
 
 __all__ = [
     "COARSE_LEVELS",
@@ -45,6 +46,8 @@ __all__ = [
     "SEARCH_ROWS",
     "Fit",
     "Progress",
+    "Schedule",
+    "Training",
     "at_levels",
     "aux_units",
     "base_point",
@@ -63,6 +66,7 @@ __all__ = [
     "on_all_rows",
     "plane_of",
     "settled",
+    "trained",
     "with_effect",
     "with_regressors",
     "with_signs",

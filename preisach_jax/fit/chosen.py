@@ -135,7 +135,9 @@ def _fitted(
         point = with_effect(problem, point, effect, always=True)
     training = None
     if schedule is not None:
-        point, training = trained(problem, point, schedule, progress)
+        point, training = trained(
+            problem, point, [each.name for each in chosen], schedule, progress
+        )
     found = replace(on_all_rows(record, problem, point), training=training)
     if not point.parameters and not point.chain.coefficients:
         return found

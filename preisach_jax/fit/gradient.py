@@ -229,9 +229,7 @@ def shared(
         def value_fn(own: Leaves) -> Array:
             return sum((jnp.sum(each) for each in jax.tree.leaves(own)), value)
 
-        return optimiser.update(
-            gradient, state, now, value=value, grad=gradient, value_fn=value_fn
-        )
+        return optimiser.update(gradient, state, now, value=value, grad=gradient, value_fn=value_fn)
 
     traced = jax.make_jaxpr(update)(leaves, optimiser.init(leaves), leaves)
     constants = tuple(np.asarray(each).tobytes() for each in traced.consts)

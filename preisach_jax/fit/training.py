@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,7 @@ PATIENCE = 10
 LEAST_FALL = 1e-3
 """Relative fall of the mean square by which a model is better."""
 
-DIVERGED = 100.0
+DIVERGED = 25.0
 """Times the mean square at the start at which a training has diverged."""
 
 TRAINED, STOPPING = IDENTIFICATION[:-1], IDENTIFICATION[-1:]
@@ -132,13 +133,18 @@ class _Best:
 
 
 def trained(
-    problem: Problem, point: Point, schedule: Schedule, progress: Progress = in_silence
+    problem: Problem,
+    point: Point,
+    names: Collection[str],
+    schedule: Schedule,
+    progress: Progress = in_silence,
 ) -> tuple[Point, Training]:
     """The model whose effects have trained arrays, its other numbers refitted with them.
 
     Arguments:
         problem: the record.
         point: the model, with the arrays from which the training starts.
+        names: names of the effects whose arrays are trained.
         schedule: the optimiser and its steps.
         progress: called with a text and the share of the work that is done.
 
@@ -152,7 +158,7 @@ def trained(
     """
     from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken
 
-    leaves = leaves_of(point.chain.effects)
+    leaves = leaves_of(tuple(each for each in point.chain.effects if each.name in names))
     now = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
     first = best = _Best(0, now, _mean_square(problem, now))
     state = schedule.optimiser.init(leaves)
@@ -185,6 +191,8 @@ def trained(
     chain = best.point.chain.with_effects(jax.tree.map(_stored, best.point.chain.effects))
     end = evaluate(problem, chain, best.point.values, point.strength, best.point)
     end = refine(problem, with_strength(problem, end))
+    if not best.step:
+        ended = "no step lowered the error; lower the learning rate, or start from other arrays"
     before, after = (float(np.sqrt(each.mean_square)) * problem.unit for each in (first, best))
     numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(leaves))
     return end, Training(tuple(leaves), numbers, taken, best.step, before, after, ended)

@@ -12,7 +12,7 @@ from preisach_jax.present.model import chain_table, model_line, model_name
 from preisach_jax.quantity import number, scaled
 
 if TYPE_CHECKING:
-    from preisach_jax.fit import Fit
+    from preisach_jax.fit import Fit, Training
     from preisach_jax.record import Record
     from preisach_jax.record.joined import RunErrors
 
@@ -116,6 +116,17 @@ def run_lines(errors: Sequence[RunErrors], unit: str) -> list[str]:
     return lines
 
 
+def training_lines(training: Training | None, unit: str) -> list[str]:
+    """How the arrays of effects were trained, a line; none if they were not."""
+    if training is None:
+        return []
+    return [
+        f"  {', '.join(training.effects)}: {training.numbers:,} numbers trained, best at step "
+        f"{training.best_step} of {training.steps} (error on the rows that chose it "
+        f"{training.rms_before:.4g} -> {training.rms_after:.4g} {unit} RMS); {training.ended}"
+    ]
+
+
 def as_html(fit: Fit) -> str:
     """Errors with units, parameters with their intervals and the plane, for notebooks."""
     return html.block(
@@ -148,5 +159,6 @@ def as_text(fit: Fit) -> str:
                 f"  {effect}.{name} = {estimate.value:.5g} {estimate.unit} "
                 f"(95 %: {estimate.low:.5g} to {estimate.high:.5g})"
             )
+    lines += training_lines(fit.training, unit)
     more = (*fault_lines(fit.record), *loss_lines(fit.loss, fit.record))
     return "\n".join([*lines, *(f"  {line}" for line in more)])

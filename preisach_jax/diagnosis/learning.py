@@ -1,0 +1,194 @@
+"""The training of a learned term, where no sparse form of what remains is offered.
+
+A small network of the states at hand, other than time, is added to the model as if it were an
+effect of one's own, and trained by the same path (`fit.training`), with the density refitted
+beside it.  The blocks held out, which take no part in that, say whether it is offered, as they do
+of a sparse form; chance is measured by the same training on remainders that are shifted round
+parts of the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from preisach_jax.diagnosis.evidence import evidence_between
+from preisach_jax.diagnosis.freed import shifted
+from preisach_jax.diagnosis.learned import Curve, LearnedTerm
+from preisach_jax.diagnosis.offer import Offer
+from preisach_jax.diagnosis.terms import Along, columns_of, physics_of, states_of
+from preisach_jax.effects.base import AddedEffect, Signals
+from preisach_jax.effects.parameter import Parameter, coefficient
+from preisach_jax.fit import SEARCH_ROWS, Fit, Progress, Schedule, in_silence, trained
+from preisach_jax.identify import VALIDATION, Point, Problem, evaluate, with_strength
+
+KINDS = ("position", "output", "rate", "path", "age")
+"""Kinds of states that a learned term is made of, beside the columns."""
+
+WIDTH, DEPTH = 16, 2
+"""Numbers of a hidden layer, and how many of these there are."""
+
+LEARNING_RATE, STEPS = 1e-2, 1_500
+
+LEARNED_DRAWS = 8
+"""Shifted remainders by which chance is measured, at most: each means a training."""
+
+MOST_CURVES, LEAST_SHARE = 3, 0.1
+"""States whose dependence is shown, and share of that of the first which a third one must have."""
+
+POINTS, CURVE_ROWS = 25, 400
+"""Points of a curve, and rows over which it is averaged."""
+
+
+class LearnedColumn(AddedEffect):
+    """A network of the states of a record, which stand in columns of their own."""
+
+    name: ClassVar[str] = "learned term"
+
+    net: eqx.nn.MLP
+    states: tuple[str, ...] = eqx.field(static=True)
+
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The amount of the network's output."""
+        return (coefficient("amount", "{z}"),)
+
+    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        """The network's output at each sample, `(time, 1)`."""
+        states = jnp.stack([signals.aux[name] for name in self.states], axis=1)
+        return jax.vmap(self.net)(states)[:, None]
+
+
+def learned(
+    fit: Fit, discretisation: float, seed: int, draws: int, progress: Progress = in_silence
+) -> LearnedTerm:
+    """The learned term of what a fit leaves, whatever the verdict on it.
+
+    Arguments:
+        fit: the fit.
+        discretisation: RMS of what the grid of the plane adds, in output units.
+        seed: of the network's first weights, and of the shifts.
+        draws: how many shifted remainders measure chance; 8 at most.
+        progress: called with a text and the share of the work that is done.
+
+    Returns:
+        The term, with the reason where it is not offered.
+    """
+    record = fit.record
+    every = np.arange(len(record))
+    states = [s for s in states_of(record, fit.prediction, every) if s.kind in KINDS]
+    states += columns_of(record, every, [])
+    names = tuple(f"state {position}" for position in range(len(states)))
+    given = {name: state.values for name, state in zip(names, states, strict=True)}
+    problem = Problem.of(replace(record, aux={**record.aux, **given}), SEARCH_ROWS).reduced()
+    own = fit.point
+    point = evaluate(problem, own.chain, own.values, own.strength, own)
+    point = with_strength(problem, point)
+    net = eqx.nn.MLP(len(states), "scalar", WIDTH, DEPTH, jnp.tanh, key=jax.random.key(seed))
+    column = LearnedColumn(net, names)
+    after = _trained(problem, point, column, lambda text, done: progress(text, 0.5 * done))
+    numbers = 1 + sum(int(np.size(each)) for each in jax.tree.leaves(eqx.filter(net, eqx.is_array)))
+    evidence = evidence_between(problem, point.residual, after.residual, numbers)
+    left = tuple(_held_out(problem, each.residual) * problem.unit for each in (point, after))
+    term = LearnedTerm(
+        tuple(each.state for each in states), numbers, *left, record.output_unit,
+        evidence.numbers(), 0.0, 0, (), (), "",
+    )  # fmt: skip
+    offer = Offer(problem, point, evidence, *left)
+    if against := offer.against(discretisation):
+        return replace(term, why_not=against)
+    draws = min(draws, LEARNED_DRAWS)
+    chance = 0.0
+    generator = np.random.default_rng(seed)
+    for draw in range(draws):
+        progress("measuring what chance reaches", 0.5 + 0.5 * draw / draws)
+        chance = max(chance, _by_chance(problem, point, column, generator))
+    term = replace(term, chance=chance, draws=draws)
+    if against := offer.against_chance(chance, draws):
+        return replace(term, why_not=against)
+    curves = _curves(problem, after, states, seed)
+    looked = dict.fromkeys(curve.physics for curve in curves)
+    return replace(term, curves=curves, where_to_look=tuple(looked))
+
+
+def _trained(
+    problem: Problem, point: Point, column: LearnedColumn, progress: Progress = in_silence
+) -> Point:
+    """The model with a learned term beside its effects."""
+    import optax
+
+    chain = point.chain.with_effects((*point.chain.effects, column))
+    values = {**point.values, column.name: {}}
+    start = evaluate(problem, chain, values, point.strength, point)
+    schedule = Schedule.of(optax.adam(LEARNING_RATE), STEPS)
+    return trained(problem, start, [column.name], schedule, progress)[0]
+
+
+def _held_out(problem: Problem, residual: np.ndarray) -> float:
+    """RMS of a residual, (row,), on the rows held out, in its unit."""
+    return float(np.sqrt(np.mean(residual[problem.fold == VALIDATION[0]] ** 2)))
+
+
+def _by_chance(
+    problem: Problem, point: Point, column: LearnedColumn, generator: np.random.Generator
+) -> float:
+    """Relative fall of the held-out mean square by a training on a shifted remainder."""
+    moved = shifted(point.residual, problem.in_time, generator) - point.residual
+    output = problem.record.output.copy()
+    output[problem.rows] += moved * problem.unit
+    other = replace(problem, record=replace(problem.record, output=output))
+    plain = evaluate(other, point.chain, point.values, point.strength, point)
+    after = _trained(other, plain, column)
+    before, left = (_held_out(other, each.residual) for each in (plain, after))
+    return 1 - (left / before) ** 2 if before else 0.0
+
+
+def _curves(
+    problem: Problem, point: Point, states: Sequence[Along], seed: int
+) -> tuple[Curve, ...]:
+    """How a learned term depends on the states that matter most."""
+    (column,) = [each for each in point.chain.effects if isinstance(each, LearnedColumn)]
+    given = np.stack([problem.record.aux[name][problem.rows] for name in column.states], axis=1)
+    raw = np.asarray(jax.vmap(column.net)(jnp.asarray(given)))
+    amount = float(point.share_of(column.name) @ raw / (raw @ raw)) * problem.unit
+    generator = np.random.default_rng(seed)
+
+    def term(rows: np.ndarray) -> np.ndarray:
+        flat = jax.vmap(column.net)(jnp.asarray(rows.reshape(-1, len(states))))
+        return amount * (np.asarray(flat).reshape(rows.shape[:-1]) - raw.mean())
+
+    whole = amount * (raw - raw.mean())
+    shares = np.zeros(len(states))
+    for k in range(len(states)):
+        drawn = given.copy()
+        drawn[:, k] = generator.permutation(drawn[:, k])
+        shares[k] = np.mean((term(drawn) - whole) ** 2) / (2 * np.var(whole))
+    ranked: list[int] = np.argsort(-shares, kind="stable").tolist()[:MOST_CURVES]
+    kept = [k for k in ranked if k in ranked[:2] or shares[k] >= LEAST_SHARE * shares[ranked[0]]]
+    few = given[:: max(1, len(given) // CURVE_ROWS)]
+    curves: list[Curve] = []
+    for k in kept:
+        beside = ranked[1] if k == ranked[0] else ranked[0]
+        along = np.linspace(*np.quantile(given[:, k], (0.01, 0.99)), POINTS)
+        rows = np.repeat(few[None], POINTS, axis=0)
+        rows[:, :, k] = along[:, None]
+        ends = np.quantile(given[:, beside], (0.1, 0.9))
+        means = [term(rows).mean(axis=1)]
+        for end in ends.tolist():
+            rows[:, :, beside] = end
+            means.append(term(rows).mean(axis=1))
+        state, other = states[k].state, states[beside].state
+        low, high = (other.centre + other.scale * ends).tolist()
+        curves.append(
+            Curve(
+                state, float(shares[k]), state.centre + state.scale * along, means[0],
+                other, low, high, means[1], means[2], physics_of(states[k].kind),
+            )
+        )  # fmt: skip
+    return tuple(curves)

@@ -88,7 +88,7 @@ class SparseForm:
 
     def __repr__(self) -> str:
         if self.learned is not None and self.learned.offered:
-            return f"<SparseForm: none, {self.why_not}; {self.learned.sentence}>"
+            return "<SparseForm: none, but a learned term>"
         if not self.terms:
             return f"<SparseForm: none, {self.why_not}>"
         first, last = (quantity(rms, self.unit, 3) for rms in (self.rms_before, self.rms_after))

@@ -22,7 +22,8 @@ class Curve:
 
     Attributes:
         state: the state.
-        share: of the power of the term that is lost where this state is drawn anew.
+        share: of the power of the term that is lost where this state is drawn anew; several may
+            add up to more than one.
         position: (point,) values of the state, in its unit.
         mean: (point,) mean of the term, in output units.
         beside: the other state.
@@ -54,7 +55,8 @@ class Curve:
 class LearnedTerm:
     """A small network of the states at hand that takes up what remains of a model.
 
-    It is a form, not a cause, and no effect: it is not part of any model.
+    It is a form, not a cause, and no effect: it is not part of any model.  Its curves hold nothing
+    of the input alone and of the output alone, most of which the density takes up.
 
     Attributes:
         states: what it is made of.
@@ -65,7 +67,7 @@ class LearnedTerm:
         chance: greatest gain of the same training on shifted remainders.
         draws: how many of these.
         curves: how it depends on the states that matter most, the first one most.
-        where_to_look: what kind of physics depends on them.
+        where_to_look: what kind of physics depends on them, alone or in pairs.
         why_not: why it is not offered; empty if it is.
     """
 
@@ -97,15 +99,13 @@ class LearnedTerm:
         if self.why_not:
             return f"No learned term is offered either: {self.why_not}."
         before, after = (quantity(rms, self.unit, 3) for rms in (self.rms_before, self.rms_after))
-        states = ", ".join(
-            f"{curve.state.name} ({100 * curve.share:.0f} %)" for curve in self.curves
-        )
+        *states, last = (curve.state.name for curve in self.curves)
         return (
             f"A learned term ({LABEL}), a network of {self.numbers} numbers, would lower the "
             f"held-out error from {before} to {after} RMS; the mean square falls by "
             f"{100 * self.evidence['gain']:.0f} % (by chance: "
             f"{number(100 * max(self.chance, 0.0), 2)} % at most in {self.draws} draws). "
-            f"It depends most on the {states}."
+            f"It depends most on {', '.join(states)} and {last}."
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import equinox as eqx
 import jax
@@ -14,6 +14,8 @@ from preisach_jax.errors import InputError
 
 
 class _Settable(Protocol):
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
     def settings(self) -> dict[str, Any]: ...
 
 
@@ -27,7 +29,8 @@ def is_floating(leaf: Any) -> bool:
         >>> is_floating(np.ones(2)), is_floating(np.arange(2)), is_floating(1.0)
         (True, False, False)
     """
-    return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(leaf.dtype, jnp.floating)
+    kind: Any = getattr(leaf, "dtype", None)
+    return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(kind, jnp.floating)
 
 
 def arrays_in(value: Any) -> list[Any]:
@@ -37,7 +40,7 @@ def arrays_in(value: Any) -> list[Any]:
         >>> [each.shape for each in arrays_in({"bias": np.ones(2), "weight": np.ones((2, 3))})]
         [(2,), (2, 3)]
     """
-    return jax.tree.leaves(eqx.filter(value, is_floating))
+    return [leaf for leaf in jax.tree.leaves(value) if is_floating(leaf)]
 
 
 def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
@@ -57,8 +60,12 @@ def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
         return type(pattern)(**settings)
     own = pattern.settings()
     others = {k: v for k, v in settings.items() if k not in held and v != own[k]}
+
+    def fields(effect: Kind) -> list[Any]:
+        return [getattr(effect, name) for name in held]
+
     return eqx.tree_at(
-        lambda effect: [getattr(effect, name) for name in held],
+        fields,
         replace(pattern, **others) if others else pattern,
         [_filled(getattr(pattern, name), settings[name], f"{place}.{name}") for name in held],
     )
@@ -66,9 +73,7 @@ def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
 
 def _filled(value: Any, arrays: Any, place: str) -> Any:
     """A field of an effect with the arrays of a file, nested lists, in place of its own."""
-    own, rest = eqx.partition(value, is_floating)
-    leaves, tree = jax.tree.flatten(own)
-    expected = [tuple(leaf.shape) for leaf in leaves]
+    expected: list[tuple[int, ...]] = [leaf.shape for leaf in arrays_in(value)]
     try:
         given = [np.asarray(each, dtype=float) for each in arrays]
         shapes = [each.shape for each in given]
@@ -80,4 +85,5 @@ def _filled(value: Any, arrays: Any, place: str) -> Any:
             f"{place} holds {told:.80}, and the effect that was passed arrays of {expected}: pass "
             "one of the size that was saved"
         )
-    return eqx.combine(jax.tree.unflatten(tree, given), rest)
+    others = iter(given)
+    return jax.tree.map(lambda leaf: next(others) if is_floating(leaf) else leaf, value)

@@ -57,8 +57,8 @@ def fit(
         levels: levels N of the plane; by default 25.
         hold_out: further records that are held out whole, in place of blocks of the others.
         progress: called with a text and a share done.
-        optimiser: of optax, such as `optax.adam(1e-2)`, by which the floating arrays that
-            effects of one's own hold are trained through the model; without one they stay as they are.
+        optimiser: of optax, such as `optax.adam(1e-2)`, which trains the floating arrays that
+            effects of one's own hold, through the model; without one they stay as they are.
         training_steps: its steps at most, by default 2000; a third of the identification rows
             tells when to stop.
 
@@ -91,8 +91,8 @@ def fit(
     schedule = None if optimiser is None else Schedule.of(optimiser, training_steps)
     if schedule is None and training_steps is not None:
         raise InputError(
-            f"training_steps is {training_steps}, but nothing is trained without an optimiser; give "
-            "one, such as optimiser=optax.adam(1e-2)"
+            f"training_steps is {training_steps}, but nothing is trained without an optimiser; "
+            "give one, such as optimiser=optax.adam(1e-2)"
         )
     with double_precision():
         if schedule is not None:

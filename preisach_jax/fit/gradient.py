@@ -14,7 +14,6 @@ differs from it by second order in what the steps since have changed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -33,17 +32,17 @@ from preisach_jax.effects.arrays import is_floating
 from preisach_jax.effects.base import Effect, Values
 from preisach_jax.identify import Point, Problem
 
-Leaves = dict[str, Effect]
+Leaves = dict[str, Any]
 """By effect, the arrays that are trained, in the effect's own tree; None in all other places."""
 
 
 def leaves_of(effects: tuple[Effect, ...]) -> Leaves:
     """The arrays of some effects that are trained, without the effects that have none."""
-    found = {effect.name: eqx.filter(effect, is_floating) for effect in effects}
+    found: Leaves = {effect.name: eqx.filter(effect, is_floating) for effect in effects}
     return {name: own for name, own in found.items() if jax.tree.leaves(own)}
 
 
-def with_leaves(effects: tuple[Effect, ...], leaves: Mapping[str, Effect]) -> tuple[Effect, ...]:
+def with_leaves(effects: tuple[Effect, ...], leaves: Leaves) -> tuple[Effect, ...]:
     """Some effects with other arrays.
 
     Arguments:
@@ -64,9 +63,11 @@ def names_of(leaves: Leaves) -> list[str]:
         ["'mine'"]
     """
     found: list[str] = []
-    for path, _ in jax.tree_util.tree_leaves_with_path(leaves):
-        place = jax.tree_util.keystr(path[1:])
-        found.append(f"{path[0].key!r}{f', {place}' if place else ''}")  # pyright: ignore
+    for effect, own in leaves.items():
+        paths: list[tuple[Any, Any]] = jax.tree_util.tree_leaves_with_path(own)
+        for path, _ in paths:
+            place = jax.tree_util.keystr(path)
+            found.append(f"{effect!r}, {place}" if place else repr(effect))
     return found
 
 
@@ -144,7 +145,7 @@ class Course(eqx.Module):
         """
         change = self.output(leaves) - before
         answer = self.inverse @ (self.matrix.T @ jax.lax.stop_gradient(change))
-        return self.left - change + self.matrix @ answer
+        return jnp.asarray(self.left) - change + self.matrix @ answer
 
 
 def _inverse(point: Point) -> np.ndarray:
@@ -203,7 +204,8 @@ def steps_taken(
         updates, state = optimiser.update(
             gradient, state, now, value=value, grad=gradient, value_fn=mean_square
         )
-        return (apply_updates(now, updates), state), (value, finite)
+        moved: Any = apply_updates(now, updates)
+        return (moved, state), (value, finite)
 
     (leaves, state), (values, finite) = jax.lax.scan(step, (leaves, state), length=count)
     return Steps(leaves, state, values, finite)

@@ -231,7 +231,10 @@ def _failure(result: Steps, leaves: Leaves, taken: int) -> str:
     at = int(np.argmin(sound))
     step = taken + at + 1
     if not np.isfinite(values[at]):
-        return f"the training diverges at step {step}: the error is not finite; lower the learning rate"
+        return (
+            f"the training diverges at step {step}, where the error is not finite; lower the "
+            "learning rate"
+        )
     array = names_of(leaves)[int(np.argmin(finite[at]))]
     return (
         f"the effect {array}: the gradient is not finite at step {step}; write the effect so that "

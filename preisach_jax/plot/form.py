@@ -1,15 +1,22 @@
-"""What a sparse form says: the remainder over its leading term, and what the form takes away."""
+"""What a form says: the remainder over its leading term, or a learned term over its states."""
 
 from __future__ import annotations
+
+from textwrap import wrap
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from preisach_jax.diagnosis.form import LABEL, SparseForm
+from preisach_jax.diagnosis.form import SparseForm
+from preisach_jax.diagnosis.learned import LearnedTerm
+from preisach_jax.diagnosis.state import LABEL
 from preisach_jax.errors import InputError
 from preisach_jax.plot.axes import greatest, with_unit
-from preisach_jax.plot.style import AFTER, BEFORE, MEASURED, STYLE
-from preisach_jax.quantity import scaled
+from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, STYLE
+from preisach_jax.quantity import quantity, scaled
+
+LABEL_WIDTH = 32
+"""Characters of a line below a panel."""
 
 
 @mpl.rc_context(STYLE)
@@ -46,4 +53,46 @@ def dependence(form: SparseForm) -> Figure:
     axes.set_ylabel(with_unit("mean remainder", unit))
     axes.set_title(f"Remainder over the leading term ({LABEL})")
     axes.legend()
+    return figure
+
+
+@mpl.rc_context(STYLE)
+def curves(term: LearnedTerm) -> Figure:
+    """How a learned term depends on the states that matter most.
+
+    Arguments:
+        term: a learned term that is offered.
+
+    Returns:
+        The figure, one panel a state: mean of the term over the state, and the same where another
+        state is low and where it is high.
+
+    Raises:
+        InputError: if the term has no curves.
+
+    Example:
+        >>> curves(pj.find_form(found).learned)  # doctest: +SKIP
+    """
+    if not term.curves:
+        raise InputError(f"the learned term has no curves to draw ({term.why_not}); give another")
+    courses = [course for each in term.curves for course in (each.mean, each.low, each.high)]
+    factor, unit = scaled(max(greatest(course) for course in courses), term.unit)
+    figure = Figure(figsize=(3.4 * len(term.curves), 3.3), layout="constrained")
+    panels = figure.subplots(1, len(term.curves), sharey=True, squeeze=False)[0]
+    for axes, curve in zip(panels, term.curves, strict=True):
+        along, unit_along = scaled(greatest(curve.position), curve.state.unit)
+        beside = curve.beside
+        axes.axhline(0.0, color=MEASURED, lw=0.8)
+        axes.plot(along * curve.position, factor * curve.mean, color=AFTER, label="mean")
+        for value, course, colour, dashes in (
+            (curve.beside_low, curve.low, BEFORE, "--"),
+            (curve.beside_high, curve.high, FLOOR, "-."),
+        ):
+            label = f"{beside.symbol} = {quantity(value, beside.unit, 2)}"
+            axes.plot(along * curve.position, factor * course, dashes, color=colour, label=label)
+        name = f"{curve.state.symbol}: {curve.state.name}"
+        axes.set_xlabel("\n".join(wrap(with_unit(name, unit_along), LABEL_WIDTH)))
+        axes.legend()
+    panels[0].set_ylabel(with_unit("learned term", unit))
+    panels[0].set_title(f"The learned term ({LABEL})")
     return figure

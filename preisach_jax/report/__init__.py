@@ -11,7 +11,7 @@ import jinja2
 
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, json_bytes, write_files
-from preisach_jax.plot.form import dependence
+from preisach_jax.plot.form import curves, dependence
 from preisach_jax.plot.remainder import drawn, remainder
 from preisach_jax.report.content import comparison_page, diagnosis_page
 from preisach_jax.report.language import words
@@ -68,6 +68,8 @@ def write_report(
         figures["remainder"] = remainder(found)
     if found.form is not None and found.form.dependence is not None:
         figures["form"] = dependence(found.form)
+    elif found.form is not None and found.form.learned is not None and found.form.learned.curves:
+        figures["form"] = curves(found.form.learned)
     files = {
         "report.html": _rendered("report.html.j2", page, figures),
         "diagnosis.json": json_bytes(found.to_json()),

@@ -145,6 +145,15 @@ _WORDS: dict[str, tuple[str, str]] = {
         "Der Rest über dem führenden Term, gemittelt über Teile gleich vieler Zeilen, und was die "
         "Form davon wegnimmt.",
     ),
+    "learned_caption": (
+        "Mean of the learned term over each of the states it depends on most (full), and where "
+        "another state is low and where it is high (broken). What goes with the input alone or "
+        "the output alone is left out: the density takes most of it up.",
+        "Mittel des gelernten Terms über jeder der Größen, von denen er am meisten abhängt "
+        "(durchgezogen), und dort, wo eine andere Größe klein und wo sie groß ist (gestrichelt). "
+        "Was nur mit dem Eingang oder nur mit dem Ausgang geht, ist weggelassen: das meiste davon "
+        "nimmt die Dichte auf.",
+    ),
     "method": ("Method", "Verfahren"),
     "reproduce": ("To reproduce", "Zum Nachrechnen"),
     "beside": (

@@ -11,13 +11,15 @@ from stand_ins import make_diagnosis
 
 import preisach_jax as pj
 from preisach_jax.cli import main
-from preisach_jax.diagnosis.form import LABEL, Dependence, SparseForm, State, Term
+from preisach_jax.diagnosis.form import Dependence, SparseForm, Term
 from preisach_jax.diagnosis.freed import FreedTerms
+from preisach_jax.diagnosis.learning import learned
 from preisach_jax.diagnosis.pursuit import sought
+from preisach_jax.diagnosis.state import LABEL, State
 from preisach_jax.diagnosis.terms import library_of
 from preisach_jax.fit import FINAL_ROWS, double_precision, with_regressors
 from preisach_jax.identify import Problem
-from preisach_jax.plot.form import dependence
+from preisach_jax.plot.form import curves, dependence
 from preisach_jax.report import write_report
 
 LEVELS, NOISE, SAMPLES = 9, 0.01, 2500
@@ -137,9 +139,10 @@ def test_json_has_one_key_more_and_nothing_else_changes(cubed):
     content = json.loads(json.dumps(asked["form"], allow_nan=False))
     assert set(content) == {
         "label", "formula", "terms", "rms_before", "rms_after", "unit", "evidence", "chance",
-        "draws", "where_to_look", "notes",
+        "draws", "where_to_look", "notes", "learned",
     }  # fmt: skip
     assert content["label"] == LABEL == "form, not cause"
+    assert content["learned"] is None
     assert set(content["terms"][0]) == {"formula", "coefficient", "rms", "physics", "states"}
     assert set(content["evidence"]) == {"gain", "z", "blocks", "delta_bic"}
     none = replace(found, form=SparseForm.none(0.1, "um", "it is a test"))
@@ -291,3 +294,118 @@ def test_the_command_looks_for_a_form_where_it_is_asked(tmp_path, capsys, cubed)
     content = json.loads((tmp_path / "report" / "diagnosis.json").read_text(encoding="utf-8"))
     assert content["form"]["terms"][0]["formula"] == "u'³"
     assert content["effects"] == []
+
+
+# --- a learned term, where no sparse form is offered ---
+
+
+def waved(seed):
+    """A record whose hidden law no few terms make, a wave of the place times the rate."""
+    time, u, output, _ = played(seed)
+    rate = np.gradient(u, time)
+    law = np.sin(6 * (u - 5) / 5) * rate / np.abs(rate).max()
+    noise = NOISE * np.random.default_rng(seed + 50).normal(size=SAMPLES)
+    units = {"input": "V", "output": "um"}
+    law = 0.2 * law / law.std()
+    return pj.Record.from_arrays(time, u, output + law + noise, units=units), law
+
+
+@pytest.fixture(scope="module")
+def unsparse():
+    """A diagnosis of such a record, and its form."""
+    found = diagnosed(waved(901)[0])
+    return found, pj.find_form(found)
+
+
+def test_a_law_of_no_few_terms_is_learned_and_its_error_taken_away(unsparse):
+    found, form = unsparse
+    record, law = waved(901)
+    assert found.verdict == "unexplained"
+    assert not form.offered
+    term = form.learned
+    assert term is not None
+    assert term.offered, term.why_not
+    without = pj.Record.from_arrays(record.time, record.input, record.output - law)
+    assert term.rms_after < 2 * pj.fit(without, levels=LEVELS).rms_validation
+    assert term.rms_before == pytest.approx(found.final.rms_validation, rel=0.05)
+    assert term.evidence["gain"] > 0.9
+    assert term.chance < 0.1
+    assert term.draws == 8
+    assert {curve.state.symbol for curve in term.curves[:2]} == {"u", "u'"}
+    assert "changes with the position" in term.where_to_look[0]
+    assert {state.symbol for state in term.states} == {"u", "h", "u'", "s", "a"}  # and not time
+    assert found.effects == ()
+    assert LABEL in term.sentence
+
+
+def test_the_curves_have_the_course_of_the_law(unsparse):
+    (curve,) = [each for each in unsparse[1].learned.curves if each.state.symbol == "u"]
+    assert curve.beside.symbol == "u'"
+    assert curve.beside_low < 0 < curve.beside_high
+    record, law = waved(901)
+    rate = np.gradient(record.input, record.time)
+    scale = np.linalg.lstsq((np.sin(6 * (record.input - 5) / 5) * rate)[:, None], law, rcond=None)[
+        0
+    ][0]
+    wave = scale * np.sin(6 * (curve.position - 5) / 5)
+    expected = wave * (curve.beside_high - curve.beside_low)
+    between = curve.high - curve.low
+    assert np.corrcoef(between, expected)[0, 1] > 0.9
+    assert np.polyfit(expected, between, 1)[0] == pytest.approx(1, abs=0.3)
+    assert np.ptp(curve.mean) < 0.5 * np.ptp(curve.high)  # the mean over both directions is flat
+
+
+def test_a_learned_term_is_told_in_json_report_and_texts(unsparse, tmp_path):
+    found, form = unsparse
+    asked = replace(found, form=form)
+    plain, content = found.to_json(), asked.to_json()
+    assert {k: v for k, v in content.items() if k != "form"} == {
+        k: v for k, v in plain.items() if k != "form"
+    }
+    told = json.loads(json.dumps(content["form"], allow_nan=False))
+    assert (told["label"], told["terms"], told["formula"]) == (LABEL, [], "")
+    assert told["rms_after"] == form.learned.rms_after
+    assert set(told["learned"]) == {"numbers", "states", "curves"}
+    assert set(told["learned"]["curves"][0]) == {
+        "state", "share", "position", "mean", "beside", "beside_low", "beside_high", "low", "high",
+        "physics",
+    }  # fmt: skip
+    assert len(told["learned"]["curves"][0]["mean"]) == 25
+    assert form.learned.sentence in asked.summary()
+    assert "where to look: " in asked.summary()
+    files = write_report(asked, tmp_path / "report")
+    assert tmp_path / "report" / "form.png" in files
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    for text in ("This is a form, not a cause", "A learned term (form, not cause)"):
+        assert text in page, text
+
+
+def test_the_picture_of_a_learned_term_has_its_curves(unsparse):
+    term = unsparse[1].learned
+    panels = curves(term).axes
+    assert len(panels) == len(term.curves)
+    assert panels[0].get_ylabel() == "learned term (nm)"
+    for axes, curve in zip(panels, term.curves, strict=True):
+        drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines[1:]]
+        np.testing.assert_allclose(drawn, 1e3 * np.stack([curve.mean, curve.low, curve.high]))
+    with pytest.raises(pj.InputError, match="has no curves to draw"):
+        curves(replace(term, curves=(), why_not="it is a test"))
+
+
+def test_a_learned_term_is_the_same_for_the_same_seed(unsparse):
+    found, form = unsparse
+    with double_precision():
+        again = learned(found.final, found.budget.discretisation, 0, 1)
+    assert again.rms_after == form.learned.rms_after
+    assert (again.draws, form.learned.draws) == (1, 8)
+
+
+@pytest.mark.parametrize("seed", [903, 904])
+def test_no_learned_term_is_offered_where_nothing_is_hidden(seed):
+    found = diagnosed(hidden_record(None, seed)[0])
+    with double_precision():  # whatever the verdict
+        term = learned(found.final, found.budget.discretisation, 0, 2)
+    assert not term.offered
+    assert term.sentence.startswith("No learned term is offered either: ")
+    none = replace(SparseForm.none(0.1, "um", "it is a test"), learned=term)
+    assert none.to_json() is None

@@ -86,4 +86,8 @@ def _filled(value: Any, arrays: Any, place: str) -> Any:
             "one of the size that was saved"
         )
     others = iter(given)
-    return jax.tree.map(lambda leaf: next(others) if is_floating(leaf) else leaf, value)
+
+    def filled(leaf: Any) -> Any:
+        return next(others) if is_floating(leaf) else leaf
+
+    return jax.tree.map(filled, value)

@@ -64,9 +64,8 @@ def names_of(leaves: Leaves) -> list[str]:
     """
     found: list[str] = []
     for effect, own in leaves.items():
-        paths: list[tuple[Any, Any]] = jax.tree_util.tree_leaves_with_path(own)
-        for path, _ in paths:
-            place = jax.tree_util.keystr(path)
+        for leaf in jax.tree_util.tree_leaves_with_path(own):
+            place = jax.tree_util.keystr(leaf[0])
             found.append(f"{effect!r}, {place}" if place else repr(effect))
     return found
 

@@ -1,0 +1,367 @@
+"""Effects that hold arrays are trained through the model: gradients, laws, mistakes, files."""
+
+import importlib
+import re
+from dataclasses import replace
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.fit import (
+    Schedule,
+    begun,
+    double_precision,
+    in_reduced_basis,
+    trained,
+    with_effect,
+)
+from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken, with_leaves
+from preisach_jax.identify import VALIDATION, Problem, evaluate
+
+TRAINED = importlib.import_module("preisach_jax.fit.training").TRAINED
+LEVELS, SAMPLES, NOISE = 7, 1000, 0.01
+ADAM = optax.adam(1e-2)
+
+
+def network(seed, inputs: int | Literal["scalar"] = "scalar", width=8):
+    return eqx.nn.MLP(inputs, "scalar", width, 2, jnp.tanh, key=jax.random.key(seed))
+
+
+def rate_of(signal, time):
+    """Rate of an input, in parts of 60 V/s."""
+    return jnp.asarray(jnp.gradient(signal)) / jnp.asarray(jnp.gradient(time)) / 60
+
+
+class Warp(pj.InputEffect):
+    """An input that moves with its rate."""
+
+    net: eqx.nn.MLP
+    name = "warp"
+
+    def __init__(self, seed=0):
+        self.net = network(seed)
+
+    def apply(self, signal, time):
+        return signal + jax.vmap(self.net)(rate_of(signal, time)) - self.net(jnp.zeros(()))
+
+
+class Widening(pj.HysteresisEffect):
+    net: eqx.nn.MLP
+    name = "widening"
+
+    def __init__(self, seed=0):
+        self.net = network(seed)
+
+    def widening(self, path, time):
+        return 0.3 * (1 + jax.vmap(self.net)(path / 5))
+
+
+class Factor(pj.WeightEffect):
+    net: eqx.nn.MLP
+    name = "factor"
+
+    def __init__(self, seed=0):
+        self.net = network(seed)
+
+    def factor(self, signals):
+        return 1 + 0.2 * jax.vmap(self.net)(signals.time)
+
+
+class Lag(pj.OutputEffect):
+    net: eqx.nn.MLP
+    name = "lag"
+
+    def __init__(self, seed=0):
+        self.net = network(seed)
+
+    def init(self, first):
+        return first
+
+    def step(self, state, value, dt):
+        state = state + (value - state) * jax.nn.sigmoid(self.net(100 * dt))
+        return state, state
+
+
+class Product(pj.AddedEffect):
+    """What is added as a function of place and rate."""
+
+    net: eqx.nn.MLP
+    name = "product"
+
+    def __init__(self, seed=0):
+        self.net = network(seed, inputs=2, width=12)
+
+    def coefficients(self):
+        return (pj.coefficient("amount", "{z}"),)
+
+    def columns(self, signals):
+        rate = rate_of(signals.input, signals.time)
+        return jax.vmap(self.net)(jnp.stack([(signals.input - 5) / 5, rate], axis=1))[:, None]
+
+
+class Rooted(Product):
+    name = "rooted"
+
+    def columns(self, signals):
+        return jnp.sqrt(jnp.abs(0 * super().columns(signals))) + signals.time[:, None]
+
+
+def played(seed=2):
+    """Moves of many heights and speeds: time and input."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(SAMPLES) / 250
+    turns = np.where(np.arange(50) % 2, 1, -1) * rng.uniform(1, 5, 50)
+    corners = np.cumsum(10 ** rng.uniform(-1.3, -0.3, 50))
+    return time, 5 + np.interp(time, (corners - corners[0]) * time[-1] / np.ptp(corners), turns)
+
+
+def through_play(u, radius=0.5):
+    place, output = u[0], np.zeros(len(u))
+    for k, value in enumerate(u.tolist()):
+        place = max(value - radius, min(value + radius, place))
+        output[k] = value + 0.4 * place
+    return output
+
+
+def recorded(law: Any = 0.0, drive=None):
+    time, u = played()
+    noise = NOISE * np.random.default_rng(5).normal(size=SAMPLES)
+    output = through_play(u if drive is None else drive) + law + noise
+    return pj.Record.from_arrays(time, u, output, units={"input": "V", "output": "um"})
+
+
+def rated():
+    time, u = played()
+    return np.gradient(u, time) / 60
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    """A record that hides a product that no library of terms has, and (time,) that product."""
+    law = 0.15 * np.sin(1.2 * (played()[1] - 5)) * rated()
+    return recorded(law), law
+
+
+@pytest.fixture(scope="module")
+def fitted(hidden):
+    return pj.fit(hidden[0], [Product()], LEVELS, optimiser=ADAM, training_steps=800)
+
+
+@pytest.mark.parametrize(
+    "kind", [Warp, pytest.param(Widening, marks=pytest.mark.slow), Factor, Lag, Product]
+)
+def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind):
+    record = recorded()
+    with double_precision():
+        effect = jax.tree.map(lambda x: x.astype(float) if eqx.is_array(x) else x, kind(1))
+        _, problem, point = begun(record, LEVELS)
+        problem, point = in_reduced_basis(problem, point)
+        point = with_effect(problem, point, effect, always=True)
+        point = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
+        leaves = leaves_of(point.chain.effects)
+        course = Course.of(problem, point, tuple(leaves))
+        before = course.output(leaves)
+        gradient = jax.jit(jax.grad(lambda now: jnp.mean(course.projected(now, before) ** 2)))
+        flat, tree = jax.tree.flatten(leaves)
+        found = jax.tree.leaves(gradient(leaves))
+
+        def objective(array, place, step):
+            moved = [*flat]
+            moved[array] = moved[array].at[place].add(step)
+            effects = with_leaves(point.chain.effects, jax.tree.unflatten(tree, moved))
+            chain = point.chain.with_effects(effects)
+            strength = point.strength
+            return evaluate(problem, chain, point.values, strength, point, TRAINED).objective
+
+        largest = max(float(jnp.abs(each).max()) for each in found)
+        for array in (0, 2, 4):
+            place = np.unravel_index(int(jnp.argmax(jnp.abs(found[array]))), found[array].shape)
+            h = 1e-4
+            slope = (objective(array, place, h) - objective(array, place, -h)) / (2 * h)
+            np.testing.assert_allclose(found[array][place], slope, rtol=5e-3, atol=1e-4 * largest)
+
+
+def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
+    record, law = hidden
+    plain, clean = pj.fit(record, levels=LEVELS), pj.fit(recorded(), levels=LEVELS)
+    assert plain.rms_validation > 3 * clean.rms_validation
+    assert fitted.rms_validation < 1.6 * clean.rms_validation
+    assert fitted.residual == pytest.approx(record.output - fitted.prediction)
+    assert fitted.effects == ("product",)
+    (effect,) = fitted.model.effects
+    assert isinstance(effect, Product)
+    # The density takes up functions of the input: what is left of them goes with the rate.
+    amount = fitted.model.parameters["product"]["amount"].value
+    states = np.stack([(record.input - 5) / 5, rated()], axis=1)
+    learned = amount * np.asarray(jax.vmap(effect.net)(jnp.asarray(states)))
+    basis = np.polynomial.chebyshev.chebvander(states[:, 0], 9)
+    beside, own = (
+        each - basis @ np.linalg.lstsq(basis, each, rcond=None)[0] for each in (learned, law)
+    )
+    assert np.corrcoef(beside, own)[0, 1] > 0.95
+    assert fitted.training is not None
+    assert 0 < fitted.training.best_step <= fitted.training.steps <= 800
+    assert fitted.training.numbers == 12 * 3 + 12 * 13 + 13
+    assert "numbers trained" in fitted.summary()
+
+
+def test_the_input_is_learned_through_the_operator():
+    shift = 0.4 * np.tanh(3 * rated())
+    record = recorded(drive=played()[1] + shift)
+    plain = pj.fit(record, levels=LEVELS)
+    found = pj.fit(record, [Warp()], LEVELS, optimiser=ADAM, training_steps=250)
+    assert found.rms_validation < 0.2 * plain.rms_validation
+    (effect,) = found.model.effects
+    assert isinstance(effect, Warp)
+    rates = jnp.linspace(-0.5, 0.5, 21)
+    learned = np.asarray(jax.vmap(effect.net)(rates)) - float(effect.net(jnp.zeros(())))
+    assert np.corrcoef(learned, np.tanh(3 * np.asarray(rates)))[0, 1] > 0.98
+
+
+@pytest.mark.slow
+def test_parameters_of_the_library_are_refined_beside():
+    time, u = played()
+    output = through_play(u) + 0.15 * np.sin(1.2 * (u - 5)) * rated() + 0.05 * time
+    noise = NOISE * np.random.default_rng(5).normal(size=SAMPLES)
+    record = pj.Record.from_arrays(time, u, output + noise)
+    found = pj.fit(record, ["drift", Product()], LEVELS, optimiser=ADAM, training_steps=300)
+    without = pj.fit(record, ["drift"], LEVELS)
+    assert found.effects == ("drift", "product")
+    assert found.rms_validation < 0.6 * without.rms_validation
+
+
+def test_the_same_arrays_lead_to_the_same_fit_and_nothing_is_compiled_anew(hidden, fitted):
+    told = []
+    size = steps_taken._cached._cache_size()  # pyright: ignore
+    again = pj.fit(
+        hidden[0], [Product()], LEVELS, optimiser=optax.adam(1e-2), training_steps=800,
+        progress=lambda text, done: told.append((text, done)),
+    )  # fmt: skip
+    np.testing.assert_array_equal(again.prediction, fitted.prediction)
+    assert again.training == fitted.training
+    assert steps_taken._cached._cache_size() == size  # pyright: ignore
+    assert any(text.startswith("training product, step ") for text, _ in told)
+    assert all(0 <= done <= 1 for _, done in told)
+
+
+def test_optimisers_that_compute_the_same_are_one():
+    leaves = {"mine": jnp.ones(3)}
+    one, same, other = (
+        optax.with_extra_args_support(optax.adam(rate)) for rate in (0.01, 0.01, 0.02)
+    )
+    assert shared(same, leaves) is shared(one, leaves)
+    assert shared(other, leaves) is not shared(one, leaves)
+
+
+def test_the_rows_held_out_do_not_steer_the_training(hidden):
+    record, _ = hidden
+    with double_precision():
+        problem, chain = Problem.of(record), begun(record, LEVELS)[2].chain
+        held_out = problem.rows[np.isin(problem.fold, VALIDATION)]
+        mixed = record.output.copy()
+        # Mean and range of the output, which scale the problem, stay what they are.
+        mixed[held_out] = np.random.default_rng(0).permutation(mixed[held_out])
+        found = [_trained(Problem.of(replace(record, output=each)), chain) for each in (
+            record.output, mixed)]  # fmt: skip
+    (first, one), (second, two) = found
+    assert first.best_step == second.best_step > 0
+    assert first.rms_after == pytest.approx(second.rms_after, rel=1e-9)
+    for mine, other in zip(one, two, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-6, atol=1e-9)
+
+
+def _trained(problem, chain):
+    """How a training goes, and the arrays at its end, from a prior that is given."""
+    effect = jax.tree.map(lambda x: x.astype(float) if eqx.is_array(x) else x, Product())
+    chain = chain.with_effects((effect,))
+    point = evaluate(problem, chain, {"product": {}}, 1e-4)
+    end, training = trained(problem, point, ["product"], Schedule.of(ADAM, 50))
+    return training, jax.tree.leaves(leaves_of(end.chain.effects))
+
+
+def test_a_trained_model_is_saved_and_read(hidden, fitted, tmp_path):
+    path = tmp_path / "model.json"
+    fitted.save(path)
+    again = pj.Model.load(path, effects=[Product(seed=7)])
+    record = hidden[0]
+    np.testing.assert_array_equal(again.predict(record).output, fitted.model.predict(record).output)
+    more = pj.fit(record, again.effects, LEVELS, optimiser=ADAM, training_steps=25)
+    assert more.rms_validation < 1.2 * fitted.rms_validation
+
+    class Small(Product):
+        def __init__(self):
+            self.net = network(0, inputs=2, width=5)
+
+    with pytest.raises(pj.InputError, match=r"settings\.net holds arrays of .* pass one of the"):
+        pj.Model.load(path, effects=[Small()])
+    with pytest.raises(pj.InputError, match="does not know; pass it"):
+        pj.Model.load(path)
+
+
+@pytest.mark.parametrize(
+    ("effects", "given", "message"),
+    [
+        ([Warp()], {"optimiser": 3}, "optimiser is 3: give one of optax"),
+        (["creep"], {"optimiser": ADAM}, r"no effect \(effects: creep\) holds a floating array"),
+        ([], {"optimiser": ADAM}, r"no effect \(effects: none\)"),
+        ([Warp()], {"training_steps": 5}, "nothing is trained without an optimiser"),
+        ([Warp()], {"optimiser": ADAM, "training_steps": 0}, "training_steps is 0: give"),
+        (
+            [Rooted()],
+            {"optimiser": ADAM},
+            r"the effect 'rooted', \.net\.layers\[0\]\.weight: the gradient is not finite at step",
+        ),
+        (
+            [Product()],
+            {"optimiser": optax.sgd(float("inf"))},
+            "the training diverges at step 2, where the error is not finite; lower the",
+        ),
+    ],
+)
+def test_mistakes_are_named_in_a_line(effects, given, message):
+    with pytest.raises(pj.InputError, match=message) as told:
+        pj.fit(recorded(), effects, LEVELS, **given)
+    assert "\n" not in str(told.value)
+
+
+def test_what_was_found_before_a_training_diverged_is_kept(hidden):
+    steady = [optax.constant_schedule(rate) for rate in (1e-2, jnp.inf)]
+    rates = optax.join_schedules(steady, [150])
+    found = pj.fit(hidden[0], [Product()], LEVELS, optimiser=optax.adam(rates), training_steps=400)
+    training = found.training
+    assert training is not None
+    assert 0 < training.best_step <= 150
+    assert re.search(r"diverges at step 15\d.*what was found at step \d+ is kept", training.ended)
+    assert training.rms_after < training.rms_before
+    assert np.isfinite(found.prediction).all()
+
+
+def test_without_an_optimiser_arrays_stay_as_they_are(hidden):
+    effect = Product()
+    found = pj.fit(hidden[0], [effect], LEVELS)
+    assert found.training is None
+    for one, two in zip(
+        jax.tree.leaves(eqx.filter(effect, eqx.is_array)),
+        jax.tree.leaves(eqx.filter(found.model.effects[0], eqx.is_array)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.slow
+def test_several_records_train_one_effect(hidden):
+    record, _ = hidden
+    half = SAMPLES // 2
+    parts = [
+        pj.Record.from_arrays(record.time[rows], record.input[rows], record.output[rows])
+        for rows in (slice(0, half), slice(half, None))
+    ]
+    plain = pj.fit(parts, levels=LEVELS)
+    found = pj.fit(parts, [Product()], LEVELS, optimiser=ADAM, training_steps=300)
+    assert found.rms_validation < 0.7 * plain.rms_validation

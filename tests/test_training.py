@@ -108,6 +108,9 @@ class Product(pj.AddedEffect):
 class Rooted(Product):
     name = "rooted"
 
+    def __init__(self):
+        super().__init__()
+
     def columns(self, signals):
         return jnp.sqrt(jnp.abs(0 * super().columns(signals))) + signals.time[:, None]
 
@@ -320,7 +323,7 @@ def test_a_trained_model_is_saved_and_read(hidden, fitted, tmp_path):
         (
             [Product()],
             {"optimiser": optax.sgd(float("inf"))},
-            "the training diverges at step 2, where the error is not finite; lower the",
+            "the training diverges at step 2, where the error is not finite; give the",
         ),
     ],
 )

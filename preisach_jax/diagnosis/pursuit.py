@@ -50,8 +50,9 @@ def find_form(
     auxiliary columns.  The density is fitted anew with them.  A form is offered only if it passes
     the two tests of an effect on the held-out blocks, lowers the held-out mean square by a quarter
     at least, takes away more than the discretisation of the plane, does better than a finer plane,
-    and does more than the same search on any of some shifted remainders.  It is a form, not a
-    cause, and never among the effects.
+    and does more than the same search on any of some shifted remainders.  Where none is
+    offered, a small network of these states, other than time, is tried in its place by the same
+    measures (`SparseForm.learned`).  Either is a form, not a cause, and never among the effects.
 
     Arguments:
         found: a diagnosis; of one that leaves nothing unexplained no form is sought.

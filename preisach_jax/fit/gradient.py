@@ -14,7 +14,7 @@ differs from it by second order in what the steps since have changed.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -64,8 +64,8 @@ def names_of(leaves: Leaves) -> list[str]:
     """
     found: list[str] = []
     for effect, own in leaves.items():
-        for leaf in jax.tree_util.tree_leaves_with_path(own):
-            place = jax.tree_util.keystr(leaf[0])
+        for path, _ in cast(list[tuple[Any, Any]], jax.tree_util.tree_leaves_with_path(own)):
+            place = jax.tree_util.keystr(path)
             found.append(f"{effect!r}, {place}" if place else repr(effect))
     return found
 

@@ -176,12 +176,16 @@ def trained(
             moved = _moved(problem, now, leaves)
             own = np.inf if moved is None else _mean_square(problem, moved)
             if moved is None or not own <= DIVERGED * first.mean_square:
-                failure = f"the training diverges at step {taken}; lower the learning rate"
+                failure = f"the training diverges at step {taken}"
             elif own < (1 - LEAST_FALL) * best.mean_square:
                 best = _Best(taken, moved, own)
             now = moved or now
         if failure and not best.step:
-            raise InputError(failure)
+            raise InputError(
+                f"{failure}; give the optimiser a lower learning rate, or write the effect so that "
+                "it has a derivative wherever it acts (a root has none at zero, and jnp.where "
+                "does not hide that)"
+            )
         if failure:
             ended = f"{failure}; what was found at step {best.step} is kept"
             break
@@ -231,13 +235,6 @@ def _failure(result: Steps, leaves: Leaves, taken: int) -> str:
     at = int(np.argmin(sound))
     step = taken + at + 1
     if not np.isfinite(values[at]):
-        return (
-            f"the training diverges at step {step}, where the error is not finite; lower the "
-            "learning rate"
-        )
+        return f"the training diverges at step {step}, where the error is not finite"
     array = names_of(leaves)[int(np.argmin(finite[at]))]
-    return (
-        f"the effect {array}: the gradient is not finite at step {step}; write the effect so that "
-        "it has a derivative wherever it acts (a root or a norm has none at zero, and jnp.where "
-        "does not hide that), or lower the learning rate"
-    )
+    return f"the effect {array}: the gradient is not finite at step {step}"

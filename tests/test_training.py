@@ -368,3 +368,9 @@ def test_several_records_train_one_effect(hidden):
     plain = pj.fit(parts, levels=LEVELS)
     found = pj.fit(parts, [Product()], LEVELS, optimiser=ADAM, training_steps=300)
     assert found.rms_validation < 0.7 * plain.rms_validation
+
+
+def test_a_trained_effect_is_compared_with_those_of_the_library(hidden, fitted):
+    found = pj.diagnose(hidden[0], [*fitted.model.effects, "drift"], levels=LEVELS)
+    assert found.effects == ("product",)
+    assert found.verdict == "explained"

@@ -87,12 +87,13 @@ def find_form(
     if found.model.chain.mechanics is not None:
         return none("the output drives the hysteresis, and a term would change its path")
     with double_precision():
-        progress = progress or in_silence
-        grid = found.budget.discretisation
-        form = sought(found.final, grid, seed, draws, progress)
+        show = progress or in_silence
+        fit, grid = found.final, found.budget.discretisation
+        form = sought(fit, grid, seed, draws, lambda text, done: show(text, done / 2))
         if form.offered:
             return form
-        return replace(form, learned=learned(found.final, grid, seed, draws, progress))
+        term = learned(fit, grid, seed, draws, lambda text, done: show(text, (1 + done) / 2))
+        return replace(form, learned=term)
 
 
 def sought(

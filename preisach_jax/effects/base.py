@@ -137,6 +137,9 @@ class Effect(eqx.Module):
     of_time_alone: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 
+    def __hash__(self) -> int:
+        return hash(self.name)  # arrays, which an effect may hold, have none
+
     @property
     def lawless(self) -> bool:
         """Whether this form follows no law, and so takes up a part of anything that is like it."""

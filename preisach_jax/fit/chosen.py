@@ -35,6 +35,9 @@ from preisach_jax.record.joined import (
 if TYPE_CHECKING:
     from optax import GradientTransformation
 
+UNTRAINED = 0.2
+"""Share of the work that is done until arrays are trained, if any are."""
+
 
 def fit(
     record: Record | Sequence[Record],
@@ -130,14 +133,18 @@ def _fitted(
             f"{backwards[0]} has no unique output; leave it out"
         )
     problem, point = in_reduced_basis(problem, point)
+    share = 1.0 if schedule is None else UNTRAINED
     for position, effect in enumerate(chosen):
-        progress(f"fitting {effect.name}", position / len(chosen))
+        progress(f"fitting {effect.name}", share * position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
     training = None
     if schedule is not None:
-        point, training = trained(
-            problem, point, [each.name for each in chosen], schedule, progress
-        )
+
+        def show(text: str, done: float) -> None:
+            progress(text, share + (1 - share) * done)
+
+        names = [effect.name for effect in chosen]
+        point, training = trained(problem, point, names, schedule, show)
     found = replace(on_all_rows(record, problem, point), training=training)
     if not point.parameters and not point.chain.coefficients:
         return found

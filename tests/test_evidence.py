@@ -10,15 +10,16 @@ import world
 from scipy import signal, stats
 from threadpoolctl import threadpool_limits
 
+import preisach_jax as pj
 from preisach_jax.chain import Chain, response, signals_of
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     Floor,
+    by_another_plane,
     discretisation_rms,
     error_budget,
     input_quantisation_rms,
     memory_rms,
-    most_of_the_grid,
     noise_rms,
     refined_levels,
 )
@@ -36,6 +37,7 @@ from preisach_jax.diagnosis.evidence import (
     simple_ratio,
     standardised,
 )
+from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
@@ -303,7 +305,7 @@ def test_discretisation_is_what_a_finer_plane_takes_away(x64):
     coarse = base_point(problem, 6)
     fine = at_levels(problem, coarse, 18)
     error = np.sqrt(coarse.validation_mean_square) * problem.unit
-    assert discretisation_rms(problem, coarse, fine) == pytest.approx(error, rel=0.15)
+    assert by_another_plane(problem, coarse, fine) == pytest.approx(error, rel=0.15)
 
 
 def test_memory_is_what_the_rows_held_out_would_have_told(x64):
@@ -328,32 +330,73 @@ def test_without_a_finer_plane_a_coarser_one_tells(x64):
     error = np.sqrt(point.validation_mean_square) * problem.unit
     coarser = on_a_coarser_plane(problem, point)
     assert coarser.chain.plane.levels == 6
-    assert 0.2 * error < discretisation_rms(problem, point, coarser) <= error
+    assert 0.2 * error < by_another_plane(problem, point, coarser) <= error
     # Of an error that is no grid error, little is held to be one.
     noisy = problem_of(None, noise_um=0.5)
     point = base_point(noisy, 9)
     coarser = on_a_coarser_plane(noisy, point)
-    assert discretisation_rms(noisy, point, coarser) < 0.3 * 0.5
+    assert by_another_plane(noisy, point, coarser) < 0.3 * 0.5
 
 
-def test_a_grid_error_is_no_more_than_cells_can_make(x64):
-    # A part that goes with the rate: a coarser plane fits it worse, but no cells make it.
-    time = np.arange(3000) / 250
-    turns = np.where(np.arange(60) % 2, 1, -1) * np.random.default_rng(3).uniform(1, 5, 60)
-    corners = np.cumsum(10 ** np.random.default_rng(4).uniform(-1.3, -0.3, 60))
-    values = 5 + np.interp(time, (corners - corners[0]) * time[-1] / np.ptp(corners), turns)
-    hidden = 2 * np.tanh(np.gradient(values, time) / 20) * values / 5
-    problem = Problem.of(Record.from_arrays(time, values, values + hidden), 3000)
+def relays_of(count, seed):
+    """Thresholds of relays that jump up and down, and their jumps."""
+    rng = np.random.default_rng(seed)
+    middle, half = rng.uniform(0.1, 0.9, count), rng.exponential(0.07, count)
+    return middle - half, middle + half, rng.uniform(0.3, 1.7, count) / count
+
+
+def wandering(count=12_000, seconds=24.0):
+    """Straight strokes between random turning points, 0 to 1."""
+    rng = np.random.default_rng(3)
+    time = np.arange(count) / count * seconds
+    corners = np.cumsum(10 ** rng.uniform(-1.0, -0.3, 80))
+    turns = np.where(np.arange(80) % 2, 1.0, 0.0) + rng.uniform(-0.4, 0.4, 80)
+    return time, np.clip(np.interp(time, corners / corners[-1] * seconds, turns), 0, 1)
+
+
+def relay_output(values, relays):
+    down, up, jump = relays
+    state, out = np.zeros(len(jump)), np.empty(len(values))
+    for k, x in enumerate(values):
+        state = np.where(x >= up, 1.0, np.where(x <= down, 0.0, state))
+        out[k] = state @ jump
+    return out
+
+
+def test_what_comes_back_within_cells_is_the_grid_of_relays(x64):
+    """The error of a plane fitted to some dozens of jumps is its grid; no other plane is asked."""
+    time, values = wandering()
+    record = Record.from_arrays(time, values, relay_output(values, relays_of(60, 5)))
+    fit = pj.fit(record, levels=20)
+    within = within_cells_rms(record, fit.residual, 20)
+    assert within is not None
+    assert 0.4 * fit.rms_validation < within <= 1.1 * fit.rms_validation
+    # Noise of that size, in the place of the jumps, shares nothing from pass to pass.
+    noise = np.std(fit.residual) * np.random.default_rng(6).normal(size=len(time))
+    by_chance = within_cells_rms(record, noise, 20)
+    assert by_chance is not None
+    assert by_chance < 0.25 * within
+
+
+def test_physics_that_a_finer_plane_fits_is_not_the_grid(x64):
+    """A sensor that jumps now and then: planes fit it, the finer the better; no cell makes it."""
+    time, values = wandering()
+    jumps = np.where(np.sin(3 * time) + np.sin(1.7 * time) > 0.3, 0.05, 0.0)
+    record = Record.from_arrays(time, values, values**1.2 + jumps)
+    problem = Problem.of(record, len(time))
     point = base_point(problem, 12)
     coarser = on_a_coarser_plane(problem, point)
-    # The whole slope is about one and the cell a twelfth of the range of the input.
-    slope = np.sqrt(
-        np.sum(np.diff(point_output(problem, point)) ** 2) / np.sum(np.diff(values) ** 2)
+    fit = pj.fit(record, levels=12)
+    within = within_cells_rms(record, fit.residual, 12)
+    assert within is not None
+    grid = discretisation_rms(problem, point, coarser, within)
+    assert grid <= 6 * within < 0.5 * fit.rms_validation
+    assert discretisation_rms(problem, point, coarser, None) == by_another_plane(
+        problem, point, coarser
     )
-    most = slope * np.ptp(values) / 12 / np.sqrt(3)
-    assert most_of_the_grid(problem, point) == pytest.approx(most, rel=0.05)
-    assert discretisation_rms(problem, point, coarser) <= most_of_the_grid(problem, point)
 
 
-def point_output(problem, point):
-    return problem.target[problem.in_time] - problem.unit * point.residual[problem.in_time]
+def test_a_record_of_few_passes_does_not_tell_of_its_cells():
+    time = np.arange(40.0)
+    record = Record.from_arrays(time, np.abs(time - 20), time)
+    assert within_cells_rms(record, time, 10) is None

@@ -24,6 +24,9 @@ GRID_ORDER = 1
 """Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to 2,
 of some dozens of relays 1/2."""
 
+MOST_OVER_WITHIN = 6.0
+"""Times the RMS that comes back within cells that the error of the grid may be: of smooth densities
+it is some 3 to 6, of relays 1."""
 
 REST = 1e-6
 """Movement of the input from one sample to the next, in parts of its range, that is none."""
@@ -220,21 +223,30 @@ def refined_levels(rows: int, levels: int) -> int | None:
     return finer
 
 
-def discretisation_rms(problem: Problem, point: Point, other: Point) -> float:
-    """RMS of what the grid of the plane adds, by another plane (`by_another_plane`).
+def discretisation_rms(
+    problem: Problem, point: Point, other: Point, within_cells: float | None
+) -> float:
+    """RMS of what the grid of the plane adds, by another plane and by what comes back in its cells.
 
-    It is no more than cells of this size can make (`most_of_the_grid`): beyond that, the other
-    plane fits more or less of what the model lacks.
+    What another plane leaves more or less (`by_another_plane`) may be physics that the model lacks
+    and that a finer plane fits, row by row.  An error of the grid comes back wherever the input
+    passes a cell: it is no less than what does, and no more than some times that
+    (`MOST_OVER_WITHIN`).
 
     Arguments:
         problem: the record.
         point: the model.
         other: the same model on a finer or a coarser plane.
+        within_cells: RMS of what comes back within cells, in output units; None if too few passes
+            tell.
 
     Returns:
         The RMS in output units.
     """
-    return min(by_another_plane(problem, point, other), most_of_the_grid(problem, point))
+    by_plane = by_another_plane(problem, point, other)
+    if within_cells is None:
+        return by_plane
+    return float(np.clip(by_plane, within_cells, MOST_OVER_WITHIN * within_cells))
 
 
 def by_another_plane(problem: Problem, point: Point, other: Point) -> float:
@@ -255,31 +267,6 @@ def by_another_plane(problem: Problem, point: Point, other: Point) -> float:
     ratio = point.chain.plane.levels / other.chain.plane.levels
     share = (here - other.validation_mean_square) / (1 - ratio ** (2 * GRID_ORDER))
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
-
-
-def most_of_the_grid(problem: Problem, point: Point) -> float:
-    r"""RMS of a grid error that cells of the plane cannot exceed.
-
-    Inside a cell of width \(\Delta\) the output changes by \(\Delta\,dz/du\). Where all of
-    that is one jump at an end of the cell, and the model's ramp goes on evenly, the difference is
-    spread evenly from zero to the whole: \(\Delta\,|dz/du| / \sqrt 3\). The slope is the RMS
-    one of the model along the record.
-
-    Arguments:
-        problem: the record.
-        point: the model.
-
-    Returns:
-        The RMS in output units.
-    """
-    order = problem.in_time
-    values = problem.record.input[problem.rows[order]]
-    output = problem.target[order] - point.residual[order] * problem.unit
-    moved, changed = (np.concatenate([np.diff(part) for part in np.split(each, problem.breaks)])
-                      for each in (values, output))  # fmt: skip
-    changed = changed[moved != 0]
-    slope = float(np.sqrt(np.sum(changed**2) / np.sum(moved**2)))
-    return slope * point.chain.plane.delta_x / float(np.sqrt(3))
 
 
 def memory_rms(problem: Problem, point: Point) -> float:

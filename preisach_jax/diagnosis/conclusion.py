@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.margin import close_calls
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
-from preisach_jax.diagnosis.step import Step
+from preisach_jax.diagnosis.step import Step, signed_planes
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
 from preisach_jax.diagnosis.tellable import shows_little
 from preisach_jax.diagnosis.trial import (
@@ -25,6 +25,7 @@ from preisach_jax.diagnosis.trial import (
     failures,
     given_up_rows,
 )
+from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit, Progress, in_silence, with_signs
@@ -130,7 +131,9 @@ def concluded(
         step, fitted = _fitted(step, finals, progress)
         fits = [final.fit for final in fitted]
         step = step.compared
-        discretisation = discretisation_rms(step.problem, step.now, step.other or step.now)
+        now, other = signed_planes(step)
+        within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane.levels)
+        discretisation = discretisation_rms(step.all_hysterons, now, other, within)
         progress("measuring the error budget", 0.9)
         budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
         fewer = _without_the_lawless(step, budget) or _without_the_slight(

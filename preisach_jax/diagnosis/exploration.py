@@ -20,6 +20,7 @@ from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.step import Step
 from preisach_jax.diagnosis.trial import Trial
 from preisach_jax.diagnosis.walk import tried_beside
+from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
@@ -227,7 +228,9 @@ class Exploration:
         if "budget" not in self._cache:
             with double_precision():
                 coarse = on_a_coarser_plane(self.problem, self.point)
-                grid = discretisation_rms(self.problem, self.point, coarse)
+                levels = self.point.chain.plane.levels
+                within = within_cells_rms(self.record, self.fit.residual, levels)
+                grid = discretisation_rms(self.problem, self.point, coarse, within)
                 whole = Problem.of(self.record, FINAL_ROWS)
                 floor = Floor.of(whole, self.fit)
                 self._cache["budget"] = error_budget(whole, self.fit, floor, grid)

@@ -10,7 +10,7 @@ from preisach_jax.diagnosis.growth import grown, with_larger
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
-from preisach_jax.diagnosis.step import Step, on_a_refined_plane
+from preisach_jax.diagnosis.step import Step, on_a_refined_plane, refined_with_signs
 from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.diagnosis.walk import (
     MOST_EFFECTS,
@@ -150,6 +150,8 @@ def _walk(
         with FinalFits(record) as finals:
             found = _selected(step, finals, levels is not None, tolerance, pace, watch)
             if isinstance(found, Step):
+                if levels is None:
+                    found = refined_with_signs(found)
                 plain = concluded(found, finals, tolerance, pace.tell)
                 effect, asked = mechanics
                 return with_mechanics(

@@ -9,7 +9,7 @@ from preisach_jax.diagnosis.budget import by_another_plane, noise_rms, refined_l
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.diagnosis.trial import Row, Trial
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import FINAL_ROWS, at_levels, on_a_coarser_plane, with_effect
+from preisach_jax.fit import FINAL_ROWS, at_levels, on_a_coarser_plane, with_effect, with_signs
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
 
@@ -140,3 +140,35 @@ def on_a_refined_plane(
             return replace(step, other=other)
         before = [at_levels(step.problem, point, finer) for point in step.path[:-1]]
         step = replace(step, path=(*before, other), other=None)
+
+
+def signed_planes(step: Step) -> tuple[Point, Point]:
+    """The model of a step on both planes that it was compared on, with weights of one sign.
+
+    Arguments:
+        step: the step; if it was not compared, both are the same.
+    """
+    now = with_signs(step.all_hysterons, step.now)
+    return now, now if step.other is None else with_signs(step.all_hysterons, step.other)
+
+
+def refined_with_signs(step: Step) -> Step:
+    """The step on the finer plane that it was compared on, if this pays with weights of one sign.
+
+    In a reduced basis weights have any sign, and a finer plane is not always worth its weights;
+    the final model has all hysterons with signs, of which a finer plane may do with more.
+
+    Arguments:
+        step: the last step of a search.
+    """
+    now, other = step.now, step.other
+    if other is None or other.chain.plane.levels <= now.chain.plane.levels:
+        return step
+    if other.columns.vectors is None or step.is_within_budget:
+        return step
+    coarse, fine = signed_planes(step)
+    fall = 1 - fine.validation_mean_square / coarse.validation_mean_square
+    if not fall > REFINEMENT_PAYS:
+        return step
+    before = [at_levels(step.problem, point, other.chain.plane.levels) for point in step.path[:-1]]
+    return replace(step, path=(*before, other), other=now)

@@ -10,6 +10,7 @@ import threading
 import time
 import zipfile
 from io import BytesIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,10 +19,16 @@ import preisach_jax as pj
 
 pytest.importorskip("panel")
 
+import panel as pn
+from bokeh.document import Document
+from bokeh.io.doc import patch_curdoc
+from panel.io.state import set_curdoc
+
+from preisach_jax.app import panels
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
 from preisach_jax.app.first import Curves, FirstView, extreme_rows
-from preisach_jax.app.jobs import Job
+from preisach_jax.app.jobs import Job, Working
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import (
     CandidateRow,
@@ -573,3 +580,31 @@ class TestFirstView:
             assert f">{name}<" in text
             assert html.escape(value, quote=False) in html.unescape(text).replace("&", "&amp;")
         assert EVIL not in text
+
+
+class Tab(Document):
+    """A document as of a browser's tab: what is to be done next waits in a list."""
+
+    def __init__(self):
+        super().__init__()
+        self.waiting = []
+
+    @property
+    def session_context(self):
+        return SimpleNamespace(request=SimpleNamespace(arguments={}))
+
+    def add_next_tick_callback(self, callback):
+        self.waiting.append(callback)
+
+
+@pytest.mark.parametrize("way", ["_tell", "_hand_over"])
+def test_what_a_job_hands_over_reaches_its_own_tab(way):
+    """Another server of the process may be at work: Bokeh's present document is then another's."""
+    mine, other = Tab(), Tab()
+    with set_curdoc(mine):
+        working = Working(panels.pane(), panels.pane())
+    seen = []
+    getattr(working, way)(lambda: seen.append(pn.state.curdoc))
+    with patch_curdoc(other):
+        mine.waiting.pop()()
+    assert seen == [mine]

@@ -10,6 +10,7 @@ from typing import Any
 
 import panel as pn
 from markupsafe import Markup
+from panel.io.state import set_curdoc
 
 from preisach_jax.app import panels
 from preisach_jax.app.layout import at_once, in_passing
@@ -168,10 +169,17 @@ class Working:
         if document is None or document.session_context is None:
             function()  # without a server there is no other thread to hand it to
         else:
-            document.add_next_tick_callback(partial(how, function))
+            document.add_next_tick_callback(partial(_in_tab, document, how, function))
 
     def _say_progress(self, text: str, done: float) -> None:
         self._doing.object = panels.progress(text, done)
 
     def _say(self, text: Markup | str) -> None:
         self._message.object = str(Markup.escape(text))
+
+
+def _in_tab(document: Any, how: Callable[..., None], function: Callable[[], None]) -> None:
+    # The document that Bokeh takes for the present one is one for all threads: where another server
+    # of this process is at work, it is that of another tab, whose style sheets must not get here.
+    with set_curdoc(document):
+        how(function)

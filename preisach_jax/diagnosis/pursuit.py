@@ -30,6 +30,7 @@ from preisach_jax.fit import (
     with_regressors,
 )
 from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.record import Record
 
 DRAWS = 40
 """Shifted remainders by which chance is measured."""

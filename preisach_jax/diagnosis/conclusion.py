@@ -28,7 +28,8 @@ from preisach_jax.diagnosis.trial import (
 from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import Fit, Progress, in_silence, with_signs
+from preisach_jax.fit import Fit, Progress, in_silence
+from preisach_jax.identify import Point
 from preisach_jax.identify.confidence import with_grid_error
 from preisach_jax.model import Model
 
@@ -126,12 +127,16 @@ def concluded(
         finals.begin(step.problem, point)
     # Meanwhile, for the step that this will most likely be:
     progress("limiting the effects that were not found", 0.0)
-    limited, bounds = step, _limits(step)
+    planes = signed_planes(step)
+    limited, bounds = step, _limits(step, planes)
+    known = step
     while True:
         step, fitted = _fitted(step, finals, progress)
         fits = [final.fit for final in fitted]
         step = step.compared
-        now, other = signed_planes(step)
+        if step is not known:
+            known, planes = step, signed_planes(step)
+        now, other = planes
         within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane.levels)
         discretisation = discretisation_rms(step.all_hysterons, now, other, within)
         progress("measuring the error budget", 0.9)
@@ -143,7 +148,7 @@ def concluded(
             break
         step = fewer
     if step is not limited:
-        bounds = _limits(step)
+        bounds = _limits(step, planes)
     parameters = with_grid_error(fits[-1].model.parameters, step.now, step.other or step.now)
     model = replace(fits[-1].model, parameters=parameters)
     model = model.with_budget(budget.noise, budget.discretisation)
@@ -170,13 +175,18 @@ def concluded(
     )
 
 
-def _limits(step: Step) -> tuple[Limit, ...]:
-    """How great each effect could be that is not in the model of a step, nor like one in it."""
+def _limits(step: Step, planes: tuple[Point, Point]) -> tuple[Limit, ...]:
+    """How great each effect could be that is not in the model of a step, nor like one in it.
+
+    Arguments:
+        step: the step.
+        planes: its `signed_planes`.
+    """
     spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
     absent = [effect for effect in step.tried if effect.name not in spoken_of]
     # What the grid of the plane adds must not pass for an effect: the finest plane is best.
-    finest = max(step.now, step.other or step.now, key=lambda point: point.chain.plane.levels)
-    return limits(step.all_hysterons, with_signs(step.all_hysterons, finest), absent)
+    finest = max(planes, key=lambda point: point.chain.plane.levels)
+    return limits(step.all_hysterons, finest, absent)
 
 
 def without_what_explains_too_little(step: Step) -> Step:

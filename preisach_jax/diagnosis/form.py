@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.diagnosis.learned import LearnedTerm
+from preisach_jax.diagnosis.learned import LearnedTerm, fall_in_words
 from preisach_jax.diagnosis.state import LABEL, State
-from preisach_jax.quantity import number, quantity
+from preisach_jax.quantity import quantity
 
 LEAST_TOLD = 0.2
 """RMS of a term, over that of the leading one, from which on its physics is told."""
@@ -123,12 +123,11 @@ class SparseForm:
         """What it would take away, or why there is none."""
         if not self.terms:
             return f"No sparse form is offered: {self.why_not}."
-        before, after = (quantity(rms, self.unit, 3) for rms in (self.rms_before, self.rms_after))
-        return (
-            f"A sparse form ({LABEL}) would lower the held-out error from {before} to {after} RMS; "
-            f"the mean square falls by {100 * self.evidence['gain']:.0f} % (by chance: "
-            f"{number(100 * max(self.chance, 0.0), 2)} % at most in {self.draws} draws)."
-        )
+        fall = fall_in_words(
+            self.rms_before, self.rms_after, self.unit, self.evidence["gain"], self.chance,
+            self.draws,
+        )  # fmt: skip
+        return f"A sparse form ({LABEL}) {fall}"
 
     @property
     def state_texts(self) -> list[str]:

@@ -51,6 +51,26 @@ class Curve:
         return asdict(replace(self, position=np.zeros(0))) | arrays
 
 
+def fall_in_words(
+    before: float, after: float, unit: str, gain: float, chance: float, draws: int
+) -> str:
+    """How far the held-out error would fall with a form, and how far it falls by chance.
+
+    Arguments:
+        before, after: held-out error without and with the form, in `unit`.
+        unit: that of the output.
+        gain: relative fall of the held-out mean square.
+        chance: greatest gain on shifted remainders.
+        draws: how many of these.
+    """
+    first, last = (quantity(rms, unit, 3) for rms in (before, after))
+    return (
+        f"would lower the held-out error from {first} to {last} RMS; the mean square falls by "
+        f"{100 * gain:.0f} % (by chance: {number(100 * max(chance, 0.0), 2)} % at most in "
+        f"{draws} draws)."
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedTerm:
     """A small network of the states at hand that takes up what remains of a model.
@@ -98,13 +118,13 @@ class LearnedTerm:
         """What it would take away, or why it is not offered."""
         if self.why_not:
             return f"No learned term is offered either: {self.why_not}."
-        before, after = (quantity(rms, self.unit, 3) for rms in (self.rms_before, self.rms_after))
+        fall = fall_in_words(
+            self.rms_before, self.rms_after, self.unit, self.evidence["gain"], self.chance,
+            self.draws,
+        )  # fmt: skip
         *states, last = (curve.state.name for curve in self.curves)
         return (
-            f"A learned term ({LABEL}), a network of {self.numbers} numbers, would lower the "
-            f"held-out error from {before} to {after} RMS; the mean square falls by "
-            f"{100 * self.evidence['gain']:.0f} % (by chance: "
-            f"{number(100 * max(self.chance, 0.0), 2)} % at most in {self.draws} draws). "
+            f"A learned term ({LABEL}), a network of {self.numbers} numbers, {fall} "
             f"It depends most on {', '.join(states)} and {last}."
         )
 

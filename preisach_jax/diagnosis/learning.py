@@ -29,7 +29,7 @@ from preisach_jax.diagnosis.terms import Along, columns_of, physics_of, states_o
 from preisach_jax.effects.base import AddedEffect, Signals
 from preisach_jax.effects.parameter import Parameter, coefficient
 from preisach_jax.fit import SEARCH_ROWS, Fit, Progress, Schedule, in_silence, trained
-from preisach_jax.identify import VALIDATION, Point, Problem, evaluate, with_strength
+from preisach_jax.identify import Point, Problem, evaluate, with_strength
 from preisach_jax.record import Record
 
 KINDS = ("position", "output", "rate", "path", "age")
@@ -102,7 +102,9 @@ def learned(
     after = _trained(problem, point, column, lambda text, done: progress(text, 0.5 * done))
     numbers = 1 + sum(int(np.size(each)) for each in jax.tree.leaves(eqx.filter(net, eqx.is_array)))
     evidence = evidence_between(problem, point.residual, after.residual, numbers)
-    before, left = (_held_out(problem, each.residual) * problem.unit for each in (point, after))
+    before, left = (
+        float(np.sqrt(each.validation_mean_square)) * problem.unit for each in (point, after)
+    )
     term = LearnedTerm(
         tuple(each.state for each in states), numbers, before, left, record.output_unit,
         evidence.numbers(), 0.0, 0, (), (), "",
@@ -160,11 +162,6 @@ def _trained(
     return trained(problem, start, [column.name], schedule, progress)[0]
 
 
-def _held_out(problem: Problem, residual: np.ndarray) -> float:
-    """RMS of a residual, (row,), on the rows held out, in its unit."""
-    return float(np.sqrt(np.mean(residual[problem.fold == VALIDATION[0]] ** 2)))
-
-
 def _by_chance(
     problem: Problem, point: Point, column: LearnedColumn, generator: np.random.Generator
 ) -> float:
@@ -175,8 +172,8 @@ def _by_chance(
     other = replace(problem, record=replace(problem.record, output=output))
     plain = evaluate(other, point.chain, point.values, point.strength, point)
     after = _trained(other, plain, column)
-    before, left = (_held_out(other, each.residual) for each in (plain, after))
-    return 1 - (left / before) ** 2 if before else 0.0
+    before, left = plain.validation_mean_square, after.validation_mean_square
+    return 1 - left / before if before else 0.0
 
 
 @dataclass(frozen=True, eq=False)

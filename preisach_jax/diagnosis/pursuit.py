@@ -121,7 +121,6 @@ def sought(
     terms = FreedTerms.of(problem, point, library)
     progress("refitting the density with the terms", 0.3)
     trial = _by_its_own_output(_tried(problem, point, terms), record, kept, progress)
-    terms = trial.terms
     none = SparseForm.none(fit.rms_validation, record.output_unit, "", tuple(library.notes))
     if not trial.chosen:
         return replace(
@@ -130,7 +129,7 @@ def sought(
         )
     progress("measuring what chance reaches", 0.6)
     evidence = trial.evidence.numbers()
-    chance = terms.by_chance(seed, draws, evidence["gain"])
+    chance = trial.terms.by_chance(seed, draws, evidence["gain"])
     measured = replace(none, evidence=evidence, chance=chance, draws=draws)
     before, after = trial.rms
     offer = Offer(problem, point, trial.evidence, before, after)

@@ -22,7 +22,7 @@ import numpy as np
 
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
-from preisach_jax.record.course import input_rate, last_reversal
+from preisach_jax.record.course import input_rate, last_move, last_reversal
 
 PARTS = 16
 """Parts of equal numbers of rows."""
@@ -145,7 +145,7 @@ def relations(record: Record, residual: np.ndarray) -> tuple[Relation, ...]:
     line = _line(record, residual[rows])
     rows = rows[:: max(1, -(-len(rows) // MOST_ROWS))]
     values = residual[rows] - residual[rows].mean()
-    move = _last_move(record.input)[rows]
+    move = last_move(record.input)[rows]
     found = [_relation(axis, values, move) for axis in _axes(record, rows)]
     told = [each for each in (*found, *line) if each.share > each.chance + LEAST_SHARE]
     return tuple(sorted(told, key=lambda each: -each.share))
@@ -257,16 +257,6 @@ def _axes(record: Record, rows: np.ndarray) -> list[_Axis]:
 
 def _rate(record: Record) -> np.ndarray:
     return input_rate(record.time, record.input, record.starts)
-
-
-def _last_move(values: np.ndarray) -> np.ndarray:
-    """(time,) direction of the last move, 1 or -1; before the first one 1."""
-    sign = np.sign(np.diff(values, prepend=values[:1]))
-    moved = np.flatnonzero(sign)
-    if not len(moved):
-        return np.ones(len(values))
-    place = np.searchsorted(moved, np.arange(len(values)), side="right") - 1
-    return sign[moved[np.maximum(place, 0)]]
 
 
 def _line(record: Record, values: np.ndarray) -> list[Relation]:

@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.remainder import OF_COLUMN, PHYSICS
 from preisach_jax.diagnosis.shape import Shape, low_pass, memory, power, saturating
 from preisach_jax.diagnosis.state import State
 from preisach_jax.record import Record
-from preisach_jax.record.course import input_rate, last_reversal
+from preisach_jax.record.course import input_rate, last_move, last_reversal
 
 MEMORIES = 6
 """Time constants of first-order memories, from some samples to a part of the record."""
@@ -189,7 +189,7 @@ def states_of(record: Record, output: np.ndarray, kept: np.ndarray) -> list[Alon
          of_output, signed),
         ("acceleration", "second derivative of the input", "u''", f"{u}/s²" if u else "1/s²",
          second, signed),
-        ("direction", "direction of the last move", "d", "", _last_move(record.input), counted),
+        ("direction", "direction of the last move", "d", "", last_move(record.input), counted),
         ("path", "path since the last reversal", "s", u, way, "scaled"),
         ("age", "logarithm of the time since the last reversal, in samples", "a", "",
          np.log10(1 + since / record.step_s), counted),
@@ -212,13 +212,6 @@ def states_of(record: Record, output: np.ndarray, kept: np.ndarray) -> list[Alon
         state = State(name, symbol, unit, centre, scale)
         found.append(Along(state, kind, (own - centre) / scale))
     return found
-
-
-def _last_move(values: np.ndarray) -> np.ndarray:
-    """(time,) direction of the last move, 1 or -1; before the first one 1."""
-    step = np.sign(np.diff(values, prepend=values[:1]))
-    moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
-    return np.where(step[moved] == 0, 1.0, step[moved])
 
 
 def columns_of(record: Record, kept: np.ndarray, notes: list[str]) -> list[Along]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from preisach_jax.record import Record
+from preisach_jax.record.course import last_move
 
 BINS = 8
 """Parts of a cell over which errors are averaged along a pass."""
@@ -46,16 +47,15 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
     """
     rows = np.flatnonzero(record.measured)
     values = record.input[rows]
-    step = np.diff(values, prepend=values[:1])
-    last_move = np.maximum.accumulate(np.where(step != 0, np.arange(len(rows)), 0))
-    rising = step[last_move] > 0
+    moved = np.diff(values, prepend=values[:1]) != 0
+    rising = last_move(values) > 0
     place = (values - values.min()) / np.ptp(values) * levels
     cell = np.clip(place.astype(int), 0, levels - 1)
     turned = np.diff(rising, prepend=not rising[0])
     turned[np.searchsorted(rows, record.starts)] = True
     begins = turned | (np.diff(cell, prepend=-1) != 0)
     number = np.cumsum(begins) - 1
-    counts, profiles = _profiles(number, step != 0, place, cell, residual[rows])
+    counts, profiles = _profiles(number, moved, place, cell, residual[rows])
     first = np.flatnonzero(begins)
     last_turn = np.maximum.accumulate(np.where(turned, np.arange(len(rows)), 0))[first]
     one, two = _pairs(2 * cell[first] + rising[first], values[last_turn], counts)

@@ -30,6 +30,24 @@ def input_rate(time: np.ndarray, values: np.ndarray, starts: Sequence[int] = ())
     return np.concatenate([np.gradient(part, when) for part, when in parts])
 
 
+def last_move(values: np.ndarray) -> np.ndarray:
+    """Direction of the last move of a signal.
+
+    Arguments:
+        values: (time,) signal.
+
+    Returns:
+        (time,) 1 or -1; 1 before the first move.
+
+    Example:
+        >>> last_move(np.array([0.0, 0.0, -1.0, -1.0, 2.0]))
+        array([ 1.,  1., -1., -1.,  1.])
+    """
+    step = np.sign(np.diff(values, prepend=values[:1]))
+    moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
+    return np.where(step[moved] == 0, 1.0, step[moved])
+
+
 def reversals(
     values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
 ) -> np.ndarray:

@@ -400,3 +400,12 @@ def test_a_record_of_few_passes_does_not_tell_of_its_cells():
     time = np.arange(40.0)
     record = Record.from_arrays(time, np.abs(time - 20), time)
     assert within_cells_rms(record, time, 10) is None
+
+
+def test_passes_of_other_parts_of_a_cell_do_not_tell():
+    """Two strokes, one through the lower half of each cell and one through the upper one."""
+    below = np.concatenate([k + np.linspace(0.02, 0.45, 6) for k in range(4)])
+    values = np.concatenate([below, below + 0.5])
+    time = np.arange(len(values), dtype=float)
+    record = Record.from_arrays(time, values, values)
+    assert within_cells_rms(record, np.cos(time), 4) is None

@@ -33,7 +33,8 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
         levels: levels N of the plane.
 
     Returns:
-        The RMS in output units; None where too few passes have enough rows.
+        The RMS in output units; None where too few passes have enough rows, or none of
+        a pair pass the same parts of a cell.
 
     Example:
         >>> t = np.arange(8000) / 1000
@@ -52,7 +53,8 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
     place = (values - values.min()) / np.ptp(values) * levels
     cell = np.clip(place.astype(int), 0, levels - 1)
     turned = np.diff(rising, prepend=not rising[0])
-    turned[np.searchsorted(rows, record.starts)] = True
+    starts = np.searchsorted(rows, record.starts)
+    turned[starts[starts < len(rows)]] = True  # behind some start nothing may be measured
     begins = turned | (np.diff(cell, prepend=-1) != 0)
     number = np.cumsum(begins) - 1
     counts, profiles = _profiles(number, moved, place, cell, residual[rows])
@@ -62,6 +64,8 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
     if len(one) < LEAST_TOLD * len(first):
         return None
     weights = np.minimum(counts[one], counts[two])
+    if not weights.any():
+        return None
     shared = float(np.sum(weights * profiles[one] * profiles[two]) / weights.sum())
     return float(np.sqrt(max(shared, 0.0)))
 

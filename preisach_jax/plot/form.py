@@ -92,7 +92,8 @@ def curves(term: LearnedTerm) -> Figure:
             axes.plot(along * curve.position, factor * course, dashes, color=colour, label=label)
         name = f"{curve.state.symbol}: {curve.state.name}"
         axes.set_xlabel("\n".join(wrap(with_unit(name, unit_along), LABEL_WIDTH)))
-        axes.legend()
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, columnspacing=1.0,
+                    handlelength=1.6, borderaxespad=0.2)  # fmt: skip
     panels[0].set_ylabel(with_unit("learned term", unit))
-    panels[0].set_title(f"The learned term ({LABEL})")
+    figure.suptitle(f"The learned term ({LABEL})", x=0.01, ha="left", weight="bold")
     return figure

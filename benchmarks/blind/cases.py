@@ -13,19 +13,23 @@ from zlib import crc32
 import numpy as np
 
 from blind.excitation import KINDS
+from blind.machines import STRENGTHS as MACHINES
 from blind.world import EFFECTS, NOTHING, OUTSIDE
 
 SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 OUTSIDE_SIZES = (0.5, 1.0, 2.0)
-REPEATS = {"single": 10, "pairs": 60, "triples": 30, "none": 200, "outside": 10}
-"""Cases for each excitation; in `single` and `outside` for each effect and size as well."""
+REPEATS = {"single": 10, "pairs": 60, "triples": 30, "beside": 5, "none": 200, "outside": 10}
+"""Cases for each excitation; in `single` and `outside` for each effect and size as well, and in
+`beside` for each effect of machines and each of `PARTNERS`."""
 
-SEEDS = {"development": (0, 1000), "reporting": (1_000_000, 1_000_000_000)}
-"""First seed, and how many."""
+PARTNERS = ("creep", "drift", "input_lag")
 
-ALONE = ("input_quantisation", "output_quantisation", "accommodation")
-"""Effects that are hidden alone: those of converters vanish beside others, and pairs and triples
-are drawn as they were before the library knew accommodation."""
+SEEDS = {"development": (0, 1000), "reporting": (2_000_000_000, 1_000_000_000)}
+"""First seed, and how many; those from a million on were drawn for samples of November 2026."""
+
+ALONE = ("input_quantisation", "output_quantisation", "accommodation", *MACHINES)
+"""Effects that no pair or triple is drawn of: those of converters vanish beside others, and the
+others are drawn as they were before the world knew accommodation and machines."""
 
 COMBINED = tuple(name for name in EFFECTS if name not in ALONE)
 """Effects that are hidden together."""
@@ -141,6 +145,10 @@ def _contents(suite: str, repeat: int) -> Iterator[tuple[dict[str, float], str]]
     elif suite in ("pairs", "triples"):
         names = rng.choice(COMBINED, 2 if suite == "pairs" else 3, replace=False)
         yield {str(name): 1.0 for name in names}, "plain"
+    elif suite == "beside":
+        for name in MACHINES:
+            for partner in PARTNERS:
+                yield {name: 1.0, partner: 1.0}, "plain"
     else:
         inside = suite == "single"
         for name in EFFECTS if inside else OUTSIDE:

@@ -1,6 +1,6 @@
-"""What drives the hidden stages: a history before the record, and three kinds of record.
+"""What drives the hidden stages: a history before the record, and four kinds of record.
 
-`poor` has one ramp rate, `fair` a few rates and some holds, `rich` is the universal diagnostic
+`poor` has one ramp rate, `periodic` repeats one loop, `fair` has a few rates and some holds, `rich` is the universal diagnostic
 record.  Levels are parts of the drive's range, 0 to 1, and rates ranges per second.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KINDS = ("poor", "fair", "rich")
+KINDS = ("poor", "periodic", "fair", "rich")
 HISTORY_S = 3.0
 MULTISINE_S = 2.2  # of the hold that it lies on
 STEP_RATE = 60.0  # ranges/s, of what counts as a step
@@ -109,7 +109,8 @@ def make_drive(kind: str, seconds: float, seed: int, rate_hz: float = 1350.0) ->
         pen, multisine = _rich(level, seconds, [seed, 6], tick_s)
     else:
         pen = Pen(level, tick_s)
-        (_poor if kind == "poor" else _fair)(pen, np.random.default_rng([seed, 6]), seconds)
+        draw = {"poor": _poor, "periodic": _periodic, "fair": _fair}[kind]
+        draw(pen, np.random.default_rng([seed, 6]), seconds)
     corner_s = np.concatenate([np.array(before.t) - before.now, pen.t[1:]])
     return Drive(corner_s, np.concatenate([before.level, pen.level[1:]]), multisine)
 
@@ -136,6 +137,17 @@ def _poor(pen: Pen, rng: np.random.Generator, seconds: float) -> None:
             pen.go(edge, rate)
             goal, sign = 2 * edge - goal, -sign
         pen.go(goal, rate)
+
+
+def _periodic(pen: Pen, rng: np.random.Generator, seconds: float) -> None:
+    """One loop over and over at one rate, half of them with a minor loop on each branch."""
+    rate, low, high = rng.uniform(0.8, 3.0), rng.uniform(0.0, 0.2), rng.uniform(0.8, 1.0)
+    minor = rng.uniform(low, high, 4) if rng.uniform() < 0.5 else np.zeros(0)
+    up, down = np.sort(minor[:2])[::-1], np.sort(minor[2:])
+    pen.go(low, rate)
+    while pen.now < seconds:
+        for level in (*up, high, *down, low):
+            pen.go(float(level), rate)
 
 
 def _fair(pen: Pen, rng: np.random.Generator, seconds: float) -> None:

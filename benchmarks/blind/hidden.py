@@ -7,7 +7,7 @@ zero lie before the record.  Every function returns its signal unchanged where t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
@@ -41,14 +41,21 @@ class Scene:
     peak_v_s: float
 
 
-def draw(name: str, size: float, scene: Scene, seed: int) -> Truth:
+def draw(
+    name: str,
+    size: float,
+    scene: Scene,
+    seed: int,
+    strengths: Mapping[str, Callable[..., Truth]] | None = None,
+) -> Truth:
     """The true parameters of a hidden effect.
 
     Arguments:
-        name: name of the effect, of `STRENGTHS`.
+        name: name of the effect, of `strengths`.
         size: factor on its nominal strength; 0 is nothing.
         scene: the stage and the record.
         seed: the same seed gives the same effect, stronger or weaker with its size.
+        strengths: what draws each effect; `STRENGTHS` if None.
 
     Returns:
         Its parameters.
@@ -62,7 +69,8 @@ def draw(name: str, size: float, scene: Scene, seed: int) -> Truth:
         >>> strong / weak
         2.0
     """
-    return STRENGTHS[name](np.random.default_rng([seed, crc32(name.encode())]), size, scene)
+    chosen = STRENGTHS if strengths is None else strengths
+    return chosen[name](np.random.default_rng([seed, crc32(name.encode())]), size, scene)
 
 
 def _either(rng: np.random.Generator) -> float:

@@ -31,6 +31,7 @@ def judge(case: Case) -> dict[str, Any]:
     result: dict[str, Any] = {
         "id": case.id,
         "suite": case.suite,
+        "drawn": list(case.effects),
         "excitation": case.excitation,
         "size": next(iter(case.effects.values()), None),
         "hidden": list(made.truth),
@@ -57,7 +58,8 @@ def is_known(name: str, library: list[str]) -> bool:
         >>> is_known("aux:load_N", ["aux:COL"]), is_known("backlash", ["aux:COL"])
         (True, False)
     """
-    return ("aux:COL" if name.startswith("aux:") else name) in library
+    kind, colon, _ = name.partition(":")
+    return (f"{kind}:COL" if colon else name) in library
 
 
 def _said(made: Measurement, known: list[str], library: list[str]) -> dict[str, Any]:
@@ -67,12 +69,20 @@ def _said(made: Measurement, known: list[str], library: list[str]) -> dict[str, 
     found = pj.diagnose(record)
     seconds = time.perf_counter() - begin
     content = found.to_json()
+    shown = ("effect", "quantity", "value", "above", "rms")
     oracle, kind = _oracle(record, found, made, known)
     return {
         "verdict": found.verdict,
         "effects": list(found.effects),
         "families": [list(finding.family) for finding in found.findings],
         "parameters": {row["effect"]: row["parameters"] for row in content["findings"]},
+        "evidence": {row["effect"]: row["evidence"] for row in content["findings"]},
+        "limits": [
+            {name: row[name] for name in shown}
+            for row in content["limits"]
+            if row["effect"] in known
+        ],
+        "close": content["close"],
         "budget": content["budget"],
         "levels": found.model.plane.levels,
         "held_out": {

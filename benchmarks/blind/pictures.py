@@ -15,12 +15,19 @@ from blind.rates import WAYS
 
 VERDICTS = ("adequate", "unexplained")
 # Okabe and Ito's palette, with a marker each.
-EXCITATIONS = {"rich": ("#0072B2", "o"), "fair": ("#E69F00", "s"), "poor": ("#D55E00", "^")}
+EXCITATIONS = {
+    "rich": ("#0072B2", "o"),
+    "fair": ("#E69F00", "s"),
+    "periodic": ("#009E73", "D"),
+    "poor": ("#D55E00", "^"),
+}
 LABELS = {
     "diagnose": "diagnose\n(both tests)",
-    "criterion": "criterion\nalone",
-    "held_out": "held-out error\nalone",
+    "criterion": "whitened\ncriterion",
+    "forward": "forward\ncriterion",
+    "held_out": "held-out\nerror",
     "correlation": "largest\ncorrelation",
+    "sparse": "sparse\nregression",
 }
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -94,7 +101,7 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         for place, (kind, (colour, marker)) in enumerate(EXCITATIONS.items()):
             row = parts.get(kind, {}).get("detection", {}).get(name)
             if row is not None:
-                _curve(panel, row, colour, marker, nudge=1.05 ** (place - 1))
+                _curve(panel, row, colour, marker, nudge=1.05 ** (place - 1.5))
         panel.set_xscale("log")
         panel.set_xticks([0.1, 0.5, 1, 4], ["0.1", "0.5", "1", "4"])
         panel.minorticks_off()
@@ -106,7 +113,8 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         Line2D([], [], color=colour, marker=marker, markersize=4, label=kind)
         for kind, (colour, marker) in EXCITATIONS.items()
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    handles.append(Line2D([], [], color="black", linestyle=":", label="printed limit (median)"))
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     figure.savefig(path, dpi=140)
 
 
@@ -125,11 +133,13 @@ def _curve(panel, row: Mapping[str, Any], colour: str, marker: str, nudge: float
         linewidth=1.1,
         elinewidth=0.6,
     )
+    if np.isfinite(row["limit"]):
+        panel.axvline(row["limit"] * nudge, color=colour, linestyle=":", linewidth=1.1)
 
 
 @mpl.rc_context(STYLE)
 def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """How often something is named where nothing is hidden, by four ways to name.
+    """How often something is named where nothing is hidden, by each way to name.
 
     Arguments:
         parts: the summary of each excitation.
@@ -144,7 +154,7 @@ def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> Non
         middle = np.array([one["rate"] for one in rates])
         ends = np.array([[one["low"], one["high"]] for one in rates]).T
         axes.errorbar(
-            np.arange(len(WAYS)) + 0.18 * (place - 1),
+            np.arange(len(WAYS)) + 0.15 * (place - 1.5),
             100 * middle,
             100 * np.abs(ends - middle),
             color=colour,
@@ -156,7 +166,40 @@ def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> Non
     axes.set_xticks(range(len(WAYS)), [LABELS[way] for way in WAYS])
     axes.set_ylim(-3, 103)
     axes.set_ylabel("% of records that hide nothing")
-    axes.set_title("False alarms of four ways to name an effect (bars: 95 %)", loc="left")
+    axes.set_title(f"False alarms of {len(WAYS)} ways to name an effect (bars: 95 %)", loc="left")
     axes.grid(axis="y", color="#E4E4E4", linewidth=0.6)
+    figure.legend(loc="outside right upper")
+    figure.savefig(path, dpi=140)
+
+
+@mpl.rc_context(STYLE)
+def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Share of names that are wrong against that of effects found, as the test gets stricter.
+
+    Arguments:
+        parts: the summary of each excitation.
+        path: the PNG to write.
+    """
+    figure = Figure(figsize=(6.0, 3.8), layout="constrained")
+    axes = figure.add_subplot()
+    for kind, (colour, marker) in EXCITATIONS.items():
+        rows = parts[kind]["risk_and_coverage"] if kind in parts else []
+        rows = [row for row in rows if row["wrong"]["of"] and row["found"]["of"]]
+        if not rows:
+            continue
+        found, wrong = (
+            [100 * row[name]["rate"] for row in rows] for name in ("found", "wrong")
+        )
+        axes.plot(found, wrong, color=colour, marker=marker, markersize=4, label=kind)
+        for row, x, y in zip(rows, found, wrong, strict=True):
+            axes.annotate(
+                f"{row['least_z']:g}", (x, y), (3, 3), textcoords="offset points", fontsize=7
+            )
+    axes.set_xlim(-3, 103)
+    axes.set_ylim(bottom=-0.5)
+    axes.set_xlabel("visible hidden effects that are named, %")
+    axes.set_ylabel("names that are wrong, %")
+    axes.set_title("Risk against coverage, by the least z of the held-out blocks", loc="left")
+    axes.grid(color="#E4E4E4", linewidth=0.6)
     figure.legend(loc="outside right upper")
     figure.savefig(path, dpi=140)

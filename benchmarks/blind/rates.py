@@ -14,8 +14,11 @@ from blind.results import RIVALS
 
 Result = dict[str, Any]
 
-COMBINATIONS = ("single", "pairs", "triples")
+COMBINATIONS = ("single", "pairs", "triples", "beside")
 WAYS = ("diagnose", *RIVALS)
+
+ACTING = ("load_N", "y_V")
+"""Columns of the world that act."""
 
 CLEAR = 1.0
 """Least size of the cases of the confusion matrix and of the rivals' hits: nominal."""
@@ -23,6 +26,9 @@ CLEAR = 1.0
 VISIBLE = 0.95
 """Share of the plain model's held-out mean square that the model with the true effects must not
 leave for the effects to be visible in a record at all."""
+
+STRICTER = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
+"""Least z of the held-out blocks by which names are counted in the curve of risk and coverage."""
 
 STEEPEST = 12.0
 """Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
@@ -124,6 +130,12 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
             lambda one: one["circumstances"]["nothing"],
             lambda rows: rate(bool(one["effects"]) for one in rows),
         ),
+        "adequate": rate(one["verdict"] == "adequate" for one in nothing),
+        "adequate_by_circumstance": _by(
+            nothing,
+            lambda one: one["circumstances"]["nothing"],
+            lambda rows: rate(one["verdict"] == "adequate" for one in rows),
+        ),
         "first_name_right": {
             way: rate(named(one, way) == one["hidden"][0] for one in single if is_clear(one))
             for way in WAYS
@@ -135,13 +147,23 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
             one["verdict"] in ("unexplained", "partly_explained") for one in outside
         ),
         "verdicts_outside": dict(Counter(one["verdict"] for one in outside)),
-        "detection": _by(single, lambda one: short(one["hidden"][0]), _detection),
+        "detection": _by(single, drawn, _detection),
+        "limits": _by(
+            [one for one in single if size_at_limit(one) is not None],
+            drawn,
+            lambda rows: rate(size_at_limit(one) >= one["size"] for one in rows),
+        ),
+        "limits_hold": rate(
+            limit >= one["size"] for one in single if (limit := size_at_limit(one)) is not None
+        ),
+        "risk_and_coverage": risk_and_coverage(judged),
         "parameters": parameter_errors(single),
         "coverage": rate(
             covered for pairs in _parameter_pairs(single).values() for _, covered in pairs
         ),
-        "over_oracle": _quartiles(
-            [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside]
+        "over_oracle": _quantiles(
+            [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside],
+            {"q25": 0.25, "median": 0.5, "q75": 0.75, "p95": 0.95},
         ),
         "seconds": _quantiles([one["seconds"] for one in judged], {"median": 0.5, "p90": 0.9}),
     }
@@ -178,15 +200,56 @@ def is_in_family(result: Result) -> bool:
 
 
 def short(name: str) -> str:
-    """The name of a row or column: the load's is `aux`, and a decoy's `aux (decoy)`.
+    """The name of a row or column: without the column if that acts, else marked as a decoy.
 
     Example:
         >>> short("aux:load_N"), short("aux:temp_C"), short("creep")
         ('aux', 'aux (decoy)', 'creep')
     """
-    if name.startswith("aux:"):
-        return "aux" if name == "aux:load_N" else "aux (decoy)"
-    return name
+    kind, colon, column = name.partition(":")
+    return f"{kind} (decoy)" if colon and column not in ACTING else kind
+
+
+def drawn(result: Result) -> str:
+    """What a single case hides, by the name of what was drawn (two modes are a resonance)."""
+    return next(iter(result.get("drawn") or [short(result["hidden"][0])]))
+
+
+def size_at_limit(result: Result) -> float | None:
+    """Size that a hidden effect that was not named has at the limit that was printed for it.
+
+    None where it was named, or where the record was said to tell nothing of it.
+    """
+    name = result["hidden"][0]
+    if name in result["effects"] or not result["change"]:
+        return None
+    rms = next((row["rms"] for row in result.get("limits", []) if row["effect"] == name), None)
+    return None if rms is None else result["size"] * rms / (result["change"] * result["stroke_um"])
+
+
+def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
+    """Share of names that are wrong, and of visible hidden effects that are named, as z rises.
+
+    Arguments:
+        judged: finished cases; those hiding what the library lacks count for the names alone.
+
+    Returns:
+        A row for each of `STRICTER`, with rates `wrong` of names and `found` of effects.
+    """
+    rows = []
+    for least in STRICTER:
+        names, effects = [], []
+        for one in judged:
+            said = {
+                name
+                for name in one["effects"]
+                if one.get("evidence", {}).get(name, {}).get("z", np.inf) >= least
+            }
+            names += [name not in one["hidden"] for name in said]
+            if one["in_library"] and one["in_library"] == one["hidden"] and is_visible(one):
+                effects += [name in said for name in one["hidden"]]
+        rows.append({"least_z": least, "wrong": rate(names), "found": rate(effects)})
+    return rows
 
 
 def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
@@ -196,9 +259,9 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     """
     rows: dict[str, Counter[str]] = {}
     for one in results:
-        if one["suite"] in ("pairs", "triples") or (one["suite"] == "single" and not is_clear(one)):
+        if one["suite"] in ("pairs", "triples", "beside") or (one["suite"] == "single" and not is_clear(one)):
             continue
-        hidden = "nothing" if not one["hidden"] else short(one["hidden"][0])
+        hidden = "nothing" if not one["hidden"] else drawn(one)
         if one["hidden"] != one["in_library"]:
             hidden += " (not in library)"
         said = named(one, "diagnose")
@@ -239,7 +302,9 @@ def _detection(rows: Sequence[Result]) -> dict[str, Any]:
         f"{level:g}": rate(hit for s, hit in zip(size, found, strict=True) if s == level)
         for level in sorted(set(size))
     }
-    return detection_sizes(size, found) | {"by_size": by_size}
+    limits = [limit for one in rows if (limit := size_at_limit(one)) is not None]
+    limit = {"limit": float(np.median(limits)) if limits else np.nan}
+    return detection_sizes(size, found) | limit | {"by_size": by_size}
 
 
 def _by(results, key, value) -> dict[str, Any]:
@@ -247,10 +312,6 @@ def _by(results, key, value) -> dict[str, Any]:
     for one in results:
         groups.setdefault(key(one), []).append(one)
     return {name: value(groups[name]) for name in sorted(groups)}
-
-
-def _quartiles(values: Sequence[float]) -> dict[str, float]:
-    return _quantiles(values, {"q25": 0.25, "median": 0.5, "q75": 0.75})
 
 
 def _quantiles(values: Sequence[float], wanted: dict[str, float]) -> dict[str, float]:

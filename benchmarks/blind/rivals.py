@@ -1,14 +1,19 @@
 """Simpler ways to name an effect, judged on the same records, to show what both tests are for.
 
-The first two see the joint refits of the effects that were worth fitting, the third one sees the
-residual of the model without effects:
+The first three see the joint refits of the effects that were worth fitting, the others the residual
+of the model without effects:
 
 - `criterion`: the first test alone, the greatest fall of the Bayesian information criterion on
   whitened residuals, if it is 10 or more;
+- `forward`: forward selection by the ordinary information criterion, which takes samples as
+  independent, on the held-out error;
 - `held_out`: the second test without its threshold, the greatest fall of the held-out error, if it
   falls at all;
 - `correlation`: the effect whose simple sign correlates most with the residual, if the ordinary
-  information criterion, which takes samples as independent, prefers a term for it.
+  information criterion prefers a term for it;
+- `sparse`: the greatest term of a sparse regression of the residual on the simple signs of all
+  effects, by thresholded least squares (S. L. Brunton, J. L. Proctor, J. N. Kutz, PNAS 113 (2016)
+  3932-3937).
 """
 
 from __future__ import annotations
@@ -20,6 +25,8 @@ import preisach_jax as pj
 from blind.results import RIVALS
 
 LEAST_FALL = 10.0
+TERMS = 2  # of an effect, for the ordinary criterion
+LEAST_TERM = 0.1  # of a sparse regression, in parts of the residual
 SLOW = 0.05  # part of the record over which the sign of creep forgets
 
 
@@ -36,10 +43,18 @@ def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None
     first = [trial for trial in found.candidates if trial.step == 0 and "z" in trial.evidence]
     criterion = {trial.effect: trial.evidence["delta_bic"] for trial in first}
     gain = {trial.effect: trial.gain for trial in first}
+    rows = np.count_nonzero(found.base.record.measured)
+    forward = {
+        name: -rows * np.log1p(-min(fall, 0.999)) - TERMS * np.log(rows)
+        for name, fall in gain.items()
+    }
+    signs, residual = _signs_and_residual(found, library)
     names = (
         _greatest(criterion, LEAST_FALL),
+        _greatest(forward, 0.0),
         _greatest(gain, 0.0),
-        _greatest(_correlated(found, library), 0.0),
+        _greatest(_correlated(signs, residual), 0.0),
+        _greatest(_sparse(signs, residual), 0.0),
     )
     return dict(zip(RIVALS, names, strict=True))
 
@@ -49,19 +64,38 @@ def _greatest(score: dict[str, float], least: float) -> str | None:
     return name if name is not None and score[name] > least else None
 
 
-def _correlated(found: pj.Diagnosis, library: list[str]) -> dict[str, float]:
-    """Fall of the ordinary criterion for one more term, by the effect that the term stands for."""
+def _signs_and_residual(
+    found: pj.Diagnosis, library: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """(row,) signs of the library's effects, of RMS 1 or 0, and the residual, without means."""
     record = found.base.record
     there = record.measured
-    residual = found.base.residual[there] - found.base.residual[there].mean()
-    falls = {}
+    signs = {}
     for name, sign in simple_signs(record).items():
         if name in library or name.startswith("aux:"):
             column = sign[there] - sign[there].mean()
-            power = (column @ column) * (residual @ residual)
-            share = (column @ residual) ** 2 / power if power > 0 else 0.0
-            falls[name] = -len(residual) * np.log1p(-share) - np.log(len(residual))
-    return falls
+            signs[name] = column / (column.std() or 1.0)
+    return signs, found.base.residual[there] - found.base.residual[there].mean()
+
+
+def _correlated(signs: dict[str, np.ndarray], residual: np.ndarray) -> dict[str, float]:
+    """Fall of the ordinary criterion for one more term, by the effect that the term stands for."""
+    rows, power = len(residual), residual @ residual
+    share = {name: (sign @ residual) ** 2 / (rows * power) for name, sign in signs.items()}
+    return {name: -rows * np.log1p(-part) - np.log(rows) for name, part in share.items()}
+
+
+def _sparse(signs: dict[str, np.ndarray], residual: np.ndarray) -> dict[str, float]:
+    """Size of each term that a sparse regression keeps, in parts of the residual."""
+    kept = list(signs)
+    while kept:
+        columns = np.stack([signs[name] for name in kept], axis=1)
+        size = np.abs(np.linalg.lstsq(columns, residual)[0]) / residual.std()
+        small = size < LEAST_TERM
+        if not small.any():
+            return dict(zip(kept, size.tolist(), strict=True))
+        kept = [name for name, out in zip(kept, small, strict=True) if not out]
+    return {}
 
 
 def simple_signs(record: pj.Record) -> dict[str, np.ndarray]:

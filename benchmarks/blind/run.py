@@ -157,7 +157,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", choices=list(SEEDS), default="development")
     parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(REPEATS)}")
     parser.add_argument("--effects", type=_names, default=[], help="only cases that hide one")
-    parser.add_argument("--excitation", type=_names, default=[], help="of poor,fair,rich")
+    parser.add_argument("--excitation", type=_names, default=[], help="of poor,periodic,fair,rich")
     parser.add_argument(
         "--size", type=_sizes, default=[], help=f"of {','.join(f'{size:g}' for size in SIZES)}"
     )

@@ -16,11 +16,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.pictures import draw_confusion, draw_detection, draw_false_alarms
+from blind.pictures import draw_confusion, draw_detection, draw_false_alarms, draw_risk
 from blind.rates import COMBINATIONS, WAYS, summary_of
 from blind.results import read_results
 
-EXCITATIONS = ("all", "rich", "fair", "poor")
+EXCITATIONS = ("all", "rich", "fair", "periodic", "poor")
 Summary = Mapping[str, Any]
 
 
@@ -58,6 +58,8 @@ def write_tables(folder: Path) -> dict[str, Any]:
         draw_detection(content["excitation"], folder / "detection.png")
     if content["excitation"]["all"]["false_alarms"]["diagnose"]["of"]:
         draw_false_alarms(content["excitation"], folder / "false_alarms.png")
+    if content["excitation"]["all"]["detection"]:
+        draw_risk(content["excitation"], folder / "risk.png")
     return content
 
 
@@ -84,7 +86,13 @@ def as_markdown(content: Summary) -> str:
     for kind in kinds:
         if parts[kind]["confusion"]:
             lines += _confusion_table(parts[kind]["confusion"], kind)
-    lines += ["", "## Size at which an effect is named in 50 % and in 90 % of the cases", ""]
+    lines += [
+        "",
+        "## Size at which an effect is named in 50 % and in 90 % of the cases; printed limit",
+        "",
+        "The limit is the median of the sizes that the limits printed for what was not named allow.",
+        "",
+    ]
     lines += _table("effect", kinds, _rows_of(parts, "detection", _detection_cell), parts)
     lines += [
         "",
@@ -95,6 +103,11 @@ def as_markdown(content: Summary) -> str:
     lines += ["", "## Records that hide nothing: false alarms of the diagnosis", ""]
     name = "false_alarms_by_circumstance"
     lines += _table("circumstance", kinds, _rows_of(parts, name, _rate_cell), parts)
+    lines += ["", "## Records that hide nothing: said to be adequate", ""]
+    name = "adequate_by_circumstance"
+    lines += _table("circumstance", kinds, _rows_of(parts, name, _rate_cell), parts)
+    lines += ["", "## Effects that were not named: printed limits that hold", ""]
+    lines += _table("effect", kinds, _rows_of(parts, "limits", _rate_cell), parts)
     return "\n".join(lines) + "\n"
 
 
@@ -116,6 +129,7 @@ def _overall() -> Rows:
             rows[f"{suite}: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
                 part[key][suite]
             )
+    rows["nothing hidden, said to be adequate"] = lambda part: _rate_cell(part["adequate"])
     for way in WAYS:
         rows[f"nothing hidden, something named: {way}"] = lambda part, way=way: _rate_cell(
             part["false_alarms"][way]
@@ -130,7 +144,10 @@ def _overall() -> Rows:
         ),
         "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
         "outside the library: wrong name": lambda part: _rate_cell(part["wrong_name_outside"]),
-        "held-out error over the oracle's: median (quartiles)": lambda part: _oracle_cell(
+        "printed limits that hold, of what was not named": lambda part: _rate_cell(
+            part["limits_hold"]
+        ),
+        "held-out error over the oracle's: median (quartiles; 95 %)": lambda part: _oracle_cell(
             part["over_oracle"]
         ),
         "seconds a diagnosis: median (90 %)": lambda part: (
@@ -170,7 +187,8 @@ def _detection_cell(row: Summary) -> str:
     def shown(size: float) -> str:
         return "all" if size == 0 else "never" if np.isinf(size) else f"{size:.2g}"
 
-    return f"{shown(row['size_50'])}, {shown(row['size_90'])}"
+    limit = "" if np.isnan(row["limit"]) else f"; {row['limit']:.2g}"
+    return f"{shown(row['size_50'])}, {shown(row['size_90'])}{limit}"
 
 
 def _parameter_cell(row: Summary) -> str:
@@ -180,7 +198,9 @@ def _parameter_cell(row: Summary) -> str:
 
 
 def _oracle_cell(row: Summary) -> str:
-    return f"{row['median']:.2f} ({row['q25']:.2f} to {row['q75']:.2f})" if row["cases"] else ""
+    if not row["cases"]:
+        return ""
+    return f"{row['median']:.2f} ({row['q25']:.2f} to {row['q75']:.2f}; {row['p95']:.2f})"
 
 
 def _confusion_table(confusion: Summary, kind: str) -> list[str]:

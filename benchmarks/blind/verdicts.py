@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from blind.cases import Case, Choice, make_cases
+from blind.machines import STRENGTHS as MACHINES
 from blind.results import read_results
 from blind.run import ONE_THREAD, run_or_stop
 from blind.world import EFFECTS, make_measurement
@@ -40,13 +41,14 @@ def chosen_cases() -> list[Case]:
     single = [
         case
         for name in EFFECTS
+        if name not in MACHINES
         for case in make_cases(
             Choice(["single"], effects=[name], sizes=[1.0], excitations=["rich"], limit=3)
         )
     ]
     groups = [
-        make_cases(Choice(["none"], limit=40)),
-        single[:51],
+        make_cases(Choice(["none"], excitations=["poor", "fair", "rich"], limit=40)),
+        single,
         make_cases(Choice(["pairs"], excitations=["rich"], limit=20)),
         make_cases(Choice(["triples"], excitations=["rich"], limit=10)),
     ]

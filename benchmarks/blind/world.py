@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from blind import hidden
+from blind import hidden, machines
 from blind.excitation import HISTORY_S, Drive, make_drive
 from blind.hidden import LOAD_N, Scene, Truth
 from blind.stage import Stage, make_stage
@@ -36,11 +36,19 @@ EFFECTS = (
     "input_quantisation",
     "output_quantisation",
     "accommodation",
+    *machines.STRENGTHS,
 )
 OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk")
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
-LOAD, DECOYS = "load_N", ("temp_C", "pressure_kPa")
-KNOWN_AS = {"aux": f"aux:{LOAD}", "accommodation": "reptation"}  # in the library
+LOAD, AXIS, DECOYS = "load_N", "y_V", ("temp_C", "pressure_kPa")
+KNOWN_AS = {  # in the library
+    "aux": f"aux:{LOAD}",
+    "accommodation": "reptation",
+    "gain": f"gain:{LOAD}",
+    "cross": f"cross:{AXIS}",
+    "modes": "resonance",
+}
+STRENGTHS = hidden.STRENGTHS | machines.STRENGTHS
 LEAST_RATE_HZ = 6000.0  # of the fine raster
 
 
@@ -102,7 +110,7 @@ def make_measurement(
     Arguments:
         effects: sizes of the hidden effects (of `EFFECTS` and `OUTSIDE`) by name; 1 is nominal.
         seed: of everything random; the same seed is the same stage, whatever is hidden.
-        excitation: `"poor"`, `"fair"` or `"rich"`.
+        excitation: `"poor"`, `"periodic"`, `"fair"` or `"rich"`.
         seconds, rate_hz: length and sampling rate of the record.
         nothing: what may be mistaken for an effect, one of `NOTHING`.
 
@@ -123,11 +131,15 @@ def make_measurement(
         raise ValueError(f"no circumstance {nothing!r}: one of {', '.join(NOTHING)}")
     density = nothing if nothing in ("ridges", "relays") else "smooth"
     setting = _setting(seed, excitation, seconds, rate_hz, density)
-    truth = {name: hidden.draw(name, size, setting.scene, seed) for name, size in effects.items()}
+    truth = {
+        name: hidden.draw(name, size, setting.scene, seed, STRENGTHS)
+        for name, size in effects.items()
+    }
     clean = _clean(setting, truth)
     bare = _clean(setting, {}) if truth else clean
     time = np.arange(len(clean)) / rate_hz
-    decoys = np.random.default_rng([seed, 4]) if "aux" in truth or nothing == "decoys" else None
+    misled = nothing == "decoys" or any(name in truth for name in ("aux", "gain", "cross"))
+    decoys = np.random.default_rng([seed, 4]) if misled else None
     output, noise, circumstances = _measured(setting, clean, truth, seed, nothing)
     coarse = hidden.rounded(clean, truth.get("output_quantisation", {}).get("step", 0.0))
     return Measurement(
@@ -185,11 +197,7 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
     if "moving" in truth:
         h = setting.stage.response_with_feedback(x, truth["moving"]["a"] / scene.span_v)
     else:
-        shift = fade = None
-        if "rate_dependence" in truth:
-            law = truth["rate_dependence"]
-            speed = np.abs(rate) / law["at_v_s"]
-            shift = law["widening_v"] * speed ** law["exponent"] / scene.span_v
+        shift, fade = _widened(truth, rate, scene.span_v), None
         if "accommodation" in truth:
             travel = np.abs(np.diff(x, prepend=x[0]))
             fade = -np.expm1(-truth["accommodation"]["fade_per_range"] * travel)
@@ -199,6 +207,8 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
     if "gain_walk" in truth:
         walk = truth["gain_walk"]
         h = h * (1 + walk["rms"] * hidden.slow_walk(setting.t, scene.seconds, walk["walk_seed"]))
+    if "gain" in truth:
+        h = h * machines.gain(setting.t, scene.seconds, truth["gain"], step)
     if "creep" in truth:
         h = hidden.creep(h, truth["creep"], step)
     if "stick_slip" in truth:
@@ -207,7 +217,22 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         h = hidden.backlash(h, truth["backlash"])
     if "friction" in truth:
         h = h + hidden.friction(rate, truth["friction"], step)
+    if "viscosity" in truth:
+        h = h + machines.viscosity(rate, truth["viscosity"], step)
+    if "modes" in truth:
+        h = machines.modes(h, truth["modes"], step)
     return hidden.resonance(h, truth["resonance"], step) if "resonance" in truth else h
+
+
+def _widened(truth: Mapping[str, Truth], rate: np.ndarray, span_v: float) -> np.ndarray | None:
+    """(time,) by how much the thresholds lie further apart, in parts of the drive's range."""
+    shifts: list[np.ndarray] = []
+    if "rate_dependence" in truth:
+        law = truth["rate_dependence"]
+        shifts.append(law["widening_v"] * (np.abs(rate) / law["at_v_s"]) ** law["exponent"])
+    if "log_rate" in truth:
+        shifts.append(machines.log_widening(rate, truth["log_rate"]))
+    return sum(shifts) / span_v if shifts else None
 
 
 def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.ndarray:
@@ -216,10 +241,14 @@ def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.nd
     if "aux" in truth:
         force = LOAD_N * hidden.load(t, seconds, truth["aux"]["column_seed"])
         z = z + truth["aux"]["gain"] * hidden.lag(force, truth["aux"]["tau_s"], setting.step_s)
+    if "cross" in truth:
+        z = z + machines.cross(t, seconds, truth["cross"], setting.step_s)
     if "output_nonlinearity" in truth:
         z = hidden.distorted(z, setting.stage.stroke_um, truth["output_nonlinearity"])
     if "output_lag" in truth:
         z = hidden.lag(z, truth["output_lag"]["tau_s"], setting.step_s)
+    if "leakage" in truth:
+        z = machines.leakage(t, z, truth["leakage"], setting.step_s)
     if "drift" in truth:
         z = z + hidden.drift(t, seconds, truth["drift"])
     if "telegraph" in truth:
@@ -233,10 +262,14 @@ def _columns(
     time: np.ndarray,
     decoys: np.random.Generator | None,
 ) -> dict[str, np.ndarray]:
-    """Auxiliary columns: the load that acts, and decoys that look as it does and do nothing."""
+    """Auxiliary columns: what acts, and decoys that look as the load does and do nothing."""
     seconds, columns = setting.scene.seconds, {}
-    if "aux" in truth:
-        columns[LOAD] = 15 + LOAD_N * hidden.load(time, seconds, truth["aux"]["column_seed"])
+    for name in ("aux", "gain"):
+        if name in truth:
+            columns[LOAD] = 15 + LOAD_N * hidden.load(time, seconds, truth[name]["column_seed"])
+    if "cross" in truth:
+        drive = machines.axis(time, seconds, truth["cross"]["column_seed"])
+        columns[AXIS] = 50 + machines.AXIS_V * drive
     if decoys is not None:
         slow, quick = decoys.integers(2**31, size=2)
         columns[DECOYS[0]] = 20 + 3 * hidden.slow_walk(time, seconds, int(slow))

@@ -11,7 +11,7 @@ from pathlib import Path
 import blind
 import numpy as np
 import pytest
-from blind import hidden, rates, tables, world
+from blind import hidden, machines, rates, tables, world
 from blind.cases import REPEATS, SEEDS, Case, Choice, make_cases
 from blind.excitation import HISTORY_S, KINDS, make_drive
 from blind.results import RIVALS, ResultsFile, read_results
@@ -23,7 +23,7 @@ import preisach_jax as pj
 
 FOLDER = Path(blind.__file__).parent
 MODULES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__")
-JAX_FREE = ("world", "stage", "hidden", "excitation")
+JAX_FREE = ("world", "stage", "hidden", "machines", "excitation")
 
 SCENE = hidden.Scene(-10.0, 110.0, 50.0, 20.0, 100.0, 400.0, 6e3)
 
@@ -127,6 +127,17 @@ def test_the_poor_drive_has_one_rate_and_the_rich_one_many():
     assert np.log10(ramps.max() / ramps.min()) >= 1.5
     holds = lasted[(rich == 0) & (lasted < 2.2)]
     assert np.log10(holds.max() / holds.min()) >= 1.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_periodic_drive_repeats_itself(seed):
+    drive = make_drive("periodic", 20.0, seed)
+    begin = drive.corner_s[drive.corner_s > 0][0]  # the lower end
+    ends = drive.corner_s[(drive.corner_s > 0) & (drive.level == drive(np.array([begin]))[0])]
+    period = ends[1] - ends[0]
+    t = begin + np.arange(0, 18.0 - begin - period, 1e-3)
+    np.testing.assert_allclose(drive(t + period), drive(t), atol=1e-9)
+    assert np.ptp(drive(t)) >= 0.6
 
 
 def test_the_rich_drive_begins_with_three_equal_loops_and_ends_with_one():
@@ -324,6 +335,65 @@ def test_a_telegraph_has_two_readings_and_friction_opposes_motion():
     np.testing.assert_allclose(pushed[[1999, 3999, 5999, 7999]], [0, -0.2, 0, 0.2], atol=1e-9)
 
 
+def test_an_amplifier_that_leaks_forgets_a_step_since_its_reset():
+    step = 1e-3
+    t = np.arange(-1.0, 2.0, step)
+    z = np.where(t < -0.5, 1.0, 3.0) + np.where(t >= 0.5, 2.0, 0.0)
+    read = machines.leakage(t, z, {"tau_s": 0.4}, step)
+    np.testing.assert_array_equal(read[t < 0], z[t < 0])  # before, it is not read
+    np.testing.assert_allclose(read[(t > 0.01) & (t < 0.49)], 3.0)
+    late = t > 0.51
+    np.testing.assert_allclose(read[late], 3 + 2 * np.exp(-(t[late] - 0.5) / 0.4), atol=4e-3)
+    assert machines.leakage(t, z, {"tau_s": np.inf}, step) is z
+
+
+def test_a_force_of_velocity_goes_with_the_rate_or_saturates():
+    rate = np.repeat([0.0, 50.0, 400.0, -400.0], 500)
+    viscous = {"form": "viscous", "viscous": 1e-3, "tau_s": 0.0}
+    dry = {"form": "dry", "saturating": 0.2, "speed": 10.0, "tau_s": 2e-3}
+    np.testing.assert_allclose(machines.viscosity(rate, viscous, 1e-3), 1e-3 * rate)
+    pushed = machines.viscosity(rate, dry, 1e-3)[[499, 999, 1499, 1999]]
+    np.testing.assert_allclose(pushed, [0.0, 0.2, 0.2, -0.2], atol=1e-4)
+
+
+def test_a_gain_scales_the_loop_with_its_column():
+    made = short({"gain": 2.0}, 25)
+    truth = made.truth["gain:load_N"]
+    factor = 1 + truth["gain"] * (made.aux["load_N"] - 15)
+    caused = made.output - bare(25).output
+    expected = bare(25).output * (factor - 1)
+    agreement = np.corrcoef(caused, expected)[0, 1]
+    assert agreement > (0.99 if truth["tau_s"] == 0 else 0.5)
+
+
+def test_another_axis_acts_through_its_column_with_its_gain_where_it_rests():
+    t, step = np.arange(-1.0, 20.0, 1e-3), 1e-3
+    truth = hidden.draw("cross", 1.0, SCENE, 3, machines.STRENGTHS)
+    added = machines.cross(t, 20.0, truth, step)
+    drive = machines.AXIS_V * machines.axis(t, 20.0, truth["column_seed"])
+    w, zeta = 2 * np.pi * truth["f_hz"], truth["zeta"]
+    _, y, _ = signal.lsim(([w * w], [1, 2 * zeta * w, w * w]), drive - drive[0], t + 1)
+    np.testing.assert_allclose(added, truth["gain"] * (drive[0] + y), atol=1e-6)
+    made = short({"cross": 1.0}, 21)
+    assert set(made.aux) == {"y_V", "temp_C", "pressure_kPa"}
+
+
+def test_two_modes_ring_at_both_frequencies_and_rest_where_they_are_driven():
+    truth = {"f_hz": 40.0, "zeta": 0.02, "f_hz_2": 110.0, "zeta_2": 0.02, "share_2": 0.4}
+    h = np.where(np.arange(20_000) < 1000, 0.0, 5.0)
+    moved = machines.modes(h, truth, 1e-3)
+    assert moved[-1] == pytest.approx(5.0, abs=1e-3)
+    power = np.abs(np.fft.rfft(moved[1001:9001] - 5.0))
+    peaks = signal.find_peaks(power, height=power.max() / 20)[0] / 8.0
+    np.testing.assert_allclose(peaks, [40.0, 110.0], atol=0.3)
+
+
+def test_thresholds_move_by_one_amount_a_decade_of_the_rate():
+    truth = {"coefficient": 0.5, "slow_speed": 1.0}
+    moved = machines.log_widening(np.array([0.0, -1e3, 1e4, 1e5]), truth)
+    np.testing.assert_allclose(moved, [0.0, 1.5, 2.0, 2.5], atol=1e-3)
+
+
 def test_noise_has_its_colour_and_strength():
     rng = np.random.default_rng(1)
     white, red, pink = (world._noise(rng, name, 40_000) for name in ("white", "ar1", "pink"))
@@ -342,11 +412,13 @@ def test_the_list_of_cases_holds_what_it_promises():
     cases = make_cases(Choice(seeds="reporting"))
     assert len({case.id for case in cases}) == len(cases)
     count = {suite: sum(case.suite == suite for case in cases) for suite in REPEATS}
-    assert count["none"] == 600
+    assert count["none"] == 800
     assert count["single"] == len(world.EFFECTS) * 6 * REPEATS["single"] * len(KINDS)
-    sizes = {2: "pairs", 3: "triples"}
-    assert all(case.suite == sizes[len(case.effects)] for case in cases if len(case.effects) > 1)
-    assert min(case.seed for case in cases) >= 1_000_000
+    several = {"pairs": 2, "beside": 2, "triples": 3}
+    assert all(len(case.effects) == several.get(case.suite, len(case.effects)) for case in cases)
+    assert all(len(case.effects) < 2 for case in cases if case.suite not in several)
+    assert count["beside"] == 6 * 3 * 5 * len(KINDS)
+    assert min(case.seed for case in cases) >= 2_000_000_000
     assert max(case.seed for case in make_cases(Choice())) <= 999
 
 
@@ -379,6 +451,8 @@ def made_up(name, **changes):
         "suite": "single",
         "excitation": "rich",
         "size": 1.0,
+        "change": 0.01,
+        "stroke_um": 50.0,
         "hidden": ["creep"],
         "in_library": ["creep"],
         "truth": {"creep": {"gain_per_decade": 0.01}},
@@ -413,7 +487,7 @@ def test_an_interruption_keeps_what_is_done(tmp_path):
     cases = make_cases(Choice(["none"], limit=5))
     with pytest.raises(KeyboardInterrupt):
         run_cases(cases, tmp_path, 0, interrupted)
-    assert len(read_results(tmp_path)) == 3
+    assert len(read_results(tmp_path)) == len(KINDS)
 
 
 # Tables --------------------------------------------------------------------------------------
@@ -455,8 +529,14 @@ def synthetic():
     }
     return [
         made_up("a"),
-        made_up("b", **wrong, seconds=20.0),
-        made_up("c", **quiet, size=0.25),
+        made_up(
+            "b",
+            **wrong,
+            seconds=20.0,
+            evidence={"drift": {"z": 3.5}},
+            limits=[{"effect": "creep", "rms": 0.3}],
+        ),
+        made_up("c", **quiet, size=0.25, limits=[{"effect": "creep", "rms": 0.6}]),
         made_up("d", **one_drift, parameters={"drift": {"amplitude": drift}}),
         made_up("e", **nothing, **quiet, rivals={**dict.fromkeys(RIVALS), "held_out": "drift"}),
         made_up("f", **(nothing | {"circumstances": {"nothing": "relays"}})),
@@ -488,6 +568,18 @@ def test_tables_hold_the_numbers_counted_by_hand(written):
     assert counted(rich["false_alarms"]["held_out"]) == (1, 2)
     assert counted(rich["false_alarms"]["criterion"]) == (0, 2)
     assert counted(rich["false_alarms_by_circumstance"]["relays"]) == (1, 1)
+    assert counted(rich["adequate"]) == (1, 2)
+    assert counted(rich["adequate_by_circumstance"]["plain"]) == (1, 1)
+    # It changed 0.5 um; a limit of 0.6 um at size 0.25 holds, one of 0.3 um at size 1 does not.
+    assert counted(rich["limits_hold"]) == (1, 2)
+    assert counted(rich["limits"]["creep"]) == (1, 2)
+    assert rich["detection"]["creep"]["limit"] == pytest.approx((0.3 + 0.6) / 2)
+    loose, strict = (rich["risk_and_coverage"][k] for k in (0, -1))
+    # Said: creep; drift (wrong, z 3.5); drift; creep of nothing, of backlash, of a pair.
+    assert counted(loose["wrong"]) == (3, 6)
+    assert counted(strict["wrong"]) == (2, 5)
+    # Hidden and visible: those of a, b, c, d, and both of i.
+    assert counted(strict["found"]) == (3, 6)
     assert counted(rich["first_name_right"]["diagnose"]) == (2, 3)
     assert counted(rich["wrong_name_outside"]) == (1, 2)
     assert rich["verdicts_outside"] == {"explained": 1, "unexplained": 1}
@@ -510,7 +602,7 @@ def test_tables_and_pictures_are_written(written):
     assert json.loads((folder / "summary.json").read_text()).keys() == content.keys()
     text = (folder / "tables.md").read_text()
     assert "| single: exactly right | 2/4 = 50 % [6.8, 93.2] | 2/4 = 50 % [6.8, 93.2] |" in text
-    for name in ("confusion_rich", "confusion_all", "detection", "false_alarms"):
+    for name in ("confusion_rich", "confusion_all", "detection", "false_alarms", "risk"):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -11,6 +11,7 @@ from preisach_jax.diagnosis import conclusion, judgement, step, walk
 from preisach_jax.diagnosis.budget import (
     Floor,
     by_another_plane,
+    discretisation_rms,
     error_budget,
     memory_rms,
     noise_rms,
@@ -81,18 +82,24 @@ def test_a_tenth_of_few_rows_is_how_many_lags_they_take():
 
 
 @pytest.mark.parametrize(
-    ("noise", "grid", "unexplained", "met"),
+    ("noise", "grid", "memory", "unexplained", "met"),
     [
-        (3.0, 4.0, 5.0, True),
-        (3.0, 4.0, 5.001, False),
-        (1.0, 0.0, 1.0, True),
-        (1.0, 0.0, 1.001, False),
-        (0.0, 1.0, 1.0, True),
-        (0.0, 1.0, 1.001, False),
+        (3.0, 4.0, 0.0, 5.0, True),
+        (3.0, 4.0, 0.0, 5.001, False),
+        (1.0, 0.0, 0.0, 1.0, True),
+        (1.0, 0.0, 0.0, 1.001, False),
+        (0.0, 1.0, 0.0, 1.0, True),
+        (0.0, 1.0, 0.0, 1.001, False),
+        # Memory counts in full up to noise and grid together (9 + 16 + 24 = 49), and no further.
+        (3.0, 4.0, 24**0.5, 6.999, True),
+        (3.0, 4.0, 24**0.5, 7.001, False),
+        (3.0, 4.0, 99.0, 7.071, True),
+        (3.0, 4.0, 99.0, 7.072, False),
+        (0.0, 0.0, 99.0, 0.001, False),
     ],
 )
-def test_a_budget_is_met_up_to_noise_and_grid_once(noise, grid, unexplained, met):
-    assert Budget(noise, 9.0, 9.0, grid, 9.0, unexplained, "um").is_met == met
+def test_a_budget_is_met_up_to_what_its_shares_allow(noise, grid, memory, unexplained, met):
+    assert Budget(noise, 9.0, 9.0, grid, memory, unexplained, "um").is_met == met
 
 
 def on_plane(levels, held_out):
@@ -110,6 +117,23 @@ def test_the_error_of_the_grid_is_held_to_fall_with_the_cell():
     # On 10 levels n² + (2g)²: g² = (18 - 9) / 3.
     coarse = by_another_plane(UNIT, on_plane(20, 9.0), on_plane(10, 18.0))
     assert coarse == pytest.approx(10 * np.sqrt(3.0))
+
+
+def test_the_grid_of_relays_falls_with_the_root_of_the_cell_where_it_comes_back():
+    now, finer = on_plane(20, 9.0), on_plane(40, 4.5)  # 10 sqrt(6) = 24.5 by the cell
+    # n² + g² = 9 and n² + g²/2 = 4.5, so that g² = 9.
+    assert discretisation_rms(UNIT, now, finer, 20.0) == pytest.approx(31.6, rel=0.01)
+    assert discretisation_rms(UNIT, now, finer, 16.0) == pytest.approx(24.5, rel=0.01)
+    assert discretisation_rms(UNIT, now, finer, 3.0) == pytest.approx(18.0)
+    assert discretisation_rms(UNIT, now, finer, None) == pytest.approx(24.5, rel=0.01)
+    # Jumps in a cell: n steps of variance 1 each; lines fitted by NumPy leave 1/15 of n, means 1/6.
+    walks = np.cumsum(np.random.default_rng(1).normal(size=(4000, 200)), axis=1)
+    x = np.arange(200.0)
+    lines = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyfit(x, walks.T, 1))
+    ratio = np.mean(np.var(walks, axis=1)) / np.mean((walks - lines) ** 2)
+    assert discretisation_rms(UNIT, now, on_plane(40, 9.0), 2.0) == pytest.approx(
+        2.0 * np.sqrt(ratio), rel=0.05
+    )
 
 
 def test_the_grid_is_no_more_than_the_whole_and_no_less_than_nothing():

@@ -187,9 +187,7 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         rows = [row for row in rows if row["wrong"]["of"] and row["found"]["of"]]
         if not rows:
             continue
-        found, wrong = (
-            [100 * row[name]["rate"] for row in rows] for name in ("found", "wrong")
-        )
+        found, wrong = ([100 * row[name]["rate"] for row in rows] for name in ("found", "wrong"))
         axes.plot(found, wrong, color=colour, marker=marker, markersize=4, label=kind)
         for row, x, y in zip(rows, found, wrong, strict=True):
             axes.annotate(

@@ -259,7 +259,9 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     """
     rows: dict[str, Counter[str]] = {}
     for one in results:
-        if one["suite"] in ("pairs", "triples", "beside") or (one["suite"] == "single" and not is_clear(one)):
+        if one["suite"] in ("pairs", "triples", "beside") or (
+            one["suite"] == "single" and not is_clear(one)
+        ):
             continue
         hidden = "nothing" if not one["hidden"] else drawn(one)
         if one["hidden"] != one["in_library"]:

@@ -90,7 +90,7 @@ def as_markdown(content: Summary) -> str:
         "",
         "## Size at which an effect is named in 50 % and in 90 % of the cases; printed limit",
         "",
-        "The limit is the median of the sizes that the limits printed for what was not named allow.",
+        "The limit: median size that the limits printed for what was not named allow.",
         "",
     ]
     lines += _table("effect", kinds, _rows_of(parts, "detection", _detection_cell), parts)

@@ -20,13 +20,24 @@ MOST_LEVELS = 50
 MOST_WORK = 3e10
 """Rows times squared cells beyond which a plane is not tried automatically."""
 
-GRID_ORDER = 1
-"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to 2,
-of some dozens of relays 1/2."""
+GRID_ORDER = 1.0
+"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
+2."""
 
 MOST_OVER_WITHIN = 6.0
 """Times the RMS that comes back within cells that the error of the grid may be: of smooth densities
 it is some 3 to 6, of relays 1."""
+
+OF_RELAYS = 1.5
+"""Times the RMS that comes back within cells up to which the error of the grid, as another plane
+tells it, is that of a density of single relays."""
+
+ORDER_OF_RELAYS = 0.5
+"""`GRID_ORDER` of some dozens of relays."""
+
+PATH_OVER_LINE = 2.5**0.5
+"""RMS of a Brownian path, as jumps in a cell make it, between its ends or around its mean (1/6 of
+its variance), over that around a straight line of its own (1/15)."""
 
 REST = 1e-6
 """Movement of the input from one sample to the next, in parts of its range, that is none."""
@@ -230,8 +241,11 @@ def discretisation_rms(
 
     What another plane leaves more or less (`by_another_plane`) may be physics that the model lacks
     and that a finer plane fits, row by row.  An error of the grid comes back wherever the input
-    passes a cell: it is no less than what does, and no more than some times that
-    (`MOST_OVER_WITHIN`).
+    passes a cell: it is no more than some times that (`MOST_OVER_WITHIN`).
+
+    Where what comes back is most of what another plane tells, the density is one of single relays:
+    the error falls with the root of the cell, and passes differ from the straight lines that are
+    taken from each by more than what is left around these (`PATH_OVER_LINE`).
 
     Arguments:
         problem: the record.
@@ -246,26 +260,31 @@ def discretisation_rms(
     by_plane = by_another_plane(problem, point, other)
     if within_cells is None:
         return by_plane
-    return float(np.clip(by_plane, within_cells, MOST_OVER_WITHIN * within_cells))
+    if by_plane > OF_RELAYS * within_cells:
+        return min(by_plane, MOST_OVER_WITHIN * within_cells)
+    of_relays = by_another_plane(problem, point, other, ORDER_OF_RELAYS)
+    return max(of_relays, PATH_OVER_LINE * within_cells)
 
 
-def by_another_plane(problem: Problem, point: Point, other: Point) -> float:
+def by_another_plane(
+    problem: Problem, point: Point, other: Point, order: float = GRID_ORDER
+) -> float:
     """RMS of what the grid of the plane adds, from the change of the held-out error on another.
 
-    A finer plane takes its share away, a coarser one adds its own.  The error is taken to fall
-    with the cell (`GRID_ORDER`).
+    A finer plane takes its share away, a coarser one adds its own.
 
     Arguments:
         problem: the record.
         point: the model.
         other: the same model on a finer or a coarser plane.
+        order: power of the cell with which the error falls.
 
     Returns:
         The RMS in output units.
     """
     here = point.validation_mean_square
     ratio = point.chain.plane.levels / other.chain.plane.levels
-    share = (here - other.validation_mean_square) / (1 - ratio ** (2 * GRID_ORDER))
+    share = (here - other.validation_mean_square) / (1 - ratio ** (2 * order))
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
 
 

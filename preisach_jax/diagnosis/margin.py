@@ -46,10 +46,8 @@ def close_calls(
         and _least_margin(candidate.evidence, A_LITTLE) >= 1
     ]
     calls += [f"{name} fails them by a small margin" for name in dict.fromkeys(refused)]
-    allowed = (budget.noise**2 + budget.discretisation**2) ** 0.5
-    if met == budget.is_met and allowed / A_LITTLE**0.5 < budget.unexplained < (
-        allowed * A_LITTLE**0.5
-    ):
+    least, most = budget.allowed / A_LITTLE**0.5, budget.allowed * A_LITTLE**0.5
+    if met == budget.is_met and least < budget.unexplained < most:
         side = "just within" if met else "just beyond"
         calls.append(f"what is not explained is {side} noise and discretisation")
     return tuple(calls)

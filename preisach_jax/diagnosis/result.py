@@ -109,9 +109,19 @@ class Budget:
     unit: str
 
     @property
+    def allowed(self) -> float:
+        """RMS that may stay unexplained: noise, discretisation and memory.
+
+        Memory counts for no more than the other two together, as much of what a model lacks is
+        booked there as well.
+        """
+        known = self.noise**2 + self.discretisation**2
+        return float(np.sqrt(known + min(self.memory**2, known)))
+
+    @property
     def is_met(self) -> bool:
-        """Whether what none of the shares explains is no more than noise and discretisation."""
-        return self.unexplained <= float(np.hypot(self.noise, self.discretisation))
+        """Whether what none of the shares explains is no more than what is allowed."""
+        return self.unexplained <= self.allowed
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         (
             "discretisation",
             quantity(budget.discretisation, budget.unit, 3),
-            "finite cells of the plane, estimated from a finer or coarser plane",
+            "finite cells of the plane: another plane, and what comes back in its cells",
         ),
         (
             "memory",

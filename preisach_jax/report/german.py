@@ -21,8 +21,8 @@ _LABELS = {
     "of it, steps of the output": "davon Stufen des Ausgangs",
     "a step over √12": "eine Stufe durch √12",
     "discretisation": "Diskretisierung",
-    "finite cells of the plane, estimated from a finer or coarser plane":
-        "endliche Zellen der Ebene, geschätzt mit einer feineren oder gröberen Ebene",
+    "finite cells of the plane: another plane, and what comes back in its cells":
+        "endliche Zellen der Ebene: eine andere Ebene, und was in ihren Zellen wiederkehrt",
     "memory": "Gedächtnis",
     "rarely visited cells, which only the held-out rows cover":
         "selten besuchte Zellen, die nur in zurückgehaltenen Zeilen vorkommen",

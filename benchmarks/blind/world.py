@@ -232,7 +232,7 @@ def _widened(truth: Mapping[str, Truth], rate: np.ndarray, span_v: float) -> np.
         shifts.append(law["widening_v"] * (np.abs(rate) / law["at_v_s"]) ** law["exponent"])
     if "log_rate" in truth:
         shifts.append(machines.log_widening(rate, truth["log_rate"]))
-    return sum(shifts) / span_v if shifts else None
+    return np.sum(shifts, axis=0) / span_v if shifts else None
 
 
 def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.ndarray:

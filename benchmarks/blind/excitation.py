@@ -1,7 +1,8 @@
 """What drives the hidden stages: a history before the record, and four kinds of record.
 
 `poor` has one ramp rate, `periodic` repeats one loop, `fair` has a few rates and some holds, `rich`
-is the universal diagnostic record.  Levels are parts of the drive's range, 0 to 1, and rates ranges per second.
+is the universal diagnostic record.  Levels are parts of the drive's range, 0 to 1, and rates ranges
+per second.
 """
 
 from __future__ import annotations

@@ -47,6 +47,9 @@ def on_files(files: Files, config: Any) -> Files:
     """Add the generated pages to those that are written by hand."""
     for place, text in generated().items():
         files.append(File.generated(config, place, content=text))
+    for picture in scores.SAMPLE.glob("*.png"):
+        place = f"method/blind-{picture.name}"
+        files.append(File.generated(config, place, abs_src_path=str(picture)))
     return files
 
 

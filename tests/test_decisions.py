@@ -99,7 +99,9 @@ def test_a_tenth_of_few_rows_is_how_many_lags_they_take():
     ],
 )
 def test_a_budget_is_met_up_to_what_its_shares_allow(noise, grid, memory, unexplained, met):
-    assert Budget(noise, 9.0, 9.0, grid, memory, unexplained, "um").is_met == met
+    assert Budget(noise, 9.0, 9.0, grid, memory, unexplained, "um", cells_tell=True).is_met == met
+    told = unexplained <= np.hypot(noise, grid)
+    assert Budget(noise, 9.0, 9.0, grid, memory, unexplained, "um").is_met == told
 
 
 def on_plane(levels, held_out):
@@ -201,10 +203,10 @@ def test_shares_are_taken_in_their_order_from_what_is_left(monkeypatch):
     fit = cast(Any, SimpleNamespace(rms_validation=13.0, point=None))
 
     def found(memory):
-        return error_budget(problem, fit, Floor(noise=3.0, memory=memory), 4.0)
+        return error_budget(problem, fit, Floor(noise=3.0, memory=memory), 4.0, True)
 
     # 13² = 3² + 4² + 12², and nothing is left.
-    assert found(12.0) == Budget(3.0, 7.0, 8.0, 4.0, 12.0, 0.0, "um")
+    assert found(12.0) == Budget(3.0, 7.0, 8.0, 4.0, 12.0, 0.0, "um", cells_tell=True)
     assert found(99.0).memory == pytest.approx(12.0)  # more than is left
     assert found(0.0).unexplained == pytest.approx(12.0)
 

@@ -106,23 +106,21 @@ def test_every_built_in_effect_is_in_the_reference(name):
     assert f"::: {kind.__module__}.{kind.__name__}\n" in text
 
 
-def test_scores_are_those_of_the_committed_summaries(helper):
+def test_scores_are_those_of_the_committed_results(helper):
     import json
 
     scores = helper("scores")
-    drawn = scores.samples()
-    assert len(drawn) >= 4
-    for name, rows in drawn.items():
-        content = json.loads((scores.RESULTS / name / "summary.json").read_text(encoding="utf-8"))
-        summary = content["excitation"]["all"]
-        assert len(rows) == summary["cases"]
-        right = [row for row in rows if row["suite"] == "single" and scores.is_exact(row)]
-        assert len(right) == summary["exact"]["single"]["count"]
-    text = scores.overview(dict([drawn.popitem()]))
-    assert (
-        f"{summary['exact']['single']['count']} of {summary['exact']['single']['of']}<br>" in text
-    )
-    assert "moving | adequate" in scores.failures(scores.samples())
+    rows = scores.sample()
+    content = json.loads((scores.SAMPLE / "summary.json").read_text(encoding="utf-8"))
+    assert len(rows) == content["excitation"]["all"]["cases"]
+    plain = [row for row in rows if not row["hidden"] and not row["error"]]
+    named = sum(bool(row["effects"]) for row in plain)
+    page = scores.page()
+    assert f"| nothing hidden, something named: diagnose | {named}/{len(plain)} = " in page
+    wrong = [row for row in rows if not row["error"] and not scores.right(row)]
+    assert scores.failures(rows).count("\n") == len(wrong) + 1
+    for name in ("confusion_all", "false_alarms", "risk"):
+        assert f"(blind-{name}.png)" in page
 
 
 def test_commands_have_their_help(helper):

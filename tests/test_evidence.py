@@ -282,7 +282,7 @@ def test_steps_of_the_drive_itself_are_no_rounding(x64):
 def test_squares_of_the_budget_add_up(x64, grid):
     problem = problem_of("drift", noise_um=0.02)
     fit = finished(problem, base_point(problem, 9), problem.record)
-    budget = error_budget(problem, fit, Floor.of(problem, fit), grid)
+    budget = error_budget(problem, fit, Floor.of(problem, fit), grid, False)
     assert budget.noise == pytest.approx(noise_rms(problem, fit.point))
     shares = (budget.noise, budget.discretisation, budget.memory, budget.unexplained)
     assert np.linalg.norm(shares) == pytest.approx(fit.rms_validation)

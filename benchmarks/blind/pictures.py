@@ -194,7 +194,7 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
                 f"{row['least_z']:g}", (x, y), (3, 3), textcoords="offset points", fontsize=7
             )
     axes.set_xlim(-3, 103)
-    axes.set_ylim(bottom=-0.5)
+    axes.set_ylim(-0.5, max(5.0, 1.1 * axes.get_ylim()[1]))
     axes.set_xlabel("visible hidden effects that are named, %")
     axes.set_ylabel("names that are wrong, %")
     axes.set_title("Risk against coverage, by the least z of the held-out blocks", loc="left")

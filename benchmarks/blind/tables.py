@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,28 +39,41 @@ def write_tables(folder: Path) -> dict[str, Any]:
     results = read_results(folder)
     if not results:
         sys.exit(f"there is no result in {folder}")
-    parts = {"all": results} | {
-        kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
-    }
-    content = {
-        "library": sorted({name for one in results for name in one["library"]}),
-        "commits": sorted({one["commit"] for one in results}),
-        "versions": results[-1]["versions"],
-        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
-    }
+    content = content_of(results)
     text = json.dumps(content, indent=1, default=float)
     (folder / "summary.json").write_text(text + "\n")
     (folder / "tables.md").write_text(as_markdown(content))
     for kind, summary in content["excitation"].items():
         if summary["confusion"]:
             draw_confusion(summary["confusion"], kind, folder / f"confusion_{kind}.png")
-    if content["excitation"]["all"]["detection"]:
+    detected = content["excitation"]["all"]["detection"].values()
+    if any(len(row["by_size"]) > 1 for row in detected):
         draw_detection(content["excitation"], folder / "detection.png")
     if content["excitation"]["all"]["false_alarms"]["diagnose"]["of"]:
         draw_false_alarms(content["excitation"], folder / "false_alarms.png")
     if content["excitation"]["all"]["detection"]:
         draw_risk(content["excitation"], folder / "risk.png")
     return content
+
+
+def content_of(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The content of `summary.json`.
+
+    Arguments:
+        results: finished cases, one at least.
+
+    Returns:
+        The library, commits and versions of the run, and numbers by excitation.
+    """
+    parts = {"all": list(results)} | {
+        kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
+    }
+    return {
+        "library": sorted({name for one in results for name in one["library"]}),
+        "commits": sorted({one["commit"] for one in results}),
+        "versions": results[-1]["versions"],
+        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
+    }
 
 
 def as_markdown(content: Summary) -> str:

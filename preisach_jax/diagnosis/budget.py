@@ -80,7 +80,9 @@ class Floor:
         return Floor(noise_rms(problem, point), memory_rms(problem, point))
 
 
-def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float) -> Budget:
+def error_budget(
+    problem: Problem, fit: Fit, floor: Floor, discretisation: float, cells_tell: bool
+) -> Budget:
     """What the held-out error of a fit is made of.
 
     Squares add up: each share is at most what those before it leave of the whole.
@@ -90,6 +92,7 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
         fit: the fit.
         floor: its floor.
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
+        cells_tell: whether enough passes through its cells have told of that.
     """
     left = fit.rms_validation**2
     shares: list[float] = []
@@ -106,6 +109,7 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
         memory=memory,
         unexplained=float(np.sqrt(left)),
         unit=problem.record.channels["output"].unit,
+        cells_tell=cells_tell,
     )
 
 

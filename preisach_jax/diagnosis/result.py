@@ -98,6 +98,8 @@ class Budget:
         memory: what the rows that identify tell too little of: cells seldom visited.
         unexplained: the rest.
         unit: that of the output.
+        cells_tell: whether enough passes of the input through its cells tell how great the share of
+            the grid is.
     """
 
     noise: float
@@ -107,16 +109,18 @@ class Budget:
     memory: float
     unexplained: float
     unit: str
+    cells_tell: bool = False
 
     @property
     def allowed(self) -> float:
         """RMS that may stay unexplained: noise, discretisation and memory.
 
-        Memory counts for no more than the other two together, as much of what a model lacks is
-        booked there as well.
+        Much of what a model lacks is booked as memory as well: it counts for no more than the other
+        two together, and only where cells tell that these are no such thing.
         """
         known = self.noise**2 + self.discretisation**2
-        return float(np.sqrt(known + min(self.memory**2, known)))
+        memory = min(self.memory**2, known) if self.cells_tell else 0.0
+        return float(np.sqrt(known + memory))
 
     @property
     def is_met(self) -> bool:
@@ -225,7 +229,7 @@ class Diagnosis:
             "effects": list(self.effects),
             "findings": [asdict(finding) for finding in self.findings],
             "ladder": [asdict(rung) for rung in self.ladder],
-            "budget": asdict(self.budget),
+            "budget": {k: v for k, v in asdict(self.budget).items() if k != "cells_tell"},
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "limits": [
                 asdict(limit) | {"text": limit.text(self.budget.unit)} for limit in self.limits

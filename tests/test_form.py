@@ -296,6 +296,25 @@ def test_the_command_looks_for_a_form_where_it_is_asked(tmp_path, capsys, cubed)
     assert content["effects"] == []
 
 
+def test_the_report_without_a_form_stays_where_the_search_for_one_is_interrupted(
+    tmp_path, monkeypatch, cubed
+):
+    def interrupted(found, progress):
+        progress("making terms", 0.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("preisach_jax.diagnosis.diagnose", lambda *_, **__: cubed[0])
+    monkeypatch.setattr("preisach_jax.diagnosis.find_form", interrupted)
+    record = cubed[0].base.record
+    rows = np.stack([record.time, record.input, record.output], axis=1)
+    np.savetxt(tmp_path / "stage.csv", rows, "%.9g", ",", header="t_s,u_V,z_um", comments="")
+    words = ["diagnose", str(tmp_path / "stage.csv"), "--explore"]
+    assert main([*words, "--report", str(tmp_path / "report")]) == 130
+    content = json.loads((tmp_path / "report" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert content["verdict"] == cubed[0].verdict
+    assert content["form"] is None
+
+
 # --- a learned term, where no sparse form is offered ---
 
 

@@ -117,15 +117,26 @@ def diagnose(
     )
     if names:  # a column that was asked for is tried as well
         names += [f"aux:{name}" for name in columns.get("aux", ()) if f"aux:{name}" not in names]
+    own = context.obj["command"]
+    share = 0.5 if explore else 1.0
     with screen.progress() as show:
         found = run(
-            records, names or None, levels, hold_out=apart, tolerance=tolerance, progress=show
+            records,
+            names or None,
+            levels,
+            hold_out=apart,
+            tolerance=tolerance,
+            progress=lambda text, done: show(text, share * done),
         )
-        if explore:
-            show("looking for a form of what remains", 0.96)
-            found = replace(found, form=find_form(found))
-        show("writing the report", 0.97)
-        write_report(found, report, command=context.obj["command"], language=language)
+        show("writing the report", 0.97 * share)
+        write_report(found, report, command=own, language=language)
+        if explore:  # the report without a form stays if this is interrupted
+            form = find_form(
+                found, progress=lambda text, done: show(text, share + (0.97 - share) * done)
+            )
+            show("writing the form into the report", 0.97)
+            found = replace(found, form=form)
+            write_report(found, report, command=own, language=language)
     screen.show_diagnosis(found)
     screen.say(f"\nReport: {report / 'report.html'}")
     return found.to_json()

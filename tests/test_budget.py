@@ -1,15 +1,19 @@
 """The noise of a record is measured whatever its colour, with rests of the input and without."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.diagnosis.budget import noise_rms, refined_levels
+from preisach_jax.diagnosis.budget import refined_levels
+from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.effects.creep import Creep
 from preisach_jax.fit import base_point
 from preisach_jax.identify import Problem
+from preisach_jax.look.stretches import period
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
@@ -82,3 +86,48 @@ def test_a_record_is_not_refined_to_more_cells_than_it_has_rows():
     assert refined_levels(300, 13) == 20
     assert refined_levels(1274, 38) is None
     assert refined_levels(1275, 38) == 50
+
+
+def turning(periods, colour=0.9, seed=3, added=None, lead=True):
+    """A record of a drive that repeats itself, behind a way there, with noise of a colour."""
+    rng = np.random.default_rng(seed)
+    way = np.linspace(5.0, 0.0, 60) if lead else np.zeros(0)
+    corners = [0.0, 9.0, 4.0, 6.0, 1.0, 10.0, 0.0]
+    loop = np.concatenate([np.linspace(a, b, 300, endpoint=False) for a, b in pairwise(corners)])
+    path = np.concatenate([way, np.tile(loop, periods)])
+    white = rng.normal(size=len(path) + 500)
+    noise = signal.lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white)[500:]
+    time = np.arange(len(path)) / RATE
+    output = path + 0.3 * np.sin(40 * path) + NOISE * noise
+    if added is not None:
+        output = output + added(time)
+    record = Record.from_arrays(time, path, output, initial_memory="low")
+    problem = Problem.of(record)
+    return problem, base_point(problem, LEVELS)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+@pytest.mark.parametrize("periods", [3, 8])
+def test_noise_is_what_differs_from_period_to_period(x64, colour, periods):
+    """What is the same in each period is none, though it is fast and the model misses it."""
+    problem, point = turning(periods, colour)
+    assert np.sqrt(np.mean(point.residual**2)) * problem.unit > 5 * NOISE
+    # Lines over 100 samples take a fifth of the power of noise that remembers ten.
+    assert noise_rms(problem, point) == pytest.approx(NOISE, rel=0.3 if colour else 0.15)
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        lambda t: 2.0 * np.sin(2 * np.pi * t / 17.3),  # wanders over some periods
+        lambda t: np.where((t > 8.0) & (t < 18.0), 1.0, 0.0),  # jumps twice
+    ],
+)
+def test_what_wanders_or_jumps_now_and_then_is_no_noise_of_a_period(x64, added):
+    assert noise_rms(*turning(8, added=added)) == pytest.approx(NOISE, rel=0.35)
+
+
+def test_a_drive_that_does_not_repeat_itself_tells_no_noise_by_it(x64):
+    problem, point = turning(1)
+    assert period(problem.record.input) is None
+    assert noise_rms(problem, point) > 1.5 * NOISE  # the fast part is taken for noise

@@ -20,7 +20,6 @@ from preisach_jax.diagnosis.budget import (
     error_budget,
     input_quantisation_rms,
     memory_rms,
-    noise_rms,
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
@@ -37,6 +36,7 @@ from preisach_jax.diagnosis.evidence import (
     simple_ratio,
     standardised,
 )
+from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
@@ -282,7 +282,7 @@ def test_steps_of_the_drive_itself_are_no_rounding(x64):
 def test_squares_of_the_budget_add_up(x64, grid):
     problem = problem_of("drift", noise_um=0.02)
     fit = finished(problem, base_point(problem, 9), problem.record)
-    budget = error_budget(problem, fit, Floor.of(problem, fit), grid, False)
+    budget = error_budget(problem, fit, Floor.of(problem, fit), grid)
     assert budget.noise == pytest.approx(noise_rms(problem, fit.point))
     shares = (budget.noise, budget.discretisation, budget.memory, budget.unexplained)
     assert np.linalg.norm(shares) == pytest.approx(fit.rms_validation)

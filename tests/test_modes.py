@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.budget import noise_rms
+from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.modal import MOST_MODES

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from preisach_jax.chain.runs import response, signals_of
-from preisach_jax.diagnosis.evidence import innovation_variance, residual_in_time
+from preisach_jax.diagnosis.noise import noise_rms, output_quantisation_rms, unpredictable_rms
 from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
@@ -39,22 +38,6 @@ PATH_OVER_LINE = 2.5**0.5
 """RMS of a Brownian path, as jumps in a cell make it, between its ends or around its mean (1/6 of
 its variance), over that around a straight line of its own (1/15)."""
 
-REST = 1e-6
-"""Movement of the input from one sample to the next, in parts of its range, that is none."""
-
-REST_SAMPLES = 100
-"""Samples of a stretch of rest over which noise is measured."""
-
-SETTLING = 50
-"""Samples after a move that are left out: what rings or lags there is no noise."""
-
-LEAST_RESTS = 10
-"""Stretches of rest below which nothing is read from them."""
-
-CLEARLY_PREDICTED = 0.75
-"""RMS error of an autoregression of a residual, over the noise that its second differences show,
-below which these show what rings."""
-
 
 @dataclass(frozen=True)
 class Floor:
@@ -80,9 +63,7 @@ class Floor:
         return Floor(noise_rms(problem, point), memory_rms(problem, point))
 
 
-def error_budget(
-    problem: Problem, fit: Fit, floor: Floor, discretisation: float, cells_tell: bool
-) -> Budget:
+def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float) -> Budget:
     """What the held-out error of a fit is made of.
 
     Squares add up: each share is at most what those before it leave of the whole.
@@ -92,7 +73,6 @@ def error_budget(
         fit: the fit.
         floor: its floor.
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
-        cells_tell: whether enough passes through its cells have told of that.
     """
     left = fit.rms_validation**2
     shares: list[float] = []
@@ -109,34 +89,7 @@ def error_budget(
         memory=memory,
         unexplained=float(np.sqrt(left)),
         unit=problem.record.channels["output"].unit,
-        cells_tell=cells_tell,
     )
-
-
-def noise_rms(problem: Problem, point: Point) -> float:
-    r"""RMS of the noise, from what is unpredictable from one sample to the next.
-
-    Second differences of the residual of the best model, \(e_{k-1} - 2 e_k + e_{k+1}\), have
-    variance \(6\sigma^2\) for white noise, and hardly any share of what a model may lack; their
-    median absolute value does not mind the samples at which a fast move betrays the model.  Noise
-    of a longer memory shows where the input rests, as what each rest leaves around a straight line
-    of its own.  The step of the converter sets the least value.  What rings near the sampling rate
-    has great second differences as well: where an autoregression predicts clearly more of them, it
-    is its error that counts.
-
-    Arguments:
-        problem: the record.
-        point: the best model of it.
-
-    Returns:
-        The RMS in output units.
-    """
-    residual = residual_in_time(problem, point) * problem.unit
-    white = _unpredictable_rms(residual, problem.breaks)
-    predicted_to = float(np.sqrt(innovation_variance(residual, breaks=problem.breaks)))
-    if predicted_to < CLEARLY_PREDICTED * white:
-        white = predicted_to
-    return max(white, output_quantisation_rms(problem), _rms_at_rest(problem, residual))
 
 
 def budget_of_residual(fit: Fit) -> Budget:
@@ -148,30 +101,9 @@ def budget_of_residual(fit: Fit) -> Budget:
     residual = fit.residual[fit.record.measured]
     steps = lattice_step(fit.record.output[fit.record.measured]) / float(np.sqrt(12))
     left = fit.rms_validation
-    noise = min(max(_unpredictable_rms(residual), steps), left)
+    noise = min(max(unpredictable_rms(residual), steps), left)
     rest = float(np.sqrt(left**2 - noise**2))
     return Budget(noise, 0.0, steps, 0.0, 0.0, rest, fit.record.channels["output"].unit)
-
-
-def _unpredictable_rms(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> float:
-    """RMS of white noise in a residual in time order, from its second differences."""
-    differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, breaks)])
-    middle = np.median(np.abs(differences - np.median(differences)))
-    return float(middle / scipy.special.ndtri(0.75)) / float(np.sqrt(6))
-
-
-def output_quantisation_rms(problem: Problem) -> float:
-    r"""RMS of what the steps q of the output's converter take away, \(q/\sqrt{12}\).
-
-    B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4.
-
-    Arguments:
-        problem: the record.
-
-    Returns:
-        The RMS in output units; zero where the readings lie on no lattice.
-    """
-    return lattice_step(problem.target) / float(np.sqrt(12))
 
 
 def input_quantisation_rms(problem: Problem, point: Point) -> float:
@@ -200,30 +132,6 @@ def input_quantisation_rms(problem: Problem, point: Point) -> float:
     rms = float(np.sqrt(np.mean(np.asarray(moved - as_recorded) ** 2)))
     whole = float(np.sqrt(point.validation_mean_square)) * problem.unit
     return rms if rms < whole else 0.0
-
-
-def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
-    """Median RMS of a residual around straight lines over rests of the input; 0 without rests.
-
-    Arguments:
-        problem: the record.
-        residual: (row,) residual in time order.
-    """
-    rows = problem.rows[problem.in_time]
-    time, values = problem.record.time[rows], problem.record.input[rows]
-    moved = np.abs(np.diff(values, prepend=values[0])) > REST * np.ptp(values)
-    moved[list(problem.breaks)] = True
-    stretch = np.cumsum(moved)
-    powers: list[float] = []
-    starts, counts = np.unique(stretch, return_index=True, return_counts=True)[1:]
-    for start, count in zip(starts, counts, strict=True):
-        for part in range(start + SETTLING, start + count - REST_SAMPLES + 1, REST_SAMPLES):
-            inside = slice(part, part + REST_SAMPLES)
-            x = time[inside] - time[inside].mean()
-            y = residual[inside] - residual[inside].mean()
-            bent = y - x * (x @ y) / max(x @ x, np.finfo(float).tiny)
-            powers.append(bent @ bent / (REST_SAMPLES - 2))
-    return float(np.sqrt(np.median(powers))) if len(powers) >= LEAST_RESTS else 0.0
 
 
 def refined_levels(rows: int, levels: int) -> int | None:

@@ -140,8 +140,7 @@ def concluded(
         within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane.levels)
         discretisation = discretisation_rms(step.all_hysterons, now, other, within)
         progress("measuring the error budget", 0.9)
-        tell = within is not None
-        budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation, tell)
+        budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
         fewer = _without_the_lawless(step, budget) or _without_the_slight(
             step, budget, fits, tolerance
         )

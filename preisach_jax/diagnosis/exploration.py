@@ -233,9 +233,7 @@ class Exploration:
                 grid = discretisation_rms(self.problem, self.point, coarse, within)
                 whole = Problem.of(self.record, FINAL_ROWS)
                 floor = Floor.of(whole, self.fit)
-                self._cache["budget"] = error_budget(
-                    whole, self.fit, floor, grid, within is not None
-                )
+                self._cache["budget"] = error_budget(whole, self.fit, floor, grid)
         return self._cache["budget"]
 
     @property

@@ -98,8 +98,6 @@ class Budget:
         memory: what the rows that identify tell too little of: cells seldom visited.
         unexplained: the rest.
         unit: that of the output.
-        cells_tell: whether enough passes of the input through its cells tell how great the share of
-            the grid is.
     """
 
     noise: float
@@ -109,18 +107,15 @@ class Budget:
     memory: float
     unexplained: float
     unit: str
-    cells_tell: bool = False
 
     @property
     def allowed(self) -> float:
         """RMS that may stay unexplained: noise, discretisation and memory.
 
-        Much of what a model lacks is booked as memory as well: it counts for no more than the other
-        two together, and only where cells tell that these are no such thing.
+        Much of what a model lacks is booked as memory as well: it counts for no more than noise.
         """
-        known = self.noise**2 + self.discretisation**2
-        memory = min(self.memory**2, known) if self.cells_tell else 0.0
-        return float(np.sqrt(known + memory))
+        memory = min(self.memory, self.noise)
+        return float(np.linalg.norm([self.noise, self.discretisation, memory]))
 
     @property
     def is_met(self) -> bool:
@@ -229,7 +224,7 @@ class Diagnosis:
             "effects": list(self.effects),
             "findings": [asdict(finding) for finding in self.findings],
             "ladder": [asdict(rung) for rung in self.ladder],
-            "budget": {k: v for k, v in asdict(self.budget).items() if k != "cells_tell"},
+            "budget": asdict(self.budget),
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "limits": [
                 asdict(limit) | {"text": limit.text(self.budget.unit)} for limit in self.limits

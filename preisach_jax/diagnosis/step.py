@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from preisach_jax.diagnosis.budget import by_another_plane, noise_rms, refined_levels
+from preisach_jax.diagnosis.budget import by_another_plane, refined_levels
+from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.diagnosis.trial import Row, Trial
 from preisach_jax.effects.base import Effect

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from blind.cases import SEEDS, SIZES, Choice, make_cases
+from blind.cases import SIZES, Choice, make_cases
 from blind.rates import drawn, is_exact
 from blind.results import read_results
 from blind.tables import as_markdown, content_of
@@ -69,13 +69,12 @@ def what_was_run(rows: Sequence[Result]) -> str:
     commits = ", ".join(sorted({row["commit"][:7] for row in rows}))
     days = sorted({row["finished"][:10] for row in rows})
     lines = [[suite, str(judged[suite]), str(count)] for suite, count in everything.items()]
-    first, count = SEEDS["reporting"]
     sizes = {row["size"] for row in rows if row["suite"] == "single"}
     left_out = [f"{size:g}" for size in SIZES if size not in sizes]
     missing = f" Sizes {', '.join(left_out)} were not run." if left_out else ""
     return (
-        f"Commit {commits}, {' and '.join(dict.fromkeys((days[0], days[-1])))}; seeds from "
-        f"{first:,} to {first + count:,}.{missing}\n\n"
+        f"Commit {commits}, {' and '.join(dict.fromkeys((days[0], days[-1])))}. A case's seed is "
+        f"the last number of its name in the results.{missing}\n\n"
         + table(["hidden", "cases judged", "cases of the whole list"], lines)
     )
 

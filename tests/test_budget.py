@@ -88,17 +88,17 @@ def test_a_record_is_not_refined_to_more_cells_than_it_has_rows():
     assert refined_levels(1275, 38) == 50
 
 
-def turning(periods, colour=0.9, seed=3, added=None, lead=True):
+def turning(periods, colour=0.9, seed=3, added=None, wave=0.3):
     """A record of a drive that repeats itself, behind a way there, with noise of a colour."""
     rng = np.random.default_rng(seed)
-    way = np.linspace(5.0, 0.0, 60) if lead else np.zeros(0)
+    way = np.linspace(5.0, 0.0, 60)
     corners = [0.0, 9.0, 4.0, 6.0, 1.0, 10.0, 0.0]
     loop = np.concatenate([np.linspace(a, b, 300, endpoint=False) for a, b in pairwise(corners)])
     path = np.concatenate([way, np.tile(loop, periods)])
     white = rng.normal(size=len(path) + 500)
-    noise = signal.lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white)[500:]
+    noise = np.asarray(signal.lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white))[500:]
     time = np.arange(len(path)) / RATE
-    output = path + 0.3 * np.sin(40 * path) + NOISE * noise
+    output = path + wave * np.sin(40 * path) + NOISE * noise
     if added is not None:
         output = output + added(time)
     record = Record.from_arrays(time, path, output, initial_memory="low")
@@ -131,3 +131,15 @@ def test_a_drive_that_does_not_repeat_itself_tells_no_noise_by_it(x64):
     problem, point = turning(1)
     assert period(problem.record.input) is None
     assert noise_rms(problem, point) > 1.5 * NOISE  # the fast part is taken for noise
+
+
+def test_what_sticks_and_slips_is_no_noise_of_a_period(x64):
+    """Another sawtooth of some samples in each period, far above what two neighbours differ by."""
+
+    def slipping(time):
+        at = np.cumsum(np.random.default_rng(7).uniform(30, 60, len(time) // 30)) / RATE
+        last = np.concatenate([[0.0], at])[np.searchsorted(at, time)]
+        return 20.0 * (time - last)
+
+    problem, point = turning(8, colour=0.0, added=slipping, wave=0.0)
+    assert noise_rms(problem, point) < 8 * NOISE < 0.3 * np.std(slipping(problem.record.time))

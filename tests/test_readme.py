@@ -84,3 +84,16 @@ def test_it_is_short_and_shows_figures_of_the_latest_results():
     rows = json.loads((results / "whole_process.json").read_text())["diagnose"]
     none, one, *_, three = (f"{row['wall_s']:.0f} s" for row in rows)
     assert f"{none} where nothing is missing, {one} with one effect and {three} with three" in words
+
+
+def test_its_blind_figures_are_those_of_the_committed_sample():
+    results = README.parent / "benchmarks" / "results" / "blind" / "summary.json"
+    found = json.loads(results.read_text(encoding="utf-8"))["excitation"]["all"]
+    words = " ".join(README.read_text(encoding="utf-8").split())
+    plain, alone, outside = found["adequate"], found["exact"]["single"], found["wrong_name_outside"]
+    named = found["false_alarms"]["diagnose"]["count"]
+    assert f"({found['cases']} stages simulated by independent code)" in words
+    assert f"nothing was named in {plain['of'] - named} of {plain['of']} stages" in words
+    assert f"{plain['count']} of them were called adequate" in words
+    assert f"exactly and alone in {alone['count']} of {alone['of']};" in words
+    assert f"{outside['count']} of {outside['of']} got a name" in words

@@ -13,6 +13,9 @@ from preisach_jax.record import Record
 from preisach_jax.record.course import reversals
 from preisach_jax.record.faults import Fault, Kind
 
+BEGINNING = 8
+"""A record's first part, one in so many, in which a drive need not repeat itself yet."""
+
 REST_SAMPLES = 20
 """Samples over which the input must keep still for a rest."""
 
@@ -213,6 +216,17 @@ def period(values: np.ndarray) -> int | None:
         return None
     first = left[0] + back[0]
     return int(first + np.argmin(apart[first : 2 * first]))
+
+
+def repeating_period(values: np.ndarray) -> int | None:
+    """The period of a drive, which need not repeat itself yet as its record begins.
+
+    Example:
+        >>> loop = np.random.default_rng(0).normal(size=300)
+        >>> repeating_period(np.concatenate([np.full(60, 1.0), np.tile(loop, 4)]))
+        300
+    """
+    return period(values[len(values) // BEGINNING :]) or period(values)
 
 
 def band_decades(values: np.ndarray) -> float:

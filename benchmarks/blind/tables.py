@@ -183,10 +183,9 @@ def _rows_of(parts: Summary, table: str, cell: Cell) -> Rows:
 
 def _table(corner: str, kinds: list[str], rows: Rows, parts: Summary) -> list[str]:
     head = [f"| {corner} | {' | '.join(kinds)} |", "|---" * (len(kinds) + 1) + "|"]
-    return head + [
-        f"| {name} | {' | '.join(cell(parts[kind]) for kind in kinds)} |"
-        for name, cell in rows.items()
-    ]
+    cells = {name: [cell(parts[kind]) for kind in kinds] for name, cell in rows.items()}
+    # What was not run has no row.
+    return head + [f"| {name} | {' | '.join(row)} |" for name, row in cells.items() if any(row)]
 
 
 def _rate_cell(rate: Summary) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from blind.cases import SIZES, Choice, make_cases
 from blind.rates import drawn, is_exact
 from blind.results import read_results
-from blind.tables import as_markdown, content_of
+from blind.tables import content_of, tables_of
 
 RESULTS = Path(__file__).resolve().parent.parent / "benchmarks" / "results"
 SAMPLE = RESULTS / "blind"
@@ -44,7 +44,9 @@ effect are judged on the same records (`benchmarks/blind/rivals.py`).
 
 The thresholds of the diagnosis were set on development seeds and committed before the first record
 of this sample was drawn. The command can be interrupted and goes on; its list is ordered so that
-any beginning is an even sample of the whole. Brackets are 95 % intervals (Clopper and Pearson).
+any beginning is an even sample of the whole, or of the suites and excitations that are asked for.
+What has no cell was not run; the library may have changed since. Brackets are 95 % intervals
+(Clopper and Pearson).
 
 *Rich* excitation has ramps at several rates, holds, steps and minor loops; *fair* has three rates
 and some holds; *periodic* repeats one loop; *poor* turns at random at one rate.
@@ -161,13 +163,12 @@ def _reached(percent: dict[str, float | None], way: str) -> str:
 def page() -> str:
     """The page in Markdown."""
     rows = sample()
-    tables = as_markdown(content_of(rows)).partition("\n\n")[2].partition("\n\n")[2]
     return f"""{HEAD}
 {what_was_run(rows)}
 
 ## Rates
 
-{tables}
+{tables_of(content_of(rows))}
 ## Pictures
 
 {pictures()}

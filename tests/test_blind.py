@@ -446,7 +446,7 @@ def interrupted(case: Case):
 
 def made_up(name, **changes):
     """A result as the benchmark writes it, of a single nominal creep that was found."""
-    return {
+    made = {
         "id": name,
         "suite": "single",
         "excitation": "rich",
@@ -469,6 +469,8 @@ def made_up(name, **changes):
         "versions": {},
         "commit": "abc",
     } | changes
+    evidence = {name: {"z": 99.0} for name in made["effects"]}
+    return {"drawn": made["hidden"], "limits": [], "evidence": evidence} | made
 
 
 @pytest.mark.parametrize("workers", [0, 2])

@@ -15,7 +15,15 @@ from preisach_jax.effects import library
 from preisach_jax.look import look
 from preisach_jax.look.drawing import braille, extremes
 from preisach_jax.look.prospects import judged_effects
-from preisach_jax.look.stretches import band_decades, noise_rms, period, resolution, rests, strokes
+from preisach_jax.look.stretches import (
+    band_decades,
+    noise_rms,
+    period,
+    repeating_period,
+    resolution,
+    rests,
+    strokes,
+)
 
 STEP = 0.001
 UNITS = {"input": "V", "output": "um"}
@@ -270,3 +278,9 @@ def test_looking_loads_no_jax(stage_csv):
 def test_the_figure_of_a_look_is_that_of_its_method():
     figure = look(record_of(HOLDS, 1e-3)).plot()
     assert len(figure.axes) == 3
+
+
+def test_a_drive_that_rests_for_the_greater_part_has_no_period():
+    moved, still = np.linspace(0.0, 1.0, 100), np.ones(2000)
+    assert repeating_period(np.concatenate([moved, still])) is None
+    assert period(still) is None

@@ -73,7 +73,8 @@ def draw(
     return chosen[name](np.random.default_rng([seed, crc32(name.encode())]), size, scene)
 
 
-def _either(rng: np.random.Generator) -> float:
+def either(rng: np.random.Generator) -> float:
+    """A sign at random."""
     return float(rng.choice([-1.0, 1.0]))
 
 
@@ -106,7 +107,7 @@ def _resonance(rng, size, scene) -> Truth:
 
 def _drift(rng, size, scene) -> Truth:
     form = str(rng.choice(["exponential", "linear", "random_walk"]))
-    change = scene.stroke_um * rng.uniform(0.01, 0.05) * _either(rng) * size
+    change = scene.stroke_um * rng.uniform(0.01, 0.05) * either(rng) * size
     tau, walk = rng.uniform(0.15, 0.6) * scene.seconds, int(rng.integers(2**31))
     if form == "random_walk":
         return {"form": form, "rms_um": abs(change) / 3, "walk_seed": walk}
@@ -133,14 +134,14 @@ def _output_nonlinearity(rng, size, scene) -> Truth:
 
 
 def _moving(rng, size, scene) -> Truth:
-    share = rng.uniform(0.02, 0.06) * _either(rng) * size
+    share = rng.uniform(0.02, 0.06) * either(rng) * size
     return {"a": share * scene.span_v / scene.stroke_um}
 
 
 def _aux(rng, size, scene) -> Truth:
     lag = rng.uniform(0.02, 0.5)
     return {
-        "gain": scene.stroke_um * rng.uniform(0.01, 0.03) * _either(rng) * size / LOAD_N,
+        "gain": scene.stroke_um * rng.uniform(0.01, 0.03) * either(rng) * size / LOAD_N,
         "tau_s": lag if rng.uniform() < 0.5 else 0.0,
         "column_seed": int(rng.integers(2**31)),
     }
@@ -303,9 +304,20 @@ def load(t: np.ndarray, seconds: float, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(0.02, 0.98, 12)) * seconds
     levels = rng.uniform(-1.0, 1.0, 13)
-    moves = np.diff(levels)[:, None] * 0.5 * (1 + np.tanh((t - at[:, None]) / 0.02))
     sway = 0.15 * np.sin(2 * np.pi * rng.uniform(0.1, 0.5) * t + rng.uniform(0, 6.28))
-    return 0.85 * (levels[0] + moves.sum(axis=0)) + sway
+    return 0.85 * moved_between(levels, at, t, 0.02) + sway
+
+
+def moved_between(levels: np.ndarray, at: np.ndarray, t: np.ndarray, smooth_s: float) -> np.ndarray:
+    """(time,) levels that follow one another at some times, smooth over `smooth_s`."""
+    moves = np.diff(levels)[:, None] * 0.5 * (1 + np.tanh((t - at[:, None]) / smooth_s))
+    return levels[0] + moves.sum(axis=0)
+
+
+def late_force(t: np.ndarray, seconds: float, truth: Truth, step_s: float) -> np.ndarray:
+    """(time,) the load in N behind its lag, as it acts."""
+    force = LOAD_N * load(t, seconds, truth["column_seed"])
+    return lag(force, truth["tau_s"], step_s)
 
 
 def stick_slip(h: np.ndarray, truth: Truth) -> np.ndarray:

@@ -10,14 +10,10 @@ from collections.abc import Callable
 import numpy as np
 
 from blind import hidden
-from blind.hidden import LOAD_N, Scene, Truth
+from blind.hidden import LOAD_N, Scene, Truth, either
 
 AXIS_V = 40.0
 """Reach of the other axis to both sides of its middle."""
-
-
-def _either(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
 
 
 def _viscosity(rng, size, scene: Scene) -> Truth:
@@ -33,7 +29,7 @@ def _viscosity(rng, size, scene: Scene) -> Truth:
 def _gain(rng, size, scene: Scene) -> Truth:
     lag = rng.uniform(0.02, 0.5)
     return {
-        "gain": rng.uniform(0.01, 0.03) * _either(rng) * size / LOAD_N,
+        "gain": rng.uniform(0.01, 0.03) * either(rng) * size / LOAD_N,
         "tau_s": lag if rng.uniform() < 0.5 else 0.0,
         "column_seed": int(rng.integers(2**31)),
     }
@@ -53,7 +49,7 @@ def _log_rate(rng, size, scene: Scene) -> Truth:
 
 def _cross(rng, size, scene: Scene) -> Truth:
     return {
-        "gain": scene.stroke_um * rng.uniform(0.005, 0.02) * _either(rng) * size / AXIS_V,
+        "gain": scene.stroke_um * rng.uniform(0.005, 0.02) * either(rng) * size / AXIS_V,
         "f_hz": 10 ** rng.uniform(np.log10(15), np.log10(60)),
         "zeta": 10 ** rng.uniform(-1.5, -0.7),
         "column_seed": int(rng.integers(2**31)),
@@ -95,8 +91,7 @@ def viscosity(rate: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
 
 def gain(t: np.ndarray, seconds: float, truth: Truth, step_s: float) -> np.ndarray:
     """Factor on the loop by the load."""
-    force = LOAD_N * hidden.load(t, seconds, truth["column_seed"])
-    return 1 + truth["gain"] * hidden.lag(force, truth["tau_s"], step_s)
+    return 1 + truth["gain"] * hidden.late_force(t, seconds, truth, step_s)
 
 
 def leakage(t: np.ndarray, z: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
@@ -119,8 +114,7 @@ def axis(t: np.ndarray, seconds: float, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(0.02, 0.98, 40)) * seconds
     levels = rng.uniform(-1.0, 1.0, 41)
-    moves = np.diff(levels)[:, None] * 0.5 * (1 + np.tanh((t - at[:, None]) / 2e-3))
-    return levels[0] + moves.sum(axis=0)
+    return hidden.moved_between(levels, at, t, 2e-3)
 
 
 def cross(t: np.ndarray, seconds: float, truth: Truth, step_s: float) -> np.ndarray:

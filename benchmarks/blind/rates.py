@@ -14,7 +14,8 @@ from blind.results import RIVALS
 
 Result = dict[str, Any]
 
-COMBINATIONS = ("single", "pairs", "triples", "beside")
+SEVERAL = ("pairs", "triples", "beside")
+COMBINATIONS = ("single", *SEVERAL)
 WAYS = ("diagnose", *RIVALS)
 
 ACTING = ("load_N", "y_V")
@@ -106,6 +107,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     outside = [one for one in judged if one["hidden"] and one["in_library"] != one["hidden"]]
     nothing = [one for one in judged if not one["hidden"]]
     single = [one for one in inside if one["suite"] == "single"]
+    limited = [one for one in single if size_at_limit(one) is not None]
     suites = {suite: [one for one in inside if one["suite"] == suite] for suite in COMBINATIONS}
     return {
         "cases": len(results),
@@ -126,15 +128,11 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         },
         "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
         "false_alarms_by_circumstance": _by(
-            nothing,
-            lambda one: one["circumstances"]["nothing"],
-            lambda rows: rate(bool(one["effects"]) for one in rows),
+            nothing, circumstance, lambda rows: rate(bool(one["effects"]) for one in rows)
         ),
-        "adequate": rate(one["verdict"] == "adequate" for one in nothing),
+        "adequate": rate(map(is_adequate, nothing)),
         "adequate_by_circumstance": _by(
-            nothing,
-            lambda one: one["circumstances"]["nothing"],
-            lambda rows: rate(one["verdict"] == "adequate" for one in rows),
+            nothing, circumstance, lambda rows: rate(map(is_adequate, rows))
         ),
         "first_name_right": {
             way: rate(named(one, way) == one["hidden"][0] for one in single if is_clear(one))
@@ -148,14 +146,8 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         ),
         "verdicts_outside": dict(Counter(one["verdict"] for one in outside)),
         "detection": _by(single, drawn, _detection),
-        "limits": _by(
-            [one for one in single if size_at_limit(one) is not None],
-            drawn,
-            lambda rows: rate(size_at_limit(one) >= one["size"] for one in rows),
-        ),
-        "limits_hold": rate(
-            limit >= one["size"] for one in single if (limit := size_at_limit(one)) is not None
-        ),
+        "limits": _by(limited, drawn, lambda rows: rate(map(limit_holds, rows))),
+        "limits_hold": rate(map(limit_holds, limited)),
         "risk_and_coverage": risk_and_coverage(judged),
         "parameters": parameter_errors(single),
         "coverage": rate(
@@ -179,6 +171,16 @@ def named(result: Result, way: str) -> str | None:
 def is_clear(result: Result) -> bool:
     """Whether a single hidden effect has its nominal size or more."""
     return result["size"] >= CLEAR
+
+
+def is_adequate(result: Result) -> bool:
+    """Whether nothing was said to be missing."""
+    return result["verdict"] == "adequate"
+
+
+def circumstance(result: Result) -> str:
+    """What may be mistaken for an effect where nothing is hidden."""
+    return result["circumstances"]["nothing"]
 
 
 def is_visible(result: Result) -> bool:
@@ -212,7 +214,7 @@ def short(name: str) -> str:
 
 def drawn(result: Result) -> str:
     """What a single case hides, by the name of what was drawn (two modes are a resonance)."""
-    return next(iter(result.get("drawn") or [short(result["hidden"][0])]))
+    return result["drawn"][0]
 
 
 def size_at_limit(result: Result) -> float | None:
@@ -223,8 +225,14 @@ def size_at_limit(result: Result) -> float | None:
     name = result["hidden"][0]
     if name in result["effects"] or not result["change"]:
         return None
-    rms = next((row["rms"] for row in result.get("limits", []) if row["effect"] == name), None)
+    rms = next((row["rms"] for row in result["limits"] if row["effect"] == name), None)
     return None if rms is None else result["size"] * rms / (result["change"] * result["stroke_um"])
+
+
+def limit_holds(result: Result) -> bool:
+    """Whether the limit that was printed for a hidden effect is no less than the effect."""
+    size = size_at_limit(result)
+    return size is not None and size >= result["size"]
 
 
 def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
@@ -240,11 +248,7 @@ def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
     for least in STRICTER:
         names, effects = [], []
         for one in judged:
-            said = {
-                name
-                for name in one["effects"]
-                if one.get("evidence", {}).get(name, {}).get("z", np.inf) >= least
-            }
+            said = {name for name in one["effects"] if one["evidence"][name]["z"] >= least}
             names += [name not in one["hidden"] for name in said]
             if one["in_library"] and one["in_library"] == one["hidden"] and is_visible(one):
                 effects += [name in said for name in one["hidden"]]
@@ -259,9 +263,7 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     """
     rows: dict[str, Counter[str]] = {}
     for one in results:
-        if one["suite"] in ("pairs", "triples", "beside") or (
-            one["suite"] == "single" and not is_clear(one)
-        ):
+        if one["suite"] in SEVERAL or (one["suite"] == "single" and not is_clear(one)):
             continue
         hidden = "nothing" if not one["hidden"] else drawn(one)
         if one["hidden"] != one["in_library"]:

@@ -77,7 +77,24 @@ def content_of(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def as_markdown(content: Summary) -> str:
-    """The tables for people.
+    """The tables for people, below what was run.
+
+    Arguments:
+        content: that of `summary.json`.
+
+    Returns:
+        Markdown.
+    """
+    commits = ", ".join(commit[:10] for commit in content["commits"])
+    head = (
+        f"# Blind benchmark\n\nCommit {commits}; library: {', '.join(content['library'])}.  "
+        "Brackets: 95 % intervals (Clopper and Pearson).\n\n"
+    )
+    return head + tables_of(content)
+
+
+def tables_of(content: Summary) -> str:
+    """The tables alone.
 
     Arguments:
         content: that of `summary.json`.
@@ -87,40 +104,13 @@ def as_markdown(content: Summary) -> str:
     """
     parts: Summary = content["excitation"]
     kinds = [kind for kind in EXCITATIONS if kind in parts]
-    commits = ", ".join(commit[:10] for commit in content["commits"])
-    lines = [
-        "# Blind benchmark",
-        "",
-        f"Commit {commits}; library: {', '.join(content['library'])}.  Brackets: 95 % intervals "
-        "(Clopper and Pearson).",
-        "",
-        *_table("", kinds, _overall(), parts),
-    ]
+    lines = _table("", kinds, _overall(), parts)
     for kind in kinds:
         if parts[kind]["confusion"]:
             lines += _confusion_table(parts[kind]["confusion"], kind)
-    lines += [
-        "",
-        "## Size at which an effect is named in 50 % and in 90 % of the cases; printed limit",
-        "",
-        "The limit: median size that the limits printed for what was not named allow.",
-        "",
-    ]
-    lines += _table("effect", kinds, _rows_of(parts, "detection", _detection_cell), parts)
-    lines += [
-        "",
-        "## Parameters: median relative error; share of 95 % intervals with the truth",
-        "",
-    ]
-    lines += _table("parameter", kinds, _rows_of(parts, "parameters", _parameter_cell), parts)
-    lines += ["", "## Records that hide nothing: false alarms of the diagnosis", ""]
-    name = "false_alarms_by_circumstance"
-    lines += _table("circumstance", kinds, _rows_of(parts, name, _rate_cell), parts)
-    lines += ["", "## Records that hide nothing: said to be adequate", ""]
-    name = "adequate_by_circumstance"
-    lines += _table("circumstance", kinds, _rows_of(parts, name, _rate_cell), parts)
-    lines += ["", "## Effects that were not named: printed limits that hold", ""]
-    lines += _table("effect", kinds, _rows_of(parts, "limits", _rate_cell), parts)
+    for title, corner, name, cell in _sections():
+        if rows := _rows_of(parts, name, cell):
+            lines += ["", f"## {title}", "", *_table(corner, kinds, rows, parts)]
     return "\n".join(lines) + "\n"
 
 
@@ -169,6 +159,38 @@ def _overall() -> Rows:
             else ""
         ),
     }
+
+
+def _sections() -> tuple[tuple[str, str, str, Cell], ...]:
+    """Title, corner, name in the summary, and cell of each table of rows."""
+    return (
+        (
+            "Size at which an effect is named in 50 % and in 90 % of the cases; median size at the "
+            "printed limit",
+            "effect",
+            "detection",
+            _detection_cell,
+        ),
+        (
+            "Parameters: median relative error; share of 95 % intervals with the truth",
+            "parameter",
+            "parameters",
+            _parameter_cell,
+        ),
+        (
+            "Records that hide nothing: false alarms of the diagnosis",
+            "circumstance",
+            "false_alarms_by_circumstance",
+            _rate_cell,
+        ),
+        (
+            "Records that hide nothing: said to be adequate",
+            "circumstance",
+            "adequate_by_circumstance",
+            _rate_cell,
+        ),
+        ("Effects that were not named: printed limits that hold", "effect", "limits", _rate_cell),
+    )
 
 
 def _rows_of(parts: Summary, table: str, cell: Cell) -> Rows:

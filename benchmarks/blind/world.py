@@ -239,8 +239,8 @@ def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.nd
     """(time,) what the sensor makes of where the stage is, in um."""
     t, seconds = setting.t, setting.scene.seconds
     if "aux" in truth:
-        force = LOAD_N * hidden.load(t, seconds, truth["aux"]["column_seed"])
-        z = z + truth["aux"]["gain"] * hidden.lag(force, truth["aux"]["tau_s"], setting.step_s)
+        force = hidden.late_force(t, seconds, truth["aux"], setting.step_s)
+        z = z + truth["aux"]["gain"] * force
     if "cross" in truth:
         z = z + machines.cross(t, seconds, truth["cross"], setting.step_s)
     if "output_nonlinearity" in truth:

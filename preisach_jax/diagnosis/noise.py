@@ -52,7 +52,8 @@ def noise_rms(problem: Problem, point: Point) -> float:
     is its error that counts.
 
     Where the drive repeats itself, all of this is left to what differs from period to period
-    (`_rms_of_repeats`): what is the same in each of them is no noise, however fast it is.
+    (`_rms_of_repeats`): what is the same in each of them is no noise, however fast it is.  Second
+    differences only bound it then (`MOST_COLOURED`).
 
     Arguments:
         problem: the record.
@@ -62,11 +63,10 @@ def noise_rms(problem: Problem, point: Point) -> float:
         The RMS in output units.
     """
     residual = residual_in_time(problem, point) * problem.unit
+    white = unpredictable_rms(residual, problem.breaks)
     repeated = _rms_of_repeats(problem, residual)
     if repeated is not None:
-        most = MOST_COLOURED * unpredictable_rms(residual, problem.breaks)
-        return max(min(repeated, most), output_quantisation_rms(problem))
-    white = unpredictable_rms(residual, problem.breaks)
+        return max(min(repeated, MOST_COLOURED * white), output_quantisation_rms(problem))
     predicted_to = float(np.sqrt(innovation_variance(residual, breaks=problem.breaks)))
     if predicted_to < CLEARLY_PREDICTED * white:
         white = predicted_to
@@ -107,7 +107,7 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
         residual: (row,) residual in time order.
     """
     rows = problem.rows[problem.in_time]
-    values = problem.record.input[rows]
+    time, values = problem.record.time[rows], problem.record.input[rows]
     moved = np.abs(np.diff(values, prepend=values[0])) > REST * np.ptp(values)
     moved[list(problem.breaks)] = True
     stretch = np.cumsum(moved)
@@ -117,13 +117,14 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
         for start, count in zip(starts, counts, strict=True)
         for part in range(start + SETTLING, start + count - SAMPLES + 1, SAMPLES)
     ]
-    return _rms_around_lines(residual, parts) or 0.0
+    return _rms_around_lines(time, residual, parts) or 0.0
 
 
-def _rms_around_lines(values: np.ndarray, begins: Sequence[int]) -> float | None:
+def _rms_around_lines(time: np.ndarray, values: np.ndarray, begins: Sequence[int]) -> float | None:
     """Median RMS of values around a straight line over each of some stretches.
 
     Arguments:
+        time: (row,) in s.
         values: (row,) values, finite in all stretches.
         begins: where a stretch of `SAMPLES` begins.
 
@@ -132,10 +133,10 @@ def _rms_around_lines(values: np.ndarray, begins: Sequence[int]) -> float | None
     """
     if len(begins) < LEAST_STRETCHES:
         return None
-    stretches = values[np.asarray(begins)[:, None] + np.arange(SAMPLES)]
-    x = np.arange(SAMPLES) - (SAMPLES - 1) / 2
-    y = stretches - stretches.mean(axis=1, keepdims=True)
-    left = y - np.outer(y @ x / (x @ x), x)
+    rows = np.asarray(begins)[:, None] + np.arange(SAMPLES)
+    x, y = (each[rows] - each[rows].mean(axis=1, keepdims=True) for each in (time, values))
+    slope = np.sum(x * y, axis=1) / np.maximum(np.sum(x * x, axis=1), np.finfo(float).tiny)
+    left = y - slope[:, None] * x
     return float(np.sqrt(np.median(np.sum(left**2, axis=1)) / (SAMPLES - 2)))
 
 
@@ -161,7 +162,8 @@ def _rms_of_repeats(problem: Problem, residual: np.ndarray) -> float | None:
     powers = [
         (rms**2, stop - start)
         for start, stop in pairwise(runs)
-        if (rms := _of_repeats(record.input[start:stop], error[start:stop])) is not None
+        if (rms := _of_repeats(*(each[start:stop] for each in (record.time, record.input, error))))
+        is not None
     ]
     if not powers:
         return None
@@ -169,8 +171,8 @@ def _rms_of_repeats(problem: Problem, residual: np.ndarray) -> float | None:
     return float(np.sqrt(np.average(power, weights=weight)))
 
 
-def _of_repeats(values: np.ndarray, error: np.ndarray) -> float | None:
-    """The same of one run: its (row,) input, and residual, NaN where that is not known."""
+def _of_repeats(time: np.ndarray, values: np.ndarray, error: np.ndarray) -> float | None:
+    """The same of one run: its (row,) time, input, and residual, NaN where that is not known."""
     lag = repeating_period(values)
     if lag is None:
         return None
@@ -186,7 +188,7 @@ def _of_repeats(values: np.ndarray, error: np.ndarray) -> float | None:
         differences.insert(0, twice / np.sqrt(6))
         known.insert(0, alike[:-lag] & alike[lag:] & np.isfinite(twice))
     for each, there in zip(differences, known, strict=True):
-        rms = _rms_around_lines(each, _full_stretches(there))
+        rms = _rms_around_lines(time, each, _full_stretches(there))
         if rms is not None:
             return rms
     return None

@@ -201,6 +201,8 @@ def period(values: np.ndarray) -> int | None:
     """
     centred = values - values.mean()
     count, power = len(values), float(np.var(values))
+    if power == 0:
+        return None
     size = scipy.fft.next_fast_len(2 * count)
     spectrum = np.asarray(scipy.fft.rfft(centred, size))
     along = np.asarray(scipy.fft.irfft(np.abs(spectrum) ** 2, size))[: count // 2 + 1]

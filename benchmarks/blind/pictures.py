@@ -189,15 +189,17 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
             continue
         found, wrong = ([100 * row[name]["rate"] for row in rows] for name in ("found", "wrong"))
         axes.plot(found, wrong, color=colour, marker=marker, markersize=4, label=kind)
-        for row, x, y in zip(rows, found, wrong, strict=True):
-            axes.annotate(
-                f"{row['least_z']:g}", (x, y), (3, 3), textcoords="offset points", fontsize=7
-            )
+        labels: dict[tuple[float, float], list[str]] = {}
+        for row, point in zip(rows, zip(found, wrong, strict=True), strict=True):
+            labels.setdefault(point, []).append(f"{row['least_z']:g}")
+        for point, same in labels.items():
+            text = "–".join(dict.fromkeys((same[0], same[-1])))
+            axes.annotate(text, point, (3, 3), textcoords="offset points", fontsize=7)
     axes.set_xlim(-3, 103)
     axes.set_ylim(-0.5, max(5.0, 1.1 * axes.get_ylim()[1]))
     axes.set_xlabel("visible hidden effects that are named, %")
     axes.set_ylabel("names that are wrong, %")
-    axes.set_title("Risk against coverage, by the least z of the held-out blocks", loc="left")
+    axes.set_title("Risk against coverage; beside the points, the least z", loc="left")
     axes.grid(color="#E4E4E4", linewidth=0.6)
     figure.legend(loc="outside right upper")
     figure.savefig(path, dpi=140)

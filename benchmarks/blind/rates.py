@@ -265,7 +265,7 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     for one in results:
         if one["suite"] in SEVERAL or (one["suite"] == "single" and not is_clear(one)):
             continue
-        hidden = "nothing" if not one["hidden"] else drawn(one)
+        hidden = "nothing" if not one["hidden"] else short(one["hidden"][0])
         if one["hidden"] != one["in_library"]:
             hidden += " (not in library)"
         said = named(one, "diagnose")

@@ -6,11 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import world
 
 import preisach_jax as pj
+from preisach_jax.cores import on_all_cores
+from preisach_jax.fit import double_precision
 
 ASKED = ["creep", "output_lag", "drift"]
 SCALES = {
@@ -100,3 +103,24 @@ def test_all_linear_algebra_of_a_fit_has_one_thread():
     threads = done.stdout.split()
     assert threads
     assert set(threads) == {"1"}
+
+
+def test_fits_run_on_the_processor_beside_an_accelerator(monkeypatch):
+    processor = jax.local_devices(backend="cpu")[0]
+    with double_precision():
+        assert jax.config.jax_default_device is None
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with double_precision():
+        assert jax.config.jax_default_device == processor
+        assert jax.numpy.zeros(1).device == processor
+        devices = on_all_cores(lambda _: jax.config.jax_default_device, range(3))
+        assert set(devices) == {processor}
+    with jax.default_device("cpu"), double_precision():  # as the caller chose
+        assert jax.config.jax_default_device == "cpu"
+
+    def nothing_but_the_accelerator(backend):
+        raise RuntimeError(f"Unknown backend {backend}")
+
+    monkeypatch.setattr(jax, "local_devices", nothing_but_the_accelerator)
+    with double_precision():
+        assert jax.config.jax_default_device is None

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits, Search
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.effects.output_quantisation import OutputQuantisation
@@ -103,7 +103,7 @@ def compensate(
     allowed, notes = limits_of(model, limits, slew)
     aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}
     wanted = _with_aux(wanted, aux)
-    with jax.enable_x64(True):
+    with on_processor():
         past = past_of(model, wanted, after)
         forward = Forward.of(model, past, aux)
         aim = forward.before_sensor(wanted.output)

@@ -17,6 +17,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.online import OnlineInverse
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
@@ -99,7 +100,7 @@ def simulated_stage(model: Model, rate_hz: float, after: Record | None = None) -
     columns = auxiliary_columns(model.effects)
     time = np.arange(2) / rate_hz
     aux = {name: np.zeros(2) if after is None else after.aux[name][-2:] for name in columns}
-    with jax.enable_x64(True):
+    with on_processor():
         past = past_of(model, Record.from_arrays(time, 0 * time, 0 * time, aux=aux), after)
         past = replace(past, time=past.time[:1])
         forward = Forward.of(model, past, {name: v[:1] for name, v in aux.items()})
@@ -123,7 +124,7 @@ class _Played:
         self._step, self._state, self._columns = step, state, columns
 
     def __call__(self, drive: float, aux: Mapping[str, float]) -> float:
-        with jax.enable_x64(True):
+        with on_processor():
             sample = np.array([drive, *(aux[name] for name in self._columns)])
             self._state, reading = self._step(self._state, jnp.asarray(sample))
             return float(reading)

@@ -20,6 +20,7 @@ from preisach_jax.compensation.causal import Causal, CausalState, check_causal
 from preisach_jax.compensation.drive import limits_of
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import ContentError, InputError
@@ -108,7 +109,7 @@ class OnlineInverse:
         check_causal(model)
         columns = auxiliary_columns(model.effects)
         self._aux_columns = list(dict.fromkeys(columns))
-        with jax.enable_x64(True):
+        with on_processor():
             self._causal = self._begun(after)
             ahead = self._causal.leads
             start = self._causal.start()
@@ -187,7 +188,7 @@ class OnlineInverse:
                     f"the model needs the auxiliary column {name!r}: give aux={{{name!r}: ...}}"
                 )
         sample = np.array([wanted, measured, self.expected, *(given[n] for n in self._aux_columns)])
-        with jax.enable_x64(True):
+        with on_processor():
             self._state, self._learning, out = self._step((self._state, self._learning), sample)
             self.drive, self.expected = np.asarray(out).tolist()
         self.reached = abs(self.expected - wanted) <= self._good
@@ -248,7 +249,7 @@ class OnlineInverse:
                     raise ContentError("its state is that of another model")
                 return jnp.asarray(leaf)
 
-            with jax.enable_x64(True):
+            with on_processor():
                 state = (inverse._state, inverse._learning)
                 inverse._state, inverse._learning = jax.tree.map(kept, state)
             inverse.drive, inverse.expected = stored["last"].tolist()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 
 from preisach_jax.compensation.drive import Compensation, limits_of
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import limited
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -67,7 +67,7 @@ def tracking(
     """
     rows = slice(-len(found.time), None)
     aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}
-    with jax.enable_x64(True):
+    with on_processor():
         past = past_of(model, wanted, after)
         dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
         line = _fitted(found.wanted, found.drive)

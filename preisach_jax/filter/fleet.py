@@ -106,7 +106,9 @@ def run_fleet(
     numbers, structure = cast(
         tuple[list[np.ndarray], Any], jax.tree.flatten(jax.tree.map(np.asarray, adaptive))
     )
-    kinds = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in numbers)
+    kinds = tuple(
+        jax.ShapeDtypeStruct(one.shape, jax.dtypes.canonicalize_dtype(one.dtype)) for one in numbers
+    )
     run = _compiled_run(structure, kinds, room, x.shape, x.dtype, passes)
     found = gathered(run(numbers, (x, z, until)))
     return FleetResult(*(values[: len(rows)] for values in found))
@@ -310,7 +312,11 @@ def _compiled_run(
         return jax.vmap(identify)(*rows)
 
     side = jax.ShapeDtypeStruct(shape, dtype)
-    return compiled(run, list(kinds), (side, side, jax.ShapeDtypeStruct(shape[:1], int)))
+    return compiled(
+        run,
+        list(kinds),
+        (side, side, jax.ShapeDtypeStruct(shape[:1], jax.dtypes.canonicalize_dtype(int))),
+    )
 
 
 def _densely(

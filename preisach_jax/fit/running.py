@@ -6,8 +6,9 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TypeVar
 
-import jax
 from threadpoolctl import threadpool_limits
+
+from preisach_jax.cores import on_processor
 
 Progress = Callable[[str, float], None]
 
@@ -21,10 +22,10 @@ def in_silence(text: str, done: float) -> None:
 
 @contextmanager
 def double_precision() -> Generator[None]:
-    """Work in double precision, and with one thread for the many small factorisations.
+    """Work in double precision on the processor, with one thread for small factorisations.
 
     Several threads of the linear algebra library gain nothing at these sizes, and lose a factor
     of five where other processes want the cores.
     """
-    with jax.enable_x64(True), threadpool_limits(limits=1, user_api="blas"):
+    with on_processor(), threadpool_limits(limits=1, user_api="blas"):
         yield

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,6 +20,7 @@ from preisach_jax.chain import (
     signals_of,
     stated_start,
 )
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
@@ -109,7 +109,7 @@ class Model:
         """Output along a record that starts as the identification record did, `(time,)`."""
         if self.chain.mechanics:
             return self.offset + moved(self.chain, self.values, self.weights, record, begins=True)
-        with jax.enable_x64(True):
+        with on_processor():
             signals = signals_of(record, self.origin.start_s)
             return np.asarray(response(self.chain, self.values, signals, self.coefficients))
 
@@ -274,7 +274,7 @@ class Model:
 
     def _from_middle(self, record: Record) -> np.ndarray:
         """Output from the middle of what an unknown memory leaves open."""
-        with jax.enable_x64(True):
+        with on_processor():
             signals, coefficients = self.unknown_start(record)
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             output = behind_hysteresis(self.chain, self.values, signals, middle, coefficients)
@@ -284,7 +284,7 @@ class Model:
         """Half the width of what an unknown memory leaves open."""
         if record.initial_memory != "free":
             return np.zeros(len(record.time))
-        with jax.enable_x64(True):
+        with on_processor():
             signals, coefficients = self.unknown_start(record)
             middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             lowest = replace(coefficients, memory=np.zeros_like(coefficients.weights))

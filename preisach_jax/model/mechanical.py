@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 
 from preisach_jax.chain import Chain, EffectValues
+from preisach_jax.cores import on_processor
 from preisach_jax.errors import InputError
 from preisach_jax.mechanics.body import (
     FARTHEST,
@@ -43,7 +43,7 @@ def moved(
     assert effect is not None
     own = values[effect.name]
     time, force, f_hz = record.time, record.input, own["f_hz"]
-    with jax.enable_x64(True):
+    with on_processor():
         body = body_of(effect, own, plane, weights)
         start = fitted_start(effect, plane) if begins else at_rest(effect, plane)
         if not begins and closes(time, force):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.chain import Chain, Coefficients, EffectValues
+from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import AddedEffect, Signals
 
 POINTS = 512
@@ -52,7 +52,7 @@ def unforeseen(
         own, first = coefficients.added[first : first + count], first + count
         if not effect.of_time_alone or (goes_on and not effect.lawless):
             continue
-        with jax.enable_x64(True):
+        with on_processor():
             along = Signals(jnp.asarray(seen), jnp.zeros(POINTS), {})
             course = np.asarray(effect.at(values[effect.name]).columns(along)) @ own
         if goes_on:

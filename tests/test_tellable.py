@@ -14,6 +14,7 @@ from preisach_jax.effects.base import CYCLES, RATES
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.resonance import Resonance
+from preisach_jax.look.stretches import Period
 
 TIME = np.arange(0.0, 20.0, 0.005)
 
@@ -84,18 +85,29 @@ def test_a_drive_of_many_rates_has_no_lines():
     assert InputSurvey(TIME, np.sin(TIME**2)).lines_hz == ()
 
 
-def stand_in(effect, values, input_of_time) -> tuple[Any, Any, str]:
+def stand_in(
+    effect, values, input_of_time, residual=0 * TIME, lines=(1.0, 0.0)
+) -> tuple[Any, Any, str]:
     problem = SimpleNamespace(
         cache={("input survey",): InputSurvey(TIME, input_of_time)},
+        record=SimpleNamespace(time=TIME),
+        rows=np.arange(len(TIME)),
+        survey=SimpleNamespace(step_s=0.005),
     )
-    chain = SimpleNamespace(effects=(effect,))
-    return problem, SimpleNamespace(chain=chain, values={effect.name: values}), effect.name
+    point = SimpleNamespace(
+        chain=SimpleNamespace(effects=(effect,), at=lambda place: (effect,)),
+        values={effect.name: values},
+        residual=residual / 2,
+        unit=2.0,
+        coefficients=lambda: SimpleNamespace(added=np.array(lines)),
+    )
+    return problem, point, effect.name
 
 
 def test_a_hum_at_the_drives_own_lines_is_none():
     drive = np.sin(2 * np.pi * 0.5 * TIME)
     assert "multiples of the drive" in implausible(*stand_in(Hum(), {"f_hz": 1.0}, drive))
-    assert implausible(*stand_in(Hum(), {"f_hz": 50.0}, drive)) == ""
+    assert implausible(*stand_in(Hum(harmonics=1), {"f_hz": 50.0}, drive)) == ""
 
 
 def test_a_drift_faster_than_the_drive_is_none():
@@ -141,3 +153,35 @@ def test_at_one_rate_nothing_dynamic_is_named():
     assert found.effects == ()
     assert all("one rate only" in candidate.why_not for candidate in found.candidates)
     assert any("one rate" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("f_hz", "height", "said"),
+    [
+        (50.0, 0.004, "a multiple of the drive's"),  # one of the drive's 100th multiples
+        (50.0, 0.02, ""),  # stands out of the others
+        (50.22, 0.004, ""),  # between two multiples
+    ],
+)
+def test_a_hum_that_is_a_tooth_of_the_drives_comb_is_none(f_hz, height, said):
+    drive = triangle(TIME / 2)
+    rng = np.random.default_rng(3)
+    teeth = sum(
+        0.001 * np.cos(2 * np.pi * (f / 2 * TIME + rng.uniform()))
+        for f in range(85, 116)
+        if f != 100
+    )
+    lines = (0.6 * height, 0.8 * height)
+    told = implausible(*stand_in(Hum(harmonics=1), {"f_hz": f_hz}, drive, teeth, lines))
+    assert said in told
+    assert bool(said) == bool(told)
+
+
+def test_the_period_of_a_drive_is_told_from_many_of_it():
+    period = Period.of(TIME, np.sin(2 * np.pi * TIME / 0.61234))
+    assert period is not None
+    assert period.seconds == pytest.approx(0.61234, rel=period.spread)
+    assert period.spread < 6e-4
+    assert period.has_multiple(200 / 0.61234, 20.0)
+    assert not period.has_multiple(200.3 / 0.61234, 20.0)
+    assert Period.of(TIME, np.sin(TIME**2)) is None

@@ -16,12 +16,14 @@ import numpy as np
 from preisach_jax.chain import ThinnedSignals
 from preisach_jax.chain.runs import parts_of
 from preisach_jax.diagnosis.residuals import reversals
+from preisach_jax.diagnosis.teeth import is_tooth
 from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.errors import EffectError
 from preisach_jax.identify import Point, Problem
+from preisach_jax.look.stretches import Period
 
 PLACES = 10
 """Parts of the input's range in which its passages are timed."""
@@ -119,6 +121,11 @@ class InputSurvey:
         left = float(np.var(without(values, waves)))
         return tuple(lines) if left < (1 - OF_LINES) * float(np.var(values)) else ()
 
+    @cached_property
+    def period(self) -> Period | None:
+        """After which the input repeats itself; None if it does not."""
+        return Period.of(self.time, self.input)
+
     def makes(self, frequency_hz: float) -> bool:
         """Whether a line may come from the drive: a sum of few multiples of the drive's lines."""
         reach = max(1.0 / float(np.ptp(self.time)), SAME_LINE * frequency_hz)
@@ -196,6 +203,10 @@ class JoinedSurvey(InputSurvey):
         span = float(whole.min()), float(whole.max())
         alike = tuple(InputSurvey(part.time, part.input, span) for part in parts)
         return JoinedSurvey(np.concatenate([part.time for part in parts]), whole, span, alike)
+
+    @cached_property
+    def period(self) -> Period | None:
+        return None
 
     @cached_property
     def cycle_s(self) -> float:
@@ -295,6 +306,13 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
             f"its line of {values['f_hz']:.4g} Hz is a sum of low multiples of the drive's own "
             "lines"
         )
+    if isinstance(effect, Hum) and (period := survey.period) is not None:
+        f_hz = values["f_hz"]
+        if is_tooth(problem, point, effect, f_hz, period):
+            return (
+                f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than "
+                f"those beside it: the error comes back with the drive every {period.seconds:.3g} s"
+            )
     if isinstance(effect, Drift) and effect.waves:
         fastest_s = 2 * effect.horizon_s / effect.waves
         if fastest_s < survey.cycle_s:

@@ -231,6 +231,45 @@ def repeating_period(values: np.ndarray) -> int | None:
     return period(values[len(values) // BEGINNING :]) or period(values)
 
 
+@dataclass(frozen=True)
+class Period:
+    """The time after which a drive repeats itself.
+
+    Attributes:
+        seconds: it.
+        spread: its uncertainty, as a part of it.
+    """
+
+    seconds: float
+    spread: float
+
+    @staticmethod
+    def of(time: np.ndarray, values: np.ndarray) -> Period | None:
+        """The period of a drive, to a sample over as many periods as its record can tell.
+
+        Example:
+            >>> t = np.arange(0.0, 20.0, 0.01)
+            >>> period = Period.of(t, np.sin(2 * np.pi * t / 0.7123))
+            >>> round(period.seconds, 3), period.spread < 1e-3
+            (0.712, True)
+        """
+        samples = repeating_period(values)
+        if samples is None:
+            return None
+        values = values[len(values) // BEGINNING :]
+        lag, count = samples, 1
+        while 4 * lag <= len(values):
+            near = np.arange(2 * lag - 2, 2 * lag + 3)
+            left = [np.mean((values[one:] - values[:-one]) ** 2) for one in near]
+            lag, count = int(near[np.argmin(left)]), 2 * count
+        return Period(lag * float(np.median(np.diff(time))) / count, 0.5 / lag)
+
+    def has_multiple(self, f_hz: float, span_s: float) -> bool:
+        """Whether a line of a record of some length may be at a multiple of the drive's."""
+        order = f_hz * self.seconds
+        return abs(order - round(order)) < self.seconds / span_s + self.spread * order
+
+
 def band_decades(values: np.ndarray) -> float:
     """Decades of frequency that hold 96 % of a signal's power; 0 of a single line."""
     spectrum = np.abs(np.asarray(scipy.fft.rfft(values - values.mean()))) ** 2

@@ -1,0 +1,64 @@
+"""Whether a line is a tooth of the comb that a drive which repeats itself makes of any error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from preisach_jax.effects.base import AddedEffect
+from preisach_jax.effects.hum import Hum
+from preisach_jax.identify import Point, Problem
+from preisach_jax.look.stretches import Period
+
+NEIGHBOURS = 10
+"""Teeth of the comb on either side of a line that are looked at."""
+
+STANDS_OUT = 10.0
+"""Height from which on a line at a multiple of the drive's is one of its own, over the highest of
+them: teeth of development records had up to 3.4, lines of hums 50 and more."""
+
+
+def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Period) -> bool:
+    """Whether a hum is at a multiple of the drive's frequency, and no line of it stands out there.
+
+    Whatever is wrong with a model comes back with a drive of period T, at all multiples of 1/T: a
+    line of its own is far higher than those beside it, f ± j/T.
+
+    Arguments:
+        problem: the record.
+        point: the model with the hum.
+        hum: the effect.
+        f_hz: its frequency.
+        period: of the drive.
+    """
+    if not period.has_multiple(f_hz, float(np.ptp(problem.record.time))):
+        return False
+    time = problem.record.time[problem.rows]
+    residual = point.residual * point.unit
+    highest = 0.5 / problem.survey.step_s
+    for multiple, own in enumerate(_heights(point, hum), 1):
+        beside = multiple * f_hz + np.r_[-NEIGHBOURS:0, 1 : NEIGHBOURS + 1] / period.seconds
+        beside = beside[(beside > 0.5 / period.seconds) & (beside < highest)]
+        if not beside.size or own > STANDS_OUT * max(_height(time, residual, f) for f in beside):
+            return False
+    return True
+
+
+def _heights(point: Point, hum: Hum) -> np.ndarray:
+    """(harmonic,) amplitudes of the lines of a hum, in the unit of the output."""
+    first = 0
+    for effect in point.chain.at(AddedEffect):
+        count = len(effect.coefficients())
+        if effect.name == hum.name:
+            parts = point.coefficients().added[first : first + count]
+            return np.hypot(*np.asarray(parts).reshape(-1, 2).T)
+        first += count
+    raise ValueError(f"the model has no {hum.name}")
+
+
+def _height(time: np.ndarray, values: np.ndarray, f_hz: float) -> float:
+    """Amplitude of a line, by a Hann window."""
+    part = (time - time.min()) / np.ptp(time)
+    window = np.sin(np.pi * part) ** 2
+    return float(
+        2 * np.abs(np.sum(window * values * np.exp(-2j * np.pi * f_hz * time))) / window.sum()
+    )

@@ -11,13 +11,14 @@ from pathlib import Path
 import blind
 import numpy as np
 import pytest
-from blind import hidden, machines, rates, tables, world
+from blind import foreign, hidden, machines, rates, tables, world
 from blind.cases import REPEATS, SEEDS, Case, Choice, make_cases
 from blind.excitation import HISTORY_S, KINDS, make_drive
 from blind.results import RIVALS, ResultsFile, read_results
 from blind.run import run_cases
 from blind.stage import make_stage
 from scipy import signal
+from scipy.integrate import solve_ivp
 
 import preisach_jax as pj
 
@@ -236,6 +237,57 @@ def test_a_mode_rings_as_its_equation():
     w = 2 * np.pi * 60.0
     _, y, _ = signal.lsim(([w * w], [1, 2 * 0.05 * w, w * w]), h - 3.0, t)
     np.testing.assert_allclose(hidden.resonance(h, truth, step), 3.0 + y, atol=1e-7)
+
+
+def test_readings_that_jitter_are_late_by_the_rate_times_the_jitter():
+    t, rows = np.arange(0, 10, 1e-4), slice(0, None, 10)
+    late = foreign.jitter(t, 30.0 * t, rows, {"rms_s": 1e-3, "walk_seed": 1}) - 30.0 * t[rows]
+    assert np.std(late) == pytest.approx(30.0 * 1e-3, rel=0.03)
+    assert abs(np.corrcoef(late[1:], late[:-1])[0, 1]) < 0.05
+
+
+def test_a_line_that_wanders_keeps_its_height_and_mean_frequency():
+    t = np.arange(0, 20, 1e-3)
+    truth = {"f_hz": 40.0, "wander": 0.05, "amplitude_um": 0.2, "walk_seed": 4}
+    line = foreign.wandering_hum(t, 20.0, truth)
+    assert np.std(line) == pytest.approx(0.2 / np.sqrt(2), rel=0.01)
+    up = t[1:][(line[1:] >= 0) & (line[:-1] < 0)]
+    assert len(up) / 20.0 == pytest.approx(40.0, rel=0.01)
+    assert np.std(1 / np.diff(up)) == pytest.approx(0.05 * 40.0, rel=0.15)
+
+
+def test_one_way_creep_rises_slowly_and_falls_at_once():
+    step, truth = 1e-3, {"gain": 0.02, "tau_s": 0.5, "back_s": 5e-3}
+    h = np.concatenate([np.zeros(1), np.full(2000, 10.0), np.zeros(1000)])
+    crept = foreign.one_way_creep(h, truth, step)
+    age = np.arange(2001) * step
+    np.testing.assert_allclose(crept[:2001], 0.2 * -np.expm1(-age / 0.5), atol=1e-9)
+    assert abs(crept[2001 + 50]) < 1e-3 * crept[2000]
+
+
+def test_a_sensor_jumps_as_often_as_it_says_and_shocks_ring():
+    t = np.arange(0, 20, 1e-3)
+    jumps = np.diff(foreign.resets(t, 20.0, {"jump_um": 0.3, "walk_seed": 2}))
+    assert np.count_nonzero(jumps) == foreign.JUMPS
+    assert np.all(np.abs(jumps[jumps != 0]) <= 0.45)
+    truth = {"f_hz": 60.0, "zeta": 0.02, "amplitude_um": 0.5, "walk_seed": 3}
+    power = np.abs(np.fft.rfft(foreign.shocks(t, 20.0, truth)))
+    assert np.fft.rfftfreq(len(t), 1e-3)[np.argmax(power)] == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_spring_that_stiffens_rings_as_its_equation():
+    truth, step = {"f_hz": 40.0, "zeta": 0.05, "stiffening": 2.0}, 5e-5
+    t = np.arange(0, 0.2, step)
+    h = 10.0 * np.interp(t, [0, 0.01, 0.05, 0.2], [0, 0, 1, 0.5])
+    w = 2 * np.pi * 40.0
+
+    def moves(now, state):
+        stiff = w * w * (1 + 2.0 * np.clip(state[0] / 10.0, 0, 1))
+        return state[1], stiff * (np.interp(now, t, h) - state[0]) - 0.1 * w * state[1]
+
+    exact = solve_ivp(moves, (0, t[-1]), (0.0, 0.0), t_eval=t, max_step=1e-3, rtol=1e-8).y[0]
+    np.testing.assert_allclose(foreign.stiffening(h, truth, 10.0, step), exact, atol=0.05)
+    assert np.abs(exact - h).max() > 1.0
 
 
 def test_drifts_reach_their_amplitude_and_ageing_its_loss():
@@ -542,7 +594,7 @@ def synthetic():
         made_up("d", **one_drift, parameters={"drift": {"amplitude": drift}}),
         made_up("e", **nothing, **quiet, rivals={**dict.fromkeys(RIVALS), "held_out": "drift"}),
         made_up("f", **(nothing | {"circumstances": {"nothing": "relays"}})),
-        made_up("g", **unknown, effects=["creep"]),
+        made_up("g", **unknown, effects=["creep"], kin=["creep"]),
         made_up("h", **unknown, **(quiet | {"verdict": "unexplained"})),
         made_up("i", suite="pairs", hidden=["creep", "drift"], in_library=["creep", "drift"]),
         made_up("j", excitation="poor", error="failed"),
@@ -584,6 +636,7 @@ def test_tables_hold_the_numbers_counted_by_hand(written):
     assert counted(strict["found"]) == (3, 6)
     assert counted(rich["first_name_right"]["diagnose"]) == (2, 3)
     assert counted(rich["wrong_name_outside"]) == (1, 2)
+    assert counted(rich["not_even_kin_outside"]) == (0, 2)
     assert rich["verdicts_outside"] == {"explained": 1, "unexplained": 1}
     assert rich["confusion"]["creep"] == {"creep": 1, "drift": 1}
     assert rich["confusion"]["nothing"] == {"adequate": 1, "creep": 1}

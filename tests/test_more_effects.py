@@ -385,6 +385,19 @@ def test_an_input_that_jumps_among_many_values_shows_its_steps():
     assert InputQuantisation().bound_to(survey).starts[0] == pytest.approx(0.37, rel=1e-3)
 
 
+@pytest.mark.parametrize(("moves_a_step", "is_seen"), [(1.0, False), (0.25, True), (1.37, True)])
+def test_steps_as_long_as_a_move_are_not_told_from_a_shift_of_each_branch(moves_a_step, is_seen):
+    # One loop over and over at one rate; each branch is shifted by what rounding makes of it.
+    step, loops = 0.37, 8
+    up = np.arange(0.0, 30.0, moves_a_step * step)
+    loop = np.concatenate([up, up[::-1] + 0.16])
+    u = np.tile(loop, loops)
+    residual = step * np.round(u / step) - u + 1e-3 * np.random.default_rng(3).normal(size=len(u))
+    time = np.arange(len(u)) * 1e-3
+    starts = InputQuantisation().bound_to(Survey(time[-1], 1e-3, time, u, u, residual)).starts
+    assert (min(abs(start / step - 1) for start in starts) < 1e-3) == is_seen
+
+
 # --- a sensor with ripples ---
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import preisach_jax as pj
 from blind.cases import Case
 from blind.rivals import rival_names
-from blind.world import Measurement, make_measurement
+from blind.world import KIN, Measurement, make_measurement
 
 
 def judge(case: Case) -> dict[str, Any]:
@@ -36,6 +36,7 @@ def judge(case: Case) -> dict[str, Any]:
         "size": next(iter(case.effects.values()), None),
         "hidden": list(made.truth),
         "in_library": [name for name in made.truth if is_known(name, library)],
+        "kin": [name for hidden in made.truth for name in KIN.get(hidden, ())],
         "truth": dict(made.truth),
         "stroke_um": made.stroke_um,
         "noise_um": made.noise_um,

@@ -141,6 +141,9 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "wrong_name_outside": rate(
             any(name not in one["hidden"] for name in one["effects"]) for one in outside
         ),
+        "not_even_kin_outside": rate(
+            not {*one["effects"]} <= {*one["hidden"], *one.get("kin", ())} for one in outside
+        ),
         "admitted_outside": rate(
             one["verdict"] in ("unexplained", "partly_explained") for one in outside
         ),

@@ -146,7 +146,10 @@ def _overall() -> Rows:
             part["admitted_outside"]
         ),
         "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
-        "outside the library: wrong name": lambda part: _rate_cell(part["wrong_name_outside"]),
+        "outside the library: a name": lambda part: _rate_cell(part["wrong_name_outside"]),
+        "outside the library: a name of no kin": lambda part: _rate_cell(
+            part["not_even_kin_outside"]
+        ),
         "printed limits that hold, of what was not named": lambda part: _rate_cell(
             part["limits_hold"]
         ),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from blind import hidden, machines
+from blind import foreign, hidden, machines
 from blind.excitation import HISTORY_S, Drive, make_drive
 from blind.hidden import LOAD_N, Scene, Truth
 from blind.stage import Stage, make_stage
@@ -38,7 +38,7 @@ EFFECTS = (
     "accommodation",
     *machines.STRENGTHS,
 )
-OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk")
+OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", *foreign.STRENGTHS)
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
 LOAD, AXIS, DECOYS = "load_N", "y_V", ("temp_C", "pressure_kPa")
 KNOWN_AS = {  # in the library
@@ -48,7 +48,13 @@ KNOWN_AS = {  # in the library
     "cross": f"cross:{AXIS}",
     "modes": "resonance",
 }
-STRENGTHS = hidden.STRENGTHS | machines.STRENGTHS
+KIN = {  # names of the library that say the same in its words, though not by the same law
+    "friction": ("viscosity",),
+    "wandering_hum": ("hum",),
+    "one_way_creep": ("creep", "operator_creep"),
+    "stiffening": ("resonance",),
+}
+STRENGTHS = hidden.STRENGTHS | machines.STRENGTHS | foreign.STRENGTHS
 LEAST_RATE_HZ = 6000.0  # of the fine raster
 
 
@@ -175,8 +181,10 @@ def _setting(seed: int, excitation: str, seconds: float, rate_hz: float, density
 def _clean(setting: Setting, truth: Mapping[str, Truth]) -> np.ndarray:
     """(row,) output in um before noise, at the sampling instants of the record."""
     u = _driven(setting, truth)
-    z = _moved(setting, truth, u)
-    return _added(setting, truth, z)[setting.rows]
+    z = _added(setting, truth, _moved(setting, truth, u))
+    if "jitter" in truth:
+        return foreign.jitter(setting.t, z, setting.rows, truth["jitter"])
+    return z[setting.rows]
 
 
 def _driven(setting: Setting, truth: Mapping[str, Truth]) -> np.ndarray:
@@ -211,6 +219,8 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         h = h * machines.gain(setting.t, scene.seconds, truth["gain"], step)
     if "creep" in truth:
         h = hidden.creep(h, truth["creep"], step)
+    if "one_way_creep" in truth:
+        h = h + foreign.one_way_creep(h, truth["one_way_creep"], step)
     if "stick_slip" in truth:
         h = hidden.stick_slip(h, truth["stick_slip"])
     if "backlash" in truth:
@@ -221,6 +231,8 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         h = h + machines.viscosity(rate, truth["viscosity"], step)
     if "modes" in truth:
         h = machines.modes(h, truth["modes"], step)
+    if "stiffening" in truth:
+        h = foreign.stiffening(h, truth["stiffening"], setting.stage.stroke_um, step)
     return hidden.resonance(h, truth["resonance"], step) if "resonance" in truth else h
 
 
@@ -253,6 +265,13 @@ def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.nd
         z = z + hidden.drift(t, seconds, truth["drift"])
     if "telegraph" in truth:
         z = z + hidden.telegraph(t, seconds, truth["telegraph"])
+    for name, added in (
+        ("resets", foreign.resets),
+        ("shocks", foreign.shocks),
+        ("wandering_hum", foreign.wandering_hum),
+    ):
+        if name in truth:
+            z = z + added(t, seconds, truth[name])
     return z + hidden.hum(t, truth["hum"]) if "hum" in truth else z
 
 

@@ -15,6 +15,13 @@ from preisach_jax.effects.spectrum import strongest_lines
 MOST_STEPS = 5000
 """Steps over the range of the input beyond which they are not looked for."""
 
+NEARLY_WHOLE, MOST_WHOLE = 0.1, 0.5
+"""Distance of a move, from sample to sample, from whole steps within which its rounding stays the
+same, and the share of such moves from which on steps cannot be told from a constant shift."""
+
+STRETCH = 8
+"""Rows over which a move is averaged."""
+
 
 class InputQuantisation(InputEffect):
     r"""Steps of the drive that the recorded command does not show: \(u' = q\,[u/q]\).
@@ -72,7 +79,9 @@ class InputQuantisation(InputEffect):
             # Where the input dwells, one error of rounding would count many times.
             runs = np.abs(np.diff(values)) > 0.2 * reach / len(values)
             ends = np.append(runs, False) | np.append(False, runs)
-            steps = _steps_of(values[ends], survey.residual[ends], low, high)
+            found = _steps_of(values[ends], survey.residual[ends], low, high)
+            moves = _moves_a_sample(survey)
+            steps = [step for step in found if _is_seen(step, moves)]
         # Where there are none, one too fine to do anything.
         return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,))
 
@@ -81,6 +90,32 @@ class InputQuantisation(InputEffect):
 
     def step(self, state: tuple[()], value: Array, dt: Array) -> tuple[tuple[()], Array]:
         return state, self.quantum * jnp.round(value / self.quantum)
+
+
+def _moves_a_sample(survey: Survey) -> np.ndarray:
+    """(stretch,) how far the input moves from sample to sample, along stretches of one direction.
+
+    An average over some rows knows it better than the lattice on which they were recorded.
+    """
+    ahead = np.diff(survey.input)
+    if len(ahead) < STRETCH:
+        return np.abs(ahead)
+    windows = np.lib.stride_tricks.sliding_window_view(ahead, STRETCH)
+    straight = np.abs(np.sign(windows).sum(axis=1)) == STRETCH
+    moved = survey.input[STRETCH:] - survey.input[:-STRETCH]
+    seconds = survey.time[STRETCH:] - survey.time[:-STRETCH]
+    return np.abs(moved / seconds)[straight] * survey.step_s
+
+
+def _is_seen(step: float, moves: np.ndarray) -> bool:
+    """Whether the rounding to steps changes along most moves, `(move,)`, of an input.
+
+    At one rate a move may be as long as one step, or as some: the samples then see one point of
+    each, and its sawtooth is a constant that differs from branch to branch.
+    """
+    turns = moves / step
+    whole = (turns > 0.5) & (np.abs(turns - np.round(turns)) < NEARLY_WHOLE)
+    return not moves.size or float(np.mean(whole)) < MOST_WHOLE
 
 
 def _steps_of(values: np.ndarray, residual: np.ndarray, low: float, high: float) -> list[float]:

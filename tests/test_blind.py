@@ -11,7 +11,7 @@ from pathlib import Path
 import blind
 import numpy as np
 import pytest
-from blind import foreign, hidden, machines, rates, tables, world
+from blind import foreign, forms, hidden, machines, rates, tables, world
 from blind.cases import REPEATS, SEEDS, Case, Choice, make_cases
 from blind.excitation import HISTORY_S, KINDS, make_drive
 from blind.results import RIVALS, ResultsFile, read_results
@@ -680,3 +680,32 @@ def test_a_small_run_from_end_to_end(tmp_path, monkeypatch):
     assert all(set(one["rivals"]) == set(RIVALS) for one in results)
     content = tables.write_tables(tmp_path)
     assert content["excitation"]["fair"]["cases"] == 2
+
+
+# Forms ---------------------------------------------------------------------------------------
+
+
+def test_records_of_forms_are_told_apart_and_counted():
+    cases = [forms.Hiding("drag", 3), forms.Hiding(None, 3), forms.Hiding("drag", 3, ("drift",), 9)]
+    assert [case.id for case in cases] == ["drag/3", "nothing/3", "drag/3/effects=drift/levels=9"]
+    rows = [
+        {"kind": "drag", "offered": True, "ratio": 1.2},
+        {"kind": "drag", "offered": True, "ratio": 1.4},
+        {"kind": "drag", "offered": False, "ratio": 1.0},
+        {"kind": None, "offered": False, "by_search": True},
+    ]
+    summary = forms.summed(rows)
+    assert counted(summary["as_good_as_the_law"]) == (1, 3)
+    assert counted(summary["offered"]) == (2, 3)
+    assert counted(summary["offered_of_nothing"]) == (0, 1)
+    assert counted(summary["offered_of_nothing_by_search"]) == (1, 1)
+
+
+@pytest.mark.parametrize("kind", forms.LAWS)
+def test_a_law_is_hidden_in_the_size_that_it_says(kind):
+    record, law = forms.made(kind, 4)
+    bare, none = forms.made(None, 4)
+    np.testing.assert_array_equal(none, 0.0)
+    np.testing.assert_allclose(record.output - law, bare.output, atol=1e-9)
+    stroke = np.ptp(bare.output)
+    assert forms.SIZE[0] * 0.8 < law.std() / stroke < forms.SIZE[1] * 1.25

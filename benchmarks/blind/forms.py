@@ -1,39 +1,42 @@
 r"""How often is a sparse form found where the library has no name, and how often where nothing is?
 
-    python benchmarks/blind/forms.py                          # development seeds 1 and 2
-    python benchmarks/blind/forms.py --kinds drag warming --first 5 --seeds 1 --plain 0
-    python benchmarks/blind/forms.py --kinds drag --effects drift --levels 25
-    python benchmarks/blind/forms.py --first 900 --seeds 3 --plain 50 --report
+    python benchmarks/blind/forms.py --out forms                  # development seeds 1 and 2
+    python benchmarks/blind/forms.py --out forms --kinds drag warming --first 5 --seeds 1 --plain 0
+    python benchmarks/blind/forms.py --out forms --kinds drag --effects drift --levels 25
+    python benchmarks/blind/forms.py --out told --first 900 --seeds 3 --plain 200 --report
 
 Ten kinds of physics that are no effect of the library are added, by NumPy alone, to the output of
 stages that share no code with the package. Each record is diagnosed with the whole library, and a
 form is sought of what is left. The error with the form stands beside that of the true law: of the
 plain model fitted to the same record without what was hidden. Plain records hide nothing; of these
 it is counted how often a form is offered, by the command (which asks for a form only where the
-verdict leaves something) and by the search alone (whatever the verdict).
+verdict leaves something) and by the search alone (whatever the verdict).  Each finished record is
+one line of OUT/results.jsonl, and the same command goes on where it was interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from conditions import write_results
 
-import preisach_jax as pj
 from blind.excitation import make_drive
 from blind.rates import rate
+from blind.results import read_results
+from blind.run import ONE_THREAD, run_or_stop
 from blind.stage import make_stage
-from preisach_jax.diagnosis.pursuit import DRAWS, sought
-from preisach_jax.fit import double_precision
+
+if TYPE_CHECKING:
+    import preisach_jax as pj
 
 SECONDS, RATE_HZ = 12.0, 250.0
 SIZE, NOISE = (0.005, 0.03), 1e-4
@@ -43,6 +46,34 @@ ENOUGH = 1.3
 """Times the error of the true law that the form may leave."""
 
 VOLTS = 100.0
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """A record to diagnose.
+
+    Attributes:
+        kind: one of `LAWS`, or None where nothing is hidden.
+        seed: of the record.
+        effects, levels: of the diagnosis; None where it chooses.
+    """
+
+    kind: str | None
+    seed: int
+    effects: tuple[str, ...] | None = None
+    levels: int | None = None
+
+    @property
+    def id(self) -> str:
+        """What tells it from the others."""
+        said = [f"{name}={value}" for name, value in self.settings.items() if value is not None]
+        return "/".join([self.kind or "nothing", str(self.seed), *said])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of the diagnosis."""
+        effects = None if self.effects is None else "+".join(self.effects)
+        return {"effects": effects, "levels": self.levels}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +126,8 @@ def made(kind: str | None, seed: int) -> tuple[pj.Record, np.ndarray]:
         kind: one of `LAWS`, or None for nothing.
         seed: of everything random.
     """
+    import preisach_jax as pj  # in the worker, which has set its environment by then
+
     count = round(SECONDS * RATE_HZ)
     t = np.arange(count) / RATE_HZ
     x = make_drive("fair" if seed % 2 else "rich", SECONDS, seed, RATE_HZ)(t)
@@ -122,27 +155,25 @@ def made(kind: str | None, seed: int) -> tuple[pj.Record, np.ndarray]:
     return record, hidden
 
 
-def measured(
-    kind: str, seed: int, effects: Sequence[str] | None, levels: int | None
-) -> dict[str, Any]:
-    """What is found of one kind: verdict, effects, form, and the errors beside the true law's.
+def judge(case: Hiding) -> dict[str, Any]:
+    """What is found in one record."""
+    found = nothing(case) if case.kind is None else measured(case)
+    return {"id": case.id, "kind": case.kind, "seed": case.seed} | case.settings | found
 
-    Arguments:
-        kind: one of `LAWS`.
-        seed: of the record.
-        effects, levels: of the diagnosis.
-    """
-    record, hidden = made(kind, seed)
-    found = pj.diagnose(record, effects, levels)
+
+def measured(case: Hiding) -> dict[str, Any]:
+    """What is found of one kind: verdict, effects, form, and the errors beside the true law's."""
+    import preisach_jax as pj
+
+    record, hidden = made(case.kind, case.seed)
+    found = pj.diagnose(record, case.effects, case.levels)
     form = pj.find_form(found)
     without = pj.Record.from_arrays(record.time, record.input, record.output - hidden)
     law = pj.fit(without, levels=found.model.plane.levels).rms_validation
     return {
-        "kind": kind,
-        "seed": seed,
         "hidden_rms": float(hidden.std()),
         "verdict": found.verdict,
-        "effects": list(found.effects),
+        "named": list(found.effects),
         "offered": form.offered,
         "formula": form.formula,
         "why_not": form.why_not,
@@ -154,16 +185,19 @@ def measured(
     }
 
 
-def nothing(seed: int, effects: Sequence[str] | None, levels: int | None) -> dict[str, Any]:
+def nothing(case: Hiding) -> dict[str, Any]:
     """Whether a form is offered of a plain record: by the command, and by the search alone."""
-    record, _ = made(None, seed)
-    found = pj.diagnose(record, effects, levels)
+    import preisach_jax as pj
+    from preisach_jax.diagnosis.pursuit import DRAWS, sought
+    from preisach_jax.fit import double_precision
+
+    record, _ = made(None, case.seed)
+    found = pj.diagnose(record, case.effects, case.levels)
     with double_precision():
         alone = sought(found.final, found.budget.discretisation, 0, DRAWS)
     return {
-        "seed": seed,
         "verdict": found.verdict,
-        "effects": list(found.effects),
+        "named": list(found.effects),
         "offered": pj.find_form(found).offered,
         "by_search": alone.offered,
         "why_not": alone.why_not,
@@ -172,8 +206,10 @@ def nothing(seed: int, effects: Sequence[str] | None, levels: int | None) -> dic
     }
 
 
-def summed(found: Sequence[dict[str, Any]], plain: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summed(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Rates with their intervals."""
+    found = [row for row in rows if row["kind"] is not None]
+    plain = [row for row in rows if row["kind"] is None]
     return {
         "as_good_as_the_law": rate(each["offered"] and each["ratio"] <= ENOUGH for each in found),
         "offered": rate(each["offered"] for each in found),
@@ -182,39 +218,49 @@ def summed(found: Sequence[dict[str, Any]], plain: Sequence[dict[str, Any]]) -> 
     }
 
 
-def main() -> None:
-    """Measure, print, and write what is found."""
+def _told(row: dict[str, Any]) -> str:
+    said = f"{row['id']:20} {row['verdict']:17} {'+'.join(row['named']):24}"
+    if row["kind"] is None:
+        return f"{said} offered {row['offered']}, by the search {row['by_search']}"
+    return (
+        f"{said} {row['model_rms']:8.4f} -> {row['form_rms']:8.4f}, law {row['law_rms']:8.4f} um, "
+        f"ratio {row['ratio']:6.2f}: {row['formula'] or row['why_not']}"
+    )
+
+
+def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--kinds", nargs="*", default=list(LAWS), choices=list(LAWS))
     parser.add_argument("--effects", nargs="*", help="effects to try, if not the whole library")
     parser.add_argument("--levels", type=int, help="levels of the plane, if not found")
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--plain", type=int, default=10)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--report", action="store_true", help="write benchmarks/results/forms.json")
-    asked = parser.parse_args()
-    found: list[dict[str, Any]] = []
-    for seed in range(asked.first, asked.first + asked.seeds):
-        for kind in asked.kinds:
-            found.append(row := measured(kind, seed, asked.effects, asked.levels))
-            told = row["formula"] or row["why_not"]
-            print(
-                f"{kind:14} {seed:4} {row['verdict']:17} {'+'.join(row['effects']):24} "
-                f"{row['model_rms']:8.4f} -> {row['form_rms']:8.4f}, law {row['law_rms']:8.4f} um, "
-                f"ratio {row['ratio']:6.2f}: {told}",
-                flush=True,
-            )
-    plain: list[dict[str, Any]] = []
-    for seed in range(asked.first, asked.first + asked.plain):
-        plain.append(row := nothing(seed, asked.effects, asked.levels))
-        print(f"{'nothing':14} {seed:4} {json.dumps(row)}", flush=True)
-    summary = summed(found, plain)
-    print(json.dumps(summary, indent=1))
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Measure, print, and write what is found."""
+    asked = _arguments()
+    os.environ.update(ONE_THREAD)
+    settings = (None if asked.effects is None else tuple(asked.effects), asked.levels)
+    seeds = range(asked.first, asked.first + asked.seeds)
+    plain = range(asked.first, asked.first + asked.plain)
+    cases = [Hiding(kind, seed, *settings) for seed in seeds for kind in asked.kinds]
+    cases += [Hiding(None, seed, *settings) for seed in plain]
+    run_or_stop(cases, asked.out, asked.workers, judge)
+    wanted = {case.id for case in cases}
+    rows = [row for row in read_results(asked.out) if row["id"] in wanted]
+    print(*map(_told, rows), json.dumps(summary := summed(rows), indent=1), sep="\n")
     if asked.report:
-        settings = {"seconds": SECONDS, "rate_hz": RATE_HZ, "size": SIZE, "noise": NOISE}
-        settings |= {"effects": asked.effects, "levels": asked.levels}
-        content = {"settings": settings, "first_seed": asked.first, "summary": summary}
-        write_results("forms.json", content | {"found": found, "plain": plain})
+        from conditions import write_results
+
+        world = {"seconds": SECONDS, "rate_hz": RATE_HZ, "size": SIZE, "noise": NOISE}
+        content = {"world": world, "first_seed": asked.first, "summary": summary, "rows": rows}
+        write_results("forms.json", content)
 
 
 if __name__ == "__main__":

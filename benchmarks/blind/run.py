@@ -23,17 +23,27 @@ from concurrent.futures.process import BrokenProcessPool
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from blind.cases import REPEATS, SEEDS, SIZES, Case, Choice, make_cases
+from blind.cases import REPEATS, SEEDS, SIZES, Choice, make_cases
 from blind.results import ResultsFile, read_results
 from blind.tables import write_tables
 
-Judge = Callable[[Case], dict[str, Any]]
+
+class Identified(Protocol):
+    """What is judged: a case of any benchmark."""
+
+    @property
+    def id(self) -> str:
+        """What tells it from the others."""
+        ...
+
+
+Judge = Callable[[Any], dict[str, Any]]
 
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -47,7 +57,7 @@ CASES_A_WORKER = 40
 """Cases a worker after which all are replaced, so that what they compiled does not pile up."""
 
 
-def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> int:
+def run_cases(cases: Sequence[Identified], folder: Path, workers: int, judge: Judge) -> int:
     """Judge the cases that have no result yet, and append each result as it comes.
 
     Arguments:
@@ -75,7 +85,7 @@ def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -
     return len(left)
 
 
-def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
+def run_or_stop(cases: Sequence[Identified], folder: Path, workers: int, judge: Judge) -> None:
     """The same for a command: leaves with a word on how to go on if it is interrupted."""
     # Else the workers would outlive this process.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -87,7 +97,7 @@ def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge)
         sys.exit("a worker was killed (too little memory?); the same command goes on")
 
 
-def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
+def _judged(cases: Sequence[Identified], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
     if workers == 0:
         yield from map(judge, cases)
         return
@@ -97,7 +107,9 @@ def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[
         yield from _by_new_workers(cases[begin : begin + size], workers, judge)
 
 
-def _by_new_workers(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
+def _by_new_workers(
+    cases: Sequence[Identified], workers: int, judge: Judge
+) -> Iterator[dict[str, Any]]:
     with ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),

@@ -311,7 +311,8 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
         if is_tooth(problem, point, effect, f_hz, period):
             return (
                 f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than "
-                f"those beside it: the error comes back with the drive every {period.seconds:.3g} s"
+                f"those beside it: the error comes back with the drive every {period.seconds:.3g} "
+                "s, and a drive that does not repeat itself would tell them apart"
             )
     if isinstance(effect, Drift) and effect.waves:
         fastest_s = 2 * effect.horizon_s / effect.waves

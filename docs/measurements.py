@@ -320,8 +320,45 @@ error.{told} {made(content)}
 
 SECTIONS: tuple[Callable[[], str], ...] = (
     diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep,
-    peers, bands,
+    peers, bands, accelerator,
 )  # fmt: skip
+
+
+def accelerator() -> str:
+    """What an accelerator does for each driver, beside the processor of its machine."""
+    content = result("accelerator.json")
+    said = {
+        "sweep": "sweep of Fig. 8, {seeds} seeds",
+        "lanes": "recursion over events, {lanes:,} outputs of one input, {levels} levels",
+        "filter": "one filter, a scan of {samples:,} samples, {levels} levels",
+        "fleet": "{records} filters of {records} records, {samples:,} samples, {levels} levels",
+        "gradient": "gradient of a model in its weights, {levels} levels",
+        "diagnosis": "a diagnosis of {rows:,} samples",
+    }
+    rows: list[list[str]] = []
+    for task, found in content["tasks"].items():
+        gpu, cpu = (found[platform] for platform in ("cuda", "cpu"))
+        here = cpu["run"]["median_s"]
+        if "run" in gpu:
+            there = gpu["run"]["median_s"]
+            cells = [f"{there:.3g}", f"{here:.3g}", f"{there / here:.2g}"]
+        else:
+            cells = [f"more than {gpu['not finished in s']:.0f}", f"{here:.3g}", ""]
+        agreed = found["difference"]
+        cells.append("" if agreed is None else f"{agreed:.0e}")
+        rows.append([said[task].format_map(cpu["what"]), *cells])
+    devices = content["tasks"]["sweep"]
+    head = [
+        devices["cuda"]["devices"]["kind"] + ", s",
+        f"{devices['cpu']['devices']['count']} cores, s",
+    ]
+    return f"""## On a GPU
+
+Double precision, medians behind the first call. Short steps one after another wait for a GPU; many
+outputs at once do not. Fits and diagnoses run on the processor beside it since, unless JAX is told
+otherwise. {made(content)}
+
+{table(["what", *head, "ratio", "largest difference, of the largest value"], rows)}"""
 
 
 def page() -> str:

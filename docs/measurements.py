@@ -318,17 +318,12 @@ error.{told} {made(content)}
 {table(head, rows)}"""
 
 
-SECTIONS: tuple[Callable[[], str], ...] = (
-    diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep,
-    peers, bands, accelerator,
-)  # fmt: skip
-
-
 def accelerator() -> str:
     """What an accelerator does for each driver, beside the processor of its machine."""
     content = result("accelerator.json")
     said = {
         "sweep": "sweep of Fig. 8, {seeds} seeds",
+        "sweep_of_many": "sweep of Fig. 8, {seeds} seeds",
         "lanes": "recursion over events, {lanes:,} outputs of one input, {levels} levels",
         "filter": "one filter, a scan of {samples:,} samples, {levels} levels",
         "fleet": "{records} filters of {records} records, {samples:,} samples, {levels} levels",
@@ -337,14 +332,13 @@ def accelerator() -> str:
     }
     rows: list[list[str]] = []
     for task, found in content["tasks"].items():
-        gpu, cpu = (found[platform] for platform in ("cuda", "cpu"))
+        gpu, cpu, agreed = found["cuda"], found["cpu"], found["difference"]
         here = cpu["run"]["median_s"]
         if "run" in gpu:
             there = gpu["run"]["median_s"]
             cells = [f"{there:.3g}", f"{here:.3g}", f"{there / here:.2g}"]
         else:
             cells = [f"more than {gpu['not finished in s']:.0f}", f"{here:.3g}", ""]
-        agreed = found["difference"]
         cells.append("" if agreed is None else f"{agreed:.0e}")
         rows.append([said[task].format_map(cpu["what"]), *cells])
     devices = content["tasks"]["sweep"]
@@ -359,6 +353,12 @@ outputs at once do not. Fits and diagnoses run on the processor beside it since,
 otherwise. {made(content)}
 
 {table(["what", *head, "ratio", "largest difference, of the largest value"], rows)}"""
+
+
+SECTIONS: tuple[Callable[[], str], ...] = (
+    diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep,
+    peers, bands, accelerator,
+)  # fmt: skip
 
 
 def page() -> str:

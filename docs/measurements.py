@@ -336,7 +336,7 @@ def accelerator() -> str:
         here = cpu["run"]["median_s"]
         if "run" in gpu:
             there = gpu["run"]["median_s"]
-            cells = [f"{there:.3g}", f"{here:.3g}", f"{there / here:.2g}"]
+            cells = [f"{there:.3g}", f"{here:.3g}", f"{float(f'{there / here:.2g}'):g}"]
         else:
             cells = [f"more than {gpu['not finished in s']:.0f}", f"{here:.3g}", ""]
         cells.append("" if agreed is None else f"{agreed:.0e}")

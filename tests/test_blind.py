@@ -709,3 +709,13 @@ def test_a_law_is_hidden_in_the_size_that_it_says(kind):
     np.testing.assert_allclose(record.output - law, bare.output, atol=1e-9)
     stroke = np.ptp(bare.output)
     assert forms.SIZE[0] * 0.8 < law.std() / stroke < forms.SIZE[1] * 1.25
+
+
+@pytest.mark.campaign
+def test_steps_of_converters_under_one_loop_over_and_over_are_no_hum():
+    # On the thinned rows a multiple of the drive's frequency looks like another line; on all of
+    # them the line has fewer harmonics.
+    made = world.make_measurement({}, 4019071403, "periodic", nothing="converters")
+    found = pj.diagnose(pj.Record.from_arrays(made.time, made.input, made.output))
+    assert found.effects == ()
+    assert found.verdict == "adequate"

@@ -258,6 +258,9 @@ def test_intervals_grow_by_what_another_grid_changes():
     before, after = found["slope"]["per_record"], wider["slope"]["per_record"]
     assert change > 1e-4
     np.testing.assert_allclose([before.low - after.low, after.high - before.high], change)
+    # A form of fewer numbers was fitted to all rows.
+    fewer = {"input_lag": found["input_lag"], "slope": {}}
+    assert with_grid_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}
 
 
 def test_intervals_stay_within_the_bounds_on_any_grid():

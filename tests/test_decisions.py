@@ -25,6 +25,7 @@ from preisach_jax.diagnosis.trial import TOO_SLIGHT, WITHIN_BUDGET, NotFitted, T
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
 from preisach_jax.effects.rate_dependence import RateDependence
@@ -432,6 +433,29 @@ def test_a_last_effect_that_takes_less_than_a_fifth_of_the_rest_is_given_up(
         assert given.effect == trial.effect
         assert isinstance(given, Trial)
         assert given.objection == TOO_SLIGHT
+
+
+@pytest.mark.parametrize(("told", "kept"), [({"hum": "it is the drive's"}, ("creep",)), ({}, None)])
+def test_a_hum_that_all_rows_show_to_be_the_drives_is_taken_back(monkeypatch, told, kept):
+    trials = [
+        Trial(effect, 0, cast(Any, None), STRONG, Certainty(alone=True, together=True))
+        for effect in (Hum(), Creep())
+    ]
+    monkeypatch.setattr(Step, "ladder", lambda self, names: (self.path[0], *names))
+    asked = Step(
+        cast(Any, None), cast(Any, None), cast(Any, None), (),
+        path=cast(Any, (0, 1, 2)),
+        named=tuple(Named(trial, {}) for trial in trials),
+        trials=tuple((trial, True, "") for trial in trials),
+    )  # fmt: skip
+    final = cast(Any, SimpleNamespace(from_the_drive=told))
+    left = conclusion._without_what_the_drive_makes(asked, final)
+    assert (left is None) == (kept is None)
+    if left is not None:
+        assert left.path == (0, *kept)
+        assert tuple(named.name for named in left.named) == kept
+        (hum, accepted, _), (_, stays, _) = left.trials
+        assert (hum.objection, accepted, stays) == ("it is the drive's", False, True)
 
 
 # --- steps ---

@@ -141,8 +141,10 @@ def concluded(
         discretisation = discretisation_rms(step.all_hysterons, now, other, within)
         progress("measuring the error budget", 0.9)
         budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
-        fewer = _without_the_lawless(step, budget) or _without_the_slight(
-            step, budget, fits, tolerance
+        fewer = (
+            _without_what_the_drive_makes(step, fitted[-1])
+            or _without_the_lawless(step, budget)
+            or _without_the_slight(step, budget, fits, tolerance)
         )
         if fewer is None:
             break
@@ -216,11 +218,23 @@ def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
         effect = next(e for e in step.now.chain.effects if e.name == named.name)
         taken = float(np.std(step.now.share_of(named.name)) * step.problem.unit)
         if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
-            kept = (*step.named[:position], *step.named[position + 1 :])
-            rows = given_up_rows(list(step.trials), [named.trial], WITHOUT_A_LAW)
-            path = step.ladder([each.name for each in kept])
-            return replace(step, named=kept, path=path, trials=tuple(rows), other=None)
+            return _without(step, position, WITHOUT_A_LAW)
     return None
+
+
+def _without_what_the_drive_makes(step: Step, final: Final) -> Step | None:
+    """Take back an effect that shows itself on all rows to come from the drive."""
+    for position, named in enumerate(step.named):
+        if objection := final.from_the_drive.get(named.name):
+            return _without(step, position, objection)
+    return None
+
+
+def _without(step: Step, position: int, objection: str) -> Step:
+    kept = (*step.named[:position], *step.named[position + 1 :])
+    rows = given_up_rows(list(step.trials), [step.named[position].trial], objection)
+    path = step.ladder([each.name for each in kept])
+    return replace(step, named=kept, path=path, trials=tuple(rows), other=None)
 
 
 def _without_the_slight(

@@ -291,6 +291,29 @@ def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
     return tuple(told)
 
 
+def from_the_drive(problem: Problem, point: Point, name: str) -> str:
+    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum.
+
+    Arguments:
+        problem: the record.
+        point: the model with the effect.
+        name: the effect's name.
+    """
+    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    if not isinstance(effect, Hum):
+        return ""
+    survey, f_hz = surveyed(problem), point.values[name]["f_hz"]
+    if survey.makes(f_hz):
+        return f"its line of {f_hz:.4g} Hz is a sum of low multiples of the drive's own lines"
+    if (period := survey.period) is not None and is_tooth(problem, point, effect, f_hz, period):
+        return (
+            f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than those "
+            f"beside it: the error comes back with the drive every {period.seconds:.3g} s, and a "
+            "drive that does not repeat itself would tell them apart"
+        )
+    return ""
+
+
 def implausible(problem: Problem, point: Point, name: str) -> str:
     """What of an effect's fitted parameters contradicts what it is; empty if nothing does.
 
@@ -299,21 +322,10 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
         point: the model with the effect.
         name: the effect's name.
     """
+    if told := from_the_drive(problem, point, name):
+        return told
     effect = next(effect for effect in point.chain.effects if effect.name == name)
     survey, values = surveyed(problem), point.values[name]
-    if isinstance(effect, Hum) and survey.makes(values["f_hz"]):
-        return (
-            f"its line of {values['f_hz']:.4g} Hz is a sum of low multiples of the drive's own "
-            "lines"
-        )
-    if isinstance(effect, Hum) and (period := survey.period) is not None:
-        f_hz = values["f_hz"]
-        if is_tooth(problem, point, effect, f_hz, period):
-            return (
-                f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than "
-                f"those beside it: the error comes back with the drive every {period.seconds:.3g} "
-                "s, and a drive that does not repeat itself would tell them apart"
-            )
     if isinstance(effect, Drift) and effect.waves:
         fastest_s = 2 * effect.horizon_s / effect.waves
         if fastest_s < survey.cycle_s:

@@ -99,6 +99,8 @@ def with_grid_error(
 ) -> dict[str, dict[str, ParameterEstimate]]:
     """Intervals made longer, on both sides, by what a plane of other levels changes.
 
+    Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
+
     Arguments:
         found: the `estimates` of a model.
         point: the model.
@@ -116,7 +118,9 @@ def with_grid_error(
     names = point.chain.coefficients
     pairs += [(*name, *both) for name, *both in zip(names, *amounts, strict=True)]
     for effect, parameter, here, there in pairs:
-        own = wider[effect][parameter.name]
+        own = wider[effect].get(parameter.name)
+        if own is None:
+            continue
         change = abs(parameter.to_search(there) - parameter.to_search(here))
         low, high = (
             parameter.from_search(parameter.to_search(end) + move) if np.isfinite(end) else end

@@ -69,6 +69,7 @@ def compared(case: Case) -> dict[str, Any]:
             "effects": list(found.effects),
             "rms": found.ladder[-1].rms_validation,
             "spikes": len(found.steps[-1].record.spikes),
+            "close": list(found.close),
         }
         for found in said
     )
@@ -77,18 +78,23 @@ def compared(case: Case) -> dict[str, Any]:
 
 
 def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """How many verdicts and names changed, and by how much the error did."""
+    """How many verdicts and names changed, and by how much the error did.
+
+    A verdict that says that it is close, on either record, has told that it may change.
+    """
     pairs = [(result["clean"], result["spoiled"]) for result in results]
     error = [bad["rms"] / clean["rms"] - 1 for clean, bad in pairs]
+    changed = [
+        (c, b) for c, b in pairs if (c["verdict"], c["effects"]) != (b["verdict"], b["effects"])
+    ]
     return {
         "cases": len(pairs),
         "spikes": f"{SPIKES:.0%} of the samples, normal, {HEIGHT:g} of the stroke",
         "lost": f"{LOST:.0%} of the samples",
         "verdict_changed": sum(c["verdict"] != b["verdict"] for c, b in pairs),
         "names_changed": sum(c["effects"] != b["effects"] for c, b in pairs),
-        "changed": sum(
-            (c["verdict"], c["effects"]) != (b["verdict"], b["effects"]) for c, b in pairs
-        ),
+        "changed": len(changed),
+        "changed_and_not_close": sum(not (c["close"] or b["close"]) for c, b in changed),
         "error_change_median": float(np.median(error)),
         "error_change_greatest": float(max(error, key=abs)),
         "error_changed_by_more_than_a_tenth": sum(abs(e) > 0.1 for e in error),

@@ -24,7 +24,7 @@ import preisach_jax as pj
 
 FOLDER = Path(blind.__file__).parent
 MODULES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__")
-JAX_FREE = ("world", "stage", "hidden", "machines", "excitation")
+JAX_FREE = ("world", "stage", "foreign", "hidden", "machines", "excitation")
 
 SCENE = hidden.Scene(-10.0, 110.0, 50.0, 20.0, 100.0, 400.0, 6e3)
 

@@ -8,6 +8,7 @@ import pytest
 import world
 
 import preisach_jax as pj
+from preisach_jax.diagnosis.teeth import _heights
 from preisach_jax.diagnosis.tellable import InputSurvey, implausible, untellable
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import CYCLES, RATES
@@ -185,3 +186,12 @@ def test_the_period_of_a_drive_is_told_from_many_of_it():
     assert period.has_multiple(200 / 0.61234, 20.0)
     assert not period.has_multiple(200.3 / 0.61234, 20.0)
     assert Period.of(TIME, np.sin(TIME**2)) is None
+
+
+def test_lines_of_a_hum_are_read_behind_what_is_added_before_it():
+    hum, drift = Hum(harmonics=2), Drift(horizon_s=20.0)
+    before = [7.0] * len(drift.coefficients())
+    lines = (*before, 0.3, 0.4, 5.0, 12.0)
+    _, point, _ = stand_in(hum, {"f_hz": 50.0}, TIME, lines=lines)
+    point.chain.at = lambda place: (drift, hum)
+    np.testing.assert_allclose(_heights(point, hum), [0.5, 13.0])

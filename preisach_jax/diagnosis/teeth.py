@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import numpy as np
 
 from preisach_jax.effects.base import AddedEffect
@@ -45,14 +47,10 @@ def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Peri
 
 def _heights(point: Point, hum: Hum) -> np.ndarray:
     """(harmonic,) amplitudes of the lines of a hum, in the unit of the output."""
-    first = 0
-    for effect in point.chain.at(AddedEffect):
-        count = len(effect.coefficients())
-        if effect.name == hum.name:
-            parts = point.coefficients().added[first : first + count]
-            return np.hypot(*np.asarray(parts).reshape(-1, 2).T)
-        first += count
-    raise ValueError(f"the model has no {hum.name}")
+    ahead = takewhile(lambda effect: effect.name != hum.name, point.chain.at(AddedEffect))
+    first = sum(len(effect.coefficients()) for effect in ahead)
+    parts = point.coefficients().added[first : first + len(hum.coefficients())]
+    return np.hypot(*np.asarray(parts).reshape(-1, 2).T)
 
 
 def _height(time: np.ndarray, values: np.ndarray, f_hz: float) -> float:

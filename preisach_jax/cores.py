@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -45,9 +45,20 @@ def on_processor() -> Generator[None]:
         yield
 
 
-def _processor() -> jax.Device | str | None:
+def chosen_device() -> Any:
+    """JAX's default device in this thread; None if nobody has chosen one.
+
+    Example:
+        >>> with jax.default_device("cpu"):
+        ...     chosen_device()
+        'cpu'
+    """
+    return cast(Any, jax.config).jax_default_device
+
+
+def _processor() -> Any:
     """The caller's default device, else the processor where it stands beside an accelerator."""
-    if (chosen := jax.config.jax_default_device) is not None or jax.default_backend() == "cpu":
+    if (chosen := chosen_device()) is not None or jax.default_backend() == "cpu":
         return chosen
     try:
         return jax.local_devices(backend="cpu")[0]
@@ -110,7 +121,7 @@ class Background:
 
 def _as_in_this_thread(function: Callable[[Item], Result]) -> Callable[[Item], Result]:
     """The function as it computes in this thread: precision and device are settings of each."""
-    double, device = jnp.result_type(float) == jnp.float64, jax.config.jax_default_device
+    double, device = jnp.result_type(float) == jnp.float64, chosen_device()
 
     def compute(item: Item) -> Result:
         with jax.enable_x64(double), jax.default_device(device):

@@ -455,6 +455,7 @@ def test_a_hum_that_all_rows_show_to_be_the_drives_is_taken_back(monkeypatch, to
         assert left.path == (0, *kept)
         assert tuple(named.name for named in left.named) == kept
         (hum, accepted, _), (_, stays, _) = left.trials
+        assert isinstance(hum, Trial)
         assert (hum.objection, accepted, stays) == ("it is the drive's", False, True)
 
 

@@ -12,7 +12,7 @@ import pytest
 import world
 
 import preisach_jax as pj
-from preisach_jax.cores import on_all_cores
+from preisach_jax.cores import chosen_device, on_all_cores
 from preisach_jax.fit import double_precision
 
 ASKED = ["creep", "output_lag", "drift"]
@@ -108,19 +108,19 @@ def test_all_linear_algebra_of_a_fit_has_one_thread():
 def test_fits_run_on_the_processor_beside_an_accelerator(monkeypatch):
     processor = jax.local_devices(backend="cpu")[0]
     with double_precision():
-        assert jax.config.jax_default_device is None
+        assert chosen_device() is None
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with double_precision():
-        assert jax.config.jax_default_device == processor
+        assert chosen_device() == processor
         assert jax.numpy.zeros(1).device == processor
-        devices = on_all_cores(lambda _: jax.config.jax_default_device, range(3))
+        devices = on_all_cores(lambda _: chosen_device(), range(3))
         assert set(devices) == {processor}
     with jax.default_device("cpu"), double_precision():  # as the caller chose
-        assert jax.config.jax_default_device == "cpu"
+        assert chosen_device() == "cpu"
 
     def nothing_but_the_accelerator(backend):
         raise RuntimeError(f"Unknown backend {backend}")
 
     monkeypatch.setattr(jax, "local_devices", nothing_but_the_accelerator)
     with double_precision():
-        assert jax.config.jax_default_device is None
+        assert chosen_device() is None

@@ -61,7 +61,7 @@ def _processor() -> Any:
     if (chosen := chosen_device()) is not None or jax.default_backend() == "cpu":
         return chosen
     try:
-        return jax.local_devices(backend="cpu")[0]
+        return cast(Any, jax.local_devices(backend="cpu")[0])
     except RuntimeError:  # JAX was told to use nothing but the accelerator
         return None
 

@@ -118,6 +118,7 @@ def corruption() -> str:
         "verdict changed": "verdict_changed",
         "names of effects changed": "names_changed",
         "verdict or names changed": "changed",
+        "of them neither verdict had said that it was close": "changed_and_not_close",
         "held-out error changed by more than 10 %": "error_changed_by_more_than_a_tenth",
         "outputs left out of the records before they were spoiled": "left_out_of_clean_records",
     }
@@ -201,9 +202,8 @@ times states, as a share of the output's range.
 ## Spoiled records
 
 Records of the [blind benchmark](scores.md), four seconds long, diagnosed on 13 levels as they are
-and spoiled. More verdicts change than the two in a hundred that were asked for: losing samples
-takes information away, and where the evidence lies close to a threshold the diagnosis may differ
-without a spike.
+and spoiled. Losing samples takes information away, and where the evidence lies close to a threshold
+the diagnosis may differ without a spike; such a verdict says that it is close.
 
 {corruption()}
 

@@ -32,34 +32,26 @@ def sweep_of_noise(seeds: int = SEEDS) -> tuple[Callable[[], Any], dict[str, Any
     """The sweep of Fig. 8, 32 seeds at once: 5 planes, 8 noise levels."""
     import jax
 
+    from preisach_jax.sweep import LEVELS as PLANES
     from preisach_jax.sweep import sweep
 
     def run() -> np.ndarray:
         found = sweep(jax.random.key(0), seeds=seeds, samples=SAMPLES)
         return np.ravel(found.output_error)
 
-    return run, {"seeds": seeds, "samples": SAMPLES, "levels": [75, 37, 19, 13, 9]}
+    return run, {"seeds": seeds, "samples": SAMPLES, "levels": PLANES}
 
 
 def lanes_of_one_input() -> tuple[Callable[[], Any], dict[str, Any]]:
     """The recursion over events, 1,024 outputs of one input at once."""
-    import jax
     import jax.numpy as jnp
-
-    from preisach_jax.operator.events import events_and_states
-    from preisach_jax.operator.learning import adapt_over_events, measured_rises
-    from preisach_jax.operator.plane import Plane
+    from relays import jax_adapt
 
     plane, x, z = _measured(LEVELS, LANES)
-
-    @jax.jit
-    def adapt(plane: Plane, switching, z, weights):
-        return adapt_over_events(plane, switching, measured_rises(switching, z), weights)[0]
-
-    start, outputs = jnp.full((plane.cells, LANES), 1e-9), jnp.asarray(z)
+    inputs, outputs = jnp.asarray(x), jnp.asarray(z)
 
     def run() -> np.ndarray:
-        return np.asarray(adapt(plane, events_and_states(plane, jnp.asarray(x))[0], outputs, start))
+        return np.asarray(jax_adapt(plane, inputs, outputs))
 
     return run, {"lanes": LANES, "samples": SAMPLES, "levels": LEVELS}
 

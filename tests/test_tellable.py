@@ -86,6 +86,10 @@ def test_a_drive_of_many_rates_has_no_lines():
     assert InputSurvey(TIME, np.sin(TIME**2)).lines_hz == ()
 
 
+def numbers_of(*effects):
+    return [(effect.name, each) for effect in effects for each in effect.coefficients()]
+
+
 def stand_in(
     effect, values, input_of_time, residual=0 * TIME, lines=(1.0, 0.0)
 ) -> tuple[Any, Any, str]:
@@ -96,7 +100,7 @@ def stand_in(
         survey=SimpleNamespace(step_s=0.005),
     )
     point = SimpleNamespace(
-        chain=SimpleNamespace(effects=(effect,), at=lambda place: (effect,)),
+        chain=SimpleNamespace(effects=(effect,), coefficients=numbers_of(effect)),
         values={effect.name: values},
         residual=residual / 2,
         unit=2.0,
@@ -191,5 +195,5 @@ def test_lines_of_a_hum_are_read_behind_what_is_added_before_it():
     before = [7.0] * len(drift.coefficients())
     lines = (*before, 0.3, 0.4, 5.0, 12.0)
     _, point, _ = stand_in(hum, {"f_hz": 50.0}, TIME, lines=lines)
-    point.chain.at = lambda place: (drift, hum)
+    point.chain.coefficients = numbers_of(drift, hum)
     np.testing.assert_allclose(_heights(point, hum), [0.5, 13.0])

@@ -188,7 +188,7 @@ class OnlineInverse:
                     f"the model needs the auxiliary column {name!r}: give aux={{{name!r}: ...}}"
                 )
         sample = np.array([wanted, measured, self.expected, *(given[n] for n in self._aux_columns)])
-        with on_processor():
+        with jax.enable_x64(True):  # the step was compiled for its device
             self._state, self._learning, out = self._step((self._state, self._learning), sample)
             self.drive, self.expected = np.asarray(out).tolist()
         self.reached = abs(self.expected - wanted) <= self._good

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import takewhile
-
 import numpy as np
 
-from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.hum import Hum
 from preisach_jax.identify import Point, Problem
 from preisach_jax.look.stretches import Period
@@ -40,23 +37,20 @@ def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Peri
     for multiple, own in enumerate(_heights(point, hum), 1):
         beside = multiple * f_hz + np.r_[-NEIGHBOURS:0, 1 : NEIGHBOURS + 1] / period.seconds
         beside = beside[(beside > 0.5 / period.seconds) & (beside < highest)]
-        if not beside.size or own > STANDS_OUT * max(_height(time, residual, f) for f in beside):
+        if not beside.size or own > STANDS_OUT * _amplitudes(time, residual, beside).max():
             return False
     return True
 
 
 def _heights(point: Point, hum: Hum) -> np.ndarray:
     """(harmonic,) amplitudes of the lines of a hum, in the unit of the output."""
-    ahead = takewhile(lambda effect: effect.name != hum.name, point.chain.at(AddedEffect))
-    first = sum(len(effect.coefficients()) for effect in ahead)
-    parts = point.coefficients().added[first : first + len(hum.coefficients())]
-    return np.hypot(*np.asarray(parts).reshape(-1, 2).T)
+    pairs = zip(point.chain.coefficients, point.coefficients().added, strict=True)
+    parts = [float(value) for (name, _), value in pairs if name == hum.name]
+    return np.hypot(parts[::2], parts[1::2])
 
 
-def _height(time: np.ndarray, values: np.ndarray, f_hz: float) -> float:
-    """Amplitude of a line, by a Hann window."""
-    part = (time - time.min()) / np.ptp(time)
-    window = np.sin(np.pi * part) ** 2
-    return float(
-        2 * np.abs(np.sum(window * values * np.exp(-2j * np.pi * f_hz * time))) / window.sum()
-    )
+def _amplitudes(time: np.ndarray, values: np.ndarray, f_hz: np.ndarray) -> np.ndarray:
+    """(line,) amplitudes of lines, by a Hann window."""
+    window = np.sin(np.pi * (time - time.min()) / np.ptp(time)) ** 2
+    turned = np.exp(-2j * np.pi * np.outer(f_hz, time))
+    return 2 * np.abs(turned @ (window * values)) / window.sum()

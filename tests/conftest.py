@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+from importlib.metadata import version
 from pathlib import Path
 
 # Set before JAX or matplotlib is first imported. A run on an accelerator says so in JAX_PLATFORMS.
@@ -14,11 +15,14 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # Most of the time of a first run is compilation: tests want code soon, not fast code. Without the
 # fusion emitters and the split of each module into parts, a program compiles in half the time.
 if os.environ["JAX_PLATFORMS"] == "cpu":
-    os.environ.setdefault(
-        "XLA_FLAGS",
+    flags = (
         "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true "
-        "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1",
+        "--xla_cpu_parallel_codegen_split_count=1"
     )
+    # XLA ends the process at a flag that it does not know; 0.11 has the emitters for good.
+    if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
+        flags += " --xla_cpu_use_fusion_emitters=false"
+    os.environ.setdefault("XLA_FLAGS", flags)
 if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a core of its own
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 

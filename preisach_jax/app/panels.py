@@ -187,6 +187,7 @@ def _floor(budget: Budget) -> Markup:
             ("noise", budget.noise),
             ("grid", budget.discretisation),
             ("memory", budget.memory),
+            *([("jumps", budget.jumps)] if budget.jumps > 0 else []),
             ("unexplained", budget.unexplained),
         )
     ]

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
+from preisach_jax.record.jumps import wander_rms
 
 MOST_LEVELS = 50
 """Finest plane that is tried automatically."""
@@ -76,11 +77,11 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
     """
     left = fit.rms_validation**2
     shares: list[float] = []
-    for rms in (floor.noise, discretisation, floor.memory):
+    for rms in (floor.noise, discretisation, floor.memory, wander_rms(problem.record)):
         share = min(rms**2, left)
         shares.append(float(np.sqrt(share)))
         left -= share
-    noise, discretisation, memory = shares
+    noise, discretisation, memory, jumps = shares
     return Budget(
         noise=noise,
         input_quantisation=input_quantisation_rms(problem, fit.point),
@@ -89,6 +90,7 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
         memory=memory,
         unexplained=float(np.sqrt(left)),
         unit=problem.record.channels["output"].unit,
+        jumps=jumps,
     )
 
 

@@ -19,6 +19,7 @@ from preisach_jax.model.past import past_sentence
 from preisach_jax.record import Record
 from preisach_jax.record.blemishes import fault_lines
 from preisach_jax.record.faults import faults
+from preisach_jax.record.jumps import jumps
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 
 
@@ -121,7 +122,8 @@ class Comparison:
 def compare(model: Model, record: Record) -> Comparison:
     """Simulate a model along a record and test what it leaves.
 
-    Outputs that stand out alone are left out, and such inputs are bridged, as `fit` does;
+    Outputs that stand out alone are left out, such inputs are bridged, and jumps of the output are
+    taken back, as `fit` does;
     `Comparison.notes` tells it.
 
     Arguments:
@@ -146,6 +148,7 @@ def compare(model: Model, record: Record) -> Comparison:
     simulated = model.predict(record)
     record = record.without(gross_spikes(record))
     record = record.without(isolated_spikes(record, simulated.output))
+    record = record.levelled(jumps(record, simulated.output))
     residual = record.output - simulated.output
     longest, step = longest_lag(record), record.step_s
     values = in_sequence(record, residual, longest)

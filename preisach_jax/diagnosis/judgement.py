@@ -19,6 +19,7 @@ from preisach_jax.effects.base import SensorEffect
 from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
 from preisach_jax.quantity import quantity
+from preisach_jax.record.jumps import wander_rms
 
 WEAK = 0.9
 """Relative fall of the held-out mean square below which an effect must stand on a finer plane too.
@@ -39,6 +40,9 @@ to be explained, and what takes less of it only bends the model towards somethin
 SIMPLER_MAY_LEAVE = 1.5
 """Times the least held-out mean square that an effect of fewer parameters may leave to lead: where
 it leaves more, only the whitened residual, in which slow effects hardly count, calls them alike."""
+
+OF_JUMPS = 2.0
+"""Times the RMS that the heights of a sensor's jumps leave open that an effect must contribute."""
 
 CONFIRMATION_LEVELS = 50
 """Finest plane on which an effect is confirmed."""
@@ -116,6 +120,10 @@ def _too_small(problem: Problem, now: Point, trial: Trial, tolerance: float) -> 
     """What says that an effect does not matter in practice; empty if it does."""
     removed = now.validation_mean_square - trial.point.validation_mean_square
     rms = float(max(removed, 0.0) ** 0.5) * problem.unit
+    wander = OF_JUMPS * wander_rms(problem.record)
+    if rms < wander:
+        made, allowed = (quantity(size, problem.record.output_unit, 3) for size in (rms, wander))
+        return f"it contributes {made} RMS; jumps of the sensor leave {allowed} open"
     if rms > tolerance or tolerance == 0:
         return ""
     made, allowed = (quantity(size, problem.record.output_unit, 3) for size in (rms, tolerance))

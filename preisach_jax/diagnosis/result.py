@@ -98,6 +98,7 @@ class Budget:
         memory: what the rows that identify tell too little of: cells seldom visited.
         unexplained: the rest.
         unit: that of the output.
+        jumps: what the heights of a sensor's jumps leave open.
     """
 
     noise: float
@@ -107,15 +108,16 @@ class Budget:
     memory: float
     unexplained: float
     unit: str
+    jumps: float = 0.0
 
     @property
     def allowed(self) -> float:
-        """RMS that may stay unexplained: noise, discretisation and memory.
+        """RMS that may stay unexplained: noise, discretisation, memory and jumps.
 
         Much of what a model lacks is booked as memory as well: it counts for no more than noise.
         """
         memory = min(self.memory, self.noise)
-        return float(np.linalg.norm([self.noise, self.discretisation, memory]))
+        return float(np.linalg.norm([self.noise, self.discretisation, memory, self.jumps]))
 
     @property
     def is_met(self) -> bool:

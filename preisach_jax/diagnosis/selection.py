@@ -29,10 +29,10 @@ from preisach_jax.fit import (
     begun,
     checked_levels,
     double_precision,
-    freed_of_spikes,
+    freed_of_blemishes,
     in_reduced_basis,
     in_silence,
-    without_spikes,
+    mended_by,
 )
 from preisach_jax.loss import magnet_of
 from preisach_jax.record import Record
@@ -96,7 +96,7 @@ def diagnose(
     mechanics = inside[0] if inside else RestoringForce() if effects is None else None
     least = tolerance_of(tolerance, record)
     with double_precision():
-        return freed_of_spikes(
+        return freed_of_blemishes(
             record,
             lambda given: _walk(
                 given,
@@ -140,7 +140,7 @@ def _walk(
     progress: Progress,
     watch: Watch | None,
 ) -> Diagnosis:
-    """The diagnosis of one record, begun again without the spikes that its first effect shows."""
+    """The diagnosis of one record, begun again without the blemishes that an effect shows."""
     while True:
         pace = Pace(progress)
         pace.tell("fitting the rate-independent model", 0.0)
@@ -192,7 +192,7 @@ def _selected(
         if not more:
             break
         if len(step.named) == 1:
-            left = without_spikes(step.record, step.now)
+            left = mended_by(step.record, step.now)
             if left is not step.record:
                 return left
         # A finer plane may bring out what the coarse one has hidden.

@@ -18,10 +18,10 @@ from preisach_jax.fit.start import (
     base_point,
     begun,
     checked_levels,
-    freed_of_spikes,
+    freed_of_blemishes,
     in_reduced_basis,
+    mended_by,
     plane_of,
-    without_spikes,
 )
 from preisach_jax.fit.steps import (
     LEAST_PROMISE,
@@ -58,9 +58,10 @@ __all__ = [
     "finished",
     "fit",
     "fit_inside",
-    "freed_of_spikes",
+    "freed_of_blemishes",
     "in_reduced_basis",
     "in_silence",
+    "mended_by",
     "moved_to",
     "on_a_coarser_plane",
     "on_all_rows",
@@ -71,5 +72,4 @@ __all__ = [
     "with_regressors",
     "with_signs",
     "without_effect",
-    "without_spikes",
 ]

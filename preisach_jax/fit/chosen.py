@@ -21,7 +21,7 @@ from preisach_jax.fit.start import (
     aux_units,
     begun,
     checked_levels,
-    freed_of_spikes,
+    freed_of_blemishes,
     in_reduced_basis,
 )
 from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
@@ -100,7 +100,7 @@ def fit(
     with double_precision():
         if schedule is not None:
             chosen = in_double(chosen)
-        return freed_of_spikes(
+        return freed_of_blemishes(
             record,
             lambda given: _fitted(
                 given, chosen, checked_levels(levels), schedule, progress or in_silence

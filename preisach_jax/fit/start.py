@@ -26,6 +26,7 @@ from preisach_jax.record.joined import (
     by_run,
     parts_of,
 )
+from preisach_jax.record.jumps import jumps, wander_rms
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 
 DEFAULT_LEVELS = 25
@@ -33,8 +34,11 @@ DEFAULT_LEVELS = 25
 COARSE_LEVELS = 13
 """Levels of the plane on which both polarities are compared."""
 
-MOST_ROUNDS = 3
+MOST_ROUNDS = 6
 """How often spikes are looked for: great ones hide smaller ones."""
+
+WORTH_CORRECTING = 0.5
+"""Share to which the open level of a record must fall for its jumps to be corrected anew."""
 
 CLEAR_CORRELATION = 0.5
 """Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
@@ -81,21 +85,21 @@ def base_point(problem: Problem, levels: int) -> Point:
 
 
 def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
-    """The rate-independent model of a record, freed from the samples that stand out alone.
+    """The rate-independent model of a record, freed of spikes, faults and jumps of its sensors.
 
     Arguments:
         record: the record.
         levels: levels N of the plane.
 
     Returns:
-        The record without its spikes, as it was cut for a search, and the model.
+        The mended record, as it was cut for a search, and the model.
     """
     record = record.bridged(by_run(record, input_spikes)).masked(_faults(record))
     record = record.without(by_run(record, gross_spikes))
     for _ in range(MOST_ROUNDS):
         problem = Problem.of(record, SEARCH_ROWS)
         point = base_point(problem, levels)
-        left = without_spikes(record, point)
+        left = _mended(record, _response(record, point))
         if left is record:
             return record, problem, point
         record = left
@@ -103,18 +107,36 @@ def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     return record, problem, base_point(problem, levels)
 
 
-def without_spikes(record: Record, point: Point) -> Record:
-    """The record without the samples that stand out alone from what a model makes of it.
+def mended(record: Record, modelled: np.ndarray) -> Record:
+    """The record without the samples that stand out alone, or if none do, without jumps.
 
     Arguments:
         record: the record.
-        point: the model, found on some of its rows.
+        modelled: (time,) what a model makes of it, in output units.
 
     Returns:
-        The record itself, if there are none.
+        The record itself, if there is neither, or nothing but a jump that is taken back already and
+        whose height is known about as well.
     """
-    modelled = response(point.chain, point.values, signals_of(record), point.coefficients())
-    return record.without(by_run(record, isolated_spikes, np.asarray(modelled)))
+    left = _mended(record, modelled)
+    known = left.spikes.keys() == record.spikes.keys() and left.jumps.keys() == record.jumps.keys()
+    if known and wander_rms(left) > WORTH_CORRECTING * wander_rms(record):
+        return record
+    return left
+
+
+def mended_by(record: Record, point: Point) -> Record:
+    """The same beside a model that was found on some of its rows."""
+    return mended(record, _response(record, point))
+
+
+def _mended(record: Record, modelled: np.ndarray) -> Record:
+    left = record.without(by_run(record, isolated_spikes, modelled))
+    return record.levelled(by_run(record, jumps, modelled)) if left is record else left
+
+
+def _response(record: Record, point: Point) -> np.ndarray:
+    return np.asarray(response(point.chain, point.values, signals_of(record), point.coefficients()))
 
 
 def _faults(record: Record) -> tuple[Fault, ...]:
@@ -133,12 +155,12 @@ def in_reduced_basis(problem: Problem, point: Point) -> tuple[Problem, Point]:
     return small, with_strength(small, there)
 
 
-def freed_of_spikes(
+def freed_of_blemishes(
     record: Record, work: Callable[[Record], Found], fit_of: Callable[[Found], Fit]
 ) -> Found:
-    """What is found in a record, again as long as what its fit leaves shows spikes.
+    """What is found in a record, again as long as what its fit leaves shows spikes or jumps.
 
-    What the plain model misses hides spikes that one with effects shows.
+    What the plain model misses hides those that one with effects shows.
 
     Arguments:
         record: the record.
@@ -150,7 +172,7 @@ def freed_of_spikes(
         fit = fit_of(found)
         if not fit.effects:
             break  # `begun` has left out what a model without effects shows
-        left = fit.record.without(by_run(fit.record, isolated_spikes, fit.prediction))
+        left = mended(fit.record, fit.prediction)
         if left is fit.record:
             break
         found = work(left)

@@ -57,6 +57,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         )
         if rms > 0
     ]
+    jumps = [("jumps", quantity(budget.jumps, budget.unit, 3), "levels beside jumps of the sensor")]
     return [
         ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
         *steps,
@@ -70,6 +71,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
             quantity(budget.memory, budget.unit, 3),
             "rarely visited cells, which only the held-out rows cover",
         ),
+        *(jumps if budget.jumps > 0 else []),
         ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
         (
             "together",
@@ -174,7 +176,8 @@ def as_text(found: Diagnosis) -> str:
     lines.append(
         f"  budget: noise {shown(budget.noise)}, discretisation "
         f"{shown(budget.discretisation)}, memory {shown(budget.memory)}, "
-        f"unexplained {shown(budget.unexplained)}"
+        + (f"jumps of the sensor {shown(budget.jumps)}, " if budget.jumps > 0 else "")
+        + f"unexplained {shown(budget.unexplained)}"
     )
     if found.located:
         lines.append(f"  what remains: {found.located}")

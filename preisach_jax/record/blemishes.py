@@ -38,7 +38,7 @@ OF_FAULTS = {
 
 
 def fault_lines(record: Samples) -> list[str]:
-    """Which samples were not used: faults of the sensor, and what stands out alone, in words."""
+    """Which samples were not used as they are, and why: faults, spikes and jumps, in words."""
     found: list[str] = []
     for kind, words in OF_FAULTS.items():
         rows = [(start, stop) for each, start, stop in record.faults if each == kind]
@@ -71,4 +71,23 @@ def fault_lines(record: Samples) -> list[str]:
             f"{'stand out from their' if many else 'stands out from its'} neighbours and "
             f"{'were' if many else 'was'} {done}: sample{'s' * many} {some}{others}"
         )
-    return found
+    return found + _jump_lines(record)
+
+
+def _jump_lines(record: Samples) -> list[str]:
+    """Which jumps of the output were taken back, in words."""
+    if not record.jumps:
+        return []
+    unit, jumps = record.output_unit, record.jumps
+    greatest = sorted(jumps, key=lambda row: -abs(jumps[row].height))[:3]
+    some = ", ".join(
+        f"by {quantity(jumps[row].height, unit, 2)} at sample {row + 1:,}"
+        for row in sorted(greatest)
+    )
+    others = f" and {len(jumps) - 3:,} smaller ones" if len(jumps) > 3 else ""
+    many = len(jumps) > 1
+    return [
+        f"the output jumps {f'{len(jumps):,} times' if many else 'once'} from one sample to the "
+        f"next and stays off, as by a sensor that slips or a load put on: {some}{others}; "
+        f"{'these jumps were' if many else 'this jump was'} taken back"
+    ]

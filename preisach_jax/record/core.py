@@ -63,6 +63,7 @@ class Record(Samples):
         spikes: what was measured at the outputs that `without` left out, by row.
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
         faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
+        jumps: by how much the output jumped, which `levelled` took back, by row.
         torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
         runs: where each of several records lies that were joined; empty for a record by itself.
 

@@ -11,7 +11,7 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import number, pretty_unit, quantity
 from preisach_jax.record.core import Record
-from preisach_jax.record.samples import Run
+from preisach_jax.record.marks import Run
 
 PAUSE = 100
 """Usual time steps between two runs on the joined clock: above what counts as a gap."""
@@ -268,7 +268,7 @@ def parts_of(record: Record) -> list[Record]:
 
 
 def without_rows(record: Record, kept: np.ndarray) -> Record:
-    """Some samples of a record, with what was left out of it forgotten.
+    """Some samples of a record, with what was left out of it forgotten; its jumps are kept.
 
     Arguments:
         record: the record.
@@ -291,6 +291,7 @@ def without_rows(record: Record, kept: np.ndarray) -> Record:
         spikes={},
         input_spikes={},
         faults=(),
+        jumps={int(np.searchsorted(kept, row)): jump for row, jump in record.jumps.items()},
         runs=tuple(
             replace(run, start=start, stop=stop)
             for run, (start, stop) in zip(record.runs, moved, strict=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.channels import Channel
+from preisach_jax.record.marks import Jump, Run
 
 MIN_MEASURED = 50
 """Fewest measured samples from which a model may be identified."""
@@ -22,33 +23,6 @@ INITIAL_MEMORIES = ("low", "high", "demagnetised", "free")
 """What is known of the state at the first sample; `"free"`: nothing, it is identified."""
 
 _GAP = 5.0  # a step this many times the usual one is a gap
-
-
-@dataclass(frozen=True)
-class Run:
-    """One of several records that were joined.
-
-    Attributes:
-        name: the record's name.
-        sha256: digest of its values.
-        start, stop: its first row in the joined record, and the first row after it.
-        clock_s: time of its first row on its own clock, in s.
-        initial_memory: state at its first sample.
-        held_out: whether all its rows are held out.
-    """
-
-    name: str
-    sha256: str
-    start: int
-    stop: int
-    clock_s: float
-    initial_memory: str
-    held_out: bool = False
-
-    @property
-    def rows(self) -> slice:
-        """Its rows in the joined record."""
-        return slice(self.start, self.stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +44,7 @@ class Samples:
         spikes: what was measured at the outputs that `without` left out, by row.
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
         faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
+        jumps: by how much the output jumped, which `levelled` took back, by row.
         torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
         runs: where each of several records lies that were joined; empty for a record by itself.
     """
@@ -86,6 +61,7 @@ class Samples:
     spikes: Mapping[int, float] = field(default_factory=dict[int, float])
     input_spikes: Mapping[int, float] = field(default_factory=dict[int, float])
     faults: tuple[tuple[str, int, int], ...] = ()
+    jumps: Mapping[int, Jump] = field(default_factory=dict[int, Jump])
     torn_row: int | None = None
     runs: tuple[Run, ...] = ()
 
@@ -285,6 +261,34 @@ class Samples:
                 "anew, within the range of its sensor"
             )
         return replace(self, output=_frozen(output), faults=(*self.faults, *faults))
+
+    def levelled(self, jumps: np.ndarray) -> Self:
+        """The same measurement without jumps of its output, each taken back to the end of its run.
+
+        Arguments:
+            jumps: (K, 2) by how much the output jumps at each sample, in its unit, mostly 0; and
+                the standard errors of these heights.
+
+        Returns:
+            The record with the same digest, whose `jumps` remember the heights; itself if there are
+            none.
+
+        Example:
+            >>> from preisach_jax.record import Record
+            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 51, 52])
+            >>> levelled = record.levelled(np.array([[0.0, 0.0], [50.0, 0.1], [0.0, 0.0]]))
+            >>> levelled.output, levelled.jumps
+            (array([0., 1., 2.]), {1: Jump(height=50.0, error=0.1)})
+        """
+        heights, errors = jumps.T
+        if not heights.any():
+            return self
+        known = dict(self.jumps)
+        for row in np.flatnonzero(errors).tolist():
+            before = known[row].height if row in known else 0.0
+            known[row] = Jump(before + float(heights[row]), float(errors[row]))
+        off = np.concatenate([np.cumsum(heights[rows]) for rows in self.stretches])
+        return replace(self, output=_frozen(self.output - off), jumps=known)
 
     def bridged(self, spikes: np.ndarray) -> Self:
         """The same measurement with some inputs replaced by straight lines between the others.

@@ -26,6 +26,8 @@ _LABELS = {
     "memory": "Gedächtnis",
     "rarely visited cells, which only the held-out rows cover":
         "selten besuchte Zellen, die nur in zurückgehaltenen Zeilen vorkommen",
+    "jumps": "Sprünge",
+    "levels beside jumps of the sensor": "Pegel neben Sprüngen des Sensors",
     "unexplained": "nicht erklärt",
     "not explained by any of these": "durch nichts davon erklärt",
     "together": "zusammen",

@@ -1,0 +1,40 @@
+"""What is marked in a record: the runs that it was joined of, and the jumps of its sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+@dataclass(frozen=True)
+class Run:
+    """One of several records that were joined.
+
+    Attributes:
+        name: the record's name.
+        sha256: digest of its values.
+        start, stop: its first row in the joined record, and the first row after it.
+        clock_s: time of its first row on its own clock, in s.
+        initial_memory: state at its first sample.
+        held_out: whether all its rows are held out.
+    """
+
+    name: str
+    sha256: str
+    start: int
+    stop: int
+    clock_s: float
+    initial_memory: str
+    held_out: bool = False
+
+    @property
+    def rows(self) -> slice:
+        """Its rows in the joined record."""
+        return slice(self.start, self.stop)
+
+
+class Jump(NamedTuple):
+    """By how much an output jumped, and the standard error of that, in its unit."""
+
+    height: float
+    error: float

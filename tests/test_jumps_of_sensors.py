@@ -1,0 +1,160 @@
+"""A sensor that jumps and stays off is told, levelled and named as no effect; a stage that jumps is
+left as it is."""
+
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.record.jumps import jumps, wander_rms
+
+RATE = 1000.0
+TIME = np.arange(12_000) / RATE
+PATH = 5 + (2.6 + 1.8 * np.sin(1.3 * TIME)) * np.sin(2 * np.pi * TIME * (0.5 + 0.02 * TIME))
+NOISE = 0.002
+ROWS = (1500, 3200, 5150, 7600, 9100, 10_300)
+HEIGHTS = (0.05, -0.04, -0.06, 0.05, 0.03, -0.05)
+
+
+def plays(path=PATH):
+    """A stage of thirty plays of growing width, up to 0.6 of the stroke."""
+    widths = np.linspace(0.0, 1.5, 30)
+    at, output = np.full(30, path[0]), np.empty(len(path))
+    for k, u in enumerate(path):
+        at = np.clip(at, u - widths, u + widths)
+        output[k] = at.mean()
+    return output
+
+
+PLAYS = plays()
+
+
+def noisy(output, seed=0):
+    return output + np.random.default_rng(seed).normal(0, NOISE, len(output))
+
+
+def jumped(output, rows=ROWS, heights=HEIGHTS):
+    off = np.zeros(len(output))
+    for row, height in zip(rows, heights, strict=True):
+        off[row:] += height
+    return output + off
+
+
+def record_of(output, path=PATH, **columns):
+    return pj.Record.from_arrays(
+        TIME, path, output, name="slips.csv", units={"output": "um"}, aux=columns
+    )
+
+
+def heights_of(record, modelled):
+    found = jumps(record, modelled)
+    return {int(row): found[row, 0] for row in np.flatnonzero(found[:, 0])}
+
+
+@pytest.mark.parametrize("misfit", [0.0, 0.02], ids=["the truth", "a poor model"])
+def test_jumps_are_found_at_their_samples_with_their_heights_and_errors(misfit):
+    record = record_of(jumped(noisy(PLAYS)))
+    found = jumps(record, PLAYS + misfit * (PATH - 5) ** 2)
+    assert np.flatnonzero(found[:, 0]).tolist() == list(ROWS)
+    off = found[list(ROWS), 0] - HEIGHTS
+    assert np.all(np.abs(off) < 3 * NOISE)
+    assert np.all(np.abs(off) < 3 * found[list(ROWS), 1])
+    levelled = record.levelled(found)
+    np.testing.assert_allclose(levelled.output, noisy(PLAYS), atol=6 * NOISE)
+    assert levelled.sha256 == record.sha256
+    assert sorted(levelled.jumps) == list(ROWS)
+
+
+def test_a_single_jump_is_found_whichever_way_the_output_goes():
+    for row in (2000, 2300, 2600, 2900):
+        record = record_of(jumped(noisy(PLAYS), (row,), (0.08,)))
+        assert list(heights_of(record, PLAYS)) == [row]
+
+
+def test_heights_are_corrected_by_a_better_model():
+    record = record_of(jumped(noisy(PLAYS)))
+    coarse = np.zeros((len(TIME), 2))
+    coarse[list(ROWS)] = np.stack([np.array(HEIGHTS) + 0.01, np.full(6, 0.02)], axis=1)
+    first = record.levelled(coarse)
+    second = first.levelled(jumps(first, PLAYS))
+    for row, height in zip(ROWS, HEIGHTS, strict=True):
+        assert abs(second.jumps[row].height - height) < 1.5 * NOISE
+        assert second.jumps[row].error < 0.01
+    assert wander_rms(second) < wander_rms(first)
+
+
+def relays():
+    """Twelve relays beside the plays: the output jumps the way that it goes, time and again."""
+    ups, downs, states = np.linspace(4, 7, 12), np.linspace(3, 6, 12), np.zeros(12)
+    total = []
+    for u in PATH:
+        states = np.where(u >= ups, 1.0, np.where(u <= downs, 0.0, states))
+        total.append(states.sum())
+    return PLAYS + 0.05 * np.array(total)
+
+
+def dry_friction():
+    return PLAYS + 0.05 * np.sign(np.gradient(PATH))
+
+
+def stick_slip():
+    """An output that rests until its spring has given way by a step, and then slips."""
+    at, output = PLAYS[0], []
+    for z in PLAYS:
+        at = z if abs(z - at) > 0.06 else at
+        output.append(at)
+    return np.array(output)
+
+
+@pytest.mark.parametrize("output", [relays, dry_friction, stick_slip])
+def test_a_stage_that_jumps_by_itself_is_left_as_it_is(output):
+    smooth = np.convolve(np.pad(output(), 40, mode="edge"), np.ones(81) / 81, mode="valid")
+    for modelled in (PLAYS, smooth):
+        assert heights_of(record_of(noisy(output())), modelled) == {}
+
+
+@pytest.mark.parametrize("late", [0, 60], ids=["at once", "60 ms late"])
+def test_a_stage_that_answers_steps_of_its_input_does_not_slip(late):
+    path = 5 + np.round((PATH - 5) / 0.5) * 0.5 + 0.1 * np.sin(40 * TIME)
+    output = np.concatenate([np.full(late, path[0]), path[: len(path) - late]])
+    assert heights_of(record_of(noisy(output), path), np.full(len(TIME), 5.0)) == {}
+
+
+def test_a_load_that_is_recorded_is_no_fault_of_the_sensor():
+    load = jumped(np.zeros(len(TIME)))
+    assert heights_of(record_of(noisy(PLAYS) + load, load=10 * load), PLAYS) == {}
+
+
+def test_noise_and_gaps_have_no_jumps():
+    assert heights_of(record_of(noisy(PLAYS)), PLAYS) == {}
+    gone = noisy(PLAYS + 0.1 * (TIME > 6.0))
+    gone[5980:6010] = np.nan
+    assert heights_of(record_of(gone), PLAYS) == {}
+
+
+def test_each_run_of_a_joined_record_is_levelled_by_itself():
+    first = record_of(jumped(noisy(PLAYS)))
+    fit = pj.fit([first, record_of(noisy(PLAYS, 1))], levels=9)
+    assert set(fit.record.jumps) <= set(ROWS)
+    assert len(fit.record.jumps) >= 4
+    later = fit.record.output[len(TIME) :]
+    np.testing.assert_array_equal(later, noisy(PLAYS, 1))
+
+
+def test_nothing_is_named_for_jumps_and_the_note_tells_them():
+    names = ["creep", "drift", "output_lag", "leakage"]
+    found = pj.diagnose(record_of(jumped(noisy(PLAYS))), names, levels=13)
+    assert found.effects == ()
+    (note,) = [note for note in found.notes if "jumps" in note]
+    assert "6 times" in note
+    assert "at sample 5,151" in note
+    sound = pj.diagnose(record_of(noisy(PLAYS)), names, levels=13)
+    assert found.verdict == sound.verdict
+    assert found.ladder[-1].rms_validation < 1.3 * sound.ladder[-1].rms_validation
+
+
+def test_a_true_drift_beside_jumps_is_still_named():
+    drifting = noisy(PLAYS) + 0.25 * (1 - np.exp(-TIME / 4))
+    found = pj.diagnose(record_of(jumped(drifting)), ["drift", "output_lag"], levels=13)
+    assert found.effects == ("drift",)
+    assert len(found.base.record.jumps) == 6
+    assert found.budget.jumps >= 0

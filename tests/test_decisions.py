@@ -108,7 +108,8 @@ def on_plane(levels, held_out):
     return cast(Any, SimpleNamespace(chain=chain, validation_mean_square=held_out))
 
 
-UNIT = cast(Any, SimpleNamespace(unit=10.0))
+SOUND = SimpleNamespace(stretches=(), jumps={})  # a record without jumps
+UNIT = cast(Any, SimpleNamespace(unit=10.0, record=SOUND))
 
 
 def test_the_error_of_the_grid_is_held_to_fall_with_the_cell():
@@ -199,7 +200,9 @@ def test_shares_are_taken_in_their_order_from_what_is_left(monkeypatch):
     monkeypatch.setattr(budget + "input_quantisation_rms", lambda problem, point: 7.0)
     monkeypatch.setattr(budget + "output_quantisation_rms", lambda problem: 8.0)
     channels = {"output": SimpleNamespace(unit="um")}
-    problem = cast(Any, SimpleNamespace(record=SimpleNamespace(channels=channels)))
+    problem = cast(
+        Any, SimpleNamespace(record=SimpleNamespace(channels=channels, stretches=(), jumps={}))
+    )
     fit = cast(Any, SimpleNamespace(rms_validation=13.0, point=None))
 
     def found(memory):
@@ -464,7 +467,7 @@ def test_a_hum_that_all_rows_show_to_be_the_drives_is_taken_back(monkeypatch, to
 
 def at(now, other=None):
     """A step at a stand-in of a model, and the same on another plane."""
-    problem = cast(Any, SimpleNamespace(unit=10.0))
+    problem = cast(Any, SimpleNamespace(unit=10.0, record=SOUND))
     return Step(cast(Any, range(10_000)), problem, problem, (), path=(now,), other=other)
 
 

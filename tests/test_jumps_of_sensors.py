@@ -1,10 +1,15 @@
 """A sensor that jumps and stays off is told, levelled and named as no effect; a stage that jumps is
 left as it is."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
 import preisach_jax as pj
+from preisach_jax.diagnosis import judgement
+from preisach_jax.identify import Problem
 from preisach_jax.record.jumps import jumps, wander_rms
 
 RATE = 1000.0
@@ -150,6 +155,24 @@ def test_nothing_is_named_for_jumps_and_the_note_tells_them():
     sound = pj.diagnose(record_of(noisy(PLAYS)), names, levels=13)
     assert found.verdict == sound.verdict
     assert found.ladder[-1].rms_validation < 1.3 * sound.ladder[-1].rms_validation
+
+
+def test_what_the_heights_leave_open_is_no_effect_and_a_share_of_the_budget():
+    record = record_of(noisy(PLAYS))
+    open_by = np.zeros((len(TIME), 2))
+    open_by[len(TIME) // 2] = [1e-9, 0.02]  # a step of unsure height: 0.01 RMS around its mean
+    levelled = record.levelled(open_by)
+    assert wander_rms(levelled) == pytest.approx(0.01, rel=1e-3)
+    assert wander_rms(record) == 0
+    problem = Problem.of(levelled)
+    now, less, much = (
+        SimpleNamespace(validation_mean_square=(rms / problem.unit) ** 2)
+        for rms in (0.05, (0.05**2 - 0.019**2) ** 0.5, (0.05**2 - 0.021**2) ** 0.5)
+    )
+    for point, refused in ((less, True), (much, False)):
+        trial = cast(Any, SimpleNamespace(point=point))
+        objection = judgement._too_small(problem, cast(Any, now), trial, 0.0)
+        assert ("jumps of the sensor leave 20 nm open" in objection) == refused
 
 
 def test_a_true_drift_beside_jumps_is_still_named():

@@ -60,6 +60,12 @@ CORRECTED = 0.25
 MOST = 2e-3
 """Share of the samples beyond which jumps belong to what is measured."""
 
+MOST_JUMPS = 200
+"""Jumps beyond which a sensor measures nothing."""
+
+ENOUGH_ROWS = 50_000
+"""Samples of a record by which it is seen whether jumps stay."""
+
 LEAST_ROWS = 4 * AROUND
 """Measured samples below which there is no course to jump from."""
 
@@ -97,6 +103,7 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     residual = record.output[rows] - modelled[rows]
     at = _apart(record, rows, residual)
     known = np.searchsorted(rows, sorted(record.jumps))
+    known = known[(known >= SIDE) & (known <= len(rows) - SIDE)]
     edges = np.union1d(at, known)
     heights, errors = _heights(residual, edges)
     is_new = np.isin(edges, at)
@@ -144,7 +151,7 @@ def _of_sensor(
     along = np.array([_way_on(output, k) for k in at.tolist()]) * heights > 0
     clear = unasked & ~turning
     count = np.count_nonzero(clear)
-    if not count or len(at) > MOST * len(rows):
+    if not count or len(at) > min(MOST * len(rows), MOST_JUMPS):
         return np.zeros(len(at), dtype=bool)
     stays, falls = _stays(residual, at[clear], heights[clear])
     against = bool(record.jumps) or (count >= FEW and np.mean(along[clear]) <= MOST_ALONG)
@@ -158,10 +165,11 @@ def _stays(residual: np.ndarray, at: np.ndarray, heights: np.ndarray) -> tuple[f
 
     Both by least squares of all samples over steps at the jumps.
     """
-    steps = (np.arange(len(residual))[:, None] >= at).astype(float)
+    rows = np.arange(0, len(residual), max(1, len(residual) // ENOUGH_ROWS))
+    steps = (rows[:, None] >= at).astype(float)
     steps -= steps.mean(axis=0)
-    off = residual - residual.mean()
-    stay = np.linalg.lstsq(steps, off, rcond=None)[0]
+    off = residual[rows] - residual[rows].mean()
+    stay: np.ndarray = np.linalg.lstsq(steps, off, rcond=None)[0]
     left = off - steps @ stay
     power = float(off @ off)
     return float(heights @ stay / (heights @ heights)), 1 - float(left @ left) / power
@@ -241,19 +249,21 @@ def _answer(record: Record, after: int) -> np.ndarray:
         own[own < LEAST_SIGMAS * np.quantile(own, 0.9) / 1.645] = 0.0
         if own.any():
             most = np.maximum(most, GAIN * span / np.ptp(values) * own)
-    padded = np.concatenate([np.zeros(after), most])
-    return np.asarray(sliding_window_view(padded, after + 1).max(axis=1))
+    # The greatest of those from `after` samples before on.
+    return np.asarray(
+        scipy.ndimage.maximum_filter1d(most, after + 1, origin=after // 2, mode="constant")
+    )
 
 
 def _heights(residual: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights of jumps and their standard errors, by the samples beside each that tell it best."""
     ends = np.concatenate([[0], at, [len(residual)]])
-    told = []
+    told: list[tuple[float, float]] = []
     for k, first, last in zip(at.tolist(), ends[:-2], ends[2:], strict=True):
         free = max(min(k - first, last - k), SIDE)
         told.append(min(_told(residual, k, side) for side in WIDER if side <= free))
-    errors, heights = np.array(told).reshape(-1, 2).T
-    return heights, errors
+    both = np.array(told, dtype=float).reshape(-1, 2)
+    return both[:, 1], both[:, 0]
 
 
 def _told(residual: np.ndarray, k: int, side: int) -> tuple[float, float]:

@@ -169,7 +169,7 @@ def _stays(residual: np.ndarray, at: np.ndarray, heights: np.ndarray) -> tuple[f
     steps = (rows[:, None] >= at).astype(float)
     steps -= steps.mean(axis=0)
     off = residual[rows] - residual[rows].mean()
-    stay: np.ndarray = np.linalg.lstsq(steps, off, rcond=None)[0]
+    stay = np.asarray(np.linalg.lstsq(steps, off, rcond=None)[0], dtype=float)
     left = off - steps @ stay
     power = float(off @ off)
     return float(heights @ stay / (heights @ heights)), 1 - float(left @ left) / power

@@ -110,6 +110,11 @@ class Budget:
     unit: str
     jumps: float = 0.0
 
+    def to_json(self) -> dict[str, Any]:
+        """The shares by name; that of jumps only where there are some."""
+        shares = asdict(self)
+        return shares if self.jumps else {k: v for k, v in shares.items() if k != "jumps"}
+
     @property
     def allowed(self) -> float:
         """RMS that may stay unexplained: noise, discretisation, memory and jumps.
@@ -226,7 +231,7 @@ class Diagnosis:
             "effects": list(self.effects),
             "findings": [asdict(finding) for finding in self.findings],
             "ladder": [asdict(rung) for rung in self.ladder],
-            "budget": asdict(self.budget),
+            "budget": self.budget.to_json(),
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "limits": [
                 asdict(limit) | {"text": limit.text(self.budget.unit)} for limit in self.limits

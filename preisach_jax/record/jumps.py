@@ -157,7 +157,9 @@ def _of_sensor(
     against = bool(record.jumps) or (count >= FEW and np.mean(along[clear]) <= MOST_ALONG)
     if stays < (STAYS_AGAINST if against else STAYS) or (not against and falls < FALLS):
         return np.zeros(len(at), dtype=bool)
-    return unasked & ~(turning & along)
+    # Dry friction jumps at every turn, the way that the output goes on.
+    at_turns = unasked & turning & along
+    return unasked if np.count_nonzero(at_turns) <= count else unasked & ~at_turns
 
 
 def _stays(residual: np.ndarray, at: np.ndarray, heights: np.ndarray) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import scipy
 
 import preisach_jax as pj
 from preisach_jax.diagnosis import judgement
@@ -124,9 +125,33 @@ def test_a_stage_that_answers_steps_of_its_input_does_not_slip(late):
     assert heights_of(record_of(noisy(output), path), np.full(len(TIME), 5.0)) == {}
 
 
-def test_a_load_that_is_recorded_is_no_fault_of_the_sensor():
+@pytest.mark.parametrize(("late", "noise"), [(0, 0.0), (1, 0.02), (15, 0.02), (0, 0.12)], ids=str)
+def test_a_load_that_is_recorded_is_no_fault_of_the_sensor(late, noise):
     load = jumped(np.zeros(len(TIME)))
-    assert heights_of(record_of(noisy(PLAYS) + load, load=10 * load), PLAYS) == {}
+    read = 10 * np.concatenate([np.full(late, load[0]), load[: len(load) - late]])
+    read = read + np.random.default_rng(3).normal(0, noise, len(read))
+    assert heights_of(record_of(noisy(PLAYS) + load, load=read), PLAYS) == {}
+
+
+def test_jumps_while_the_input_rests_are_found():
+    path = np.where(np.sin(1.1 * TIME) > 0.3, 6.0, PATH)
+    path = np.convolve(np.pad(path, 100, mode="edge"), np.ones(201) / 201, "valid")
+    stage = plays(path)
+    still = np.convolve(np.abs(np.diff(path, prepend=path[0])), np.ones(300), "same") < 1e-9
+    rows = np.flatnonzero(still)[[200, 700]].tolist()
+    record = record_of(jumped(noisy(stage), rows, (0.06, -0.05)), path)
+    assert list(heights_of(record, stage)) == rows
+
+
+def test_a_diagnosis_of_jumps_beside_a_lag_ends_and_no_height_gets_less_sure():
+    lag = 1 - np.exp(-1 / (0.04 * RATE))
+    late = scipy.signal.lfilter([lag], [1, lag - 1], PLAYS - PLAYS[0]) + PLAYS[0]
+    found = pj.diagnose(record_of(jumped(noisy(late))), ["output_lag"], levels=9)
+    assert found.effects == ("output_lag",)
+    assert len(found.final.record.jumps) >= 4
+    record = found.final.record
+    again = record.levelled(jumps(record, PLAYS + 0.3 * (PATH - 5)))  # a worse model
+    assert all(again.jumps[row].error <= jump.error for row, jump in record.jumps.items())
 
 
 def test_noise_and_gaps_have_no_jumps():
@@ -153,7 +178,7 @@ def test_nothing_is_named_for_jumps_and_the_note_tells_them():
     assert "6 times" in note
     assert "at sample 5,151" in note
     sound = pj.diagnose(record_of(noisy(PLAYS)), names, levels=13)
-    assert found.verdict == sound.verdict
+    assert sound.effects == ()
     assert found.ladder[-1].rms_validation < 1.3 * sound.ladder[-1].rms_validation
 
 

@@ -32,6 +32,13 @@ AT_ONCE = 0.7
 GAIN = 3.0
 """Times the ratio of its range to the input's by which an output may answer a jump of the input."""
 
+COLUMN_SIDE, OF_COLUMN = 32, 4.0
+"""Samples on either side from which it is seen whether an auxiliary column jumps, and standard
+deviations above which it does: a column may be noisier than what it does."""
+
+LATE = 20
+"""Samples by which a column may be recorded late."""
+
 AFTER, AFTER_ONE = 200, 20
 """Samples within which it may answer; fewer once the sensor is known to jump."""
 
@@ -57,11 +64,14 @@ longer memory than they see."""
 CORRECTED = 0.25
 """Standard errors by which the height of a jump that was taken back is corrected."""
 
-MOST = 2e-3
+MOST = 5e-3
 """Share of the samples beyond which jumps belong to what is measured."""
 
 MOST_JUMPS = 200
 """Jumps beyond which a sensor measures nothing."""
+
+CLEAR = 4.0
+"""Standard errors of a rise from which on a course goes up or down."""
 
 ENOUGH_ROWS = 50_000
 """Samples of a record by which it is seen whether jumps stay."""
@@ -109,9 +119,13 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     is_new = np.isin(edges, at)
     is_own = is_new.copy()
     is_own[is_new] = _of_sensor(record, rows, residual, at, heights[is_new])
-    corrected = ~is_new & (np.abs(heights) > CORRECTED * errors)
+    # A model that tells a height worse than one before would take its correction back.
+    before = np.full(len(rows) + 1, np.inf)
+    before[np.searchsorted(rows, list(record.jumps))] = [j.error for j in record.jumps.values()]
+    better = ~is_new & (errors < before[edges])
+    corrected = better & (np.abs(heights) > CORRECTED * errors)
     found[rows[edges], 0] = np.where(is_own | corrected, heights, 0.0)
-    found[rows[edges], 1] = np.where(is_own | ~is_new, errors, 0.0)
+    found[rows[edges], 1] = np.where(is_own | corrected, errors, 0.0)
     return found
 
 
@@ -230,10 +244,10 @@ def _bends(output: np.ndarray, drive: np.ndarray, k: int) -> bool:
 
 def _way(course: np.ndarray) -> int:
     """Which way a course goes: up (1), down (-1), or neither for its noise (0)."""
-    moves = np.diff(course)
-    noise = np.median(np.abs(np.diff(moves)))
-    rise = float(np.median(moves))
-    return int(np.sign(rise)) if abs(rise) * len(course) > noise else 0
+    place = np.arange(len(course)) - (len(course) - 1) / 2
+    rise = len(course) * float(place @ course) / float(place @ place)
+    noise = float(np.median(np.abs(np.diff(course, 2)))) / (0.6745 * 6**0.5)
+    return int(np.sign(rise)) if abs(rise) > CLEAR * noise * (12 / len(course)) ** 0.5 else 0
 
 
 def _way_on(course: np.ndarray, k: int) -> int:
@@ -243,18 +257,20 @@ def _way_on(course: np.ndarray, k: int) -> int:
 
 
 def _answer(record: Record, after: int) -> np.ndarray:
-    """(time,) by how much an output may jump as the input or an auxiliary column did before."""
+    """(time,) by how much an output may jump as the input or an auxiliary column did about then."""
     span = np.nanmax(record.output) - np.nanmin(record.output)
     most = np.zeros(len(record))
-    for values in (record.input, *record.aux.values()):
-        own = np.abs(np.diff(values, prepend=values[:1]) - _usual_move(values))
-        own[own < LEAST_SIGMAS * np.quantile(own, 0.9) / 1.645] = 0.0
+    moves = np.diff(record.input, prepend=record.input[:1]) - _usual_move(record.input)
+    told = [(record.input, moves, LEAST_SIGMAS)]
+    told += [(values, _step(values, COLUMN_SIDE), OF_COLUMN) for values in record.aux.values()]
+    for values, steps, sigmas in told:
+        own = np.abs(steps)
+        own[own < sigmas * np.quantile(own, 0.9) / 1.645] = 0.0
         if own.any():
             most = np.maximum(most, GAIN * span / np.ptp(values) * own)
-    # The greatest of those from `after` samples before on.
-    return np.asarray(
-        scipy.ndimage.maximum_filter1d(most, after + 1, origin=after // 2, mode="constant")
-    )
+    # The greatest of those from `after` samples before to `LATE` samples later.
+    window, shift = after + LATE + 1, (after - LATE) // 2
+    return np.asarray(scipy.ndimage.maximum_filter1d(most, window, origin=shift, mode="constant"))
 
 
 def _heights(residual: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -263,7 +279,10 @@ def _heights(residual: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarr
     told: list[tuple[float, float]] = []
     for k, first, last in zip(at.tolist(), ends[:-2], ends[2:], strict=True):
         free = max(min(k - first, last - k), SIDE)
-        told.append(min(_told(residual, k, side) for side in WIDER if side <= free))
+        every = [_told(residual, k, side) for side in WIDER if side <= free]
+        # Wider lines that say something else follow the misfit of the model.
+        error, near = every[0]
+        told.append(min(one for one in every if abs(one[1] - near) <= error))
     both = np.array(told, dtype=float).reshape(-1, 2)
     return both[:, 1], both[:, 0]
 

@@ -11,6 +11,7 @@ import scipy
 import preisach_jax as pj
 from preisach_jax.diagnosis import judgement
 from preisach_jax.identify import Problem
+from preisach_jax.present.fit import as_text as fit_text
 from preisach_jax.record.jumps import jumps, wander_rms
 
 RATE = 1000.0
@@ -166,6 +167,7 @@ def test_each_run_of_a_joined_record_is_levelled_by_itself():
     fit = pj.fit([first, record_of(noisy(PLAYS, 1))], levels=9)
     assert set(fit.record.jumps) <= set(ROWS)
     assert len(fit.record.jumps) >= 4
+    assert "of slips.csv" in fit_text(fit)
     later = fit.record.output[len(TIME) :]
     np.testing.assert_array_equal(later, noisy(PLAYS, 1))
 

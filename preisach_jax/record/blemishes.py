@@ -81,7 +81,7 @@ def _jump_lines(record: Samples) -> list[str]:
     unit, jumps = record.output_unit, record.jumps
     greatest = sorted(jumps, key=lambda row: -abs(jumps[row].height))[:3]
     some = ", ".join(
-        f"by {quantity(jumps[row].height, unit, 2)} at sample {row + 1:,}"
+        f"by {quantity(jumps[row].height, unit, 2)} at {_sample(record, row)}"
         for row in sorted(greatest)
     )
     others = f" and {len(jumps) - 3:,} smaller ones" if len(jumps) > 3 else ""
@@ -91,3 +91,11 @@ def _jump_lines(record: Samples) -> list[str]:
         f"next and stays off, as by a sensor that slips or a load put on: {some}{others}; "
         f"{'these jumps were' if many else 'this jump was'} taken back"
     ]
+
+
+def _sample(record: Samples, row: int) -> str:
+    """A row in words, counted from 1; of joined records within its own."""
+    for run in record.runs:
+        if run.start <= row < run.stop:
+            return f"sample {row - run.start + 1:,} of {run.name}"
+    return f"sample {row + 1:,}"

@@ -123,8 +123,7 @@ def compare(model: Model, record: Record) -> Comparison:
     """Simulate a model along a record and test what it leaves.
 
     Outputs that stand out alone are left out, such inputs are bridged, and jumps of the output are
-    taken back, as `fit` does;
-    `Comparison.notes` tells it.
+    taken back, as `fit` does; `Comparison.notes` tells it.
 
     Arguments:
         model: the model.

@@ -35,7 +35,7 @@ COARSE_LEVELS = 13
 """Levels of the plane on which both polarities are compared."""
 
 MOST_ROUNDS = 6
-"""How often spikes are looked for: great ones hide smaller ones."""
+"""How often spikes and jumps are looked for: great ones hide smaller ones."""
 
 WORTH_CORRECTING = 0.5
 """Share to which the open level of a record must fall for its jumps to be corrected anew."""

@@ -57,7 +57,8 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
         )
         if rms > 0
     ]
-    jumps = [("jumps", quantity(budget.jumps, budget.unit, 3), "levels beside jumps of the sensor")]
+    levels = "levels beside jumps of the sensor"
+    jumps = [("jumps", quantity(budget.jumps, budget.unit, 3), levels)] if budget.jumps > 0 else []
     return [
         ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
         *steps,
@@ -71,7 +72,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
             quantity(budget.memory, budget.unit, 3),
             "rarely visited cells, which only the held-out rows cover",
         ),
-        *(jumps if budget.jumps > 0 else []),
+        *jumps,
         ("unexplained", quantity(budget.unexplained, budget.unit, 3), rest),
         (
             "together",

@@ -321,11 +321,11 @@ def by_run(record: Record, find: Callable[..., np.ndarray], *along: np.ndarray) 
 
     Arguments:
         record: the record.
-        find: gives an array, (time,), of a record and of what stands along it.
+        find: gives an array, (time,) or more, of a record and of what stands along it.
         along: (time,) arrays along the record.
 
     Returns:
-        (time,) what was found.
+        What was found, in the order of time.
     """
     if not record.runs:
         return find(record, *along)

@@ -7,6 +7,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from preisach_jax.record.core import Record
+from preisach_jax.record.course import middle_range, resolution, spread
 
 SIDE = 8
 """Samples on either side of a jump along which a straight line is fitted."""
@@ -25,6 +26,9 @@ STANDS_OUT = 5.0
 
 LEAST_SHARE = 5e-4
 """Least height as a share of the output's range."""
+
+STEPS = 3.0
+"""Least height in steps of the output's converter."""
 
 AT_ONCE = 0.7
 """Share of its height by which the output itself must jump within one sample."""
@@ -86,7 +90,7 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     On either side of each pair of samples a straight line is fitted to what a model leaves; a jump
     is where the two lines lie apart by more than noise and misfit let them elsewhere and around,
     and where the output itself jumps in that sample.  It is not the sensor's where the input or an
-    auxiliary column has jumped before.  Relays, and what sticks and slips, jump the way that the
+    auxiliary column jumped about then.  Relays, and what sticks and slips, jump the way that the
     output goes, and a model catches up with them: what a sensor is off by stays.  Jumps that were
     taken back before are corrected where this model tells their heights better.
 
@@ -95,8 +99,8 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
         modelled: (time,) output of a model of it, however bad, in output units.
 
     Returns:
-        (time, 2) heights in output units, 0 where there is no jump, and the standard errors of all
-        jumps, those taken back before among them.
+        (time, 2) heights of new jumps and corrections of known ones, in output units, and their
+        standard errors; 0 elsewhere.
 
     Example:
         >>> t = np.arange(4000) / 1000
@@ -112,20 +116,20 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
         return found
     residual = record.output[rows] - modelled[rows]
     at = _apart(record, rows, residual)
-    known = np.searchsorted(rows, sorted(record.jumps))
-    known = known[(known >= SIDE) & (known <= len(rows) - SIDE)]
-    edges = np.union1d(at, known)
+    rows_of_known = np.searchsorted(rows, list(record.jumps)).tolist()
+    known = {
+        k: jump.error
+        for k, jump in zip(rows_of_known, record.jumps.values(), strict=True)
+        if SIDE <= k <= len(rows) - SIDE
+    }
+    edges = np.union1d(at, np.array(list(known), dtype=int))
     heights, errors = _heights(residual, edges)
-    is_new = np.isin(edges, at)
-    is_own = is_new.copy()
-    is_own[is_new] = _of_sensor(record, rows, residual, at, heights[is_new])
     # A model that tells a height worse than one before would take its correction back.
-    before = np.full(len(rows) + 1, np.inf)
-    before[np.searchsorted(rows, list(record.jumps))] = [j.error for j in record.jumps.values()]
-    better = ~is_new & (errors < before[edges])
-    corrected = better & (np.abs(heights) > CORRECTED * errors)
-    found[rows[edges], 0] = np.where(is_own | corrected, heights, 0.0)
-    found[rows[edges], 1] = np.where(is_own | corrected, errors, 0.0)
+    before = np.array([known.get(k, np.inf) for k in edges.tolist()])
+    taken = (errors < before) & (np.abs(heights) > CORRECTED * errors)
+    is_new = np.isin(edges, at)
+    taken[is_new] = _of_sensor(record, rows, residual, at, heights[is_new])
+    found[rows[edges[taken]]] = np.stack([heights, errors], axis=1)[taken]
     return found
 
 
@@ -197,11 +201,8 @@ def _apart(record: Record, rows: np.ndarray, residual: np.ndarray) -> np.ndarray
     step = _step(residual, SIDE)
     size = np.abs(step)
     around = scipy.ndimage.percentile_filter(size, 75, 2 * AROUND + 1)
-    spread = float(np.quantile(size, 0.9)) / 1.645
-    low, high = np.quantile(output, [0.01, 0.99])
-    steps = np.diff(np.unique(output))
     floor = max(
-        LEAST_SIGMAS * spread, LEAST_SHARE * float(high - low), 3 * float(steps.min(initial=np.inf))
+        LEAST_SIGMAS * spread(size), LEAST_SHARE * middle_range(output), STEPS * resolution(output)
     )
     highest = size == scipy.ndimage.maximum_filter1d(size, 2 * SIDE + 1)
     found = highest & (size > np.maximum(floor, STANDS_OUT * around))
@@ -265,7 +266,7 @@ def _answer(record: Record, after: int) -> np.ndarray:
     told += [(values, _step(values, COLUMN_SIDE), OF_COLUMN) for values in record.aux.values()]
     for values, steps, sigmas in told:
         own = np.abs(steps)
-        own[own < sigmas * np.quantile(own, 0.9) / 1.645] = 0.0
+        own[own < sigmas * spread(own)] = 0.0
         if own.any():
             most = np.maximum(most, GAIN * span / np.ptp(values) * own)
     # The greatest of those from `after` samples before to `LATE` samples later.

@@ -267,7 +267,7 @@ class Samples:
 
         Arguments:
             jumps: (K, 2) by how much the output jumps at each sample, in its unit, mostly 0; and
-                the standard errors of these heights.
+                the standard errors of these heights. A known jump is corrected by it.
 
         Returns:
             The record with the same digest, whose `jumps` remember the heights; itself if there are

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.record.core import Record
+from preisach_jax.record.course import middle_range, resolution, spread
 
 WINDOW = 9
 """Samples over which a running median follows what a model leaves: it passes by spikes of up to
@@ -79,7 +80,7 @@ def gross_spikes(record: Record) -> np.ndarray:
     if len(rows) < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)
     output = record.output[rows]
-    return _among(record, rows, output, _height(output), _middle_range(output))
+    return _among(record, rows, output, _height(output), middle_range(output))
 
 
 def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
@@ -112,7 +113,7 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     output = record.output[rows]
     residual = output - modelled[rows]
     height = _height(residual)
-    floor = max(LEAST_SHARE * _middle_range(output), 2 * _resolution(output))
+    floor = max(LEAST_SHARE * middle_range(output), 2 * resolution(output))
     bend = _bend(modelled[rows]) + _bend(_median(output))
     least = _least(height, floor) + _missed(height, bend) * bend
     beside_the_model = _among(record, rows, residual, height, least)
@@ -176,9 +177,9 @@ def _answered(record: Record, spikes: np.ndarray) -> bool:
     if not moved.any():
         return False
     # Of an output that rests for most of a record, any motion is an answer.
-    spread = max(_spread(np.abs(left[known])), 1e-9 * np.abs(moved).max())
+    usual = max(spread(np.abs(left[known])), 1e-9 * np.abs(moved).max())
     # An output that has spikes of its own answers by no more than it usually moves.
-    score = np.clip(moved / spread, -ANSWERED, ANSWERED).sum() / np.sqrt(len(moved))
+    score = np.clip(moved / usual, -ANSWERED, ANSWERED).sum() / np.sqrt(len(moved))
     return bool(score >= ANSWERED)
 
 
@@ -200,22 +201,16 @@ def _height(course: np.ndarray) -> np.ndarray:
     return np.abs(course - _median(course))
 
 
-def _spread(sizes: np.ndarray) -> float:
-    """Standard deviation of normal numbers of these sizes, whatever the greatest are."""
-    # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
-    return float(np.quantile(sizes, 0.9)) / 1.645
-
-
 def _least(height: np.ndarray, floor: float) -> float:
     """Height above which a sample is no noise; `floor` at least."""
-    return max(LEAST_SIGMAS * _spread(height), floor)
+    return max(LEAST_SIGMAS * spread(height), floor)
 
 
 def _least_alone(course: np.ndarray, height: np.ndarray, share: float) -> np.ndarray:
     """Height above which a sample is neither noise nor a fast peak of a course."""
     steps = np.abs(np.diff(course, prepend=course[:1]))
     usual = scipy.ndimage.percentile_filter(steps, 75, 2 * WINDOW + 1)
-    return np.maximum(_least(height, share * _middle_range(course)), STEEPER * usual)
+    return np.maximum(_least(height, share * middle_range(course)), STEEPER * usual)
 
 
 def _among(
@@ -271,17 +266,6 @@ def _missed(height: np.ndarray, bend: np.ndarray) -> float:
 
 def _median(values: np.ndarray) -> np.ndarray:
     return scipy.ndimage.median_filter(values, WINDOW, mode="nearest")
-
-
-def _resolution(values: np.ndarray) -> float:
-    """Least step between different values: of a converter, if one made them."""
-    steps = np.diff(np.unique(values))
-    return float(steps.min()) if len(steps) else 0.0
-
-
-def _middle_range(values: np.ndarray) -> float:
-    low, high = np.quantile(values, [0.01, 0.99])
-    return float(high - low)
 
 
 def _bend(course: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import preisach_jax as pj
 from preisach_jax.diagnosis import judgement
 from preisach_jax.identify import Problem
 from preisach_jax.present.fit import as_text as fit_text
+from preisach_jax.record.joined import by_run, joined
 from preisach_jax.record.jumps import jumps, wander_rms
 
 RATE = 1000.0
@@ -170,6 +171,18 @@ def test_each_run_of_a_joined_record_is_levelled_by_itself():
     assert "of slips.csv" in fit_text(fit)
     later = fit.record.output[len(TIME) :]
     np.testing.assert_array_equal(later, noisy(PLAYS, 1))
+
+
+def test_heights_of_joined_records_are_corrected_as_those_of_single_ones():
+    single = record_of(jumped(noisy(PLAYS)))
+    coarse = np.zeros((len(TIME), 2))
+    coarse[list(ROWS)] = np.stack([np.array(HEIGHTS) + 0.01, np.full(6, 0.02)], axis=1)
+    both = joined([record_of(noisy(PLAYS, 1)), single])
+    first = both.levelled(np.concatenate([np.zeros_like(coarse), coarse]))
+    second = first.levelled(by_run(first, jumps, np.concatenate([PLAYS, PLAYS])))
+    alone = single.levelled(coarse)
+    alone = alone.levelled(jumps(alone, PLAYS))
+    assert second.jumps == {row + len(TIME): jump for row, jump in alone.jumps.items()}
 
 
 def test_nothing_is_named_for_jumps_and_the_note_tells_them():

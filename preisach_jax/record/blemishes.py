@@ -96,6 +96,6 @@ def _jump_lines(record: Samples) -> list[str]:
 def _sample(record: Samples, row: int) -> str:
     """A row in words, counted from 1; of joined records within its own."""
     for run in record.runs:
-        if run.start <= row < run.stop:
+        if row in run:
             return f"sample {row - run.start + 1:,} of {run.name}"
     return f"sample {row + 1:,}"

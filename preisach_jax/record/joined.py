@@ -313,7 +313,8 @@ def last_fitted(record: Record) -> Record:
 
 def _part(record: Record, run: Run) -> Record:
     part = record.part(run.start, run.stop)
-    return replace(part, name=run.name, initial_memory=run.initial_memory)
+    jumps = {row - run.start: jump for row, jump in record.jumps.items() if row in run}
+    return replace(part, name=run.name, initial_memory=run.initial_memory, jumps=jumps)
 
 
 def by_run(record: Record, find: Callable[..., np.ndarray], *along: np.ndarray) -> np.ndarray:

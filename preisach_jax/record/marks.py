@@ -32,6 +32,10 @@ class Run:
         """Its rows in the joined record."""
         return slice(self.start, self.stop)
 
+    def __contains__(self, row: int) -> bool:
+        """Whether a row of the joined record is one of its own."""
+        return self.start <= row < self.stop
+
 
 class Jump(NamedTuple):
     """By how much an output jumped, and the standard error of that, in its unit."""

@@ -45,7 +45,7 @@ def fault_lines(record: Samples) -> list[str]:
         if not rows:
             continue
         count = sum(stop - start for start, stop in rows)
-        some = ", ".join(f"{start + 1:,}-{stop:,}" for start, stop in rows[:3])
+        some = ", ".join(_place(record, start, stop) for start, stop in rows[:3])
         others = f" and {len(rows) - 3:,} other stretches" if len(rows) > 3 else ""
         found.append(
             f"{words} in {count:,} samples ({100 * count / len(record.time):.2g} %), which were "
@@ -63,7 +63,7 @@ def fault_lines(record: Samples) -> list[str]:
             continue
         rows = sorted(spikes)
         many = len(rows) > 1
-        some = ", ".join(f"{row + 1:,}" for row in rows[:3])
+        some = ", ".join(_place(record, row) for row in rows[:3])
         others = f" and {len(rows) - 3:,} others" if len(rows) > 3 else ""
         share = 100 * len(rows) / len(record.time)
         found.append(
@@ -81,7 +81,7 @@ def _jump_lines(record: Samples) -> list[str]:
     unit, jumps = record.output_unit, record.jumps
     greatest = sorted(jumps, key=lambda row: -abs(jumps[row].height))[:3]
     some = ", ".join(
-        f"by {quantity(jumps[row].height, unit, 2)} at {_sample(record, row)}"
+        f"by {quantity(jumps[row].height, unit, 2)} at sample {_place(record, row)}"
         for row in sorted(greatest)
     )
     others = f" and {len(jumps) - 3:,} smaller ones" if len(jumps) > 3 else ""
@@ -93,9 +93,9 @@ def _jump_lines(record: Samples) -> list[str]:
     ]
 
 
-def _sample(record: Samples, row: int) -> str:
-    """A row in words, counted from 1; of joined records within its own."""
-    for run in record.runs:
-        if row in run:
-            return f"sample {row - run.start + 1:,} of {run.name}"
-    return f"sample {row + 1:,}"
+def _place(record: Samples, start: int, stop: int | None = None) -> str:
+    """One row, or a stretch of them, counted from 1; of joined records within its own."""
+    runs = [run for run in record.runs if start in run]
+    first = runs[0].start if runs else 0
+    rows = f"{start - first + 1:,}" + (f"-{stop - first:,}" if stop is not None else "")
+    return f"{rows} of {runs[0].name}" if runs else rows

@@ -426,6 +426,27 @@ def test_what_cannot_change_its_sign_promises_nothing_with_the_other(x64):
     assert wrong.explained == pytest.approx(0.0, abs=1e-12)
 
 
+def test_an_amount_at_zero_takes_up_nothing_by_a_sign_that_it_cannot_have(x64):
+    problem, point = plain_point(hidden(noise=0.05))
+    creep = Creep().bound_to(problem.survey_of(point))
+    start = {p.name: p.start[0] for p in creep.parameters()}
+    none = {name: 0.0 if name.startswith("c_") else v for name, v in start.items()}
+    chain = point.chain.with_effects((creep,))
+    without, weak = (
+        evaluate(problem, chain, {"creep": each}, point.strength)
+        for each in (none, {**none, "c_3": 0.02})
+    )
+    change = (weak.residual - without.residual)[:, None]
+
+    def share_left(at, any_sign):
+        left = Projection(problem, at, any_sign=any_sign).left(change)
+        return np.sum(left**2) / np.sum(change**2)
+
+    assert share_left(without, any_sign=True) < 0.2 * share_left(without, any_sign=False)
+    one_amount = share_left(weak, any_sign=False)
+    assert share_left(weak, any_sign=True) < one_amount < share_left(without, any_sign=False)
+
+
 def test_the_gain_promised_on_held_out_rows_is_that_of_a_regression(x64):
     rng = np.random.default_rng(3)
     problem, point = plain_point(hidden(noise=0.05, seed=3), strength=1e-12)

@@ -116,7 +116,7 @@ def test_no_effect_has_more_than_the_most_modes():
         assert found is not None
         effect, values = found[0], found[1][0]
         assert effect.modes == modes
-        assert set(values) == {p.name for p in effect.parameters()}
+        assert all(set(start) == {p.name for p in effect.parameters()} for start in found[1])
     assert effect.enlarged(survey, values) is None
 
 
@@ -130,6 +130,28 @@ def test_the_number_of_modes_is_found(modes):
     values = found.model.values["resonance"]
     f = sorted(v for name, v in values.items() if name.startswith("f_"))
     assert f == pytest.approx([mode[0] for mode in modes], rel=0.03)
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 0.003], ids=["modes alone", "behind a lag"])
+def test_a_weak_fast_mode_is_found_in_its_size_beside_a_strong_one(tau_s):
+    """Alone, the strong one would be damped until it is about as late as the lag."""
+    modes = ((40.0, 0.08, 1.0), (150.0, 0.04, 0.3))
+    u = drive(7, 4000)
+    w = 1 / tau_s if tau_s else np.inf
+    late: Any = u
+    if tau_s:
+        b, a, _ = signal.cont2discrete(([w], [1.0, w]), 1 / RATE, "foh")
+        late = signal.lfilter(np.ravel(b), a, u - u[0]) + u[0]
+    z = through(plays(late), modes) + np.random.default_rng([7, 1]).normal(0, 0.01, len(u))
+    measured = pj.Record.from_arrays(np.arange(len(u)) / RATE, u, z)
+    found = pj.diagnose(measured, ["input_lag", "output_lag", "delay", "resonance"], levels=13)
+    names = {"input_lag", "resonance"} if tau_s else {"resonance"}
+    assert set(found.effects) == names
+    values = found.model.values["resonance"]
+    assert [values["f_hz"], values["f_2_hz"]] == pytest.approx([40.0, 150.0], rel=0.02)
+    assert values["gain_2"] == pytest.approx(0.3, rel=0.15)
+    if tau_s:
+        assert found.model.values["input_lag"]["tau_s"] == pytest.approx(tau_s, rel=0.1)
 
 
 def test_a_model_of_two_modes_is_saved_and_not_exported_to_c(tmp_path):

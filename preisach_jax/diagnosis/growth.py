@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from preisach_jax.chain import Chain
+from preisach_jax.chain.runs import response, responses
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import Row, Trial
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import settled
-from preisach_jax.identify import Point, evaluate, refine
+from preisach_jax.identify import Point, Problem, evaluate, refine
+from preisach_jax.identify.signature import Projection
 
 LEAST_GAIN_OF_A_TERM = 0.1
 """Relative fall of the held-out mean square from which on an effect gets a term more."""
+
+HOPE = 0.5
+"""Share of that which a start must promise to be refined."""
+
+MOST_STARTS = 3
+"""Starts of a term that are refined."""
 
 GAIN_TO_ENLARGE = 0.2
 """The same from which on an effect that does not pass is tried with a term more."""
@@ -88,8 +100,42 @@ def _enlarged(step: Step, effect: Effect) -> tuple[Effect, Point] | None:
         values = {**now.values, effect.name: start}
         return refine(problem, evaluate(problem, chain, values, now.strength), iterations=3)
 
-    trial = min(map(refined, starts), key=lambda point: point.objective)
+    promising = (
+        starts if len(starts) == 1 else _promising(problem, now, chain, effect, more, starts)
+    )
+    if not promising:
+        return None
+    trial = min(map(refined, promising), key=lambda point: point.objective)
     return (more, settled(problem, trial)) if trial.objective < now.objective else None
+
+
+def _promising(
+    problem: Problem,
+    now: Point,
+    chain: Chain,
+    effect: Effect,
+    more: Effect,
+    starts: Sequence[dict[str, float]],
+) -> list[dict[str, float]]:
+    """The starts of a term that promise most to first order, each in the size that suits it."""
+    projection = Projection(problem, now)
+    coefficients, name = now.coefficients(), effect.name
+    present = np.asarray(response(now.chain, now.values, problem.signals, coefficients))
+    changed = responses(chain, now.values, problem.signals, coefficients, name, list(starts))
+    changes = (changed - present)[:, problem.rows] / problem.unit
+    known = {parameter.name for parameter in effect.parameters()}
+    sizes = [p for p in more.parameters() if p.name not in known and not p.log]
+    found: list[tuple[float, dict[str, float]]] = []
+    for start, change in zip(starts, changes, strict=True):
+        seen = projection.see(change, start)
+        if not np.isfinite(seen.deviation):
+            continue
+        promise, _ = projection.promised(change[:, None], np.zeros(1, dtype=bool))
+        sized = {p.name: p.from_search(p.to_search(start[p.name] * seen.size)) for p in sizes}
+        found.append((promise.held_out, {**start, **sized}))
+    hopeful = [each for each in found if each[0] >= HOPE * LEAST_GAIN_OF_A_TERM]
+    hopeful.sort(key=lambda each: -each[0])
+    return [start for _, start in hopeful[:MOST_STARTS]]
 
 
 def _at_a_bound(effect: Effect, more: Effect, rich: Point) -> bool:

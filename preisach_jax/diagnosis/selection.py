@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from preisach_jax.diagnosis.anew import with_last_anew
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
 from preisach_jax.diagnosis.growth import grown, with_larger
@@ -180,10 +181,11 @@ def _selected(
     step = refined_and_shown(step)
     while len(step.named) < MOST_EFFECTS:
         pace.begin_round(len(step.named))
-        larger = grown(step)
+        others = [o for o in (grown(step), with_last_anew(step, tolerance)) if o is not None]
+        other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
         step, more = with_best(step, tolerance, pace.tell)
-        if larger is not None and not (more and _is_better(step, larger)):
-            step = refined_and_shown(larger)
+        if other is not None and not (more and _is_better(step, other)):
+            step = refined_and_shown(other)
             continue
         if not more:
             step, more = with_larger(step, tolerance)

@@ -202,6 +202,9 @@ class Effect(eqx.Module):
     ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
         """This effect with one term more, and values to start from; by default None, it has none.
 
+        Of several starts those are refined that promise most to first order in the size of the
+        term: in its parameters that are searched on a linear scale.
+
         Arguments:
             survey: the record, with the residual of a model that has this effect.
             values: the values of its parameters in that model.

@@ -15,6 +15,12 @@ from preisach_jax.effects.parameter import log_grid, parameter
 LARGEST_GAIN = 100.0
 """Gain of a further mode over that of the first one, of any sign, at most."""
 
+RINGING = (0.03, 0.12)
+"""Damping ratios at which a further mode is looked for."""
+
+SLIGHT = 0.1
+"""Gain of a further mode at which it is looked for."""
+
 
 def _gain(number: int) -> Any:
     """Declare the gain of a mode after the first one."""
@@ -125,10 +131,15 @@ class Resonance(Modal, OutputEffect):
         found = self.with_mode_from(survey, survey.input, values, settled=True)
         if found is None:
             return None
-        more, start = found
-        # Without the slope of the loop only the place of the mode is known, not its sign.
-        gain = f"gain_{more.modes}"
-        return more, tuple({**start, gain: size} for size in (0.5, -0.5))
+        more, seen = found
+        # What one mode makes of two rings where neither of them does, and is as strong as they are.
+        number = more.modes
+        grid = [
+            {**values, f"f_{number}_hz": f_hz, f"zeta_{number}": zeta}
+            for f_hz in replace(self, starts=()).parameters()[0].start
+            for zeta in RINGING
+        ]
+        return more, tuple({**start, f"gain_{number}": SLIGHT} for start in (seen, *grid))
 
     def init(self, first: Array) -> Array:
         rest = jnp.zeros_like(first)

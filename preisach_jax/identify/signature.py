@@ -103,19 +103,28 @@ class Projection:
     Arguments:
         problem: the record.
         point: the model.
-        any_sign: whether weights that are zero, as those of the other sign would be, count as well.
+        any_sign: whether weights and amounts that are zero, as those of the other sign would be,
+            count as well.
     """
 
     def __init__(self, problem: Problem, point: Point, *, any_sign: bool = False):
         linear = linearise(problem, point, point.parameters)
         gram, _ = linear.equations.system(point.folds, point.strength)
         free = ~point.equations.nonnegative | (point.solution > 0) | any_sign
-        inside = np.concatenate([free, np.ones(len(point.parameters), dtype=bool)])
+        # An amount at zero could make up for a signature by a sign that it cannot have.
+        loose = np.array(
+            [
+                any_sign or not p.is_amount or point.values[e][p.name] > 0
+                for e, p in point.parameters
+            ],
+            dtype=bool,
+        )
+        inside = np.concatenate([free, loose])
         self.rows: np.ndarray = np.isin(problem.fold, point.folds)
         self.block: np.ndarray = problem.block[self.rows]
         matrix = point.matrix if free.all() else point.matrix[:, free]
-        if point.parameters:
-            matrix = np.concatenate([matrix, linear.tangents], axis=1)
+        if loose.any():
+            matrix = np.concatenate([matrix, linear.tangents[:, loose]], axis=1)
         self.matrix: np.ndarray = matrix
         self.factor: Any = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
         self.whole: np.ndarray = point.residual

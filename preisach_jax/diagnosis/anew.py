@@ -1,0 +1,148 @@
+"""The last effect of a model searched for anew, beside one that did nearly as well before it.
+
+Where two effects act, the first one that is named alone makes up for both: a resonance beside a lag
+is found with the damping of neither.  From there no refinement leads to what it is beside the
+other, whose own gain then seems small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
+from preisach_jax.effects.base import Effect
+from preisach_jax.fit import at_levels, feeds_back, with_effect
+from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.confidence import differs_from_nothing
+from preisach_jax.identify.signature import Projection, prospects
+
+MOST_RUNNERS_UP = 4
+"""Effects beside which the last one is searched for anew."""
+
+GAIN_OF_A_RUNNER_UP = 0.2
+"""Relative fall of the held-out mean square that one must have brought by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A runner-up, the model with it alone, and that with the last effect beside it."""
+
+    runner_up: Trial
+    alone: Point
+    both: Point
+
+
+def with_last_anew(step: Step, tolerance: float) -> Step | None:
+    """The step with a runner-up of its last effect, and that effect anew; None if it does not pay.
+
+    Arguments:
+        step: the step.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    if not step.named or step.is_within_budget:
+        return None
+    pairs = [pair for trial in _runners_up(step) if (pair := _beside(step, trial)) is not None]
+    pairs.sort(key=lambda pair: pair.both.validation_mean_square)
+    for pair in pairs:
+        found = _passing(step, pair, tolerance)
+        if found is None:
+            continue
+        others = [other for other in pairs if other is not pair]
+        like = [other for other in others if alike(step.problem, pair.both, other.both)]
+        return _exchanged(step, pair, found, {o.runner_up.effect.name: o.both for o in like})
+    return None
+
+
+def _runners_up(step: Step) -> list[Trial]:
+    """The effects that did best where the last one was named, or promised to, but for that one."""
+    present = {effect.name for effect in step.now.chain.effects}
+    found: list[tuple[float, Trial | NotFitted]] = []
+    for trial, _, _ in step.trials:
+        gain = trial.evidence.gain if isinstance(trial, Trial) else trial.gain
+        if (
+            trial.step == step.named[-1].trial.step
+            and trial.effect.name not in present
+            and gain >= GAIN_OF_A_RUNNER_UP
+            and not (step.now.chain.signed and feeds_back(trial.effect))
+        ):
+            found.append((gain, trial))
+    found.sort(key=lambda each: -each[0])
+    before = step.path[-2]
+    return [
+        trial if isinstance(trial, Trial) else _fitted(step.problem, before, trial)
+        for _, trial in found[:MOST_RUNNERS_UP]
+    ]
+
+
+def _fitted(problem: Problem, point: Point, passed_over: NotFitted) -> Trial:
+    """An effect that was not fitted beside a model, since others promised more."""
+    rich = with_effect(problem, point, passed_over.effect)
+    evidence = compare(problem, point, rich)
+    certain = differs_from_nothing(problem, rich, passed_over.effect.name)
+    return Trial(passed_over.effect, passed_over.step, rich, evidence, certain)
+
+
+def _beside(step: Step, runner_up: Trial) -> Pair | None:
+    """The last effect beside a runner-up, if it promises to do better than it does now."""
+    problem, now = step.problem, step.now
+    if any(effect.lawless for effect in runner_up.point.chain.effects):
+        return None
+    alone = at_levels(problem, runner_up.point, now.chain.plane.levels)
+    effect = _last_effect(step)
+    found = prospects(problem, alone, Projection(problem, alone), problem.forms_of(effect, alone))
+    promised = max(prospect.held_out for prospect in found)
+    worth = (1 - LEAST_GAIN) * now.validation_mean_square
+    if (1 - promised) * alone.validation_mean_square > worth:
+        return None
+    both = with_effect(problem, alone, effect, known=found)
+    # Forms without a law take up a part of whatever another one leaves.
+    if any(each.lawless for each in both.chain.effects):
+        return None
+    return Pair(runner_up, alone, both) if both.validation_mean_square < worth else None
+
+
+def _last_effect(step: Step) -> Effect:
+    name = step.named[-1].name
+    return next(effect for effect in step.tried if effect.name == name)
+
+
+def _passing(step: Step, pair: Pair, tolerance: float) -> tuple[Trial, Trial] | None:
+    """Both effects of a pair as they are tried beside each other, if each of them passes so."""
+    problem, last = step.problem, step.named[-1].trial
+    beside: list[Trial] = []
+    for trial, without in ((pair.runner_up, step.now), (last, pair.alone)):
+        effect = next(e for e in pair.both.chain.effects if e.name == trial.effect.name)
+        evidence = compare(problem, without, pair.both)
+        certain = differs_from_nothing(problem, pair.both, effect.name)
+        asked = replace(
+            trial, effect=effect, point=pair.both, evidence=evidence, certain=certain, objection=""
+        )
+        _, passed, _ = judged(
+            problem, without, [asked], lambda text: None, tolerance, LEAST_GAIN_BESIDE
+        )
+        if passed is None:
+            return None
+        beside.append(passed)
+    return beside[0], beside[1]
+
+
+def _exchanged(
+    step: Step, pair: Pair, found: tuple[Trial, Trial], rivals: dict[str, Point]
+) -> Step:
+    """The step with the pair in the place of its last effect."""
+    named = step.named[-1]
+    first = replace(found[0], point=pair.alone)
+    second = replace(found[1], step=named.trial.step + 1)
+    rows: list[Row] = with_rival(list(step.trials), named.trial, first)
+    rows = [row for row in rows if (row[0].effect.name, row[0].step) != (named.name, second.step)]
+    kept = {name: point for name, point in named.rivals.items() if name != first.effect.name}
+    return replace(
+        step,
+        trials=(*rows, (second, True, second.effect.name)),
+        named=(*step.named[:-1], Named(first, rivals), Named(second, kept)),
+        path=(*step.path[:-1], pair.alone, pair.both),
+        other=None,
+    )

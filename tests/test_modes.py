@@ -140,7 +140,8 @@ def test_a_weak_fast_mode_is_found_in_its_size_beside_a_strong_one(tau_s):
     w = 1 / tau_s if tau_s else np.inf
     late: Any = u
     if tau_s:
-        b, a, _ = signal.cont2discrete(([w], [1.0, w]), 1 / RATE, "foh")
+        lag: Any = signal.cont2discrete(([w], [1.0, w]), 1 / RATE, "foh")
+        b, a, _ = lag
         late = signal.lfilter(np.ravel(b), a, u - u[0]) + u[0]
     z = through(plays(late), modes) + np.random.default_rng([7, 1]).normal(0, 0.01, len(u))
     measured = pj.Record.from_arrays(np.arange(len(u)) / RATE, u, z)

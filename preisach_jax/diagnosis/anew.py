@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
+from preisach_jax.diagnosis.trial import Row, Trial, with_rival
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import at_levels, feeds_back, with_effect
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify import Point
 from preisach_jax.identify.confidence import differs_from_nothing
 from preisach_jax.identify.signature import Projection, prospects
 
@@ -57,32 +57,18 @@ def with_last_anew(step: Step, tolerance: float) -> Step | None:
 
 
 def _runners_up(step: Step) -> list[Trial]:
-    """The effects that did best where the last one was named, or promised to, but for that one."""
+    """The effects that did best where the last one was named, but for that one."""
     present = {effect.name for effect in step.now.chain.effects}
-    found: list[tuple[float, Trial | NotFitted]] = []
-    for trial, _, _ in step.trials:
-        gain = trial.evidence.gain if isinstance(trial, Trial) else trial.gain
-        if (
-            trial.step == step.named[-1].trial.step
-            and trial.effect.name not in present
-            and gain >= GAIN_OF_A_RUNNER_UP
-            and not (step.now.chain.signed and feeds_back(trial.effect))
-        ):
-            found.append((gain, trial))
-    found.sort(key=lambda each: -each[0])
-    before = step.path[-2]
-    return [
-        trial if isinstance(trial, Trial) else _fitted(step.problem, before, trial)
-        for _, trial in found[:MOST_RUNNERS_UP]
+    found = [
+        trial
+        for trial, _, _ in step.trials
+        if isinstance(trial, Trial)
+        and trial.step == step.named[-1].trial.step
+        and trial.effect.name not in present
+        and trial.evidence.gain >= GAIN_OF_A_RUNNER_UP
+        and not (step.now.chain.signed and feeds_back(trial.effect))
     ]
-
-
-def _fitted(problem: Problem, point: Point, passed_over: NotFitted) -> Trial:
-    """An effect that was not fitted beside a model, since others promised more."""
-    rich = with_effect(problem, point, passed_over.effect)
-    evidence = compare(problem, point, rich)
-    certain = differs_from_nothing(problem, rich, passed_over.effect.name)
-    return Trial(passed_over.effect, passed_over.step, rich, evidence, certain)
+    return sorted(found, key=lambda t: t.point.validation_mean_square)[:MOST_RUNNERS_UP]
 
 
 def _beside(step: Step, runner_up: Trial) -> Pair | None:

@@ -16,6 +16,7 @@ from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.diagnosis.walk import (
     MOST_EFFECTS,
     with_best,
+    with_better_rivals,
     with_families,
     with_pair,
     without_superfluous,
@@ -181,7 +182,10 @@ def _selected(
     step = refined_and_shown(step)
     while len(step.named) < MOST_EFFECTS:
         pace.begin_round(len(step.named))
-        others = [o for o in (grown(step), with_last_anew(step, tolerance)) if o is not None]
+        larger, anew = grown(step), with_last_anew(step, tolerance)
+        if anew is not None:
+            anew = with_better_rivals(anew, range(len(anew.named)))
+        others = [other for other in (larger, anew) if other is not None]
         other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
         step, more = with_best(step, tolerance, pace.tell)
         if other is not None and not (more and _is_better(step, other)):
@@ -197,6 +201,8 @@ def _selected(
             left = mended_by(step.record, step.now)
             if left is not step.record:
                 return left
+        # The rivals of the last one were tried beside the very same model.
+        step = with_better_rivals(step, range(len(step.named) - 1))
         # A finer plane may bring out what the coarse one has hidden.
         step = refined_and_shown(without_superfluous(step))
     else:  # no effect more may be named, but those that are may still lack a term

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.candidates import refitted, screened
@@ -166,6 +167,19 @@ def without_superfluous(step: Step) -> Step:
     return step
 
 
+def with_better_rivals(step: Step, positions: Sequence[int]) -> Step:
+    """The step with rivals of some of its effects in their places, where they do better by now.
+
+    Arguments:
+        step: the step.
+        positions: of the effects, in the order in which they were added.
+    """
+    for position in positions:
+        step, rivals = _with_best_rival(step, position)
+        step = _with_named(step, position, replace(step.named[position], rivals=rivals))
+    return step
+
+
 def with_families(step: Step, progress: Progress = in_silence) -> Step:
     """Ask of every rival again whether it could stand in the final model, all refitted.
 
@@ -178,29 +192,36 @@ def with_families(step: Step, progress: Progress = in_silence) -> Step:
     """
     for position, named in enumerate(step.named):
         progress(f"comparing alternatives to {named.name}", position / len(step.named))
-        present = {effect.name for effect in step.now.chain.effects}
-        rivals = {
-            name: _in_place_of(step, named.name, name, point)
-            for name, point in named.rivals.items()
-            if name not in present
-        }
-        better = [
-            _tried_again(step, named, name, point)
-            for name, point in rivals.items()
-            if not compare(step.problem, step.now, point).against
-        ]
-        certain = [trial for trial in better if any(trial.certain)]
-        if certain:
-            rivals[named.name] = step.now
-            again = min(certain, key=lambda trial: trial.point.validation_mean_square)
-            rows = with_rival(list(step.trials), named.trial, again)
-            step = _with_named(step, position, Named(again, {}))
-            ladder = step.ladder([each.name for each in step.named[:-1]])
-            path = (*ladder, rivals.pop(again.effect.name))
-            step = replace(step, trials=tuple(rows), path=path, other=None)
+        step, rivals = _with_best_rival(step, position)
         kept = {name: p for name, p in rivals.items() if alike(step.problem, step.now, p)}
         step = _with_named(step, position, replace(step.named[position], rivals=kept))
     return step
+
+
+def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]:
+    """The step with the rival in the place of an effect that does better, and the other models."""
+    named = step.named[position]
+    present = {effect.name for effect in step.now.chain.effects}
+    rivals = {
+        name: _in_place_of(step, named.name, name, point)
+        for name, point in named.rivals.items()
+        if name not in present
+    }
+    better = [
+        _tried_again(step, named, name, point)
+        for name, point in rivals.items()
+        if not compare(step.problem, step.now, point).against
+    ]
+    certain = [trial for trial in better if any(trial.certain)]
+    if certain:
+        rivals[named.name] = step.now
+        again = min(certain, key=lambda trial: trial.point.validation_mean_square)
+        rows = with_rival(list(step.trials), named.trial, again)
+        step = _with_named(step, position, Named(again, {}))
+        ladder = step.ladder([each.name for each in step.named[:-1]])
+        path = (*ladder, rivals.pop(again.effect.name))
+        step = replace(step, trials=tuple(rows), path=path, other=None)
+    return step, rivals
 
 
 def _with_named(step: Step, position: int, named: Named) -> Step:

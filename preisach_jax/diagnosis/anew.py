@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged
 from preisach_jax.diagnosis.step import Named, Step
@@ -21,6 +23,10 @@ from preisach_jax.identify.signature import Projection, prospects
 
 MOST_RUNNERS_UP = 4
 """Effects beside which the last one is searched for anew."""
+
+PAYS = 0.5
+"""Held-out mean square that the pair must not leave, over that with the best effect added beside
+the model as it is."""
 
 GAIN_OF_A_RUNNER_UP = 0.2
 """Relative fall of the held-out mean square that one must have brought by itself."""
@@ -35,16 +41,22 @@ class Pair:
     both: Point
 
 
-def with_last_anew(step: Step, tolerance: float) -> Step | None:
+def with_last_anew(step: Step, tried: Step, tolerance: float) -> Step | None:
     """The step with a runner-up of its last effect, and that effect anew; None if it does not pay.
 
     Arguments:
         step: the step.
+        tried: the same after all effects were tried beside its model, and the best one was added
+            if any passed.
         tolerance: RMS error, in output units, that does not matter.
     """
     if not step.named or step.is_within_budget:
         return None
-    pairs = [pair for trial in _runners_up(step) if (pair := _beside(step, trial)) is not None]
+    added = len(tried.named) > len(step.named)
+    if added and tried.is_within_budget:
+        return None
+    most = PAYS * tried.now.validation_mean_square if added else np.inf
+    pairs = [pair for trial in _runners_up(step) if (pair := _beside(step, trial, most))]
     pairs.sort(key=lambda pair: pair.both.validation_mean_square)
     for pair in pairs:
         found = _passing(step, pair, tolerance)
@@ -52,7 +64,12 @@ def with_last_anew(step: Step, tolerance: float) -> Step | None:
             continue
         others = [other for other in pairs if other is not pair]
         like = [other for other in others if alike(step.problem, pair.both, other.both)]
-        return _exchanged(step, pair, found, {o.runner_up.effect.name: o.both for o in like})
+        rivals = {o.runner_up.effect.name: o.both for o in like}
+        for trial, _, _ in tried.trials:
+            if isinstance(trial, Trial) and trial.step == step.position and trial.passes_both_tests:
+                rivals.setdefault(trial.effect.name, trial.point)
+        rivals.pop(pair.runner_up.effect.name, None)
+        return _exchanged(replace(step, trials=tried.trials), pair, found, rivals)
     return None
 
 
@@ -71,8 +88,8 @@ def _runners_up(step: Step) -> list[Trial]:
     return sorted(found, key=lambda t: t.point.validation_mean_square)[:MOST_RUNNERS_UP]
 
 
-def _beside(step: Step, runner_up: Trial) -> Pair | None:
-    """The last effect beside a runner-up, if it promises to do better than it does now."""
+def _beside(step: Step, runner_up: Trial, most: float) -> Pair | None:
+    """The last effect beside a runner-up, if that leaves less than it does now, and than `most`."""
     problem, now = step.problem, step.now
     if any(effect.lawless for effect in runner_up.point.chain.effects):
         return None
@@ -80,7 +97,7 @@ def _beside(step: Step, runner_up: Trial) -> Pair | None:
     effect = _last_effect(step)
     found = prospects(problem, alone, Projection(problem, alone), problem.forms_of(effect, alone))
     promised = max(prospect.held_out for prospect in found)
-    worth = (1 - LEAST_GAIN) * now.validation_mean_square
+    worth = min((1 - LEAST_GAIN) * now.validation_mean_square, most)
     if (1 - promised) * alone.validation_mean_square > worth:
         return None
     both = with_effect(problem, alone, effect, known=found)

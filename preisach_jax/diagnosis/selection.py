@@ -182,12 +182,14 @@ def _selected(
     step = refined_and_shown(step)
     while len(step.named) < MOST_EFFECTS:
         pace.begin_round(len(step.named))
-        larger, anew = grown(step), with_last_anew(step, tolerance)
+        larger = grown(step)
+        tried, more = with_best(step, tolerance, pace.tell)
+        anew = with_last_anew(step, tried, tolerance)
         if anew is not None:
             anew = with_better_rivals(anew, range(len(anew.named)))
         others = [other for other in (larger, anew) if other is not None]
         other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
-        step, more = with_best(step, tolerance, pace.tell)
+        step = tried
         if other is not None and not (more and _is_better(step, other)):
             step = refined_and_shown(other)
             continue

@@ -21,8 +21,9 @@ from preisach_jax.identify.signature import Projection
 LEAST_GAIN_OF_A_TERM = 0.1
 """Relative fall of the held-out mean square from which on an effect gets a term more."""
 
-HOPE = 0.5
-"""Share of that which a start must promise to be refined."""
+HOPE = 0.01
+"""Relative fall of the held-out mean square that a start must promise to be refined: of a mode that
+rings long, a start beside its place promises little."""
 
 MOST_STARTS = 3
 """Starts of a term that are refined."""
@@ -133,7 +134,7 @@ def _promising(
         promise, _ = projection.promised(change[:, None], np.zeros(1, dtype=bool))
         sized = {p.name: p.from_search(p.to_search(start[p.name] * seen.size)) for p in sizes}
         found.append((promise.held_out, {**start, **sized}))
-    hopeful = [each for each in found if each[0] >= HOPE * LEAST_GAIN_OF_A_TERM]
+    hopeful = [each for each in found if each[0] >= HOPE]
     hopeful.sort(key=lambda each: -each[0])
     return [start for _, start in hopeful[:MOST_STARTS]]
 

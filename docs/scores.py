@@ -46,8 +46,11 @@ The thresholds of the diagnosis were set on development seeds and committed befo
 of this sample was drawn. The command can be interrupted and goes on; its list is ordered so that
 any beginning is an even sample of the whole, or of the suites and excitations that are asked for.
 What has no cell was not run; the library may have changed since. The records of this
-sample were judged before jumps of a sensor were looked for (seeds from 4e9), and before their
-search was corrected (5e9). Brackets are 95 % intervals (Clopper and Pearson).
+sample were judged before jumps of a sensor were looked for (seeds from 4e9), before their search
+was corrected and before the last effect of a model was searched anew (5e9: nothing, one effect,
+outside the library), or since (6e9: two and more effects; those of earlier seeds had led to that
+change, and are left out). Where nothing is named, none of these changes is reached but that of
+jumps. Brackets are 95 % intervals (Clopper and Pearson).
 
 *Rich* excitation has ramps at several rates, holds, steps and minor loops; *fair* has three rates
 and some holds; *periodic* repeats one loop; *poor* turns at random at one rate.

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
-from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged
+from preisach_jax.diagnosis.evidence import LEAST_GAIN
+from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged_beside
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import Row, Trial, with_rival
-from preisach_jax.effects.base import Effect
 from preisach_jax.fit import at_levels, feeds_back, with_effect
 from preisach_jax.identify import Point
-from preisach_jax.identify.confidence import differs_from_nothing
 from preisach_jax.identify.signature import Projection, prospects
 
 MOST_RUNNERS_UP = 4
@@ -59,33 +57,33 @@ def with_last_anew(step: Step, tried: Step, tolerance: float) -> Step | None:
     pairs = [pair for trial in _runners_up(step) if (pair := _beside(step, trial, most))]
     pairs.sort(key=lambda pair: pair.both.validation_mean_square)
     for pair in pairs:
-        found = _passing(step, pair, tolerance)
-        if found is None:
-            continue
-        others = [other for other in pairs if other is not pair]
-        like = [other for other in others if alike(step.problem, pair.both, other.both)]
-        rivals = {o.runner_up.effect.name: o.both for o in like}
-        for trial, _, _ in tried.trials:
-            if isinstance(trial, Trial) and trial.step == step.position and trial.passes_both_tests:
-                rivals.setdefault(trial.effect.name, trial.point)
-        rivals.pop(pair.runner_up.effect.name, None)
-        return _exchanged(replace(step, trials=tried.trials), pair, found, rivals)
+        if found := _passing(step, pair, tolerance):
+            rivals = _rivals(step, tried, pair, pairs)
+            return _exchanged(replace(step, trials=tried.trials), pair, found, rivals)
     return None
+
+
+def _rivals(step: Step, tried: Step, pair: Pair, pairs: list[Pair]) -> dict[str, Point]:
+    """Models with another effect in the place of the runner-up of a pair, by its name."""
+    beside = tried.fitted(step.position, -np.inf)
+    rivals = {t.effect.name: t.point for t in beside if t.passes_both_tests}
+    rivals |= {
+        other.runner_up.effect.name: other.both
+        for other in pairs
+        if other is not pair and alike(step.problem, pair.both, other.both)
+    }
+    rivals.pop(pair.runner_up.effect.name, None)
+    return rivals
 
 
 def _runners_up(step: Step) -> list[Trial]:
     """The effects that did best where the last one was named, but for that one."""
     present = {effect.name for effect in step.now.chain.effects}
-    found = [
-        trial
-        for trial, _, _ in step.trials
-        if isinstance(trial, Trial)
-        and trial.step == step.named[-1].trial.step
-        and trial.effect.name not in present
-        and trial.evidence.gain >= GAIN_OF_A_RUNNER_UP
-        and not (step.now.chain.signed and feeds_back(trial.effect))
-    ]
-    return sorted(found, key=lambda t: t.point.validation_mean_square)[:MOST_RUNNERS_UP]
+    before = step.fitted(step.named[-1].trial.step, GAIN_OF_A_RUNNER_UP)
+    others = [trial for trial in before if trial.effect.name not in present]
+    if step.now.chain.signed:
+        others = [trial for trial in others if not feeds_back(trial.effect)]
+    return others[:MOST_RUNNERS_UP]
 
 
 def _beside(step: Step, runner_up: Trial, most: float) -> Pair | None:
@@ -94,7 +92,7 @@ def _beside(step: Step, runner_up: Trial, most: float) -> Pair | None:
     if any(effect.lawless for effect in runner_up.point.chain.effects):
         return None
     alone = at_levels(problem, runner_up.point, now.chain.plane.levels)
-    effect = _last_effect(step)
+    effect = step.effect(step.named[-1].name)
     found = prospects(problem, alone, Projection(problem, alone), problem.forms_of(effect, alone))
     promised = max(prospect.held_out for prospect in found)
     worth = min((1 - LEAST_GAIN) * now.validation_mean_square, most)
@@ -107,25 +105,13 @@ def _beside(step: Step, runner_up: Trial, most: float) -> Pair | None:
     return Pair(runner_up, alone, both) if both.validation_mean_square < worth else None
 
 
-def _last_effect(step: Step) -> Effect:
-    name = step.named[-1].name
-    return next(effect for effect in step.tried if effect.name == name)
-
-
 def _passing(step: Step, pair: Pair, tolerance: float) -> tuple[Trial, Trial] | None:
     """Both effects of a pair as they are tried beside each other, if each of them passes so."""
     problem, last = step.problem, step.named[-1].trial
     beside: list[Trial] = []
     for trial, without in ((pair.runner_up, step.now), (last, pair.alone)):
-        effect = next(e for e in pair.both.chain.effects if e.name == trial.effect.name)
-        evidence = compare(problem, without, pair.both)
-        certain = differs_from_nothing(problem, pair.both, effect.name)
-        asked = replace(
-            trial, effect=effect, point=pair.both, evidence=evidence, certain=certain, objection=""
-        )
-        _, passed, _ = judged(
-            problem, without, [asked], lambda text: None, tolerance, LEAST_GAIN_BESIDE
-        )
+        asked = replace(trial, objection="")
+        passed = judged_beside(problem, without, asked, pair.both, tolerance, LEAST_GAIN_BESIDE)
         if passed is None:
             return None
         beside.append(passed)

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from preisach_jax.chain import Chain
-from preisach_jax.chain.runs import response, responses
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import Row, Trial
-from preisach_jax.effects.base import Effect
+from preisach_jax.diagnosis.trial import Row
+from preisach_jax.effects.base import Effect, Parameter
 from preisach_jax.fit import settled
 from preisach_jax.identify import Point, Problem, evaluate, refine
-from preisach_jax.identify.signature import Projection
+from preisach_jax.identify.signature import Projection, changes_of_output
 
 LEAST_GAIN_OF_A_TERM = 0.1
 """Relative fall of the held-out mean square from which on an effect gets a term more."""
@@ -67,9 +66,7 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
         step: the step, beside whose model no effect passes.
         tolerance: RMS error, in output units, that does not matter.
     """
-    here = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == step.position]
-    promising = [trial for trial in here if trial.evidence.gain >= GAIN_TO_ENLARGE]
-    for first in sorted(promising, key=lambda trial: trial.point.validation_mean_square):
+    for first in step.fitted(step.position, GAIN_TO_ENLARGE):
         ahead = replace(step, path=(*step.path, first.point), named=(*step.named, Named(first, {})))
         larger = grown(ahead)
         if larger is None or larger.named[-1].trial is first:
@@ -120,12 +117,10 @@ def _promising(
 ) -> list[dict[str, float]]:
     """The starts of a term that promise most to first order, each in the size that suits it."""
     projection = Projection(problem, now)
-    coefficients, name = now.coefficients(), effect.name
-    present = np.asarray(response(now.chain, now.values, problem.signals, coefficients))
-    changed = responses(chain, now.values, problem.signals, coefficients, name, list(starts))
-    changes = (changed - present)[:, problem.rows] / problem.unit
-    known = {parameter.name for parameter in effect.parameters()}
-    sizes = [p for p in more.parameters() if p.name not in known and not p.log]
+    changes = changes_of_output(
+        problem, now, now.chain, chain, now.coefficients(), effect.name, list(starts)
+    )
+    sizes = [parameter for parameter in _gained(effect, more) if not parameter.log]
     found: list[tuple[float, dict[str, float]]] = []
     for start, change in zip(starts, changes, strict=True):
         seen = projection.see(change, start)
@@ -141,13 +136,17 @@ def _promising(
 
 def _at_a_bound(effect: Effect, more: Effect, rich: Point) -> bool:
     """Whether a parameter that an effect has gained lies at a bound, where no such term is."""
-    known = {parameter.name for parameter in effect.parameters()}
-    for parameter in more.parameters():
+    for parameter in _gained(effect, more):
         value = rich.values[effect.name][parameter.name]
-        gained = parameter.name not in known
-        if gained and not 1.001 * parameter.low < value < 0.999 * parameter.high:
+        if not 1.001 * parameter.low < value < 0.999 * parameter.high:
             return True
     return False
+
+
+def _gained(effect: Effect, more: Effect) -> list[Parameter]:
+    """The parameters that an effect has gained with a term more."""
+    known = {parameter.name for parameter in effect.parameters()}
+    return [parameter for parameter in more.parameters() if parameter.name not in known]
 
 
 def _with(step: Step, effect: Effect, point: Point) -> Step:

@@ -18,6 +18,7 @@ from preisach_jax.diagnosis.trial import (
 from preisach_jax.effects.base import SensorEffect
 from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
+from preisach_jax.identify.confidence import differs_from_nothing
 from preisach_jax.quantity import quantity
 from preisach_jax.record.jumps import wander_rms
 
@@ -83,6 +84,30 @@ def judged(
         refused = passing.pop(0)
         trials[trials.index(refused)] = replace(refused, objection=objection)
     return trials, None, now
+
+
+def judged_beside(
+    problem: Problem,
+    without: Point,
+    trial: Trial,
+    both: Point,
+    tolerance: float,
+    least_gain: float = LEAST_GAIN,
+) -> Trial | None:
+    """An effect as it does in a model that has another one too; None if anything speaks against it.
+
+    Arguments:
+        problem: the record.
+        without: the model with the other one alone.
+        trial: the effect as it was tried before.
+        both: the model with both.
+        tolerance: RMS error, in output units, that does not matter.
+        least_gain: see `judged`.
+    """
+    evidence = compare(problem, without, both)
+    certain = differs_from_nothing(problem, both, trial.effect.name)
+    beside = replace(trial, point=both, evidence=evidence, certain=certain)
+    return judged(problem, without, [beside], lambda text: None, tolerance, least_gain)[1]
 
 
 def alike(problem: Problem, best: Point, other: Point) -> bool:

@@ -107,12 +107,31 @@ class Step:
             return self
         return replace(self, other=on_a_coarser_plane(self.problem, self.now))
 
+    def effect(self, name: str) -> Effect:
+        """The effect to try of that name, as it is before it is fitted."""
+        return next(effect for effect in self.tried if effect.name == name)
+
+    def fitted(self, position: int, least_gain: float) -> list[Trial]:
+        """The effects that were fitted beside one of the models and helped, the best first.
+
+        Arguments:
+            position: how many effects that model has.
+            least_gain: relative fall of the held-out mean square that they must have brought.
+        """
+        found = [
+            trial
+            for trial, _, _ in self.trials
+            if isinstance(trial, Trial)
+            and trial.step == position
+            and trial.evidence.gain >= least_gain
+        ]
+        return sorted(found, key=lambda trial: trial.point.validation_mean_square)
+
     def ladder(self, names: Sequence[str]) -> tuple[Point, ...]:
         """The models in which some of the effects are added one by one, after the first one."""
         points = [self.path[0]]
         for name in names:
-            effect = next(effect for effect in self.tried if effect.name == name)
-            points.append(with_effect(self.problem, points[-1], effect))
+            points.append(with_effect(self.problem, points[-1], self.effect(name)))
         return tuple(points)
 
 

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.judgement import (
     LEAST_GAIN_WITHIN_BUDGET,
     alike,
     judged,
+    judged_beside,
 )
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, accepted_rows, with_rival
@@ -126,10 +127,7 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
     count, problem = step.position, step.problem
     if count + 2 > MOST_EFFECTS:
         return step, False
-    here = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == count]
-    promising = [trial for trial in here if trial.evidence.gain >= GAIN_TO_LOOK_AHEAD]
-    promising.sort(key=lambda trial: trial.point.validation_mean_square)
-    for first in promising[:MOST_LOOKED_BEHIND]:
+    for first in step.fitted(count, GAIN_TO_LOOK_AHEAD)[:MOST_LOOKED_BEHIND]:
         ahead = replace(
             step, path=(*step.path, first.point), named=(*step.named, Named(first, {})), other=None
         )
@@ -138,11 +136,8 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
         if second is None or any(effect.lawless for effect in second.point.chain.effects):
             continue
         without = without_effect(problem, second.point, first.effect.name)
-        evidence = compare(problem, without, second.point)
-        certain = differs_from_nothing(problem, second.point, first.effect.name)
-        beside = replace(first, point=second.point, evidence=evidence, certain=certain)
-        _, passed, _ = judged(problem, without, [beside], lambda text: None, tolerance)
-        if passed is None:
+        beside = judged_beside(problem, without, first, second.point, tolerance)
+        if beside is None:
             continue
         rows = accepted_rows(list(step.trials), [first.effect.name], count)
         pair = (Named(replace(beside, point=first.point), {}), Named(second, {}))
@@ -242,7 +237,7 @@ def _in_place_of(step: Step, name: str, rival: str, point: Point) -> Point:
 def _tried_again(step: Step, named: Named, rival: str, point: Point) -> Trial:
     """A rival as a trial of its own, judged against the model that has neither."""
     without = without_effect(step.problem, step.now, named.name)
-    effect = next(effect for effect in step.tried if effect.name == rival)
+    effect = step.effect(rival)
     evidence = compare(step.problem, without, point)
     certain = differs_from_nothing(step.problem, point, rival)
     return Trial(effect, named.trial.step, point, evidence, certain)

@@ -221,13 +221,36 @@ def size_signatures(
     """Changes by the effect, `(row,)` in output ranges, at all its starts."""
     chain, coefficients = _with_room(point, effect)
     without = chain.with_effects(point.chain.effects)
-    present = np.asarray(response(without, point.values, problem.signals, coefficients))
     starts = starts_of(effect)
     for values in starts:
         _values_with(problem, point, chain, effect, values)
-    changed = responses(chain, point.values, problem.signals, coefficients, effect.name, starts)
-    for values, output in zip(starts, changed, strict=True):
-        yield values, (output - present)[problem.rows] / problem.unit
+    changes = changes_of_output(problem, point, without, chain, coefficients, effect.name, starts)
+    yield from zip(starts, changes, strict=True)
+
+
+def changes_of_output(
+    problem: Problem,
+    point: Point,
+    without: Chain,
+    chain: Chain,
+    coefficients: Coefficients,
+    effect: str,
+    starts: list[dict[str, float]],
+) -> np.ndarray:
+    """Changes of the output from one chain to another, `(start, row)` in output ranges.
+
+    Arguments:
+        problem: the record.
+        point: has the values of the first chain.
+        without: the first chain.
+        chain: the other one.
+        coefficients: of both.
+        effect: the effect of the other chain whose values change.
+        starts: its values.
+    """
+    present = np.asarray(response(without, point.values, problem.signals, coefficients))
+    changed = responses(chain, point.values, problem.signals, coefficients, effect, starts)
+    return (changed - present)[:, problem.rows] / problem.unit
 
 
 def prospects(

@@ -15,7 +15,7 @@ from preisach_jax.diagnosis.trial import (
     NotFitted,
     Trial,
 )
-from preisach_jax.effects.base import SensorEffect
+from preisach_jax.effects.base import Effect, SensorEffect
 from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
 from preisach_jax.identify.confidence import differs_from_nothing
@@ -89,7 +89,8 @@ def judged(
 def judged_beside(
     problem: Problem,
     without: Point,
-    trial: Trial,
+    effect: Effect,
+    step: int,
     both: Point,
     tolerance: float,
     least_gain: float = LEAST_GAIN,
@@ -99,14 +100,14 @@ def judged_beside(
     Arguments:
         problem: the record.
         without: the model with the other one alone.
-        trial: the effect as it was tried before.
+        effect, step: the effect, and at which step it is tried.
         both: the model with both.
         tolerance: RMS error, in output units, that does not matter.
         least_gain: see `judged`.
     """
     evidence = compare(problem, without, both)
-    certain = differs_from_nothing(problem, both, trial.effect.name)
-    beside = replace(trial, point=both, evidence=evidence, certain=certain)
+    certain = differs_from_nothing(problem, both, effect.name)
+    beside = Trial(effect, step, both, evidence, certain)
     return judged(problem, without, [beside], lambda text: None, tolerance, least_gain)[1]
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from preisach_jax.diagnosis.anew import with_last_anew
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
 from preisach_jax.diagnosis.growth import grown, with_larger
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
+from preisach_jax.diagnosis.pairs import with_better_pair
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane, refined_with_signs
 from preisach_jax.diagnosis.tolerance import tolerance_of
@@ -184,10 +184,10 @@ def _selected(
         pace.begin_round(len(step.named))
         larger = grown(step)
         tried, more = with_best(step, tolerance, pace.tell)
-        anew = with_last_anew(step, tried, tolerance)
-        if anew is not None:
-            anew = with_better_rivals(anew, range(len(anew.named)))
-        others = [other for other in (larger, anew) if other is not None]
+        pair = with_better_pair(step, tried, tolerance)
+        if pair is not None:
+            pair = with_better_rivals(pair, range(len(pair.named)))
+        others = [other for other in (larger, pair) if other is not None]
         other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
         step = tried
         if other is not None and not (more and _is_better(step, other)):

@@ -136,7 +136,7 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
         if second is None or any(effect.lawless for effect in second.point.chain.effects):
             continue
         without = without_effect(problem, second.point, first.effect.name)
-        beside = judged_beside(problem, without, first, second.point, tolerance)
+        beside = judged_beside(problem, without, first.effect, count, second.point, tolerance)
         if beside is None:
             continue
         rows = accepted_rows(list(step.trials), [first.effect.name], count)

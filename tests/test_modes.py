@@ -44,15 +44,15 @@ def drive(seed, count):
     return signal.lfilter([0.3], [1.0, -0.7], steps)
 
 
-def plays(u):
-    """A stack of play operators of random weights, at rest at the first sample."""
+def plays(u, thresholds=(0.4, 0.9, 1.6, 2.5), weight=0.2):
+    """A stack of play operators of equal weights, at rest at the first sample."""
     total = 0.5 * u
-    for threshold in (0.4, 0.9, 1.6, 2.5):
+    for threshold in thresholds:
         state, track = u[0], np.empty(len(u))
         for k, value in enumerate(u):
             state = max(value - threshold, min(value + threshold, state))
             track[k] = state
-        total = total + 0.2 * track
+        total = total + weight * track
     return total
 
 
@@ -153,6 +153,31 @@ def test_a_weak_fast_mode_is_found_in_its_size_beside_a_strong_one(tau_s):
     assert values["gain_2"] == pytest.approx(0.3, rel=0.15)
     if tau_s:
         assert found.model.values["input_lag"]["tau_s"] == pytest.approx(tau_s, rel=0.1)
+
+
+def test_a_lag_and_a_mode_are_named_where_a_delay_does_better_than_either(x64):
+    """To second order in frequency, both together are a delay; the mode rings on at corners."""
+    count, rng = 5000, np.random.default_rng(2)
+    time, corners = np.arange(count) / RATE, np.arange(count // 100 + 2)
+    tones = [
+        rng.uniform(0.3, 0.8) * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi))
+        for f in rng.uniform(0.5, 25, 8)
+    ]
+    u = 5 + np.sum(tones, axis=0)
+    u += np.interp(np.arange(count), 100 * corners, rng.uniform(0, 5, len(corners)))
+    lag: Any = signal.cont2discrete(([500.0], [1.0, 500.0]), 1 / RATE, "foh")
+    b, a, _ = lag
+    late: Any = signal.lfilter(np.ravel(b), a, u - u[0]) + u[0]
+    stack = plays(late, np.linspace(0.2, 4.0, 20), 0.04)
+    z = through(stack, ((110.0, 0.04, 1.0),)) + rng.normal(0, 0.005, count)
+    measured = pj.Record.from_arrays(time, u, z)
+    found = pj.diagnose(measured, ["input_lag", "output_lag", "delay", "resonance"], levels=13)
+    first = [c for c in found.candidates if c.step == 0 and np.isfinite(c.rms_validation)]
+    assert min(first, key=lambda c: c.rms_validation).effect == "delay"
+    assert found.effects == ("input_lag", "resonance")
+    assert found.model.values["input_lag"]["tau_s"] == pytest.approx(0.002, rel=0.02)
+    assert found.model.values["resonance"]["f_hz"] == pytest.approx(110.0, rel=0.01)
+    assert found.model.values["resonance"]["zeta"] == pytest.approx(0.04, rel=0.15)
 
 
 def test_a_model_of_two_modes_is_saved_and_not_exported_to_c(tmp_path):

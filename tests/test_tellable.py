@@ -8,7 +8,7 @@ import pytest
 import world
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.teeth import _heights
+from preisach_jax.diagnosis.lines import _heights
 from preisach_jax.diagnosis.tellable import InputSurvey, implausible, untellable
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import CYCLES, RATES
@@ -176,6 +176,25 @@ def test_a_hum_that_is_a_tooth_of_the_drives_comb_is_none(f_hz, height, said):
     teeth = 0.001 * np.sum(waves, axis=0)
     lines = (0.6 * height, 0.8 * height)
     told = implausible(*stand_in(Hum(harmonics=1), {"f_hz": f_hz}, drive, teeth, lines))
+    assert said in told
+    assert bool(said) == bool(told)
+
+
+@pytest.mark.parametrize(
+    ("f_hz", "height", "bits", "said"),
+    [
+        (69.6, 0.0004, 10, "steps of the input's converter"),
+        (69.6, 0.004, 10, ""),  # far higher than the steps make it
+        (50.0, 0.0004, 10, ""),  # elsewhere
+        (69.6, 0.0004, 24, ""),  # steps that make nothing
+    ],
+)
+def test_a_hum_that_the_steps_of_the_recorded_input_make_is_none(f_hz, height, bits, said):
+    """A ramp that passes 130.4 steps a second: samples at 200 Hz fold its line to 69.6 Hz."""
+    step = 0.1 / 130.4 * 2.0 ** (10 - bits)
+    recorded = np.round(triangle(TIME / 20) / step) * step
+    lines = (0.6 * height, 0.8 * height)
+    told = implausible(*stand_in(Hum(harmonics=1), {"f_hz": f_hz}, recorded, lines=lines))
     assert said in told
     assert bool(said) == bool(told)
 

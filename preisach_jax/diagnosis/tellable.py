@@ -15,8 +15,8 @@ import numpy as np
 
 from preisach_jax.chain import ThinnedSignals
 from preisach_jax.chain.runs import parts_of
+from preisach_jax.diagnosis.lines import is_of_steps, is_tooth
 from preisach_jax.diagnosis.residuals import reversals
-from preisach_jax.diagnosis.teeth import is_tooth
 from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -92,6 +92,11 @@ class InputSurvey:
         if need == CYCLES:
             return self._passages_of_a_place >= LEAST_PASSAGES
         raise EffectError(f"{need!r} is no need of an effect: give {RATES!r} or {CYCLES!r}")
+
+    @property
+    def runs(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Time and input of each run."""
+        return ((self.time, self.input),)
 
     @cached_property
     def cycle_s(self) -> float:
@@ -204,6 +209,10 @@ class JoinedSurvey(InputSurvey):
         alike = tuple(InputSurvey(part.time, part.input, span) for part in parts)
         return JoinedSurvey(np.concatenate([part.time for part in parts]), whole, span, alike)
 
+    @property
+    def runs(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        return tuple(run for part in self.parts for run in part.runs)
+
     @cached_property
     def period(self) -> Period | None:
         return None
@@ -310,6 +319,11 @@ def from_the_drive(problem: Problem, point: Point, name: str) -> str:
             f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than those "
             f"beside it: the error comes back with the drive every {period.seconds:.3g} s, and a "
             "drive that does not repeat itself would tell them apart"
+        )
+    if is_of_steps(point, effect, f_hz, survey.runs):
+        return (
+            f"its line of {f_hz:.4g} Hz is in the recorded input too: a ramp that passes the steps "
+            "of the input's converter in even time makes it"
         )
     return ""
 

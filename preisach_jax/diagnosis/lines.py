@@ -1,10 +1,13 @@
-"""Whether a line is a tooth of the comb that a drive which repeats itself makes of any error."""
+"""Whether a line of the residual comes from the drive, or from the steps of its reading."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.identify import Point, Problem
 from preisach_jax.look.stretches import Period
 
@@ -14,6 +17,51 @@ NEIGHBOURS = 10
 STANDS_OUT = 10.0
 """Height from which on a line at a multiple of the drive's is one of its own, over the highest of
 them: teeth of development records had up to 3.4, lines of hums 50 and more."""
+
+WITHIN = np.linspace(-1.0, 1.0, 9)
+"""Places about a line of the input that count as it, over the length of the record."""
+
+BESIDE = np.r_[-20:-3, 4:21]
+"""Places beside a line of the input that are looked at, over the length of the record."""
+
+STANDS_OUT_OF_INPUT = 3.0
+"""Height from which on the recorded input has a line of its own, over the highest place beside it:
+at hums of development records it had up to 1.3, at the line of a converter's steps 4."""
+
+OF_THE_HUM = 0.5
+"""Share of a hum that the line of the input must come to in the output."""
+
+
+def is_of_steps(
+    point: Point,
+    hum: Hum,
+    f_hz: float,
+    inputs: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> bool:
+    """Whether a hum is at a line that the steps of the recorded input make.
+
+    What is recorded of a ramp differs from what acted by a sawtooth of as many periods as the ramp
+    passes steps of the converter; samples fold its lines to anywhere.
+
+    Arguments:
+        point: the model with the hum.
+        hum: the effect.
+        f_hz: its frequency.
+        inputs: (time,) seconds and input, before they were thinned, of each run.
+    """
+    heights = _heights(point, hum)
+    line_hz = (int(np.argmax(heights)) + 1) * f_hz
+    span = max(float(np.ptp(values)) for _, values in inputs)
+    least = OF_THE_HUM * float(heights.max()) * span / point.unit
+    for time, values in inputs:
+        if not lattice_step(values):
+            continue
+        moved, length = values - values.mean(), float(np.ptp(time))
+        own = float(_amplitudes(time, moved, line_hz + WITHIN / length).max())
+        beside = float(_amplitudes(time, moved, line_hz + BESIDE / length).max())
+        if own > max(STANDS_OUT_OF_INPUT * beside, least):
+            return True
+    return False
 
 
 def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Period) -> bool:

@@ -1,4 +1,4 @@
-"""Two effects in the place of the last one of a model, where that one made up for both.
+"""Two effects at once: where neither passes alone, and where a third one made up for both.
 
 A resonance beside a lag is found with the damping of neither, and a delay alone may do better than
 either.  From there no refinement leads to what both are beside each other, and the gain of the one
@@ -16,14 +16,22 @@ from preisach_jax.diagnosis.candidates import screened
 from preisach_jax.diagnosis.evidence import LEAST_GAIN
 from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged_beside
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import Row, Trial, with_rival
+from preisach_jax.diagnosis.trial import Row, Trial, accepted_rows, with_rival
+from preisach_jax.diagnosis.walk import MOST_EFFECTS, tried_beside
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import at_levels, feeds_back, in_silence, with_effect
+from preisach_jax.fit import at_levels, feeds_back, in_silence, with_effect, without_effect
 from preisach_jax.identify import Point
 from preisach_jax.identify.signature import Prospect
 
+GAIN_TO_LOOK_AHEAD = 0.2
+"""Relative fall of the held-out mean square from which on an effect that does not pass alone is
+tried beside a second one."""
+
+MOST_LOOKED_BEHIND = 2
+"""Such effects at most."""
+
 MOST_RUNNERS_UP = 4
-"""Effects beside which a second one is looked for."""
+"""Effects that are put in the place of the last one, to look for a second one beside them."""
 
 PAYS = 0.5
 """Held-out mean square that a pair must not leave, over that of the model as it is, if it has not
@@ -66,6 +74,44 @@ class Pair:
     def left(self) -> float:
         """Held-out mean square, in squared output ranges."""
         return self.both.validation_mean_square
+
+
+def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
+    """The step with two effects of which none passes alone, and whether there are any.
+
+    Of two effects of like size each leaves what the other does, so that neither gain is alike
+    over the blocks.  Where one promises much, the others are tried beside it; both are added if
+    each passes beside the other.
+
+    Arguments:
+        step: the step.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    count, problem = step.position, step.problem
+    if count + 2 > MOST_EFFECTS:
+        return step, False
+    for first in step.fitted(count, GAIN_TO_LOOK_AHEAD)[:MOST_LOOKED_BEHIND]:
+        ahead = replace(
+            step, path=(*step.path, first.point), named=(*step.named, Named(first, {})), other=None
+        )
+        _, second, _ = tried_beside(ahead, tolerance)
+        # Forms without a law take up a part of whatever another one leaves.
+        if second is None or any(effect.lawless for effect in second.point.chain.effects):
+            continue
+        without = without_effect(problem, second.point, first.effect.name)
+        beside = judged_beside(problem, without, first.effect, count, second.point, tolerance)
+        if beside is None:
+            continue
+        rows = accepted_rows(list(step.trials), [first.effect.name], count)
+        pair = (Named(replace(beside, point=first.point), {}), Named(second, {}))
+        return replace(
+            step,
+            trials=(*rows, (second, True, second.effect.name)),
+            named=(*step.named, *pair),
+            path=(*step.path, first.point, second.point),
+            other=None,
+        ), True
+    return step, False
 
 
 def with_better_pair(step: Step, tried: Step, tolerance: float) -> Step | None:

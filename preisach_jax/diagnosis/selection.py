@@ -9,7 +9,7 @@ from preisach_jax.diagnosis.finals import FinalFits
 from preisach_jax.diagnosis.growth import grown, with_larger
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
-from preisach_jax.diagnosis.pairs import with_better_pair
+from preisach_jax.diagnosis.pairs import with_better_pair, with_pair
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.step import Step, on_a_refined_plane, refined_with_signs
 from preisach_jax.diagnosis.tolerance import tolerance_of
@@ -18,7 +18,6 @@ from preisach_jax.diagnosis.walk import (
     with_best,
     with_better_rivals,
     with_families,
-    with_pair,
     without_superfluous,
 )
 from preisach_jax.effects import OF_COLUMNS, library, resolve

@@ -12,23 +12,15 @@ from preisach_jax.diagnosis.judgement import (
     LEAST_GAIN_WITHIN_BUDGET,
     alike,
     judged,
-    judged_beside,
 )
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, accepted_rows, with_rival
+from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.effects.gain import Gain
 from preisach_jax.fit import Progress, in_silence, settled, without_effect
 from preisach_jax.identify import Point, evaluate
 from preisach_jax.identify.confidence import differs_from_nothing
 
 MOST_EFFECTS = 4
-
-GAIN_TO_LOOK_AHEAD = 0.2
-"""Relative fall of the held-out mean square from which on an effect that does not pass alone is
-tried beside a second one."""
-
-MOST_LOOKED_BEHIND = 2
-"""Effects beside which a second one is looked for."""
 
 SCREENING = 0.4
 """Share of a round that goes by until all effects are screened."""
@@ -111,44 +103,6 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
 def _filed(trial: Trial | NotFitted) -> Trial | NotFitted:
     """A trial that nothing goes on from, without its regressors."""
     return replace(trial, point=trial.point.slim) if isinstance(trial, Trial) else trial
-
-
-def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
-    """The step with two effects of which none passes alone, and whether there are any.
-
-    Of two effects of like size each leaves what the other does, so that neither gain is alike
-    over the blocks.  Where one promises much, the others are tried beside it; both are added if
-    each passes beside the other.
-
-    Arguments:
-        step: the step.
-        tolerance: RMS error, in output units, that does not matter.
-    """
-    count, problem = step.position, step.problem
-    if count + 2 > MOST_EFFECTS:
-        return step, False
-    for first in step.fitted(count, GAIN_TO_LOOK_AHEAD)[:MOST_LOOKED_BEHIND]:
-        ahead = replace(
-            step, path=(*step.path, first.point), named=(*step.named, Named(first, {})), other=None
-        )
-        _, second, _ = tried_beside(ahead, tolerance)
-        # Forms without a law take up a part of whatever another one leaves.
-        if second is None or any(effect.lawless for effect in second.point.chain.effects):
-            continue
-        without = without_effect(problem, second.point, first.effect.name)
-        beside = judged_beside(problem, without, first.effect, count, second.point, tolerance)
-        if beside is None:
-            continue
-        rows = accepted_rows(list(step.trials), [first.effect.name], count)
-        pair = (Named(replace(beside, point=first.point), {}), Named(second, {}))
-        return replace(
-            step,
-            trials=(*rows, (second, True, second.effect.name)),
-            named=(*step.named, *pair),
-            path=(*step.path, first.point, second.point),
-            other=None,
-        ), True
-    return step, False
 
 
 def without_superfluous(step: Step) -> Step:

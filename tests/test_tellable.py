@@ -9,12 +9,14 @@ import world
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.lines import _heights
-from preisach_jax.diagnosis.tellable import InputSurvey, implausible, untellable
+from preisach_jax.diagnosis.plausible import implausible
+from preisach_jax.diagnosis.tellable import InputSurvey, untellable
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import CYCLES, RATES
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.look.stretches import Period
 
 TIME = np.arange(0.0, 20.0, 0.005)
@@ -132,6 +134,17 @@ def test_a_drift_faster_than_the_drive_is_none():
 )
 def test_a_parameter_at_a_bound_of_the_search_is_no_finding(values, said):
     told = implausible(*stand_in(Resonance(), values, np.sin(TIME**2)))
+    assert said in told
+    assert bool(said) == bool(told)
+
+
+@pytest.mark.parametrize(
+    ("tau_s", "said"), [(0.005, ""), (0.1, ""), (5.0, "goes with where the input is")]
+)
+def test_a_speed_so_late_that_it_is_a_place_is_no_viscosity(tau_s, said):
+    """Sines of 0.3 to 2 Hz pass a smoothing over 5 s as what they are, and not as their rates."""
+    drive = np.sin(2 * np.pi * 0.3 * TIME) + 0.5 * np.sin(2 * np.pi * 2.0 * TIME + 1)
+    told = implausible(*stand_in(Viscosity(), {"tau_s": tau_s}, drive))
     assert said in told
     assert bool(said) == bool(told)
 

@@ -9,7 +9,7 @@ from types import TracebackType
 
 from preisach_jax.cores import Background
 from preisach_jax.diagnosis.budget import Floor
-from preisach_jax.diagnosis.tellable import from_the_drive
+from preisach_jax.diagnosis.plausible import from_the_drive
 from preisach_jax.fit import FINAL_ROWS, Fit, finished, moved_to
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record

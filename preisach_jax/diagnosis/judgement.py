@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import by_another_plane
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
-from preisach_jax.diagnosis.tellable import implausible
+from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.trial import (
     BY_THE_GRID,
     BY_THE_PRIOR,

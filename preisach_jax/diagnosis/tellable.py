@@ -15,14 +15,11 @@ import numpy as np
 
 from preisach_jax.chain import ThinnedSignals
 from preisach_jax.chain.runs import parts_of
-from preisach_jax.diagnosis.lines import is_of_steps, is_tooth
 from preisach_jax.diagnosis.residuals import reversals
-from preisach_jax.effects.base import CYCLES, RATES, Effect, Parameter
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.base import CYCLES, RATES, Effect
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.errors import EffectError
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify import Problem
 from preisach_jax.look.stretches import Period
 
 PLACES = 10
@@ -265,13 +262,6 @@ def untellable(problem: Problem, effect: Effect) -> str:
     return REASONS[missing[0]] if missing else ""
 
 
-WIDE = 10.0
-"""Ratio of its bounds from which on a parameter is searched for, and not known beforehand."""
-
-AT_A_BOUND = 0.02
-"""Distance from a bound, over that between both bounds, within which a parameter lies at it."""
-
-
 MOST_HIDDEN = 0.5
 """Share of the effects that were tried which a record cannot tell, from which on it must be said
 that it could not show what is missing."""
@@ -298,68 +288,3 @@ def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
                 f"density of hysterons, and {verb} not named. {remedy}"
             )
     return tuple(told)
-
-
-def from_the_drive(problem: Problem, point: Point, name: str) -> str:
-    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum.
-
-    Arguments:
-        problem: the record.
-        point: the model with the effect.
-        name: the effect's name.
-    """
-    effect = next(effect for effect in point.chain.effects if effect.name == name)
-    if not isinstance(effect, Hum):
-        return ""
-    survey, f_hz = surveyed(problem), point.values[name]["f_hz"]
-    if survey.makes(f_hz):
-        return f"its line of {f_hz:.4g} Hz is a sum of low multiples of the drive's own lines"
-    if (period := survey.period) is not None and is_tooth(problem, point, effect, f_hz, period):
-        return (
-            f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than those "
-            f"beside it: the error comes back with the drive every {period.seconds:.3g} s, and a "
-            "drive that does not repeat itself would tell them apart"
-        )
-    if is_of_steps(point, effect, f_hz, survey.runs):
-        return (
-            f"its line of {f_hz:.4g} Hz is in the recorded input too: a ramp that passes the steps "
-            "of the input's converter in even time makes it"
-        )
-    return ""
-
-
-def implausible(problem: Problem, point: Point, name: str) -> str:
-    """What of an effect's fitted parameters contradicts what it is; empty if nothing does.
-
-    Arguments:
-        problem: the record.
-        point: the model with the effect.
-        name: the effect's name.
-    """
-    if told := from_the_drive(problem, point, name):
-        return told
-    effect = next(effect for effect in point.chain.effects if effect.name == name)
-    survey, values = surveyed(problem), point.values[name]
-    if isinstance(effect, Drift) and effect.waves:
-        fastest_s = 2 * effect.horizon_s / effect.waves
-        if fastest_s < survey.cycle_s:
-            return (
-                f"its fastest wave of {fastest_s:.3g} s is faster than the drive, which comes back "
-                f"every {survey.cycle_s:.3g} s"
-            )
-    for parameter in effect.parameters():
-        if side := _bound_of(parameter, values[parameter.name]):
-            return (
-                f"its {parameter.name} of {values[parameter.name]:.4g} {parameter.unit} lies at "
-                f"the {side} bound of the search: something else causes this error"
-            )
-    return ""
-
-
-def _bound_of(parameter: Parameter, value: float) -> str:
-    """Which bound of the search a parameter lies at, where a bound is no finding."""
-    if parameter.open_ended or not parameter.log or parameter.high < WIDE * parameter.low:
-        return ""
-    low, high, here = (parameter.to_search(v) for v in (parameter.low, parameter.high, value))
-    share = (here - low) / (high - low)
-    return "lower" if share < AT_A_BOUND else "upper" if share > 1 - AT_A_BOUND else ""

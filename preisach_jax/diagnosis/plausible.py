@@ -1,0 +1,112 @@
+"""What of a fitted effect contradicts what it is: a line of the drive, or a value at a bound."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.diagnosis.lines import is_of_steps, is_tooth
+from preisach_jax.diagnosis.tellable import InputSurvey, surveyed
+from preisach_jax.effects.base import Parameter
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.low_pass import smoothed_rate
+from preisach_jax.effects.viscosity import Viscosity
+from preisach_jax.identify import Point, Problem
+
+WIDE = 10.0
+"""Ratio of its bounds from which on a parameter is searched for, and not known beforehand."""
+
+AT_A_BOUND = 0.02
+"""Distance from a bound, over that between both bounds, within which a parameter lies at it."""
+
+OF_POSITION = 0.5
+"""Correlation of a smoothed speed with the input, above that with the speed itself, from which on
+it is no speed any more."""
+
+
+def from_the_drive(problem: Problem, point: Point, name: str) -> str:
+    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum.
+
+    Arguments:
+        problem: the record.
+        point: the model with the effect.
+        name: the effect's name.
+    """
+    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    if not isinstance(effect, Hum):
+        return ""
+    survey, f_hz = surveyed(problem), point.values[name]["f_hz"]
+    if survey.makes(f_hz):
+        return f"its line of {f_hz:.4g} Hz is a sum of low multiples of the drive's own lines"
+    if (period := survey.period) is not None and is_tooth(problem, point, effect, f_hz, period):
+        return (
+            f"its line of {f_hz:.4g} Hz is a multiple of the drive's and hardly higher than those "
+            f"beside it: the error comes back with the drive every {period.seconds:.3g} s, and a "
+            "drive that does not repeat itself would tell them apart"
+        )
+    if is_of_steps(point, effect, f_hz, survey.runs):
+        return (
+            f"its line of {f_hz:.4g} Hz is in the recorded input too: a ramp that passes the steps "
+            "of the input's converter in even time makes it"
+        )
+    return ""
+
+
+def implausible(problem: Problem, point: Point, name: str) -> str:
+    """What of an effect's fitted parameters contradicts what it is; empty if nothing does.
+
+    Arguments:
+        problem: the record.
+        point: the model with the effect.
+        name: the effect's name.
+    """
+    if told := from_the_drive(problem, point, name):
+        return told
+    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    survey, values = surveyed(problem), point.values[name]
+    if isinstance(effect, Drift) and effect.waves:
+        fastest_s = 2 * effect.horizon_s / effect.waves
+        if fastest_s < survey.cycle_s:
+            return (
+                f"its fastest wave of {fastest_s:.3g} s is faster than the drive, which comes back "
+                f"every {survey.cycle_s:.3g} s"
+            )
+    if isinstance(effect, Viscosity) and _goes_with_position(survey, values["tau_s"]):
+        return (
+            f"its speed, {values['tau_s']:.3g} s late, goes with where the input is rather than "
+            "with how fast it moves"
+        )
+    for parameter in effect.parameters():
+        if side := _bound_of(parameter, values[parameter.name]):
+            return (
+                f"its {parameter.name} of {values[parameter.name]:.4g} {parameter.unit} lies at "
+                f"the {side} bound of the search: something else causes this error"
+            )
+    return ""
+
+
+def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:
+    """Whether the speed of an input, smoothed over some time, goes with the input and not with it.
+
+    What is faster than the smoothing passes it as the input itself: (u - its mean of late) / tau.
+    """
+    products = np.zeros((3, 3))
+    for time, values in survey.runs:
+        signal, times, tau = (jnp.asarray(each) for each in (values, time, tau_s))
+        late = np.asarray(smoothed_rate(signal, times, tau))
+        courses = np.stack([late, values, np.gradient(values, time)])
+        courses -= courses.mean(axis=1, keepdims=True)
+        products += courses @ courses.T
+    size = np.sqrt(np.diag(products))
+    of_place, of_speed = products[0, 1:] / (size[0] * size[1:])
+    return bool(of_place > max(OF_POSITION, of_speed))
+
+
+def _bound_of(parameter: Parameter, value: float) -> str:
+    """Which bound of the search a parameter lies at, where a bound is no finding."""
+    if parameter.open_ended or not parameter.log or parameter.high < WIDE * parameter.low:
+        return ""
+    low, high, here = (parameter.to_search(v) for v in (parameter.low, parameter.high, value))
+    share = (here - low) / (high - low)
+    return "lower" if share < AT_A_BOUND else "upper" if share > 1 - AT_A_BOUND else ""

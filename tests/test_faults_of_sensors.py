@@ -150,3 +150,14 @@ def test_a_sensor_that_never_comes_free_is_seen_if_the_input_moves_by_half_its_r
     output[begin:] = output[begin]
     (fault,) = faults(record_of(output))
     assert (fault.kind, fault.start, fault.stop) == ("stuck", begin + 1, len(output))
+
+
+def test_an_output_that_follows_jumps_of_the_input_has_not_wrapped():
+    """First-order reversal curves: from saturation straight to a reversal, and slowly back."""
+    turns = np.linspace(-0.6, -1.0, 12)
+    u = np.concatenate([np.linspace(turn, 1.0, 60) for turn in turns])
+    z = np.tanh(2 * u) * np.linspace(1.0, 0.9, len(u))
+    z += np.random.default_rng(0).normal(0, 1e-3, len(u))
+    assert faults(pj.Record.from_arrays(np.arange(len(u)) / 10.0, u, z)) == ()
+    smooth = np.sin(np.arange(len(u)) / 60.0)
+    assert kinds(pj.Record.from_arrays(np.arange(len(u)) / 10.0, smooth, z)) == {"wrapped"}

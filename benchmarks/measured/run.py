@@ -48,6 +48,7 @@ class Expectation:
         required: families of effects of which one each is to be named.
         allowed: effects that may be named beside them.
         verdicts: those that fit.
+        initial_memory: state at the first sample, where the source tells it.
     """
 
     file: str
@@ -58,6 +59,7 @@ class Expectation:
     required: tuple[tuple[str, ...], ...]
     allowed: tuple[str, ...]
     verdicts: tuple[str, ...]
+    initial_memory: str = "free"
 
     def __post_init__(self) -> None:
         """Raise `InputError` if an effect or a verdict is none."""
@@ -106,6 +108,7 @@ def judged(expected: Expectation, folder: Path) -> dict[str, Any]:
         output="z",
         aux=expected.aux,
         units=expected.units,
+        initial_memory=expected.initial_memory,
     )
     begin = time.perf_counter()
     found = pj.diagnose(record)

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.finals import Final, FinalFits
 from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.margin import close_calls
+from preisach_jax.diagnosis.past import of_the_past
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.step import Step, signed_planes
@@ -164,6 +165,7 @@ def concluded(
         step.tried,
         (
             *notes_on(step.record, model),
+            *filter(None, [of_the_past(step.record, model, fits[-1].rms_validation)]),
             *untellable_notes(finals.problem, step.tried),
             *failures(list(step.trials)),
         ),

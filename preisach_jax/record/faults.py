@@ -38,6 +38,9 @@ NEAR = 12
 GREAT_JUMP = 0.5
 """Share of its range by which an output jumps in one sample when its counter wraps."""
 
+DRIVEN = 0.2
+"""Share of its range by which the input moves meanwhile, from which on a jump is its doing."""
+
 AGAINST = 0.55
 """Share of such jumps, at least, that go against the way of the output."""
 
@@ -59,8 +62,8 @@ def faults(record: Record) -> tuple[Fault, ...]:
     Stuck: one value is read on and on while the input moves by `MOVED` of its range, and at the end
     the output jumps to where it is, or the record ends.  Clipped: the same at the greatest or the
     least of all readings, reached at `SHARP` of the usual slope or more.  Wrapped: jumps of one
-    size, over `GREAT_JUMP` of the range and against the way of the output, lead there and back; of
-    its levels the one with most rows is the stage's.
+    size, over `GREAT_JUMP` of the range, against the way of the output and without a jump of the
+    input, lead there and back; of its levels the one with most rows is the stage's.
 
     An output that rests by itself, as behind backlash or in a simulation without noise, does so in
     many runs (`MOST_EQUAL`), or goes on from where it was; it has no faults.
@@ -148,6 +151,9 @@ def _constant(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Faul
 def _wrapped(record: Record, rows: np.ndarray, output: np.ndarray) -> list[Fault]:
     moves = np.diff(output)
     great = np.abs(moves) > GREAT_JUMP * np.ptp(output)
+    # An output follows an input that jumps, as reversal curves do from saturation.
+    driven = np.abs(np.diff(record.input[rows])) > DRIVEN * np.ptp(record.input)
+    great &= ~driven
     jumps = np.flatnonzero(great)
     if len(jumps) < 2:
         return []

@@ -7,10 +7,10 @@ import numpy as np
 from preisach_jax.chain import first_run_output
 from preisach_jax.chain.driven import drive
 from preisach_jax.chain.runs import signals_of
-from preisach_jax.diagnosis.residuals import reversals
 from preisach_jax.model import Model
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
+from preisach_jax.record.course import reversals
 
 LEAST_ADVANCES = 10
 """Turns of the input beyond all before, from which on what they switch may be a course of time."""

@@ -15,6 +15,7 @@ from preisach_jax.effects import resolve
 from preisach_jax.effects.base import CYCLES, RATES
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
+from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.look.stretches import Period
@@ -100,6 +101,7 @@ def stand_in(
         record=SimpleNamespace(time=TIME),
         rows=np.arange(len(TIME)),
         survey=SimpleNamespace(step_s=0.005),
+        shown_unit=lambda unit: unit.replace("{u}", "V"),
     )
     point = SimpleNamespace(
         chain=SimpleNamespace(effects=(effect,), coefficients=numbers_of(effect)),
@@ -145,6 +147,15 @@ def test_a_speed_so_late_that_it_is_a_place_is_no_viscosity(tau_s, said):
     """Sines of 0.3 to 2 Hz pass a smoothing over 5 s as what they are, and not as their rates."""
     drive = np.sin(2 * np.pi * 0.3 * TIME) + 0.5 * np.sin(2 * np.pi * 2.0 * TIME + 1)
     told = implausible(*stand_in(Viscosity(), {"tau_s": tau_s}, drive))
+    assert said in told
+    assert bool(said) == bool(told)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"), [(0.3, "path of 0.3 V lies at the lower bound"), (1.0, ""), (30.0, "")]
+)
+def test_what_is_forgotten_at_once_is_no_reptation(path, said):
+    told = implausible(*stand_in(Reptation(), {"path": path}, np.sin(TIME**2)))
     assert said in told
     assert bool(said) == bool(told)
 

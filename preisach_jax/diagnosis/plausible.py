@@ -79,9 +79,10 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
         )
     for parameter in effect.parameters():
         if side := _bound_of(parameter, values[parameter.name]):
+            value = f"{values[parameter.name]:.4g} {problem.shown_unit(parameter.unit)}"
             return (
-                f"its {parameter.name} of {values[parameter.name]:.4g} {parameter.unit} lies at "
-                f"the {side} bound of the search: something else causes this error"
+                f"its {parameter.name} of {value} lies at the {side} bound of the search: "
+                "something else causes this error"
             )
     return ""
 
@@ -105,8 +106,10 @@ def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:
 
 def _bound_of(parameter: Parameter, value: float) -> str:
     """Which bound of the search a parameter lies at, where a bound is no finding."""
-    if parameter.open_ended or not parameter.log or parameter.high < WIDE * parameter.low:
+    if not parameter.log or parameter.high < WIDE * parameter.low:
         return ""
     low, high, here = (parameter.to_search(v) for v in (parameter.low, parameter.high, value))
     share = (here - low) / (high - low)
-    return "lower" if share < AT_A_BOUND else "upper" if share > 1 - AT_A_BOUND else ""
+    if share > 1 - AT_A_BOUND:
+        return "" if parameter.open_ended else "upper"
+    return "lower" if share < AT_A_BOUND and parameter.open_ended != "both" else ""

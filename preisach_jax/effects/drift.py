@@ -35,7 +35,7 @@ def settling_time(meaning: str, when: Callable[[Any], bool] | None = None) -> An
         margins=(3, 3),
         per_decade=1.0,
         meaning=meaning,
-        open_ended=True,
+        open_ended="both",
         when=when,
     )
 

@@ -65,7 +65,7 @@ class LogRate(SpeedWidening):
         log=True,
         start=lambda own: (3e-4 * own.reference_per_s, 1e-2 * own.reference_per_s),
         meaning="speed below which there is no widening",
-        open_ended=True,
+        open_ended="both",
     )
 
     def law(self, speed: Array) -> Array:

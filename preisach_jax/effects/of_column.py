@@ -21,7 +21,7 @@ def column_lag() -> Any:
         "lag; at its lower bound the action is immediate",
         margins=(1, 2),
         per_decade=1.0,
-        open_ended=True,
+        open_ended="both",
     )
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from preisach_jax.errors import InputError
+
+OpenEnded = Literal["", "above", "both"]
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Parameter:
         meaning: a few words for the reader.
         amount: whether the effect is absent where the parameter is zero; not so for what is only
             there beside an effect, such as the unknown start of its states.
-        open_ended: whether a value at a bound is a finding, such as a straight line for a time far
-            above the record's; else an effect that is fitted there is not named.
+        open_ended: at which bounds a value is a finding, such as a straight line for a time far
+            above the record's: none, `"above"`, or `"both"`; at others an effect is not named.
         total: the amount in which a limit is told, and what one of this parameter adds to it; by
             default the parameter itself.
 
@@ -44,7 +46,7 @@ class Parameter:
     log: bool = False
     meaning: str = ""
     amount: bool = True
-    open_ended: bool = False
+    open_ended: OpenEnded = ""
     total: tuple[str, float] = ("", 1.0)
 
     def __post_init__(self) -> None:
@@ -116,7 +118,7 @@ def parameter(
     per_decade: float = 2.0,
     meaning: str | Callable[[Any], str | Sequence[str]] = "",
     amount: bool = True,
-    open_ended: bool = False,
+    open_ended: OpenEnded = "",
     name: str | None = None,
     when: Callable[[Any], bool] | None = None,
     count: Callable[[Any], int] | None = None,
@@ -162,7 +164,7 @@ def time_constant(
     *,
     margins: tuple[float, float],
     per_decade: float = 2.0,
-    open_ended: bool = False,
+    open_ended: OpenEnded = "",
 ) -> Any:
     """Declare a time constant, searched by its logarithm from `tau_low_s` to `tau_high_s`."""
     return parameter(
@@ -190,7 +192,7 @@ class Declared:
     per_decade: float
     meaning: str | Callable[[Any], str | Sequence[str]]
     amount: bool
-    open_ended: bool
+    open_ended: OpenEnded
     name: str | None
     when: Callable[[Any], bool] | None
     count: Callable[[Any], int] | None

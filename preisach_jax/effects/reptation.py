@@ -60,7 +60,7 @@ class Reptation(AddedEffect):
         log=True,
         per_decade=1.0,
         meaning="travel of the input on which what it does not hold is forgotten to 1/e",
-        open_ended=True,
+        open_ended="above",
     )
 
     def coefficients(self) -> tuple[Parameter, ...]:

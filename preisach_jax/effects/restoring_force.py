@@ -102,7 +102,7 @@ class RestoringForce(HysteresisEffect):
         when=lambda own: own.law != PREISACH,
     )  # fmt: skip
     n: float = parameter(
-        "1", 1.0, 4.0, start=(1.0,), amount=False, open_ended=True,
+        "1", 1.0, 4.0, start=(1.0,), amount=False, open_ended="both",
         meaning="sharpness of the yielding", when=lambda own: own.law != PREISACH,
     )  # fmt: skip
 

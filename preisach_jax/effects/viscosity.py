@@ -73,7 +73,7 @@ class Viscosity(AddedEffect):
         "lag behind the speed; at its lower bound it is immediate",
         margins=(2, 2),
         per_decade=1.5,
-        open_ended=True,
+        open_ended="both",
     )
     speed: float = parameter(
         "{u}/s",
@@ -82,7 +82,7 @@ class Viscosity(AddedEffect):
         log=True,
         start=lambda own: (0.03 * own.fastest, 0.12 * own.fastest, 0.5 * own.fastest),
         meaning="speed at which three quarters of the saturating part are reached",
-        open_ended=True,
+        open_ended="both",
         when=lambda own: own.saturates,
     )
     stribeck_speed: float = parameter(
@@ -92,7 +92,7 @@ class Viscosity(AddedEffect):
         log=True,
         start=lambda own: (0.1 * own.fastest, 0.4 * own.fastest),
         meaning="speed over which the dry part falls to its size at speed",
-        open_ended=True,
+        open_ended="both",
         when=lambda own: own.saturates and own.stribeck,
     )
 

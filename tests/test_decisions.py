@@ -451,8 +451,8 @@ def test_a_hum_that_all_rows_show_to_be_the_drives_is_taken_back(monkeypatch, to
         named=tuple(Named(trial, {}) for trial in trials),
         trials=tuple((trial, True, "") for trial in trials),
     )  # fmt: skip
-    final = cast(Any, SimpleNamespace(implausible=told))
-    left = conclusion._without_the_implausible(asked, final)
+    final = cast(Any, SimpleNamespace(from_the_drive=told))
+    left = conclusion._without_what_the_drive_makes(asked, final)
     assert (left is None) == (kept is None)
     if left is not None:
         assert left.path == (0, *kept)

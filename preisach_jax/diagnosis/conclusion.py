@@ -143,7 +143,7 @@ def concluded(
         progress("measuring the error budget", 0.9)
         budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
         fewer = (
-            _without_the_implausible(step, fitted[-1])
+            _without_what_the_drive_makes(step, fitted[-1])
             or _without_the_lawless(step, budget)
             or _without_the_slight(step, budget, fits, tolerance)
         )
@@ -224,10 +224,10 @@ def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
     return None
 
 
-def _without_the_implausible(step: Step, final: Final) -> Step | None:
-    """Take back an effect that contradicts what it is on all rows."""
+def _without_what_the_drive_makes(step: Step, final: Final) -> Step | None:
+    """Take back an effect that shows itself on all rows to come from the drive."""
     for position, named in enumerate(step.named):
-        if objection := final.implausible.get(named.name):
+        if objection := final.from_the_drive.get(named.name):
             return _without(step, position, objection)
     return None
 

@@ -9,7 +9,7 @@ from types import TracebackType
 
 from preisach_jax.cores import Background
 from preisach_jax.diagnosis.budget import Floor
-from preisach_jax.diagnosis.plausible import implausible
+from preisach_jax.diagnosis.plausible import from_the_drive
 from preisach_jax.fit import FINAL_ROWS, Fit, finished, moved_to
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
@@ -22,13 +22,13 @@ class Final:
     Attributes:
         fit: the fit, without its regressors, which are great.
         floor: what no other effect can take away from its error.
-        implausible: what of an effect contradicts what it is, by its name: with all rows a line may
-            be another one, and a parameter lie at a bound.
+        from_the_drive: what says so of an effect, by its name, of those that the drive makes: a
+            line may be another one where fewer rows were looked at.
     """
 
     fit: Fit
     floor: Floor
-    implausible: Mapping[str, str]
+    from_the_drive: Mapping[str, str]
 
 
 class FinalFits:
@@ -80,9 +80,9 @@ class FinalFits:
             reduced = replace(bases, cache=dict(bases.cache))
             fit = finished(whole, moved_to(reduced, point), self.record)
             names = [effect.name for effect in fit.point.chain.effects]
-            told = {name: implausible(whole, fit.point, name) for name in names}
-            against = {name: text for name, text in told.items() if text}
-            return Final(replace(fit, point=fit.point.slim), Floor.of(whole, fit), against)
+            told = {name: from_the_drive(whole, fit.point, name) for name in names}
+            drives = {name: text for name, text in told.items() if text}
+            return Final(replace(fit, point=fit.point.slim), Floor.of(whole, fit), drives)
 
         self._begun[point] = self._background.begin(work)
 

@@ -16,15 +16,11 @@ from preisach_jax.diagnosis.judgement import (
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.effects.gain import Gain
-from preisach_jax.fit import Progress, in_silence, settled, with_effect, without_effect
+from preisach_jax.fit import Progress, in_silence, settled, without_effect
 from preisach_jax.identify import Point, evaluate
 from preisach_jax.identify.confidence import differs_from_nothing
 
 MOST_EFFECTS = 4
-
-NEAR = 3.0
-"""Times the held-out mean square of the best effect that another may leave to be asked again later
-in its place."""
 
 SCREENING = 0.4
 """Share of a round that goes by until all effects are screened."""
@@ -98,13 +94,8 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
     ]
     # What scales the loop moves it as well: that alone does not make it a rival.
     others = [t for t in others if any(t.certain) or not isinstance(t.effect, Gain)]
-    # Beside effects that come later, or others in the place of earlier ones, one may catch up.
-    most = NEAR * best.point.validation_mean_square
-    rivals = {
-        o.effect.name: o.point
-        for o in others
-        if o.point.validation_mean_square < most or alike(step.problem, best.point, o.point)
-    }
+    like_the_best = [o for o in others if alike(step.problem, best.point, o.point)]
+    rivals = {o.effect.name: o.point for o in like_the_best}
     named = (*step.named, Named(best, rivals))
     return replace(step, named=named, path=(*step.path, best.point), other=None), True
 
@@ -194,13 +185,7 @@ def _in_place_of(step: Step, name: str, rival: str, point: Point) -> Point:
     values = {**now.values, rival: point.values[rival]}
     del values[name]
     chain = now.chain.with_effects(effects)
-    there = settled(step.problem, evaluate(step.problem, chain, values, now.strength, now))
-    if not effect.lawless:
-        return there
-    # Beside another model a form with a law may do, where this one took up what that left.
-    without = without_effect(step.problem, now, name)
-    anew = with_effect(step.problem, without, step.effect(rival))
-    return min(there, anew, key=lambda point: point.validation_mean_square)
+    return settled(step.problem, evaluate(step.problem, chain, values, now.strength, now))
 
 
 def _tried_again(step: Step, named: Named, rival: str, point: Point) -> Trial:

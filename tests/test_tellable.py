@@ -104,7 +104,9 @@ def stand_in(
         shown_unit=lambda unit: unit.replace("{u}", "V"),
     )
     point = SimpleNamespace(
-        chain=SimpleNamespace(effects=(effect,), coefficients=numbers_of(effect)),
+        chain=SimpleNamespace(
+            effects=(effect,), effect=lambda name: effect, coefficients=numbers_of(effect)
+        ),
         values={effect.name: values},
         residual=residual / 2,
         unit=2.0,

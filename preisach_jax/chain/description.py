@@ -82,6 +82,10 @@ class Chain(eqx.Module):
         """The effects of one place, in order."""
         return [effect for effect in self.effects if isinstance(effect, place)]
 
+    def effect(self, name: str) -> Effect:
+        """The effect of that name."""
+        return next(effect for effect in self.effects if effect.name == name)
+
     @property
     def in_order(self) -> list[Effect]:
         """All effects in the order in which a signal passes them."""

@@ -69,6 +69,35 @@ class Screening:
         ]
 
 
+def promises(
+    problem: Problem, point: Point, effects: Sequence[Effect], step: int, progress: Progress
+) -> tuple[dict[Effect, list[Prospect]], list[NotFitted]]:
+    """The prospects of each of some effects that promises anything, and why others are left.
+
+    Arguments:
+        problem: the record.
+        point: the model.
+        effects: effects that it does not have.
+        step: how many effects it has.
+        progress: called with a text and the share of the work that is done.
+    """
+    projection = Projection(problem, point)
+    surveyed(problem)  # before the workers ask: they share the problem, and only read it
+    left: list[NotFitted] = []
+    promised: dict[Effect, list[Prospect]] = {}
+
+    def promise(effect: Effect) -> list[Prospect] | NotFitted:
+        return _guarded(effect, step, lambda: _promise(problem, point, effect, step, projection))
+
+    for effect, found in zip(effects, on_all_cores(promise, effects), strict=True):
+        progress(f"looking for {effect.name}", (len(left) + len(promised)) / len(effects))
+        if isinstance(found, NotFitted):
+            left.append(found)
+        else:
+            promised[effect] = found
+    return promised, left
+
+
 def screened(
     problem: Problem,
     point: Point,
@@ -92,20 +121,7 @@ def screened(
     Returns:
         What they promise, and which of them to refit.
     """
-    projection = Projection(problem, point)
-    surveyed(problem)  # before the workers ask: they share the problem, and only read it
-    left: list[NotFitted] = []
-    promised: dict[Effect, list[Prospect]] = {}
-
-    def promise(effect: Effect) -> list[Prospect] | NotFitted:
-        return _guarded(effect, step, lambda: _promise(problem, point, effect, step, projection))
-
-    for effect, found in zip(effects, on_all_cores(promise, effects), strict=True):
-        progress(f"looking for {effect.name}", (len(left) + len(promised)) / len(effects))
-        if isinstance(found, NotFitted):
-            left.append(found)
-        else:
-            promised[effect] = found
+    promised, left = promises(problem, point, effects, step, progress)
     groups = _leading(problem, point, promised, HOPE * least_gain)
     chosen = [effect for group in groups for effect in group]
     left += [

@@ -165,7 +165,7 @@ def concluded(
         step.tried,
         (
             *notes_on(step.record, model),
-            *filter(None, [of_the_past(step.record, model, fits[-1].rms_validation)]),
+            *of_the_past(step.record, model, fits[-1].rms_validation),
             *untellable_notes(finals.problem, step.tried),
             *failures(list(step.trials)),
         ),
@@ -217,7 +217,7 @@ def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
     Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
     """
     for position, named in enumerate(step.named):
-        effect = next(e for e in step.now.chain.effects if e.name == named.name)
+        effect = step.now.chain.effect(named.name)
         taken = float(np.std(step.now.share_of(named.name)) * step.problem.unit)
         if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
             return _without(step, position, WITHOUT_A_LAW)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.diagnosis.candidates import screened
+from preisach_jax.diagnosis.candidates import promises
 from preisach_jax.diagnosis.evidence import LEAST_GAIN
 from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged_beside
 from preisach_jax.diagnosis.step import Named, Step
@@ -50,24 +50,24 @@ class Promised:
 
     Attributes:
         runner_up, alone: the runner-up, and the model with it alone.
-        second, prospects: the second effect, and what it promises from all its starts.
+        second, has_last: the second effect, and whether it is the last one of the model.
+        prospects: what it promises from all its starts.
         left: held-out mean square that it promises to leave, in squared output ranges.
     """
 
     runner_up: Trial
     alone: Point
     second: Effect
+    has_last: bool
     prospects: Sequence[Prospect]
     left: float
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A runner-up and a second effect, the model with the first alone, and that with both."""
+    """What was promised, and the model with both effects."""
 
-    runner_up: Trial
-    second: Effect
-    alone: Point
+    promised: Promised
     both: Point
 
     @property
@@ -164,40 +164,41 @@ def _promising(step: Step, most: float) -> list[Promised]:
         alone = at_levels(step.problem, runner_up.point, step.now.chain.plane.levels)
         present = {effect.name for effect in alone.chain.effects}
         seconds = [effect for effect in step.tried if effect.name not in present]
-        screening = screened(step.problem, alone, seconds, step.position, in_silence)
-        for second, prospects in screening.promised.items():
+        promised, _ = promises(step.problem, alone, seconds, step.position, in_silence)
+        for second, prospects in promised.items():
             promise = max(prospect.held_out for prospect in prospects)
             left = (1 - promise) * alone.validation_mean_square
             if left < most:
-                found.append(Promised(runner_up, alone, second, prospects, left))
+                has_last = second.name == last
+                found.append(Promised(runner_up, alone, second, has_last, prospects, left))
     found.sort(key=lambda each: each.left)
-    others = [each for each in found if each.second.name != last]
-    return [each for each in found if each.second.name == last] + others[:MOST_OF_OTHERS]
+    others = [each for each in found if not each.has_last]
+    return [each for each in found if each.has_last] + others[:MOST_OF_OTHERS]
 
 
 def _fitted(step: Step, promised: Promised, most: float) -> Pair | None:
     """A pair fitted together, if it leaves less than that, and than it must to be worth having."""
-    runner_up, alone, second = promised.runner_up, promised.alone, promised.second
-    share = 1 - LEAST_GAIN if second.name == step.named[-1].name else PAYS
+    share = 1 - LEAST_GAIN if promised.has_last else PAYS
     worth = min(share * step.now.validation_mean_square, most)
-    both = with_effect(step.problem, alone, second, known=promised.prospects)
+    both = with_effect(step.problem, promised.alone, promised.second, known=promised.prospects)
     # Forms without a law take up a part of whatever another one leaves.
     if any(each.lawless for each in both.chain.effects):
         return None
-    pair = Pair(runner_up, second, alone, both)
+    pair = Pair(promised, both)
     return pair if pair.left < worth else None
 
 
 def _passing(step: Step, pair: Pair, tolerance: float) -> tuple[Trial, Trial] | None:
     """Both effects of a pair as they are tried beside each other, if each of them passes so."""
-    problem, first = step.problem, pair.runner_up
+    problem, promised = step.problem, pair.promised
+    first, second = promised.runner_up, promised.second
     without_first = step.now
-    if pair.second.name != step.named[-1].name:
-        without_first = with_effect(problem, step.path[-2], pair.second)
+    if not promised.has_last:
+        without_first = with_effect(problem, step.path[-2], second)
     beside: list[Trial] = []
     for effect, position, without in (
         (first.effect, first.step, without_first),
-        (pair.second, first.step + 1, pair.alone),
+        (second, first.step + 1, promised.alone),
     ):
         passed = judged_beside(
             problem, without, effect, position, pair.both, tolerance, LEAST_GAIN_BESIDE
@@ -212,10 +213,11 @@ def _rivals(
     step: Step, tried: Step, pair: Pair, pairs: list[Pair]
 ) -> tuple[dict[str, Point], dict[str, Point]]:
     """Models with another effect in the place of the first of a pair, and of the second."""
-    last, names = step.named[-1], {pair.runner_up.effect.name, pair.second.name}
+    last, own = step.named[-1], pair.promised
+    names = {own.runner_up.effect.name, own.second.name}
     first: dict[str, Point] = {}
     second: dict[str, Point] = {}
-    if pair.second.name == last.name:
+    if own.has_last:
         beside = tried.fitted(step.position, -np.inf)
         first |= {t.effect.name: t.point for t in beside if t.passes_both_tests}
         second |= last.rivals
@@ -224,10 +226,11 @@ def _rivals(
         first |= last.rivals | {last.name: step.now}
     for other in pairs:
         if other is not pair and alike(step.problem, pair.both, other.both):
-            if other.second.name == pair.second.name:
-                first[other.runner_up.effect.name] = other.both
-            elif other.runner_up is pair.runner_up:
-                second[other.second.name] = other.both
+            runner_up = other.promised.runner_up
+            if other.promised.second is own.second:
+                first[runner_up.effect.name] = other.both
+            elif runner_up is own.runner_up:
+                second[other.promised.second.name] = other.both
     without = [{n: p for n, p in each.items() if n not in names} for each in (first, second)]
     return without[0], without[1]
 
@@ -237,7 +240,7 @@ def _exchanged(
 ) -> Step:
     """The step with a pair in the place of its last effect."""
     last = step.named[-1]
-    first, second = replace(found[0], point=pair.alone), found[1]
+    first, second = replace(found[0], point=pair.promised.alone), found[1]
     of_first, of_second = _rivals(step, tried, pair, pairs)
     rows: list[Row] = with_rival(list(tried.trials), last.trial, first)
     here = (second.effect.name, second.step)
@@ -246,6 +249,6 @@ def _exchanged(
         step,
         trials=(*rows, (second, True, second.effect.name)),
         named=(*step.named[:-1], Named(first, of_first), Named(second, of_second)),
-        path=(*step.path[:-1], pair.alone, pair.both),
+        path=(*step.path[:-1], first.point, pair.both),
         other=None,
     )

@@ -22,8 +22,8 @@ OF_THE_ERROR = 3.0
 """RMS of what they switch, over the error of the model, from which on it is told."""
 
 
-def of_the_past(record: Record, model: Model, error: float) -> str:
-    """What a reader must know if the past of a record takes up what time may do; empty if not.
+def of_the_past(record: Record, model: Model, error: float) -> tuple[str, ...]:
+    """What a reader must know if the past of a record takes up what time may do; none if not.
 
     Where each loop of many is a little greater than the last one, each switches hysterons that no
     later one switches back, if they lie beyond the range of the input.  Their sum is a course of
@@ -35,20 +35,22 @@ def of_the_past(record: Record, model: Model, error: float) -> str:
         error: its held-out error, in output units.
     """
     if record.initial_memory != "free" or record.runs or model.chain.mechanics is not None:
-        return ""
+        return ()
+    if (count := _advances(record.input)) < LEAST_ADVANCES:
+        return ()
     course = drive(model.chain, model.values, signals_of(record))
     output = np.asarray(first_run_output(model.chain, course, model.coefficients.first_run))
     rms = float(np.std(output[record.measured]))
-    count = _advances(record.input)
-    if count < LEAST_ADVANCES or rms < OF_THE_ERROR * error:
-        return ""
-    return (
+    if rms < OF_THE_ERROR * error:
+        return ()
+    note = (
         f"The input turns beyond all its values before {count} times, and "
         f"{quantity(rms, record.output_unit, 2)} RMS of the output are put down to hysterons that "
         "an unknown past left on and that switch then once for all: a drift or an ageing cannot be "
         "told from that. If the material was saturated at the start, say so (--initial-memory high "
         "or low)."
     )
+    return (note,)
 
 
 def _advances(values: np.ndarray) -> int:

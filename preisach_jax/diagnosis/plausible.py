@@ -33,7 +33,7 @@ def from_the_drive(problem: Problem, point: Point, name: str) -> str:
         point: the model with the effect.
         name: the effect's name.
     """
-    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    effect = point.chain.effect(name)
     if not isinstance(effect, Hum):
         return ""
     survey, f_hz = surveyed(problem), point.values[name]["f_hz"]
@@ -63,7 +63,7 @@ def implausible(problem: Problem, point: Point, name: str) -> str:
     """
     if told := from_the_drive(problem, point, name):
         return told
-    effect = next(effect for effect in point.chain.effects if effect.name == name)
+    effect = point.chain.effect(name)
     survey, values = surveyed(problem), point.values[name]
     if isinstance(effect, Drift) and effect.waves:
         fastest_s = 2 * effect.horizon_s / effect.waves

@@ -180,7 +180,7 @@ def _with_named(step: Step, position: int, named: Named) -> Step:
 def _in_place_of(step: Step, name: str, rival: str, point: Point) -> Point:
     """The present model with a rival, as it is at another point, in place of an effect."""
     now = step.now
-    effect = next(e for e in point.chain.effects if e.name == rival)
+    effect = point.chain.effect(rival)
     effects = tuple(effect if e.name == name else e for e in now.chain.effects)
     values = {**now.values, rival: point.values[rival]}
     del values[name]

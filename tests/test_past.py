@@ -42,6 +42,11 @@ def test_an_unknown_past_is_told_where_it_hides_a_course_of_time(measured):
     assert f"turns beyond all its values before {CURVES} times" in told[0]
 
 
+def test_an_unknown_past_is_told_by_hand_as_well(measured):
+    by_hand = pj.explore(measured("free"), ["drift", "ageing"], levels=13).conclude()
+    assert [note for note in by_hand.notes if "--initial-memory high" in note]
+
+
 def test_with_a_stated_start_the_course_of_time_is_found(measured):
     found = pj.diagnose(measured("high"), ["drift", "ageing"], levels=13)
     assert found.effects == ("ageing",)

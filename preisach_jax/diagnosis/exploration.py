@@ -15,6 +15,7 @@ from preisach_jax.diagnosis.budget import (
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare, compare_fits
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.past import of_the_past
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.step import Step
@@ -280,7 +281,11 @@ class Exploration:
             candidates,
             bounds,
             self.tried,
-            (*notes, *notes_on(self.record, self.fit.model)),
+            (
+                *notes,
+                *notes_on(self.record, self.fit.model),
+                *of_the_past(self.record, self.fit.model, self.fit.rms_validation),
+            ),
         )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.candidates import refitted, screened
-from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
 from preisach_jax.diagnosis.judgement import (
     LEAST_GAIN_BESIDE,
     LEAST_GAIN_WITHIN_BUDGET,
@@ -16,7 +16,7 @@ from preisach_jax.diagnosis.judgement import (
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import NotFitted, Row, Trial, with_rival
 from preisach_jax.effects.gain import Gain
-from preisach_jax.fit import Progress, in_silence, settled, without_effect
+from preisach_jax.fit import Progress, in_silence, settled, with_effect, without_effect
 from preisach_jax.identify import Point, evaluate
 from preisach_jax.identify.confidence import differs_from_nothing
 
@@ -159,7 +159,7 @@ def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]
     better = [
         _tried_again(step, named, name, point)
         for name, point in rivals.items()
-        if not compare(step.problem, step.now, point).against
+        if not compare(step.problem, step.now, point).against or _dominates(point, step.now)
     ]
     certain = [trial for trial in better if any(trial.certain)]
     if certain:
@@ -173,13 +173,27 @@ def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]
     return step, rivals
 
 
+def _dominates(point: Point, other: Point) -> bool:
+    """Whether a model leaves less than another one, with fewer parameters."""
+    less = point.validation_mean_square < other.validation_mean_square
+    return less and free_parameters(point) < free_parameters(other)
+
+
 def _with_named(step: Step, position: int, named: Named) -> Step:
     return replace(step, named=(*step.named[:position], named, *step.named[position + 1 :]))
 
 
 def _in_place_of(step: Step, name: str, rival: str, point: Point) -> Point:
-    """The present model with a rival, as it is at another point, in place of an effect."""
+    """The present model with a rival, as it is at another point, in place of an effect.
+
+    Beside an effect that has been exchanged since, a rival may have taken up what that one lacked:
+    it is searched for anew.
+    """
     now = step.now
+    present = {effect.name for effect in now.chain.effects}
+    if {effect.name for effect in point.chain.effects} - {rival} - present:
+        without = without_effect(step.problem, now, name)
+        return with_effect(step.problem, without, step.effect(rival))
     effect = point.chain.effect(rival)
     effects = tuple(effect if e.name == name else e for e in now.chain.effects)
     values = {**now.values, rival: point.values[rival]}

@@ -26,6 +26,7 @@ from preisach_jax.diagnosis.trial import (
     failures,
     given_up_rows,
 )
+from preisach_jax.diagnosis.walk import with_rival_leading
 from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
 from preisach_jax.effects.base import Effect
@@ -131,6 +132,7 @@ def concluded(
     planes = signed_planes(step)
     limited, bounds = step, _limits(step, planes)
     known = step
+    step = _with_plausible_rivals(step, finals)
     while True:
         step, fitted = _fitted(step, finals, progress)
         fits = [final.fit for final in fitted]
@@ -222,6 +224,24 @@ def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
         if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
             return _without(step, position, WITHOUT_A_LAW)
     return None
+
+
+def _with_plausible_rivals(step: Step, finals: FinalFits) -> Step:
+    """Let a rival stand for an effect that all rows show at a bound, if they do not so of it.
+
+    Arguments:
+        step: the last step.
+        finals: the fits to all rows.
+    """
+    for position, named in enumerate(step.named):
+        if named.name not in finals.of(step.problem, step.now).contradicted:
+            continue
+        ranked = sorted(named.rivals.items(), key=lambda item: item[1].validation_mean_square)
+        for rival, point in ranked:
+            if rival not in finals.of(step.problem, point).contradicted:
+                step = with_rival_leading(step, position, rival)
+                break
+    return step
 
 
 def _without_what_the_drive_makes(step: Step, final: Final) -> Step | None:

@@ -210,7 +210,7 @@ def _selected(
         while (larger := grown(step)) is not None:
             step = refined_and_shown(larger)
     pace.begin_conclusion(len(step.named))
-    return without_what_explains_too_little(with_families(step))
+    return without_what_explains_too_little(with_families(step, range(len(step.named))))
 
 
 def _is_better(step: Step, other: Step) -> bool:

@@ -129,18 +129,17 @@ def with_better_rivals(step: Step, positions: Sequence[int]) -> Step:
     return step
 
 
-def with_families(step: Step, progress: Progress = in_silence) -> Step:
-    """Ask of every rival again whether it could stand in the final model, all refitted.
+def with_families(step: Step, positions: Sequence[int]) -> Step:
+    """Ask of rivals again whether they could stand in the final model, all refitted.
 
     What one effect alone could not tell may show beside the others.  A rival that does better
     now takes the place.
 
     Arguments:
         step: the last step.
-        progress: called with a text and the share of the work that is done.
+        positions: of the effects whose rivals are asked.
     """
-    for position, named in enumerate(step.named):
-        progress(f"comparing alternatives to {named.name}", position / len(step.named))
+    for position in positions:
         step, rivals = _with_best_rival(step, position)
         kept = {name: p for name, p in rivals.items() if alike(step.problem, step.now, p)}
         step = _with_named(step, position, replace(step.named[position], rivals=kept))
@@ -165,12 +164,35 @@ def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]
     if certain:
         rivals[named.name] = step.now
         again = min(certain, key=lambda trial: trial.point.validation_mean_square)
-        rows = with_rival(list(step.trials), named.trial, again)
-        step = _with_named(step, position, Named(again, {}))
-        ladder = step.ladder([each.name for each in step.named[:-1]])
-        path = (*ladder, rivals.pop(again.effect.name))
-        step = replace(step, trials=tuple(rows), path=path, other=None)
+        step = _exchanged(step, position, again)
+        del rivals[again.effect.name]
     return step, rivals
+
+
+def with_rival_leading(step: Step, position: int, rival: str) -> Step:
+    """The step with a rival in the place of one of its effects, which becomes a rival of it.
+
+    The rivals of the other effects are asked again beside it.
+
+    Arguments:
+        step: the last step, whose rivals were asked (`with_families`).
+        position: of the effect.
+        rival: the rival's name.
+    """
+    named = step.named[position]
+    rivals = {**named.rivals, named.name: step.now}
+    again = _tried_again(step, named, rival, rivals.pop(rival))
+    step = _exchanged(step, position, again)
+    step = _with_named(step, position, replace(step.named[position], rivals=rivals))
+    return with_families(step, [k for k in range(len(step.named)) if k != position])
+
+
+def _exchanged(step: Step, position: int, again: Trial) -> Step:
+    """The step with a rival, as it was tried again, in the place of one of its effects."""
+    rows = with_rival(list(step.trials), step.named[position].trial, again)
+    step = _with_named(step, position, Named(again, {}))
+    path = (*step.ladder([each.name for each in step.named[:-1]]), again.point)
+    return replace(step, trials=tuple(rows), path=path, other=None)
 
 
 def _dominates(point: Point, other: Point) -> bool:

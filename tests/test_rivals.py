@@ -1,0 +1,130 @@
+"""Rivals of effects that were named, asked again after something beside them has changed."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_modes import plays
+
+import preisach_jax as pj
+from preisach_jax.diagnosis import conclusion, walk
+from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.diagnosis.trial import Trial
+from preisach_jax.diagnosis.walk import with_better_rivals
+from preisach_jax.effects import resolve
+from preisach_jax.effects.drift import Drift
+from preisach_jax.fit import begun, double_precision, with_effect
+from preisach_jax.identify import evaluate
+from preisach_jax.identify.confidence import differs_from_nothing
+
+RATE, COUNT = 200.0, 3200
+LAG_S, SETTLING_S, SETTLED = 0.04, 4.0, 3.0
+
+OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT = resolve(["output_lag", "input_lag", "creep", "drift"], {})
+
+
+def late(u):
+    """What follows an input with a lag; the input is straight between samples."""
+    decay = np.exp(-1 / (RATE * LAG_S))
+    followed = np.empty(len(u))
+    followed[0] = u[0]
+    for k in range(1, len(u)):
+        behind = (u[k] - u[k - 1]) * RATE * LAG_S
+        followed[k] = u[k] - behind + (followed[k - 1] - u[k - 1] + behind) * decay
+    return followed
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_double_precision():
+    with double_precision():
+        yield
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """The model without effects of a stage with a lag of its input and a drift that settles."""
+    rng = np.random.default_rng(7)
+    time = np.arange(COUNT) / RATE
+    u = np.interp(np.arange(COUNT), np.arange(0, COUNT, 40), rng.uniform(0.0, 10.0, COUNT // 40))
+    z = plays(late(u)) + SETTLED * (1 - np.exp(-time / SETTLING_S)) + rng.normal(0, 0.01, COUNT)
+    record, problem, point = begun(pj.Record.from_arrays(time, u, z), 13)
+    tried = (OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT)
+    return Step(record, problem, problem, tried, (point,))
+
+
+def added(step, effect):
+    """The step with one effect more, whatever speaks for it."""
+    after = with_effect(step.problem, step.now, effect)
+    certain = differs_from_nothing(step.problem, after, effect.name)
+    evidence = compare(step.problem, step.now, after)
+    trial = Trial(effect, step.position, after, evidence, certain)
+    return replace(
+        step,
+        path=(*step.path, after),
+        named=(*step.named, Named(trial, {})),
+        trials=(*step.trials, (trial, True, effect.name)),
+    )
+
+
+@pytest.fixture(scope="module")
+def lag(plain):
+    return added(plain, INPUT_LAG)
+
+
+@pytest.fixture(scope="module")
+def creep(lag):
+    return added(lag, CREEP)
+
+
+@pytest.fixture(scope="module")
+def drift(lag):
+    return added(lag, DRIFT)
+
+
+def with_rival(step, rival, point):
+    """The step with a rival of its second effect, which was tried where that was added."""
+    first, second = step.named
+    row = (replace(rival.named[1].trial, point=point), False, second.name)
+    named = (first, replace(second, rivals={rival.named[1].name: point}))
+    return replace(step, named=named, trials=(*step.trials, row))
+
+
+def as_waves(plain):
+    """A drift without a law beside a lag of the output, whose misfit it takes up."""
+    wrong = added(plain, OUTPUT_LAG).now
+    waves = Drift(horizon_s=COUNT / RATE, waves=6)
+    chain = wrong.chain.with_effects((*wrong.chain.effects, waves))
+    return evaluate(plain.problem, chain, {**wrong.values, "drift": {}}, wrong.strength, wrong)
+
+
+def test_a_rival_is_searched_for_anew_beside_an_effect_that_was_exchanged(plain, creep, drift):
+    found = with_better_rivals(with_rival(creep, drift, as_waves(plain)), [1])
+    assert [each.name for each in found.named] == ["input_lag", "drift"]
+    assert found.now.values["drift"]["tau_s"] == pytest.approx(SETTLING_S, rel=0.05)
+    assert found.now.values["input_lag"]["tau_s"] == pytest.approx(LAG_S, rel=0.01)
+    assert set(found.named[1].rivals) == {"creep"}
+
+
+def test_of_models_that_are_alike_less_error_with_fewer_parameters_leads(creep, drift, monkeypatch):
+    told = SimpleNamespace(against="the record cannot tell them apart")
+    monkeypatch.setattr(walk, "compare", lambda *models: told)
+    for step, rival in ((creep, drift), (drift, creep)):
+        asked = with_rival(step, rival, rival.now)
+        assert with_better_rivals(asked, [1]).named[1].name == "drift"
+
+
+@pytest.mark.parametrize(
+    ("contradicted", "leads"),
+    [({"creep"}, "drift"), ({"creep", "drift"}, "creep"), (set(), "creep")],
+)
+def test_a_rival_stands_for_an_effect_that_all_rows_contradict(creep, drift, contradicted, leads):
+    finals: Any = SimpleNamespace(of=lambda *model: SimpleNamespace(contradicted=contradicted))
+    step = with_rival(creep, drift, drift.now)
+    found = conclusion._with_plausible_rivals(step, finals)
+    assert [each.name for each in found.named] == ["input_lag", leads]
+    assert set(found.named[1].rivals) == {"creep", "drift"} - {leads}
+    assert found.now.chain.effects[1].name == leads
+    assert [t.effect.name for t, accepted, _ in found.trials if accepted] == ["input_lag", leads]

@@ -25,6 +25,7 @@ PICTURES = {
     "detection": "Share of the cases in which an effect was named, by its size",
     "false_alarms": "Records that hide nothing: how often each way names something",
     "risk": "Wrong names against effects found, as the held-out test gets stricter",
+    "reliability": "Reliability of the stated intervals of parameters",
 }
 """Pictures of the sample by the name of their file."""
 

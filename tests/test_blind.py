@@ -646,6 +646,9 @@ def test_tables_hold_the_numbers_counted_by_hand(written):
     amplitude = rich["parameters"]["drift.amplitude"]
     assert amplitude["median_relative_error"] == pytest.approx(0.1)
     assert counted(amplitude["coverage"]) == (1, 1)
+    # The truth lies half a side of the interval away, which one of 68 % just reaches.
+    levels = {row["level"]: row["count"] for row in rich["reliability"]}
+    assert levels == {50.0: 0, 68.0: 1, 80.0: 1, 90.0: 1, 95.0: 1, 99.0: 1}
     assert rich["over_oracle"]["median"] == pytest.approx(2.0)
     assert rich["seconds"]["median"] == 10.0
     assert (rich["cases"], rich["failed"]) == (9, 0)
@@ -657,7 +660,15 @@ def test_tables_and_pictures_are_written(written):
     assert json.loads((folder / "summary.json").read_text()).keys() == content.keys()
     text = (folder / "tables.md").read_text()
     assert "| single: exactly right | 2/4 = 50 % [6.8, 93.2] | 2/4 = 50 % [6.8, 93.2] |" in text
-    for name in ("confusion_rich", "confusion_all", "detection", "false_alarms", "risk"):
+    pictures = (
+        "confusion_rich",
+        "confusion_all",
+        "detection",
+        "false_alarms",
+        "risk",
+        "reliability",
+    )
+    for name in pictures:
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 

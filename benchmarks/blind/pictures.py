@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -202,4 +202,34 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     axes.set_title("Risk against coverage; beside the points, the least z", loc="left")
     axes.grid(color="#E4E4E4", linewidth=0.6)
     figure.legend(loc="outside right upper")
+    figure.savefig(path, dpi=140)
+
+
+@mpl.rc_context(STYLE)
+def draw_reliability(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """How often intervals of parameters have the truth, against how often they should.
+
+    Arguments:
+        rows: a rate for each level, as in the summary.
+        path: the PNG to write.
+    """
+    figure = Figure(figsize=(4.6, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    levels, middle, low, high = (
+        np.array([row[name] for row in rows]) for name in ("level", "rate", "low", "high")
+    )
+    ends = 100 * np.abs(np.stack([middle - low, high - middle]))
+    colour, marker = EXCITATIONS["rich"]
+    axes.plot([0, 100], [0, 100], color="black", linestyle=":", label="as stated")
+    axes.errorbar(
+        levels, 100 * middle, ends, color=colour, marker=marker, markersize=4, capsize=2,
+        label=f"{rows[0]['of']} parameters (bars: 95 %)",
+    )  # fmt: skip
+    axes.set_xlim(40, 101)
+    axes.set_ylim(40, 101)
+    axes.set_xlabel("level of the interval, %")
+    axes.set_ylabel("intervals that have the truth, %")
+    axes.set_title("Intervals of effects named rightly", loc="left")
+    axes.grid(color="#E4E4E4", linewidth=0.6)
+    axes.legend(loc="lower right")
     figure.savefig(path, dpi=140)

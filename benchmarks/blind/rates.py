@@ -1,4 +1,4 @@
-"""Numbers from results: rates with their intervals, detection sizes, errors of parameters."""
+"""Numbers from results: rates with their intervals, and detection sizes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
+from blind.estimates import LEVELS, Estimate, covers, estimates_of
 from blind.results import RIVALS
 
 Result = dict[str, Any]
@@ -108,6 +109,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     nothing = [one for one in judged if not one["hidden"]]
     single = [one for one in inside if one["suite"] == "single"]
     limited = [one for one in single if size_at_limit(one) is not None]
+    estimates = estimates_of(inside)
     suites = {suite: [one for one in inside if one["suite"] == suite] for suite in COMBINATIONS}
     return {
         "cases": len(results),
@@ -152,10 +154,11 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "limits": _by(limited, drawn, lambda rows: rate(map(limit_holds, rows))),
         "limits_hold": rate(map(limit_holds, limited)),
         "risk_and_coverage": risk_and_coverage(judged),
-        "parameters": parameter_errors(single),
-        "coverage": rate(
-            covered for pairs in _parameter_pairs(single).values() for _, covered in pairs
-        ),
+        "parameters": _by_parameter(estimates),
+        "coverage": rate(map(covers, estimates)),
+        "reliability": [
+            {"level": level} | rate(covers(each, level) for each in estimates) for level in LEVELS
+        ],
         "over_oracle": _quantiles(
             [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside],
             {"q25": 0.25, "median": 0.5, "q75": 0.75, "p95": 0.95},
@@ -276,30 +279,16 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     return {hidden: dict(counts) for hidden, counts in sorted(rows.items())}
 
 
-def _parameter_pairs(single: Sequence[Result]) -> dict[str, list[tuple[float, bool]]]:
-    """Relative error, and whether the interval covers, of each parameter that truth has too."""
-    rows: dict[str, list[tuple[float, bool]]] = {}
-    for one in single:
-        name = one["hidden"][0]
-        truth, said = one["truth"][name], one["parameters"].get(name, {})
-        for parameter in sorted(set(truth) & set(said)):
-            true, estimate = truth[parameter], said[parameter]
-            if true and np.isfinite(true):
-                error = abs(estimate["value"] - true) / abs(true)
-                covered = estimate["low"] <= true <= estimate["high"]
-                rows.setdefault(f"{short(name)}.{parameter}", []).append((error, covered))
-    return rows
-
-
-def parameter_errors(single: Sequence[Result]) -> dict[str, dict[str, Any]]:
-    """Errors and coverage of the parameters that truth and library share, where named rightly."""
-    return {
-        name: {
-            "median_relative_error": float(np.median([error for error, _ in pairs])),
-            "coverage": rate(covered for _, covered in pairs),
-        }
-        for name, pairs in sorted(_parameter_pairs(single).items())
-    }
+def _by_parameter(estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
+    """Errors and coverage of each parameter."""
+    return _by(
+        estimates,
+        lambda each: f"{short(each.effect)}.{each.name}",
+        lambda rows: {
+            "median_relative_error": float(np.median([each.relative_error for each in rows])),
+            "coverage": rate(map(covers, rows)),
+        },
+    )
 
 
 def _detection(rows: Sequence[Result]) -> dict[str, Any]:
@@ -315,7 +304,7 @@ def _detection(rows: Sequence[Result]) -> dict[str, Any]:
 
 
 def _by(results, key, value) -> dict[str, Any]:
-    groups: dict[str, list[Result]] = {}
+    groups: dict[str, list[Any]] = {}
     for one in results:
         groups.setdefault(key(one), []).append(one)
     return {name: value(groups[name]) for name in sorted(groups)}

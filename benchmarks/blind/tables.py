@@ -16,7 +16,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.pictures import draw_confusion, draw_detection, draw_false_alarms, draw_risk
+from blind.pictures import (
+    draw_confusion,
+    draw_detection,
+    draw_false_alarms,
+    draw_reliability,
+    draw_risk,
+)
 from blind.rates import COMBINATIONS, WAYS, summary_of
 from blind.results import read_results
 
@@ -53,6 +59,8 @@ def write_tables(folder: Path) -> dict[str, Any]:
         draw_false_alarms(content["excitation"], folder / "false_alarms.png")
     if content["excitation"]["all"]["detection"]:
         draw_risk(content["excitation"], folder / "risk.png")
+    if content["excitation"]["all"]["coverage"]["of"]:
+        draw_reliability(content["excitation"]["all"]["reliability"], folder / "reliability.png")
     return content
 
 

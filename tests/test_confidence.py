@@ -238,7 +238,7 @@ def test_an_effect_without_amounts_is_there_once_it_is_in_the_model(x64):
     assert all(differs_from_nothing(problem, point, "input_lag"))
 
 
-def test_intervals_grow_by_what_another_grid_changes():
+def test_intervals_grow_by_what_another_grid_tells_of_this_one():
     lag = InputLag()
     record, output, chain = clean(
         (lag, Slope()), {"input_lag": {"tau_s": 0.04}, "slope": {}}, [0.3]
@@ -251,13 +251,18 @@ def test_intervals_grow_by_what_another_grid_changes():
     ratio = coarser.values["input_lag"]["tau_s"] / point.values["input_lag"]["tau_s"]
     assert ratio != pytest.approx(1.0, abs=1e-4)
     assert after.value == before.value
+    # An error that falls with the cell is so many times the change between the planes.
+    times = (LEVELS - 2) / 2
     # The time constant is searched by its logarithm.
-    np.testing.assert_allclose(after.high / before.high, max(ratio, 1 / ratio), rtol=1e-9)
-    np.testing.assert_allclose(before.low / after.low, max(ratio, 1 / ratio), rtol=1e-9)
+    for ends in ("low", "high"):
+        was, now = (abs(np.log(getattr(own, ends) / own.value)) for own in (before, after))
+        assert now == pytest.approx(np.hypot(was, times * np.log(ratio)), rel=1e-9)
     change = abs(coarser.coefficients().added[0] - point.coefficients().added[0])
     before, after = found["slope"]["per_record"], wider["slope"]["per_record"]
     assert change > 1e-4
-    np.testing.assert_allclose([before.low - after.low, after.high - before.high], change)
+    for ends in ("low", "high"):
+        was, now = (abs(getattr(own, ends) - own.value) for own in (before, after))
+        assert now == pytest.approx(np.hypot(was, times * change), rel=1e-9)
     # A form of fewer numbers was fitted to all rows.
     fewer = {"input_lag": found["input_lag"], "slope": {}}
     assert with_grid_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
+from preisach_jax.identify.confidence import GRID_ORDER
 from preisach_jax.record.jumps import wander_rms
 
 MOST_LEVELS = 50
@@ -19,10 +20,6 @@ MOST_LEVELS = 50
 
 MOST_WORK = 3e10
 """Rows times squared cells beyond which a plane is not tried automatically."""
-
-GRID_ORDER = 1.0
-"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
-2."""
 
 MOST_OVER_WITHIN = 6.0
 """Times the RMS that comes back within cells that the error of the grid may be: of smooth densities

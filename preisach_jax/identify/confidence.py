@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,6 +20,10 @@ from preisach_jax.model.band import Others, rounded
 
 LEVEL = 0.95
 """Coverage of the intervals, and certainty of the tests."""
+
+GRID_ORDER = 1.0
+"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
+2."""
 
 LEAST_PARTS = 3
 """Least number of blocks for each amount from which their covariance is inverted."""
@@ -97,7 +102,11 @@ def estimates(
 def with_grid_error(
     found: Mapping[str, Mapping[str, ParameterEstimate]], point: Point, other: Point
 ) -> dict[str, dict[str, ParameterEstimate]]:
-    """Intervals made longer, on both sides, by what a plane of other levels changes.
+    r"""Intervals made longer, on both sides, by what the grid of the plane moves.
+
+    A plane of another number of levels changes a number by \(d\); if its error falls as
+    \(1 / N^p\), with p `GRID_ORDER`, that of the plane at hand is
+    \(b = d / |1 - (N / N')^p|\).  A side of length s becomes \(\sqrt{s^2 + b^2}\).
 
     Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
 
@@ -109,6 +118,10 @@ def with_grid_error(
     Returns:
         The estimates; intervals never leave the parameters' bounds.
     """
+    levels, others = point.chain.plane.levels, other.chain.plane.levels
+    if levels == others:
+        return {effect: dict(own) for effect, own in found.items()}
+    of_the_change = 1 / abs(1 - (levels / others) ** GRID_ORDER)
     wider = {effect: dict(own) for effect, own in found.items()}
     pairs = [
         (effect, each, point.values[effect][each.name], other.values[effect][each.name])
@@ -121,13 +134,20 @@ def with_grid_error(
         own = wider[effect].get(parameter.name)
         if own is None:
             continue
-        change = abs(parameter.to_search(there) - parameter.to_search(here))
-        low, high = (
-            parameter.from_search(parameter.to_search(end) + move) if np.isfinite(end) else end
-            for end, move in ((own.low, -change), (own.high, change))
-        )
-        wider[effect][parameter.name] = replace(own, low=float(low), high=float(high))
+        moved = of_the_change * abs(parameter.to_search(there) - parameter.to_search(here))
+        low = _further(parameter, own.value, own.low, -moved)
+        high = _further(parameter, own.value, own.high, moved)
+        wider[effect][parameter.name] = replace(own, low=low, high=high)
     return wider
+
+
+def _further(parameter: Parameter, value: float, end: float, moved: float) -> float:
+    """An end of an interval, as far from the value as both its causes make it."""
+    if not math.isfinite(end) or not moved:
+        return end
+    middle = parameter.to_search(value)
+    length = math.hypot(parameter.to_search(end) - middle, moved)
+    return parameter.from_search(middle + math.copysign(length, moved))
 
 
 def influences(

@@ -48,9 +48,10 @@ of this sample was drawn. The command can be interrupted and goes on; its list i
 any beginning is an even sample of the whole, or of the suites and excitations that are asked for.
 What has no cell was not run. Records with seeds from 4e9 and 5e9, and those that hide nothing
 with seeds from 6e9, were judged before two effects were put in the place of one; those of two and
-more effects with seeds from 6e9 after its first form, those from 7e9 with it. Both false alarms
-led to changes after their record was drawn: they are counted as they were. Where nothing is
-named, none of these changes is reached but that of jumps of a sensor. Brackets are 95 % intervals
+more effects with seeds from 6e9 after its first form, those from 7e9 with it. Both false alarms,
+and a creep named for a drift beside a lag, led to changes after their records were drawn: they are
+counted as they were. Those that hide nothing with seeds from 7e9 were judged after the former
+changes, all of those from 8e9 after the latter. Brackets are 95 % intervals
 (Clopper and Pearson).
 
 *Rich* excitation has ramps at several rates, holds, steps and minor loops; *fair* has three rates

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 from test_modes import plays
 
 import preisach_jax as pj
@@ -26,17 +27,6 @@ LAG_S, SETTLING_S, SETTLED = 0.04, 4.0, 3.0
 OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT = resolve(["output_lag", "input_lag", "creep", "drift"], {})
 
 
-def late(u):
-    """What follows an input with a lag; the input is straight between samples."""
-    decay = np.exp(-1 / (RATE * LAG_S))
-    followed = np.empty(len(u))
-    followed[0] = u[0]
-    for k in range(1, len(u)):
-        behind = (u[k] - u[k - 1]) * RATE * LAG_S
-        followed[k] = u[k] - behind + (followed[k - 1] - u[k - 1] + behind) * decay
-    return followed
-
-
 @pytest.fixture(scope="module", autouse=True)
 def in_double_precision():
     with double_precision():
@@ -49,7 +39,8 @@ def plain():
     rng = np.random.default_rng(7)
     time = np.arange(COUNT) / RATE
     u = np.interp(np.arange(COUNT), np.arange(0, COUNT, 40), rng.uniform(0.0, 10.0, COUNT // 40))
-    z = plays(late(u)) + SETTLED * (1 - np.exp(-time / SETTLING_S)) + rng.normal(0, 0.01, COUNT)
+    late = u[0] + signal.lsim(([1.0], [LAG_S, 1.0]), u - u[0], time)[1]
+    z = plays(late) + SETTLED * (1 - np.exp(-time / SETTLING_S)) + rng.normal(0, 0.01, COUNT)
     record, problem, point = begun(pj.Record.from_arrays(time, u, z), 13)
     tried = (OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT)
     return Step(record, problem, problem, tried, (point,))

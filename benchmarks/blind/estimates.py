@@ -70,9 +70,7 @@ def covers(estimate: Estimate, level: float = STATED) -> bool:
         ... )
         (True, False)
     """
-    if level == STATED:
-        return estimate.low <= estimate.true <= estimate.high
+    true, value = estimate.true, estimate.value
+    side = estimate.high - value if true > value else value - estimate.low
     asked, stated = (float(stats.norm.ppf(0.5 + each / 200)) for each in (level, STATED))
-    below = (estimate.value - estimate.low) * asked / stated
-    above = (estimate.high - estimate.value) * asked / stated
-    return estimate.value - below <= estimate.true <= estimate.value + above
+    return abs(true - value) <= side * (asked / stated)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,15 +118,19 @@ def draw_detection(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=140)
 
 
+def _with_ends(rates: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Rates, and how far their intervals reach below and above each."""
+    middle, low, high = np.array([[one["rate"], one["low"], one["high"]] for one in rates]).T
+    return middle, np.abs(np.stack([low, high]) - middle)
+
+
 def _curve(panel, row: Mapping[str, Any], colour: str, marker: str, nudge: float):
     size = np.array([float(level) for level in row["by_size"]])
-    rates = list(row["by_size"].values())
-    middle = np.array([one["rate"] for one in rates])
-    ends = np.array([[one["low"], one["high"]] for one in rates]).T
+    middle, ends = _with_ends(row["by_size"].values())
     panel.errorbar(
         size * nudge,
         middle,
-        np.maximum(np.abs(ends - middle), 0),
+        ends,
         color=colour,
         marker=marker,
         markersize=4,
@@ -151,12 +155,11 @@ def draw_false_alarms(parts: Mapping[str, Mapping[str, Any]], path: Path) -> Non
         if kind not in parts or not parts[kind]["false_alarms"]["diagnose"]["of"]:
             continue
         rates = [parts[kind]["false_alarms"][way] for way in WAYS]
-        middle = np.array([one["rate"] for one in rates])
-        ends = np.array([[one["low"], one["high"]] for one in rates]).T
+        middle, ends = _with_ends(rates)
         axes.errorbar(
             np.arange(len(WAYS)) + 0.15 * (place - 1.5),
             100 * middle,
-            100 * np.abs(ends - middle),
+            100 * ends,
             color=colour,
             marker=marker,
             linestyle="none",
@@ -215,14 +218,12 @@ def draw_reliability(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     """
     figure = Figure(figsize=(4.6, 4.4), layout="constrained")
     axes = figure.add_subplot()
-    levels, middle, low, high = (
-        np.array([row[name] for row in rows]) for name in ("level", "rate", "low", "high")
-    )
-    ends = 100 * np.abs(np.stack([middle - low, high - middle]))
+    levels = [row["level"] for row in rows]
+    middle, ends = _with_ends(rows)
     colour, marker = EXCITATIONS["rich"]
     axes.plot([0, 100], [0, 100], color="black", linestyle=":", label="as stated")
     axes.errorbar(
-        levels, 100 * middle, ends, color=colour, marker=marker, markersize=4, capsize=2,
+        levels, 100 * middle, 100 * ends, color=colour, marker=marker, markersize=4, capsize=2,
         label=f"{rows[0]['of']} parameters (bars: 95 %)",
     )  # fmt: skip
     axes.set_xlim(40, 101)

@@ -9,7 +9,7 @@ from types import TracebackType
 
 from preisach_jax.cores import Background
 from preisach_jax.diagnosis.budget import Floor
-from preisach_jax.diagnosis.plausible import from_the_drive, implausible
+from preisach_jax.diagnosis.plausible import from_the_drive, out_of_law
 from preisach_jax.fit import FINAL_ROWS, Fit, finished, moved_to
 from preisach_jax.identify import Point, Problem
 from preisach_jax.record import Record
@@ -24,7 +24,7 @@ class Final:
         floor: what no other effect can take away from its error.
         from_the_drive: what says so of an effect, by its name, of those that the drive makes: a
             line may be another one where fewer rows were looked at.
-        contradicted: names of the effects whose parameters contradict what they are.
+        contradicted: names of those, and of the effects whose parameters are none of their law.
     """
 
     fit: Fit
@@ -84,9 +84,9 @@ class FinalFits:
             names = [effect.name for effect in fit.point.chain.effects]
             told = {name: from_the_drive(whole, fit.point, name) for name in names}
             drives = {name: text for name, text in told.items() if text}
-            against = frozenset(name for name in names if implausible(whole, fit.point, name))
+            against = {name for name in names if out_of_law(whole, fit.point, name)}
             slim = replace(fit, point=fit.point.slim)
-            return Final(slim, Floor.of(whole, fit), drives, against)
+            return Final(slim, Floor.of(whole, fit), drives, frozenset(against | drives.keys()))
 
         self._begun[point] = self._background.begin(work)
 

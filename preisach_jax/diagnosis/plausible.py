@@ -54,15 +54,24 @@ def from_the_drive(problem: Problem, point: Point, name: str) -> str:
 
 
 def implausible(problem: Problem, point: Point, name: str) -> str:
-    """What of an effect's fitted parameters contradicts what it is; empty if nothing does.
+    """What of a fitted effect contradicts what it is; empty if nothing does.
 
     Arguments:
         problem: the record.
         point: the model with the effect.
         name: the effect's name.
     """
-    if told := from_the_drive(problem, point, name):
-        return told
+    return from_the_drive(problem, point, name) or out_of_law(problem, point, name)
+
+
+def out_of_law(problem: Problem, point: Point, name: str) -> str:
+    """What of an effect's fitted parameters is none of what it is; empty if nothing is.
+
+    Arguments:
+        problem: the record.
+        point: the model with the effect.
+        name: the effect's name.
+    """
     effect = point.chain.effect(name)
     survey, values = surveyed(problem), point.values[name]
     if isinstance(effect, Drift) and effect.waves:

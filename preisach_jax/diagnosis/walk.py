@@ -124,8 +124,7 @@ def with_better_rivals(step: Step, positions: Sequence[int]) -> Step:
         positions: of the effects, in the order in which they were added.
     """
     for position in positions:
-        step, rivals = _with_best_rival(step, position)
-        step = _with_named(step, position, replace(step.named[position], rivals=rivals))
+        step = _with_best_rival(step, position)
     return step
 
 
@@ -140,14 +139,15 @@ def with_families(step: Step, positions: Sequence[int]) -> Step:
         positions: of the effects whose rivals are asked.
     """
     for position in positions:
-        step, rivals = _with_best_rival(step, position)
-        kept = {name: p for name, p in rivals.items() if alike(step.problem, step.now, p)}
-        step = _with_named(step, position, replace(step.named[position], rivals=kept))
+        step = _with_best_rival(step, position)
+        named = step.named[position]
+        kept = {name: p for name, p in named.rivals.items() if alike(step.problem, step.now, p)}
+        step = _with_named(step, position, replace(named, rivals=kept))
     return step
 
 
-def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]:
-    """The step with the rival in the place of an effect that does better, and the other models."""
+def _with_best_rival(step: Step, position: int) -> Step:
+    """The step with the rivals of an effect as they do now; one that does better in its place."""
     named = step.named[position]
     present = {effect.name for effect in step.now.chain.effects}
     rivals = {
@@ -161,16 +161,15 @@ def _with_best_rival(step: Step, position: int) -> tuple[Step, dict[str, Point]]
         if not compare(step.problem, step.now, point).against or _dominates(point, step.now)
     ]
     certain = [trial for trial in better if any(trial.certain)]
-    if certain:
-        rivals[named.name] = step.now
-        again = min(certain, key=lambda trial: trial.point.validation_mean_square)
-        step = _exchanged(step, position, again)
-        del rivals[again.effect.name]
-    return step, rivals
+    step = _with_named(step, position, replace(named, rivals=rivals))
+    if not certain:
+        return step
+    again = min(certain, key=lambda trial: trial.point.validation_mean_square)
+    return _exchanged(step, position, again)
 
 
 def with_rival_leading(step: Step, position: int, rival: str) -> Step:
-    """The step with a rival in the place of one of its effects, which becomes a rival of it.
+    """The step with a rival in the place of one of its effects.
 
     The rivals of the other effects are asked again beside it.
 
@@ -180,17 +179,17 @@ def with_rival_leading(step: Step, position: int, rival: str) -> Step:
         rival: the rival's name.
     """
     named = step.named[position]
-    rivals = {**named.rivals, named.name: step.now}
-    again = _tried_again(step, named, rival, rivals.pop(rival))
-    step = _exchanged(step, position, again)
-    step = _with_named(step, position, replace(step.named[position], rivals=rivals))
+    step = _exchanged(step, position, _tried_again(step, named, rival, named.rivals[rival]))
     return with_families(step, [k for k in range(len(step.named)) if k != position])
 
 
 def _exchanged(step: Step, position: int, again: Trial) -> Step:
-    """The step with a rival, as it was tried again, in the place of one of its effects."""
-    rows = with_rival(list(step.trials), step.named[position].trial, again)
-    step = _with_named(step, position, Named(again, {}))
+    """The step with a rival, as it was tried again, in the place of an effect, now its rival."""
+    named = step.named[position]
+    rivals = {**named.rivals, named.name: step.now}
+    del rivals[again.effect.name]
+    rows = with_rival(list(step.trials), named.trial, again)
+    step = _with_named(step, position, Named(again, rivals))
     path = (*step.ladder([each.name for each in step.named[:-1]]), again.point)
     return replace(step, trials=tuple(rows), path=path, other=None)
 

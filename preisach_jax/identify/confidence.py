@@ -15,15 +15,12 @@ from preisach_jax.chain import Coefficients
 from preisach_jax.chain.runs import of_last_run
 from preisach_jax.effects.base import Parameter, WeightEffect
 from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
+from preisach_jax.identify.point import share_off
 from preisach_jax.model import ParameterEstimate
 from preisach_jax.model.band import Others, rounded
 
 LEVEL = 0.95
 """Coverage of the intervals, and certainty of the tests."""
-
-GRID_ORDER = 1.0
-"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
-2."""
 
 LEAST_PARTS = 3
 """Least number of blocks for each amount from which their covariance is inverted."""
@@ -104,9 +101,9 @@ def with_grid_error(
 ) -> dict[str, dict[str, ParameterEstimate]]:
     r"""Intervals made longer, on both sides, by what the grid of the plane moves.
 
-    A plane of another number of levels changes a number by \(d\); if its error falls as
-    \(1 / N^p\), with p `GRID_ORDER`, that of the plane at hand is
-    \(b = d / |1 - (N / N')^p|\).  A side of length s becomes \(\sqrt{s^2 + b^2}\).
+    A plane of another number of levels changes a number by \(d\), which is a share of its error
+    (`share_off`): the whole is \(b = d / |1 - (N / N')^p|\).  A side of length s becomes
+    \(\sqrt{s^2 + b^2}\).
 
     Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
 
@@ -118,11 +115,10 @@ def with_grid_error(
     Returns:
         The estimates; intervals never leave the parameters' bounds.
     """
-    levels, others = point.chain.plane.levels, other.chain.plane.levels
-    if levels == others:
-        return {effect: dict(own) for effect, own in found.items()}
-    of_the_change = 1 / abs(1 - (levels / others) ** GRID_ORDER)
     wider = {effect: dict(own) for effect, own in found.items()}
+    share = share_off(point, other)
+    if not share:
+        return wider
     pairs = [
         (effect, each, point.values[effect][each.name], other.values[effect][each.name])
         for effect, each in point.parameters
@@ -134,7 +130,7 @@ def with_grid_error(
         own = wider[effect].get(parameter.name)
         if own is None:
             continue
-        moved = of_the_change * abs(parameter.to_search(there) - parameter.to_search(here))
+        moved = abs((parameter.to_search(there) - parameter.to_search(here)) / share)
         low = _further(parameter, own.value, own.low, -moved)
         high = _further(parameter, own.value, own.high, moved)
         wider[effect][parameter.name] = replace(own, low=low, high=high)

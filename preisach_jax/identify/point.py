@@ -23,6 +23,10 @@ from preisach_jax.identify.regression import (
     NormalEquations,
 )
 
+GRID_ORDER = 1.0
+"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
+2."""
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -118,3 +122,17 @@ class Point:
 def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
     """All nonlinear parameters of some effects, with the effects' names."""
     return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]
+
+
+def share_off(point: Point, other: Point, order: float = GRID_ORDER) -> float:
+    r"""Share of the grid's error that another plane takes off, \(1 - (N / N')^p\).
+
+    Arguments:
+        point: a model.
+        other: the same model on a plane of N' levels in place of N.
+        order: power p of the cell with which the error falls.
+
+    Returns:
+        The share; negative if the other plane is coarser.
+    """
+    return 1 - (point.chain.plane.levels / other.chain.plane.levels) ** order

@@ -568,6 +568,26 @@ def test_detection_sizes_of_a_known_curve():
     assert rates.detection_sizes([1.0, 2.0], [True, True])["size_90"] == 0
 
 
+@pytest.mark.parametrize(
+    ("limit", "holds"),
+    [
+        # Rounding the model's output changes a little less than rounding the stage's.
+        ({"quantity": "step", "value": 0.25, "rms": 0.4}, True),
+        ({"quantity": "step", "value": 0.2, "rms": 0.6}, False),
+        # Two laws may call different amounts by one name: of all others the RMS decides.
+        ({"quantity": "amplitude", "value": 0.2, "rms": 0.6}, True),
+        ({"quantity": "amplitude", "value": 0.3, "rms": 0.4}, False),
+    ],
+)
+def test_a_step_that_readings_show_is_compared_as_a_step_and_all_else_by_what_it_changes(
+    limit, holds
+):
+    name = "output_quantisation" if limit["quantity"] == "step" else "drift"
+    truth = {name: {limit["quantity"]: 0.25 * (1 + 1e-15)}}
+    one = made_up("a", hidden=[name], truth=truth, effects=[], limits=[{"effect": name} | limit])
+    assert rates.limit_holds(one) is holds
+
+
 def synthetic():
     drift = {"value": 1.1, "low": 0.9, "high": 1.3, "unit": "um"}
     nothing = {"hidden": [], "in_library": [], "truth": {}, "suite": "none", "size": None}

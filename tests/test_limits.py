@@ -354,6 +354,7 @@ def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
     )
     assert found.value == pytest.approx(0.25)
     assert found.rms == pytest.approx(0.25 / np.sqrt(12), rel=0.3)
+    assert found.text("um").startswith("step of 250 nm, as the record itself shows (")
 
 
 @pytest.mark.parametrize(

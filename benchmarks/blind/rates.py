@@ -29,6 +29,9 @@ VISIBLE = 0.95
 """Share of the plain model's held-out mean square that the model with the true effects must not
 leave for the effects to be visible in a record at all."""
 
+ROUNDING = 1e-9
+"""Relative difference of two steps that is the computer's rounding."""
+
 STRICTER = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
 """Least z of the held-out blocks by which names are counted in the curve of risk and coverage."""
 
@@ -236,7 +239,16 @@ def size_at_limit(result: Result) -> float | None:
 
 
 def limit_holds(result: Result) -> bool:
-    """Whether the limit that was printed for a hidden effect is no less than the effect."""
+    """Whether the limit that was printed for a hidden effect is no less than the effect.
+
+    A converter's step that the readings show is compared with the step that was hidden, all else
+    by the RMS of what it changes: two laws may count their amounts in different ways.
+    """
+    name = result["hidden"][0]
+    limit = next((row for row in result["limits"] if row["effect"] == name), {})
+    truth = result["truth"][name]
+    if limit.get("quantity") == "step" and limit["value"] is not None and "step" in truth:
+        return bool(limit["value"] >= truth["step"] * (1 - ROUNDING))
     size = size_at_limit(result)
     return size is not None and size >= result["size"]
 

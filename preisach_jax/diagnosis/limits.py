@@ -37,6 +37,8 @@ class Limit:
         rms: RMS change of the output by the effect at its limit, in output units; None if the
             record says nothing.
         absorbed: share of the effect's power that the other parts of the model can take up.
+        shown: whether the record itself shows the value, as readings show a converter's step; then
+            it is no limit, but what the quantity is.
     """
 
     effect: str
@@ -46,6 +48,7 @@ class Limit:
     above: bool
     rms: float | None
     absorbed: float
+    shown: bool = False
 
     def text(self, output_unit: str) -> str:
         """The limit in words."""
@@ -53,11 +56,13 @@ class Limit:
         hidden = f"{100 * self.absorbed:.0f} % of its effect could hide in the density"
         if self.value is None or self.rms is None:
             return f"undetectable in this record: {hidden}"
-        shown = (
+        value = (
             f"{100 * self.value:.2g} %" if self.unit == "1" else quantity(self.value, self.unit, 2)
         )
-        side = "above" if self.above else "below"
-        return f"{name} {side} {shown} ({quantity(self.rms, output_unit, 2)} RMS of the output)"
+        rms = f"{quantity(self.rms, output_unit, 2)} RMS of the output"
+        if self.shown:
+            return f"{name} of {value}, as the record itself shows ({rms})"
+        return f"{name} {'above' if self.above else 'below'} {value} ({rms})"
 
 
 def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[Limit, ...]:
@@ -140,9 +145,9 @@ def _limit_of_size(
     if not seen:
         return None
     unit, absorbed = problem.shown_unit(first.unit), min(one.absorbed for one in seen)
-    if first.high < KNOWN * first.low:  # the record shows its value, and no other is possible
+    if first.high < KNOWN * first.low:
         value, rms = float(seen[0].values[first.name]), float(seen[0].rms) * problem.unit
-        return Limit(effect.name, first.name, value, unit, False, rms, absorbed)
+        return Limit(effect.name, first.name, value, unit, False, rms, absorbed, shown=True)
     seen.sort(key=lambda one: one.rms)
     upper = np.array([max(one.size, 0.0) + one_sided * one.deviation for one in seen])
     open_ = np.flatnonzero(~(upper < 1))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import RATES, AddedEffect, Signals
+from preisach_jax.effects.low_pass import rates
 from preisach_jax.effects.parameter import Parameter, coefficient
 
 
@@ -16,7 +17,7 @@ class ExcessLoss(AddedEffect):
 
     \[ c\,\mathrm{sgn}(\dot u)\,|\dot u|^{1/2} \]
 
-    The rate at a sample is the mean of the intervals on both sides.
+    The rate at a sample is that of the parabola through it and its neighbours.
 
     Example:
         >>> t = jnp.arange(4.0)
@@ -56,8 +57,5 @@ class ExcessLoss(AddedEffect):
         return (coefficient("c", "{z} s^0.5/{u}^0.5", "field for a rate of one"),)
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        step, moved = jnp.diff(signals.time), jnp.diff(signals.input)
-        rate = jnp.where(step > 0, moved / jnp.where(step > 0, step, 1.0), 0.0)
-        either = jnp.stack([jnp.append(rate[:1], rate), jnp.append(rate, rate[-1:])])
-        rate = either.mean(axis=0)
+        rate = rates(signals.input, signals.time)
         return (jnp.sign(rate) * jnp.sqrt(jnp.abs(rate)))[:, None]

@@ -588,6 +588,26 @@ def test_a_step_that_readings_show_is_compared_as_a_step_and_all_else_by_what_it
     assert rates.limit_holds(one) is holds
 
 
+@pytest.mark.parametrize(
+    ("said", "oracle", "right"),
+    [
+        (("creep", "drift"), 0.1, True),
+        (("creep",), 0.199, True),  # the model with both leaves as much
+        (("creep",), 0.19, False),
+        ((), 0.199, True),
+        (("creep", "hum"), 0.2, False),
+        (("hum",), 0.2, False),
+        (("creep", "drift", "hum"), 0.2, False),
+    ],
+)
+def test_what_the_true_model_does_not_need_need_not_be_named_and_nothing_else_may(
+    said, oracle, right
+):
+    held_out = {"base": 1.0, "final": 0.2, "oracle": oracle}
+    one = made_up("a", hidden=["creep", "drift"], effects=list(said), held_out=held_out)
+    assert rates.is_named_as_far_as_seen(one) is right
+
+
 def synthetic():
     drift = {"value": 1.1, "low": 0.9, "high": 1.3, "unit": "um"}
     nothing = {"hidden": [], "in_library": [], "truth": {}, "suite": "none", "size": None}

@@ -133,6 +133,7 @@ def _overall() -> Rows:
         "right family": "in_family",
         "exactly right where visible": "exact_where_visible",
         "right family where visible": "in_family_where_visible",
+        "all that can be seen named, and nothing else": "seen_and_named",
         "something wrong named": "wrong_name",
     }
     for suite in COMBINATIONS:

@@ -12,6 +12,7 @@ from preisach_jax.effects.base import AddedEffect, Effect, InputEffect, WeightEf
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.parameter import Parameter, parameter
@@ -47,14 +48,17 @@ TIME, INPUT = excitation()
 PLANE = Plane(LEVELS, float(INPUT.min()), float(INPUT.max()))
 
 
-def hidden(effects=(), values=None, added=(), noise=0.01, seed=0):
-    """A record of a model with the plane of the fit, so that all else is noise."""
+def hidden(effects=(), values=None, added=(), noise=0.01, seed=0, driven=INPUT):
+    """A record of a model with the plane of the fit, so that all else is noise.
+
+    What drives it may be another course than the recorded one.
+    """
     chain = Chain(PLANE, tuple(effects))
     i, j = np.tril_indices(LEVELS)
     weights = 0.5 + 0.2 * i + 0.1 * j + np.where(i == j, 1.0, 0.0)
     every = np.zeros(len(chain.coefficients))
     every[: len(added)] = added
-    blank = Record.from_arrays(TIME, INPUT, np.zeros(COUNT), initial_memory="low")
+    blank = Record.from_arrays(TIME, driven, np.zeros(COUNT), initial_memory="low")
     coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, every)
     output = np.asarray(response(chain, values or {}, signals_of(blank), coefficients))
     output = output + noise * np.random.default_rng(seed).normal(size=COUNT)
@@ -340,6 +344,19 @@ def test_the_limit_of_a_lag_is_a_time_it_surely_falls_short_of(x64):
     assert found.quantity == "tau_s"
     assert found.value is not None
     assert 0.0 < found.value < STEP
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.02, 0.05, 0.1])
+def test_the_limit_of_a_drives_steps_is_what_would_make_the_whole_residual(x64, quantum):
+    driven = np.round(INPUT / quantum) * quantum if quantum else INPUT
+    record = hidden(driven=driven)
+    found = limit_of(record, InputQuantisation())
+    whole = float(np.std(plain_point(record)[1].residual)) * np.ptp(record.output)
+    assert found.value is not None
+    assert quantum < found.value < max(1.5 * quantum, 0.02)
+    # What the density takes up of it does not show in the residual.
+    assert whole < found.rms * np.sqrt(1 - found.absorbed) < 1.15 * whole
+    assert found.text("um").startswith("step below ")
 
 
 def test_steps_that_are_not_there_are_undetectable(x64):

@@ -24,6 +24,10 @@ KNOWN = 1.01
 """Ratio of a parameter's bounds below which the record shows what it is."""
 
 
+PROBES = 3
+"""Values at which an effect is asked what share of the residual it would make."""
+
+
 @dataclass(frozen=True)
 class Limit:
     """How great an effect that was not found could be, with 95 % confidence.
@@ -101,8 +105,31 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
 
 
 def _limit(problem: Problem, point: Point, projection: Projection, effect: Effect) -> Limit | None:
+    if effect.limited_by_residual:
+        return _limit_by_the_residual(problem, point, projection, effect)
     limit = _limit_of_amount if amounts_of(effect) else _limit_of_size
     return limit(problem, point, projection, effect)
+
+
+def _limit_by_the_residual(
+    problem: Problem, point: Point, projection: Projection, effect: Effect
+) -> Limit:
+    """The value at which an effect would make the whole residual, but for its scatter."""
+    most = projection.most_rms(scipy.special.ndtri(LEVEL))
+    first = effect.parameters()[0]
+    unit, times, absorbed = problem.shown_unit(first.unit), 1.0, 0.0
+    value = rms = np.nan
+    for _ in range(PROBES):
+        ((values, signature),) = size_signatures(problem, point, effect.probe(times))
+        seen = projection.see(signature, values)
+        if not np.isfinite(seen.deviation):
+            return Limit(effect.name, first.name, None, unit, False, None, seen.absorbed)
+        # How much of them the density takes up depends on where the steps lie.
+        absorbed = max(absorbed, seen.absorbed)
+        more = most / (seen.rms * np.sqrt(1 - absorbed))
+        value, rms, times = more * values[first.name], more * seen.rms, more * times
+    rms *= problem.unit
+    return Limit(effect.name, first.name, float(value), unit, False, float(rms), absorbed)
 
 
 def _limit_of_amount(

@@ -109,6 +109,8 @@ class Effect(eqx.Module):
             more than once.
         goes_with_speed: whether what it does goes with the speed of the input, so that
             a second effect of that kind must do much more to be named.
+        limited_by_residual: whether its starts are those that the residual speaks for, and say
+            nothing of other values, so that its limit is where it would make the whole residual.
         special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
@@ -132,6 +134,7 @@ class Effect(eqx.Module):
     on_request: ClassVar[bool] = False
     of_field: ClassVar[str] = ""
     goes_with_speed: ClassVar[bool] = False
+    limited_by_residual: ClassVar[bool] = False
     special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
     of_time_alone: ClassVar[bool] = False
@@ -211,6 +214,15 @@ class Effect(eqx.Module):
         """
         del survey, values
         return None
+
+    def probe(self, times: float = 1.0) -> Self:
+        """This effect with the one start from which a limit by the residual is found.
+
+        Arguments:
+            times: factor on the first parameter of that start.
+        """
+        del times
+        return self
 
     def settings(self) -> dict[str, Any]:
         """The fields of this effect, for the model file; of those with arrays, these as lists."""

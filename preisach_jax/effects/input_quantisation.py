@@ -19,6 +19,10 @@ NEARLY_WHOLE, MOST_WHOLE = 0.1, 0.5
 """Distance of a move, from sample to sample, from whole steps within which its rounding stays the
 same, and the share of such moves from which on steps cannot be told from a constant shift."""
 
+PROBED = 2e-3
+"""Step over the range of the input from which its limit is searched: most commands are recorded on
+finer lattices."""
+
 STRETCH = 8
 """Rows over which a move is averaged."""
 
@@ -33,6 +37,7 @@ class InputQuantisation(InputEffect):
     Arguments:
         starts: values of q from which the search starts, in input units; the bounds lie half a
             per cent outside.
+        range_u: range of the input.
 
     Example:
         >>> import jax.numpy as jnp
@@ -42,6 +47,7 @@ class InputQuantisation(InputEffect):
     """
 
     name: ClassVar[str] = "input_quantisation"
+    limited_by_residual: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "The command is recorded as it was computed, but the digital-to-analogue converter before "
         "the amplifier has a finite number of steps: the material is driven by the nearest of "
@@ -57,6 +63,7 @@ class InputQuantisation(InputEffect):
         "input, those of the output at equal distances of the output"
     )
     starts: tuple[float, ...] = (1e-6,)
+    range_u: float = 1.0
     quantum: float = parameter(
         "{u}",
         lambda own: 0.995 * min(own.starts),
@@ -83,7 +90,10 @@ class InputQuantisation(InputEffect):
             moves = _moves_a_sample(survey)
             steps = [step for step in found if _is_seen(step, moves)]
         # Where there are none, one too fine to do anything.
-        return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,))
+        return InputQuantisation(starts=tuple(steps) or (1e-6 * reach,), range_u=reach)
+
+    def probe(self, times: float = 1.0) -> InputQuantisation:
+        return InputQuantisation((times * PROBED * self.range_u,), self.range_u)
 
     def init(self, first: Array) -> tuple[()]:
         return ()

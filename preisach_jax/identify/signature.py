@@ -154,6 +154,13 @@ class Projection:
         size = float(left @ self.residual) / power
         return Seen(values, size, float(spread) / power, rms, 1 - power / whole)
 
+    def most_rms(self, deviations: float) -> float:
+        """RMS of the residual, and so many deviations of it more, from its scatter over blocks."""
+        _, blocks = np.unique(self.block, return_inverse=True)
+        squares = np.bincount(blocks, self.residual**2) / np.bincount(blocks)
+        deviation = squares.std(ddof=1) / np.sqrt(len(squares))
+        return float(np.sqrt(np.mean(self.residual**2) + deviations * deviation))
+
     def promised(self, signatures: np.ndarray, nonnegative: np.ndarray) -> tuple[Promise, float]:
         """What signatures, `(row, signature)`, explain of the residual together.
 

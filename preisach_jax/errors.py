@@ -77,6 +77,14 @@ def require_positive(**values: float) -> None:
             raise InputError(f"{name} is {value!r}: give a number above 0")
 
 
+def unfinished(effect: Any, method: str) -> EffectError:
+    """The error that says which method of an effect's class is missing."""
+    return EffectError(
+        f"{type(effect).__name__}, the class of the effect {effect.name!r}, lacks a method of its "
+        f"place: write {method}"
+    )
+
+
 def whole_number(what: str, value: Any, least: int) -> int:
     """A whole number as Python's own, or an error that says which ones are taken.
 

@@ -29,7 +29,7 @@ from preisach_jax.effects.arrays import arrays_in
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
 from preisach_jax.effects.parameter import Parameter, declared_by
 from preisach_jax.effects.places import Place
-from preisach_jax.errors import EffectError, InputError
+from preisach_jax.errors import InputError, unfinished
 
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
@@ -80,14 +80,6 @@ class Signals(eqx.Module):
     aux: dict[str, Float[Array, " time"]]
 
 
-def unfinished(effect: Any, method: str) -> EffectError:
-    """The error that says which method of an effect's class is missing."""
-    return EffectError(
-        f"{type(effect).__name__}, the class of the effect {effect.name!r}, lacks a method of its "
-        f"place: write {method}"
-    )
-
-
 class Effect(eqx.Module):
     """What all effects share: the texts of the library, and the parameters.
 
@@ -109,8 +101,8 @@ class Effect(eqx.Module):
             more than once.
         goes_with_speed: whether what it does goes with the speed of the input, so that
             a second effect of that kind must do much more to be named.
-        limited_by_residual: whether its starts are those that the residual speaks for, and say
-            nothing of other values, so that its limit is where it would make the whole residual.
+        limited_by_residual: whether its limit is where it would make the whole residual, since it
+            is searched from values that the residual speaks for.
         special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
@@ -216,11 +208,7 @@ class Effect(eqx.Module):
         return None
 
     def probe(self, times: float = 1.0) -> Self:
-        """This effect with the one start from which a limit by the residual is found.
-
-        Arguments:
-            times: factor on the first parameter of that start.
-        """
+        """This effect with the one start, so many times over, to find a limit by the residual."""
         del times
         return self
 

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, HysteresisEffect, Survey, unfinished
+from preisach_jax.effects.base import RATES, HysteresisEffect, Survey
+from preisach_jax.errors import unfinished
 
 
 class SpeedWidening(HysteresisEffect):

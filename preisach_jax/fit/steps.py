@@ -112,7 +112,9 @@ def with_effect(
     if not always:
         most = min(most, NO_GAIN * point.validation_mean_square)
     tried = {likely: _with_form(problem, point, starts[likely], most)}
-    if tried[likely].validation_mean_square > most:
+    # To first order, waves without a law promise more than a law whose time constant is yet to be
+    # found: a form that stays behind says little of the others.
+    if inside and tried[likely].validation_mean_square > most:
         return tried[likely]
     # Forms of an effect inside the hysteresis look alike, and each means all states anew.
     picks = inside and not always

@@ -51,8 +51,8 @@ with seeds from 6e9, were judged before two effects were put in the place of one
 more effects with seeds from 6e9 after its first form, those from 7e9 with it. Both false alarms,
 and a creep named for a drift beside a lag, led to changes after their records were drawn: they are
 counted as they were. Those that hide nothing with seeds from 7e9 were judged after the former
-changes, all of those from 8e9 after the latter. Single effects with seeds from 9e9 showed a speed of
-viscosity that was half a sample late and leakages slower than were looked for; both were mended
+changes, all of those from 8e9 after the latter. Single effects with seeds from 9e9 showed a speed
+of viscosity that was half a sample late and leakages slower than were looked for; both were mended
 after, and pairs and the cases beside others with seeds from 9e9 were judged then. Brackets are 95 %
 intervals (Clopper and Pearson). *All that can be seen* leaves out an effect that was not named
 where the library's own model with all that is hidden leaves no less than the diagnosis does.

@@ -52,10 +52,11 @@ more effects with seeds from 6e9 after its first form, those from 7e9 with it. B
 and a creep named for a drift beside a lag, led to changes after their records were drawn: they are
 counted as they were. Those that hide nothing with seeds from 7e9 were judged after the former
 changes, all of those from 8e9 after the latter. Single effects with seeds from 9e9 showed a speed
-of viscosity that was half a sample late and leakages slower than were looked for; both were mended
-after, and pairs and the cases beside others with seeds from 9e9 were judged then. Brackets are 95 %
-intervals (Clopper and Pearson). *All that can be seen* leaves out an effect that was not named
-where the library's own model with all that is hidden leaves no less than the diagnosis does.
+of viscosity that is half a sample late, and leakages slower than are looked for. The pairs and the
+few cases beside others with seeds from 9e9 were judged with both mended; that is taken back, since
+compensation could not use the one and a drift was called by the other. Brackets are 95 % intervals
+(Clopper and Pearson). *All that can be seen* leaves out an effect that was not named where the
+library's own model with all that is hidden leaves no less than the diagnosis does.
 
 *Rich* excitation has ramps at several rates, holds, steps and minor loops; *fair* has three rates
 and some holds; *periodic* repeats one loop; *poor* turns at random at one rate.

@@ -348,9 +348,8 @@ def test_bounds_follow_the_time_scales_of_a_record(kind, steps, step_s):
         for start in parameter.start:
             assert parameter.low <= start <= parameter.high
         if parameter.unit == "s":
-            assert parameter.low >= step_s / 40
-            # What leaks 300 times as slowly as the record is long still moves its end by 0.3 %.
-            assert parameter.high <= 300 * duration * (1 + 1e-9)
+            assert parameter.low >= step_s / 10
+            assert parameter.high <= 30 * duration
     if isinstance(effect, Creep):
         tau = np.array(effect.tau_s)
         assert len(tau) >= 2

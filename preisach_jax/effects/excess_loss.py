@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import RATES, AddedEffect, Signals
-from preisach_jax.effects.low_pass import rates
 from preisach_jax.effects.parameter import Parameter, coefficient
 
 
@@ -17,7 +16,7 @@ class ExcessLoss(AddedEffect):
 
     \[ c\,\mathrm{sgn}(\dot u)\,|\dot u|^{1/2} \]
 
-    The rate at a sample is that of the parabola through it and its neighbours.
+    The rate at a sample is the mean of the intervals on both sides.
 
     Example:
         >>> t = jnp.arange(4.0)
@@ -57,5 +56,8 @@ class ExcessLoss(AddedEffect):
         return (coefficient("c", "{z} s^0.5/{u}^0.5", "field for a rate of one"),)
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        rate = rates(signals.input, signals.time)
+        step, moved = jnp.diff(signals.time), jnp.diff(signals.input)
+        rate = jnp.where(step > 0, moved / jnp.where(step > 0, step, 1.0), 0.0)
+        either = jnp.stack([jnp.append(rate[:1], rate), jnp.append(rate, rate[-1:])])
+        rate = either.mean(axis=0)
         return (jnp.sign(rate) * jnp.sqrt(jnp.abs(rate)))[:, None]

@@ -56,7 +56,7 @@ class Leakage(OutputEffect):
     tau_s: float = time_constant("time constant of the decay", margins=(2, 2))
 
     def bound_to(self, survey: Survey) -> Leakage:
-        return replace(self, tau_low_s=20 * survey.step_s, tau_high_s=300 * survey.duration_s)
+        return replace(self, tau_low_s=20 * survey.step_s, tau_high_s=10 * survey.duration_s)
 
     def init(self, first: Array) -> Array:
         return jnp.stack([first, first])

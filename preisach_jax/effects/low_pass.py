@@ -59,53 +59,38 @@ def low_passed(
     return jax.lax.scan(advance, start, (signal, jnp.diff(time, prepend=time[:1])))[1]
 
 
-def rates(signal: Float[Array, " time"], time: Float[Array, " time"]) -> Float[Array, " time"]:
-    r"""Rate of a signal at its samples: that of the parabola through each and its neighbours.
-
-    \[ \dot x_k = \frac{h_k d_{k+1} + h_{k+1} d_k}{h_k + h_{k+1}}, \quad
-       d_k = \frac{x_k - x_{k-1}}{h_k}, \quad h_k = t_k - t_{k-1} \]
-
-    The difference to the sample before alone would be half a sample late.
-
-    Arguments:
-        signal: (time,) signal x.
-        time: (time,) in s, ascending; samples at one instant have no rate between them.
-
-    Returns:
-        (time,) rates, in units of the signal per s; at either end that of the only interval.
-
-    Example:
-        >>> t = jnp.arange(5.0)
-        >>> rates(t**2, t).tolist()
-        [1.0, 2.0, 4.0, 6.0, 7.0]
-    """
-    dt = jnp.diff(time)
-    moves = dt > 0
-    rate = jnp.where(moves, jnp.diff(signal) / jnp.where(moves, dt, 1.0), 0.0)
-    before, after = dt[:-1], dt[1:]
-    whole = before + after
-    inner = (before * rate[1:] + after * rate[:-1]) / jnp.where(whole > 0, whole, 1.0)
-    return jnp.concatenate([rate[:1], inner, rate[-1:]])
-
-
 def smoothed_rate(
     signal: Float[Array, " time"], time: Float[Array, " time"], tau_s: Array
 ) -> Float[Array, " time"]:
-    r"""Rate of a signal behind a first-order low-pass: \(\tau \dot w = \dot x - w\).
+    r"""Rate of a signal behind a first-order low-pass, from samples that are past.
 
-    It is exact for `rates` that go straight from sample to sample.
+    \[ \tau \dot w = \dot x - w, \qquad
+       w_k = e^{-\Delta t/\tau} w_{k-1} + (1 - e^{-\Delta t/\tau}) (x_k - x_{k-1})/\Delta t \]
+
+    which is exact for a signal that goes straight from sample to sample.
 
     Arguments:
-        signal: (time,) signal x; it has had its first rate for long.
+        signal: (time,) signal x.
         time: (time,) in s, ascending.
         tau_s: time constant in s, positive.
 
     Returns:
-        (time,) w, in units of the signal per s.
+        (time,) w, in units of the signal per s; zero at the first sample.
 
     Example:
         >>> t = jnp.arange(5.0)
-        >>> smoothed_rate(2 * t, t, jnp.array(0.01)).round(3).tolist()
-        [2.0, 2.0, 2.0, 2.0, 2.0]
+        >>> smoothed_rate(2 * t, t, jnp.array(0.01)).tolist()
+        [0.0, 2.0, 2.0, 2.0, 2.0]
     """
-    return low_passed(rates(signal, time), time, tau_s)
+    dt = jnp.diff(time, prepend=time[:1])
+    safe_dt = jnp.where(dt > 0, dt, 1.0)
+    rate = jnp.diff(signal, prepend=signal[:1]) / safe_dt
+    decay = jnp.where(dt > 0, jnp.exp(-safe_dt / tau_s), 1.0)
+    share = jnp.where(dt > 0, -jnp.expm1(-safe_dt / tau_s), 0.0)
+
+    def advance(speed: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
+        kept, added = sample
+        speed = kept * speed + added
+        return speed, speed
+
+    return jax.lax.scan(advance, jnp.zeros_like(rate[0]), (decay, share * rate))[1]

@@ -25,8 +25,8 @@ class Viscosity(AddedEffect):
 
     Arguments:
         fastest: greatest speed of the record, in input units per s.
-        tau_low_s, tau_high_s: bounds of the smoothing; at the lower one the speed is that at the
-            sample.
+        tau_low_s, tau_high_s: bounds of the smoothing; at the lower one the speed is that of the
+            last interval.
         saturates: whether there is a second part.
         stribeck: whether there is a third part.
 
@@ -35,7 +35,7 @@ class Viscosity(AddedEffect):
         >>> t = jnp.arange(3.0)
         >>> signals = Signals(t, 2 * t, {})
         >>> Viscosity(tau_s=0.1).columns(signals).round(2).tolist()
-        [[2.0], [2.0], [2.0]]
+        [[0.0], [2.0], [2.0]]
     """
 
     name: ClassVar[str] = "viscosity"
@@ -111,7 +111,7 @@ class Viscosity(AddedEffect):
         return replace(
             self,
             fastest=fastest,
-            tau_low_s=survey.step_s / 32,
+            tau_low_s=survey.step_s / 4,
             tau_high_s=longest,
             saturates=False,
             stribeck=False,

@@ -359,6 +359,16 @@ def test_the_limit_of_a_drives_steps_is_what_would_make_the_whole_residual(x64, 
     assert found.text("um").startswith("step below ")
 
 
+@pytest.mark.parametrize("lattice", [0.01, 0.02, 0.1])
+def test_a_command_recorded_on_a_round_lattice_has_a_limit_of_its_drives_steps_all_the_same(
+    x64, lattice
+):
+    rounded = replace(hidden(), input=np.round(INPUT / lattice) * lattice)
+    found = limit_of(rounded, InputQuantisation())
+    assert found.value is not None
+    assert lattice / 10 < found.value < max(4 * lattice, 0.05)
+
+
 def test_steps_that_are_not_there_are_undetectable(x64):
     found = limit_of(hidden(), OutputQuantisation())
     assert found.value is None or found.value < 1e-4

@@ -17,7 +17,7 @@ from preisach_jax.diagnosis.trial import Trial
 from preisach_jax.diagnosis.walk import with_better_rivals
 from preisach_jax.effects import resolve
 from preisach_jax.effects.drift import Drift
-from preisach_jax.fit import begun, double_precision, with_effect
+from preisach_jax.fit import begun, double_precision, steps, with_effect
 from preisach_jax.identify import evaluate
 from preisach_jax.identify.confidence import differs_from_nothing
 
@@ -105,6 +105,20 @@ def test_of_models_that_are_alike_less_error_with_fewer_parameters_leads(creep, 
     for step, rival in ((creep, drift), (drift, creep)):
         asked = with_rival(step, rival, rival.now)
         assert with_better_rivals(asked, [1]).named[1].name == "drift"
+
+
+def test_a_law_is_tried_where_waves_that_promise_more_stay_behind_another_effect(lag, monkeypatch):
+    asked: list[bool] = []
+    refined = steps._with_form
+
+    def counted(problem, point, starts, most):
+        asked.append(starts[0].effect.lawless)
+        return refined(problem, point, starts, most)
+
+    monkeypatch.setattr(steps, "_with_form", counted)
+    found = with_effect(lag.problem, lag.now, DRIFT, best=1e-3 * lag.now.validation_mean_square)
+    assert asked[0]  # the waves promise more
+    assert found.values["drift"]["tau_s"] == pytest.approx(SETTLING_S, rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -241,28 +241,33 @@ def drawn(result: Result) -> str:
     return result["drawn"][0]
 
 
+def printed_limit(result: Result) -> Result | None:
+    """The limit that was printed for the hidden effect of a case; None where there was none."""
+    name = result["hidden"][0]
+    return next((row for row in result["limits"] if row["effect"] == name), None)
+
+
 def size_at_limit(result: Result) -> float | None:
     """Size that a hidden effect that was not named has at the limit that was printed for it.
 
     None where it was named, or where the record was said to tell nothing of it.
     """
-    name = result["hidden"][0]
-    if name in result["effects"] or not result["change"]:
+    if result["hidden"][0] in result["effects"] or not result["change"]:
         return None
-    rms = next((row["rms"] for row in result["limits"] if row["effect"] == name), None)
-    return None if rms is None else result["size"] * rms / (result["change"] * result["stroke_um"])
+    limit = printed_limit(result)
+    if limit is None or limit["rms"] is None:
+        return None
+    return result["size"] * limit["rms"] / (result["change"] * result["stroke_um"])
 
 
 def limit_holds(result: Result) -> bool:
     """Whether the limit that was printed for a hidden effect is no less than the effect.
 
-    A converter's step that the readings show is compared with the step that was hidden, all else
-    by the RMS of what it changes: two laws may count their amounts in different ways.
+    The step of a converter is compared as a step, all else by the RMS of what it changes: two laws
+    may count their amounts in different ways.
     """
-    name = result["hidden"][0]
-    limit = next((row for row in result["limits"] if row["effect"] == name), {})
-    truth = result["truth"][name]
-    if limit.get("quantity") == "step" and limit["value"] is not None and "step" in truth:
+    limit, truth = printed_limit(result), result["truth"][result["hidden"][0]]
+    if limit is not None and limit.get("quantity") == "step" and "step" in truth:
         return bool(limit["value"] >= truth["step"] * (1 - ROUNDING))
     size = size_at_limit(result)
     return size is not None and size >= result["size"]

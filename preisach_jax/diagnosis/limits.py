@@ -27,6 +27,9 @@ KNOWN = 1.01
 PROBES = 3
 """Values at which an effect is asked what share of the residual it would make."""
 
+NOTHING = 1e-12
+"""RMS of a change, in output ranges, that is the computer's rounding."""
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -113,7 +116,7 @@ def _limit(problem: Problem, point: Point, projection: Projection, effect: Effec
 
 def _limit_by_the_residual(
     problem: Problem, point: Point, projection: Projection, effect: Effect
-) -> Limit:
+) -> Limit | None:
     """The value at which an effect would make the whole residual, but for its scatter."""
     most = projection.most_rms(scipy.special.ndtri(LEVEL))
     first = effect.parameters()[0]
@@ -122,6 +125,8 @@ def _limit_by_the_residual(
     for _ in range(PROBES):
         ((values, signature),) = size_signatures(problem, point, effect.probe(times))
         seen = projection.see(signature, values)
+        if seen.rms < NOTHING:
+            return None
         if not np.isfinite(seen.deviation):
             return Limit(effect.name, first.name, None, unit, False, None, seen.absorbed)
         # How much of them the density takes up depends on where the steps lie.

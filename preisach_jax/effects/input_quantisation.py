@@ -19,9 +19,9 @@ NEARLY_WHOLE, MOST_WHOLE = 0.1, 0.5
 """Distance of a move, from sample to sample, from whole steps within which its rounding stays the
 same, and the share of such moves from which on steps cannot be told from a constant shift."""
 
-PROBED = 2e-3
-"""Step over the range of the input from which its limit is searched: most commands are recorded on
-finer lattices."""
+PROBED = 1.618e-3
+"""Step over the range of the input from which its limit is searched: no whole part of a lattice
+that commands are recorded on, which would be rounded to itself."""
 
 STRETCH = 8
 """Rows over which a move is averaged."""

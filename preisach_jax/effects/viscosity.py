@@ -25,8 +25,8 @@ class Viscosity(AddedEffect):
 
     Arguments:
         fastest: greatest speed of the record, in input units per s.
-        tau_low_s, tau_high_s: bounds of the smoothing; at the lower one the speed is that of the
-            last interval.
+        tau_low_s, tau_high_s: bounds of the smoothing; at the lower one the speed is that at the
+            sample.
         saturates: whether there is a second part.
         stribeck: whether there is a third part.
 
@@ -111,7 +111,7 @@ class Viscosity(AddedEffect):
         return replace(
             self,
             fastest=fastest,
-            tau_low_s=survey.step_s / 4,
+            tau_low_s=survey.step_s / 32,
             tau_high_s=longest,
             saturates=False,
             stribeck=False,

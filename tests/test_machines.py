@@ -14,10 +14,13 @@ from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, tangents
+from preisach_jax.chain.output import columns_beside
 from preisach_jax.effects import column_of, library, placeholder, resolve
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.gain import Gain
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.leakage import Leakage
 from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.speed_widening import SpeedWidening
@@ -48,16 +51,31 @@ def linear(ticks, values, numerator, denominator):
 # --- each against its oracle ---
 
 
+def zigzag(seed, straight=5):
+    """The same times, and a signal that goes straight over so many intervals."""
+    ticks, time, u = course(seed)
+    return ticks, time, np.interp(time, time[::straight], u[::straight])
+
+
 @pytest.mark.parametrize("tau", [0.0005, 0.02, 1.0])
 def test_the_speed_is_a_filtered_derivative(x64, tau):
-    ticks, time, u = course(1)
+    ticks, time, u = zigzag(1)
     got = acting.columns(Viscosity(), {"tau_s": tau}, signals(time, u))[:, 0]
     expected = linear(ticks, u, [1.0, 0.0], [tau, 1.0])
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+def test_the_speed_of_a_smooth_course_is_not_late(x64):
+    rng = np.random.default_rng(8)
+    time = np.cumsum(rng.uniform(0.8e-3, 1.2e-3, 2000))
+    got = acting.columns(Viscosity(), {"tau_s": 1e-6}, signals(time, np.sin(40 * time)))[:, 0]
+    wrong = got - 40 * np.cos(40 * time)
+    late = np.diff(np.sin(40 * time)) / np.diff(time) - 40 * np.cos(40 * time[1:])
+    assert np.sqrt(np.mean(wrong[3:] ** 2)) < 0.1 * np.sqrt(np.mean(late**2))
+
+
 def test_viscosity_has_a_viscous_a_dry_and_a_rising_part(x64):
-    ticks, time, u = course(2)
+    ticks, time, u = zigzag(2)
     values = {"tau_s": 0.01, "speed": 120.0, "stribeck_speed": 300.0}
     effect = Viscosity(fastest=1000.0, saturates=True, stribeck=True)
     got = acting.columns(effect, values, signals(time, u))
@@ -142,13 +160,15 @@ def test_log_rate_widens_by_a_constant_for_a_decade(x64):
 
 @pytest.fixture
 def damper(x64):
-    """A chain in which a column scales a loop and a viscosity, and an auxiliary signal stays."""
+    """A chain in which a column scales a loop and a viscosity behind a lag of the input, and an
+    auxiliary signal stays."""
     _, time, u = course(6, 400)
     column = 1 + np.sin(time)
     plane = Plane(5, float(u.min()), float(u.max()))
     gain = Gain("c", "A", 1e-9, 1.0, middle=1.0, span=2.0)
-    chain = Chain(plane, (gain, Viscosity(), Cross("y", "V")))
+    chain = Chain(plane, (InputLag(), gain, Viscosity(), Cross("y", "V")))
     values = {
+        "input_lag": {"tau_s": 0.015},
         "gain:c": {"gain": 0.6, "curvature": 0.3, "tau_s": 0.03},
         "viscosity": {"tau_s": 0.02},
         "cross:y": {"f_hz": 9.0, "zeta": 0.3},
@@ -164,17 +184,36 @@ def test_what_scales_the_loop_scales_the_viscosity_and_nothing_else(damper):
     chain, values, drives, own = damper
     names = [(effect, each.name) for effect, each in chain.coefficients]
     assert names == [("viscosity", "viscous"), ("cross:y", "gain"), ("gain:c", "shift")]
-    bare = np.asarray(response(chain.with_effects(()), {}, drives, replace(own, added=np.zeros(0))))
-    gain, viscosity, cross = chain.effects
+    lag, gain, viscosity, cross = chain.effects
+    unloaded = chain.with_effects((lag,))
+    bare = np.asarray(response(unloaded, values, drives, replace(own, added=np.zeros(0))))
     factor = np.asarray(acting.factor(gain, values["gain:c"], drives))
-    speed = np.asarray(acting.columns(viscosity, values["viscosity"], drives))[:, 0]
+    path = acting.applied(lag, values["input_lag"], drives.time, drives.input)
+    moving = signals(drives.time, path)
+    speed = np.asarray(acting.columns(viscosity, values["viscosity"], moving))[:, 0]
     axis = np.asarray(acting.columns(cross, values["cross:y"], drives))[:, 0]
     shift = (factor - 1) / values["gain:c"]["gain"]
     expected = factor * (bare - 0.7 + 0.3 * speed) + 0.7 + 0.2 * axis + 5.0 * shift
     np.testing.assert_allclose(response(chain, values, drives, own), expected, rtol=1e-9)
 
 
-MOVED = (("gain:c", "gain"), ("gain:c", "tau_s"), ("viscosity", "tau_s"), ("cross:y", "f_hz"))
+def test_steps_of_a_converter_have_no_speed(damper):
+    chain, values, drives, _ = damper
+    coarse = chain.with_effects((*chain.effects, InputQuantisation(quantum=0.5)))
+    known = values | {"input_quantisation": {"step": 0.5}}
+    smooth, stepped = (
+        columns_beside(each, known, drives, {})["viscosity"] for each in (chain, coarse)
+    )
+    np.testing.assert_array_equal(smooth, stepped)
+
+
+MOVED = (
+    ("input_lag", "tau_s"),
+    ("gain:c", "gain"),
+    ("gain:c", "tau_s"),
+    ("viscosity", "tau_s"),
+    ("cross:y", "f_hz"),
+)
 
 
 @pytest.mark.parametrize(("effect", "name"), MOVED)

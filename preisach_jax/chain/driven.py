@@ -28,6 +28,12 @@ def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Arr
     return path
 
 
+def unrounded_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
+    """The same without the steps of converters, which have no rate, `(time,)`."""
+    smooth = [e for e in chain.effects if not (isinstance(e, InputEffect) and e.rounds)]
+    return driven_path(chain.with_effects(tuple(smooth)), values, signals)
+
+
 def drive(
     chain: Chain, values: EffectValues, signals: Signals, output: ArrayLike | None = None
 ) -> Drive:

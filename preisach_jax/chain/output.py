@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, cast
 
 import equinox as eqx
@@ -24,10 +25,11 @@ from preisach_jax.chain.compiled import (
     reading_of,
 )
 from preisach_jax.chain.description import PLACES, Chain, EffectValues
-from preisach_jax.chain.driven import drive
+from preisach_jax.chain.driven import drive, unrounded_path
 from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, operator_output
 from preisach_jax.effects.base import (
     AddedEffect,
+    InputEffect,
     OutputEffect,
     SensorEffect,
     Signals,
@@ -96,6 +98,9 @@ def columns_beside(
     """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
     others = [*chain.at(WeightEffect), *chain.at(OutputEffect)]
     beside: dict[str, jax.Array] = {}
+    there = signals
+    if beside_the_loop(chain) - known.keys() and chain.at(InputEffect):
+        there = replace(signals, input=unrounded_path(chain, values, signals))
     for effect in (*chain.at(AddedEffect), *(other for other in others if other.coefficients())):
         count = len(effect.coefficients())
         if effect.name in known:
@@ -104,12 +109,17 @@ def columns_beside(
             beside[effect.name] = free_response_of(effect, count, signals)
         else:
             own = as_arrays(values[effect.name])
-            columns = added_columns_of(effect, count, own, signals)
-            if isinstance(effect, AddedEffect) and effect.scaled:
-                for factor in gains_of(chain, values, signals):
-                    columns = columns * factor[:, None]
+            inside = effect.name in beside_the_loop(chain)
+            columns = added_columns_of(effect, count, own, there if inside else signals)
+            for factor in gains_of(chain, values, signals) if inside else ():
+                columns = columns * factor[:, None]
             beside[effect.name] = columns
     return beside
+
+
+def beside_the_loop(chain: Chain) -> set[str]:
+    """Names of the effects whose additions are made where the loop is."""
+    return {effect.name for effect in chain.at(AddedEffect) if effect.beside_the_loop}
 
 
 def gains_of(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.Array]:
@@ -123,8 +133,8 @@ def gains_of(chain: Chain, values: EffectValues, signals: Signals) -> list[jax.A
 def _unmoved(chain: Chain, beside: Mapping[str, jax.Array], moved: str) -> dict[str, jax.Array]:
     """Those of the `columns_beside` that stay while the parameters of an effect move."""
     gone = {moved}
-    if moved in [effect.name for effect in chain.at(WeightEffect)]:
-        gone |= {effect.name for effect in chain.at(AddedEffect) if effect.scaled}
+    if moved in {effect.name for effect in (*chain.at(InputEffect), *chain.at(WeightEffect))}:
+        gone |= beside_the_loop(chain)
     return {name: columns for name, columns in beside.items() if name not in gone}
 
 

@@ -261,9 +261,10 @@ class _Stepped(Effect):
 
 
 class InputEffect(_Stepped):
-    """An effect between the recorded input and the hysteresis."""
+    """An effect between the recorded input and the hysteresis; what it rounds has no rate."""
 
     place: ClassVar[Place] = Place.INPUT
+    rounds: ClassVar[bool] = False
 
 
 class HysteresisEffect(Effect):
@@ -358,11 +359,12 @@ class AddedEffect(Effect):
     """An effect that adds to the output, linear in its coefficients.
 
     Class attributes:
-        scaled: whether effects of the weights scale what it adds, as they scale the loop.
+        beside_the_loop: whether effects of the weights scale what it adds, as they scale the loop,
+            and its input is that of the loop, behind the effects of the input.
     """
 
     place: ClassVar[Place] = Place.ADDED
-    scaled: ClassVar[bool] = False
+    beside_the_loop: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each column, found by linear least squares."""

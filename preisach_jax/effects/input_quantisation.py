@@ -48,6 +48,7 @@ class InputQuantisation(InputEffect):
 
     name: ClassVar[str] = "input_quantisation"
     limited_by_residual: ClassVar[bool] = True
+    rounds: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "The command is recorded as it was computed, but the digital-to-analogue converter before "
         "the amplifier has a finite number of steps: the material is driven by the nearest of "

@@ -67,12 +67,13 @@ def smoothed_rate(
     \[ \tau \dot w = \dot x - w, \qquad
        \dot x = d_k + \frac{2t - t_{k-1} - t_k}{\Delta t_k} c_k, \quad
        d_k = \frac{x_k - x_{k-1}}{\Delta t_k}, \quad
-       c_k = \tfrac12 \mathrm{minmod}(d_k - d_{k-1}, d_{k-1} - d_{k-2}) \]
+       c_k = \tfrac12 \Delta t_k\,\mathrm{minmod}(a_k, a_{k-1}), \quad
+       a_k = 2\frac{d_k - d_{k-1}}{\Delta t_k + \Delta t_{k-1}} \]
 
-    for \(t_{k-1} < t \le t_k\), with a minmod of the lesser size where both changes have one sign,
-    and zero elsewhere (B. van Leer, J. Comput. Phys. 32 (1979) 101-136).  It is exact for a signal
-    that goes straight between its corners, of which each is a sample; that of a smooth signal is
-    not half a sample late, as the difference to the sample before alone would be.
+    for \(t_{k-1} < t \le t_k\), where minmod is the lesser of two numbers of one sign, and zero for
+    others (B. van Leer, J. Comput. Phys. 32 (1979) 101-136).  It is exact for a signal that goes
+    straight over two intervals or more from corner to corner; that of a smooth signal is not half a
+    sample late, as the difference to the sample before alone would be.
 
     Arguments:
         signal: (time,) signal x.
@@ -92,12 +93,12 @@ def smoothed_rate(
     dt = jnp.diff(time, prepend=time[:1])
     safe_dt = jnp.where(dt > 0, dt, 1.0)
     rate = jnp.diff(signal, prepend=signal[:1]) / safe_dt
-    change = jnp.diff(rate, prepend=rate[:1])
-    # Of the first interval nothing is known before: its change is from zero, which is no bend.
-    change = change.at[:2].set(0.0)
-    before = jnp.concatenate([change[:1], change[:-1]])
-    same = jnp.sign(change) == jnp.sign(before)
-    bend = jnp.where(same, 0.5 * jnp.where(jnp.abs(change) < jnp.abs(before), change, before), 0.0)
+    apart = (safe_dt + jnp.roll(safe_dt, 1)) / 2
+    # Before the first interval no rate is known from which that would have changed.
+    change = (jnp.diff(rate, prepend=rate[:1]) / apart).at[:2].set(0.0)
+    before = jnp.roll(change, 1)
+    lesser = jnp.where(jnp.abs(change) < jnp.abs(before), change, before)
+    bend = jnp.where(change * before > 0, lesser, 0.0) * safe_dt / 2
     early, late = rate - bend, rate + bend
 
     def advance(speed: Array, sample: tuple[Array, Array, Array]) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ class Viscosity(AddedEffect):
 
     \[ c\,w + d \tanh(w/v) + s \tanh(w/v)\,e^{-|w|/v_s}, \qquad \tau \dot w = \dot u - w \]
 
+    Its input u is behind the effects of the input: what lags or limits the drive limits its speed.
     A speed v far below those of the record makes Coulomb friction of the second part, and the third
     is the rise of a dry friction towards rest (Stribeck).
 
@@ -40,7 +41,7 @@ class Viscosity(AddedEffect):
 
     name: ClassVar[str] = "viscosity"
     goes_with_speed: ClassVar[bool] = True
-    scaled: ClassVar[bool] = True
+    beside_the_loop: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "A fluid or a sliding contact resists motion: where the input is a displacement and the "
         "output a force, a part of the force goes with the speed. It is viscous (in proportion), "

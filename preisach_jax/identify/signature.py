@@ -325,9 +325,11 @@ def _columns_alone(
     problem: Problem, point: Point, effect: Effect, values: dict[str, float]
 ) -> np.ndarray:
     """What the effect's own coefficients multiply, `(time, column)`."""
-    # What scales the loop may scale its columns as well.
-    scaling = point.chain.at(WeightEffect) if isinstance(effect, AddedEffect) else []
-    alone = point.chain.with_effects((effect, *scaling))
+    # What drives the loop may drive its columns as well, and what scales the one the others.
+    others: list[Effect] = []
+    if isinstance(effect, AddedEffect):
+        others = [*point.chain.at(InputEffect), *point.chain.at(WeightEffect)]
+    alone = point.chain.with_effects((effect, *others))
     own = {**point.values, effect.name: values}
     parts = columns_behind(alone, own, problem.signals, problem.rows, problem.target)
     return parts[0]

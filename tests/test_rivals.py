@@ -12,6 +12,7 @@ from test_modes import plays
 import preisach_jax as pj
 from preisach_jax.diagnosis import conclusion, walk
 from preisach_jax.diagnosis.evidence import compare
+from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import Trial
 from preisach_jax.diagnosis.walk import with_better_rivals
@@ -97,6 +98,35 @@ def test_a_rival_is_searched_for_anew_beside_an_effect_that_was_exchanged(plain,
     assert found.now.values["drift"]["tau_s"] == pytest.approx(SETTLING_S, rel=0.05)
     assert found.now.values["input_lag"]["tau_s"] == pytest.approx(LAG_S, rel=0.01)
     assert set(found.named[1].rivals) == {"creep"}
+
+
+def creeping(past_s):
+    """A stage that creeps by 3 % with each of two time constants, and its state from a past."""
+    rng = np.random.default_rng(11)
+    before = round(past_s * RATE)
+    count = before + COUNT
+    u = np.interp(np.arange(count), np.arange(0, count, 40), rng.uniform(0.0, 10.0, count // 40))
+    u[:before] = u[before] + 10.0 * (u[before] < 5.0)  # it comes from a rest far away
+    time, h = np.arange(count) / RATE, plays(u)
+    z = h + sum(0.03 * signal.lsim(([1.0], [tau, 1.0]), h, time)[1] for tau in (0.5, 5.0))
+    z = (z + rng.normal(0, 0.01, count))[before:]
+    problem, point = begun(pj.Record.from_arrays(time[:COUNT], u[before:], z), 13)[1:]
+    return problem, with_effect(problem, point, CREEP)
+
+
+@pytest.mark.parametrize("past_s", [0.0, 20.0])
+def test_a_creep_may_have_a_past(past_s):
+    problem, point = creeping(past_s)
+    assert implausible(problem, point, "creep") == ""
+
+
+def test_a_creep_of_hardly_any_gain_is_no_name_for_a_drift(creep, drift):
+    told = implausible(creep.problem, creep.now, "creep")
+    assert "is put down to the time before the record" in told
+    assert told.endswith("it stands for a drift")
+    # Both together make up for each other, which contradicts neither.
+    both = added(drift, CREEP)
+    assert implausible(both.problem, both.now, "creep") == ""
 
 
 def test_of_models_that_are_alike_less_error_with_fewer_parameters_leads(creep, drift, monkeypatch):

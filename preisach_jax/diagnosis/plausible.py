@@ -8,17 +8,23 @@ import numpy as np
 from preisach_jax.diagnosis.lines import is_of_steps, is_tooth
 from preisach_jax.diagnosis.tellable import InputSurvey, surveyed
 from preisach_jax.effects.base import Parameter
+from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.low_pass import smoothed_rate
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.identify import Point, Problem
+from preisach_jax.quantity import quantity
 
 WIDE = 10.0
 """Ratio of its bounds from which on a parameter is searched for, and not known beforehand."""
 
 AT_A_BOUND = 0.02
 """Distance from a bound, over that between both bounds, within which a parameter lies at it."""
+
+BEYOND_ANY_PAST = 3.0
+"""Change of the output that a creep puts down to its past, over the most that its gains allow for,
+from which on it is none: gains are uncertain."""
 
 OF_POSITION = 0.5
 """Correlation of a smoothed speed with the input, above that with the speed itself, from which on
@@ -86,6 +92,8 @@ def out_of_law(problem: Problem, point: Point, name: str) -> str:
             f"its speed, {values['tau_s']:.3g} s late, goes with where the input is rather than "
             "with how fast it moves"
         )
+    if isinstance(effect, Creep) and (past := _more_than_its_past(problem, point, effect)):
+        return past
     for parameter in effect.parameters():
         if side := _bound_of(parameter, values[parameter.name]):
             value = f"{values[parameter.name]:.4g} {problem.shown_unit(parameter.unit)}"
@@ -94,6 +102,27 @@ def out_of_law(problem: Problem, point: Point, name: str) -> str:
                 "something else causes this error"
             )
     return ""
+
+
+def _more_than_its_past(problem: Problem, point: Point, effect: Creep) -> str:
+    """What says that a creep's unknown past does what no past could; empty if nothing does.
+
+    Its elements decay from where an unknown past has left them, whatever their gains are: with
+    hardly any gain, they are a drift.  Beside a drift, they and it make up for each other.
+    """
+    if any(isinstance(each, Drift) for each in point.chain.effects):
+        return ""
+    left = float(np.ptp(point.share_of(effect.name))) * problem.unit
+    stroke = float(np.abs(point.coefficients().weights).sum())
+    bounds = effect.at(point.values[effect.name]).past_bound(problem.signals, stroke)
+    most = float(np.max(np.asarray(bounds)))
+    if left <= BEYOND_ANY_PAST * most:
+        return ""
+    return (
+        f"{quantity(left, problem.record.output_unit, 2)} of what it takes away is put down to the "
+        "time before the record, of which elements of its gains can have kept at most "
+        f"{quantity(most, problem.record.output_unit, 2)}: it stands for a drift"
+    )
 
 
 def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey
+from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey, Values
 from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 
@@ -120,6 +120,15 @@ class Drift(AddedEffect):
             if left < WANDERS * least:
                 wander, least = replace(settled, waves=waves), left
         return (settled,) if wander is None else (settled, wander)
+
+    def enlarged(
+        self, survey: Survey, values: Values
+    ) -> tuple[Drift, tuple[dict[str, float], ...]] | None:
+        del values  # of a wander, the model's other errors may have hidden the faster waves
+        more = [waves for waves in WAVES if waves > self.waves]
+        if not (self.waves and more) or len(survey.residual) < 10 * WAVES[-1]:
+            return None
+        return replace(self, waves=more[0]), ({},)
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
         if self.waves:

@@ -18,7 +18,12 @@ from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
-from preisach_jax.identify.confidence import differs_from_nothing, estimates, with_grid_error
+from preisach_jax.identify.confidence import (
+    OF_THE_LAW,
+    differs_from_nothing,
+    estimates,
+    with_model_error,
+)
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
@@ -246,7 +251,7 @@ def test_intervals_grow_by_what_another_grid_tells_of_this_one():
     values = {"input_lag": {"tau_s": 0.05}, "slope": {}}
     problem, point, found = identified(record, output + noise_of(1, 0.0), chain, values)
     coarser = refine(problem, with_all_rows(at_levels(problem, point, LEVELS - 2)))
-    wider = with_grid_error(found, point, coarser)
+    wider = with_model_error(found, point, coarser)
     before, after = found["input_lag"]["tau_s"], wider["input_lag"]["tau_s"]
     ratio = coarser.values["input_lag"]["tau_s"] / point.values["input_lag"]["tau_s"]
     assert ratio != pytest.approx(1.0, abs=1e-4)
@@ -256,23 +261,23 @@ def test_intervals_grow_by_what_another_grid_tells_of_this_one():
     # The time constant is searched by its logarithm.
     for ends in ("low", "high"):
         was, now = (abs(np.log(getattr(own, ends) / own.value)) for own in (before, after))
-        assert now == pytest.approx(np.hypot(was, times * np.log(ratio)), rel=1e-9)
+        assert now == pytest.approx(OF_THE_LAW * np.hypot(was, times * np.log(ratio)), rel=1e-9)
     change = abs(coarser.coefficients().added[0] - point.coefficients().added[0])
     before, after = found["slope"]["per_record"], wider["slope"]["per_record"]
     assert change > 1e-4
     for ends in ("low", "high"):
         was, now = (abs(getattr(own, ends) - own.value) for own in (before, after))
-        assert now == pytest.approx(np.hypot(was, times * change), rel=1e-9)
+        assert now == pytest.approx(OF_THE_LAW * np.hypot(was, times * change), rel=1e-9)
     # A form of fewer numbers was fitted to all rows.
     fewer = {"input_lag": found["input_lag"], "slope": {}}
-    assert with_grid_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}
+    assert with_model_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}
 
 
 def test_intervals_stay_within_the_bounds_on_any_grid():
     record, output, chain = clean((Creep((0.1, 1.0)),), {"creep": {"c_1": 0.002, "c_2": 0.01}}, [])
     values = {"creep": {"c_1": 0.01, "c_2": 0.01}}
     problem, point, found = identified(record, output + noise_of(2, 0.0), chain, values)
-    wider = with_grid_error(found, point, at_levels(problem, point, LEVELS - 2))
+    wider = with_model_error(found, point, at_levels(problem, point, LEVELS - 2))
     assert wider["creep"]["c_1"].low >= 0.0
     for own in wider["creep"].values():
         assert own.low <= own.value <= own.high

@@ -32,7 +32,7 @@ from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, s
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit, Progress, in_silence
 from preisach_jax.identify import Point
-from preisach_jax.identify.confidence import with_grid_error
+from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.model import Model
 
 MOST_MISSED = 0.3
@@ -154,7 +154,7 @@ def concluded(
         step = fewer
     if step is not limited:
         bounds = _limits(step, planes)
-    parameters = with_grid_error(fits[-1].model.parameters, step.now, step.other or step.now)
+    parameters = with_model_error(fits[-1].model.parameters, step.now, step.other or step.now)
     model = replace(fits[-1].model, parameters=parameters)
     model = model.with_budget(budget.noise, budget.discretisation)
     fits[-1] = replace(fits[-1], model=model)

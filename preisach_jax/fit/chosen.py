@@ -26,7 +26,7 @@ from preisach_jax.fit.start import (
 )
 from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
 from preisach_jax.fit.training import Schedule, in_double, trained
-from preisach_jax.identify.confidence import with_grid_error
+from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
     as_one,
@@ -150,5 +150,5 @@ def _fitted(
         return found
     # What the cells add moves parameters as well: intervals from the residual alone are too short.
     coarser = on_a_coarser_plane(problem, point)
-    parameters = with_grid_error(found.model.parameters, point, coarser)
+    parameters = with_model_error(found.model.parameters, point, coarser)
     return replace(found, model=replace(found.model, parameters=parameters))

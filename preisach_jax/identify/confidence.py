@@ -22,6 +22,11 @@ from preisach_jax.model.band import Others, rounded
 LEVEL = 0.95
 """Coverage of the intervals, and certainty of the tests."""
 
+OF_THE_LAW = 1.3
+"""How many times as long intervals are for machines, whose laws are never quite those of effects.
+With it 93 % of 136 parameters of blind records with seeds from 8e9 and 9e9 are held, 88 % without;
+95 % and 90 % if those of viscosity are left out, whose speed was late."""
+
 LEAST_PARTS = 3
 """Least number of blocks for each amount from which their covariance is inverted."""
 
@@ -96,29 +101,27 @@ def estimates(
     return found
 
 
-def with_grid_error(
+def with_model_error(
     found: Mapping[str, Mapping[str, ParameterEstimate]], point: Point, other: Point
 ) -> dict[str, dict[str, ParameterEstimate]]:
-    r"""Intervals made longer, on both sides, by what the grid of the plane moves.
+    r"""Intervals made longer, on both sides, by what a model is not: of a finer grid, of a machine.
 
     A plane of another number of levels changes a number by \(d\), which is a share of its error
     (`share_off`): the whole is \(b = d / |1 - (N / N')^p|\).  A side of length s becomes
-    \(\sqrt{s^2 + b^2}\).
+    \(l \sqrt{s^2 + b^2}\), with l (`OF_THE_LAW`) for what the law of an effect leaves.
 
     Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
 
     Arguments:
         found: the `estimates` of a model.
         point: the model.
-        other: the same model on a finer or a coarser plane.
+        other: the same model on a finer or a coarser plane; itself where there is none.
 
     Returns:
         The estimates; intervals never leave the parameters' bounds.
     """
     wider = {effect: dict(own) for effect, own in found.items()}
     share = share_off(point, other)
-    if not share:
-        return wider
     pairs = [
         (effect, each, point.values[effect][each.name], other.values[effect][each.name])
         for effect, each in point.parameters
@@ -130,20 +133,21 @@ def with_grid_error(
         own = wider[effect].get(parameter.name)
         if own is None:
             continue
-        moved = abs((parameter.to_search(there) - parameter.to_search(here)) / share)
-        low = _further(parameter, own.value, own.low, -moved)
-        high = _further(parameter, own.value, own.high, moved)
+        change = parameter.to_search(there) - parameter.to_search(here)
+        moved = abs(change / share) if share else 0.0
+        low = _further(parameter, own.value, own.low, moved, -1)
+        high = _further(parameter, own.value, own.high, moved, 1)
         wider[effect][parameter.name] = replace(own, low=low, high=high)
     return wider
 
 
-def _further(parameter: Parameter, value: float, end: float, moved: float) -> float:
-    """An end of an interval, as far from the value as both its causes make it."""
-    if not math.isfinite(end) or not moved:
+def _further(parameter: Parameter, value: float, end: float, moved: float, side: int) -> float:
+    """An end of an interval, as far from the value on its side as all its causes make it."""
+    if not math.isfinite(end):
         return end
     middle = parameter.to_search(value)
-    length = math.hypot(parameter.to_search(end) - middle, moved)
-    return parameter.from_search(middle + math.copysign(length, moved))
+    length = OF_THE_LAW * math.hypot(parameter.to_search(end) - middle, moved)
+    return parameter.from_search(middle + math.copysign(length, side))
 
 
 def influences(

@@ -520,6 +520,7 @@ def made_up(name, **changes):
         "seconds": 10.0,
         "versions": {},
         "commit": "abc",
+        "finished": "2026-11-28T12:00:00+00:00",
     } | changes
     evidence = {name: {"z": 99.0} for name in made["effects"]}
     return {"drawn": made["hidden"], "limits": [], "evidence": evidence} | made
@@ -693,6 +694,26 @@ def test_tables_hold_the_numbers_counted_by_hand(written):
     assert rich["seconds"]["median"] == 10.0
     assert (rich["cases"], rich["failed"]) == (9, 0)
     assert written[1]["excitation"]["poor"]["failed"] == 1
+
+
+def test_intervals_are_counted_apart_from_those_before_they_were_made_longer():
+    def one(finished, low):
+        drift = {"value": 1.1, "low": low, "high": 1.3, "unit": "um"}
+        return made_up(
+            finished,
+            hidden=["drift"],
+            in_library=["drift"],
+            truth={"drift": {"amplitude": 1.0}},
+            effects=["drift"],
+            parameters={"drift": {"amplitude": drift}},
+            finished=finished,
+        )
+
+    rows = [one("2026-11-26T12:00:00+00:00", 1.05), one("2026-11-28T12:00:00+00:00", 0.9)]
+    told = rates.summary_of(rows)
+    assert (counted(told["coverage"]), counted(told["coverage_before"])) == ((1, 1), (0, 1))
+    assert counted(told["parameters"]["drift.amplitude"]["coverage"]) == (1, 1)
+    assert told["reliability"][-1]["of"] == 1
 
 
 def test_tables_and_pictures_are_written(written):

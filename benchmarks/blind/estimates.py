@@ -15,6 +15,9 @@ STATED = 95.0
 LEVELS = (50.0, 68.0, 80.0, 90.0, STATED, 99.0)
 """Percentages of the intervals whose coverage is counted."""
 
+PRESENT_SINCE = "2026-11-27T01:58"
+"""When intervals were last made longer, by what records that were finished before had shown."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -23,6 +26,7 @@ class Estimate:
     Attributes:
         effect, name: of the effect and of the parameter.
         true, value, low, high: the truth, the estimate, and its stated interval.
+        present: whether the interval is as long as they are made now.
     """
 
     effect: str
@@ -31,6 +35,7 @@ class Estimate:
     value: float
     low: float
     high: float
+    present: bool = True
 
     @property
     def relative_error(self) -> float:
@@ -46,13 +51,14 @@ def estimates_of(results: Sequence[dict[str, Any]]) -> list[Estimate]:
     """
     found: list[Estimate] = []
     for one in results:
+        present = one["finished"] >= PRESENT_SINCE
         for effect, truth in one["truth"].items():
             said = one["parameters"].get(effect, {})
             for name in sorted(set(truth) & set(said)):
                 true, row = truth[name], said[name]
                 if true and np.isfinite(true):
                     found.append(
-                        Estimate(effect, name, true, row["value"], row["low"], row["high"])
+                        Estimate(effect, name, true, row["value"], row["low"], row["high"], present)
                     )
     return found
 

@@ -113,6 +113,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     single = [one for one in inside if one["suite"] == "single"]
     limited = [one for one in single if size_at_limit(one) is not None]
     estimates = estimates_of(inside)
+    present = [each for each in estimates if each.present]
     suites = {suite: [one for one in inside if one["suite"] == suite] for suite in COMBINATIONS}
     return {
         "cases": len(results),
@@ -161,9 +162,10 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "limits_hold": rate(map(limit_holds, limited)),
         "risk_and_coverage": risk_and_coverage(judged),
         "parameters": _by_parameter(estimates),
-        "coverage": rate(map(covers, estimates)),
+        "coverage": rate(map(covers, present)),
+        "coverage_before": rate(covers(each) for each in estimates if not each.present),
         "reliability": [
-            {"level": level} | rate(covers(each, level) for each in estimates) for level in LEVELS
+            {"level": level} | rate(covers(each, level) for each in present) for level in LEVELS
         ],
         "over_oracle": _quantiles(
             [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside],
@@ -312,13 +314,13 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
 
 
 def _by_parameter(estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
-    """Errors and coverage of each parameter."""
+    """Errors of each parameter, and coverage of those whose intervals are the present ones."""
     return _by(
         estimates,
         lambda each: f"{short(each.effect)}.{each.name}",
         lambda rows: {
             "median_relative_error": float(np.median([each.relative_error for each in rows])),
-            "coverage": rate(map(covers, rows)),
+            "coverage": rate(covers(each) for each in rows if each.present),
         },
     )
 

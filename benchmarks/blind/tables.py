@@ -155,6 +155,7 @@ def _overall() -> Rows:
             part["admitted_outside"]
         ),
         "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
+        "the same before they were made longer": lambda part: _rate_cell(part["coverage_before"]),
         "outside the library: a name": lambda part: _rate_cell(part["wrong_name_outside"]),
         "outside the library: a name of no kin": lambda part: _rate_cell(
             part["not_even_kin_outside"]
@@ -240,7 +241,8 @@ def _detection_cell(row: Summary) -> str:
 def _parameter_cell(row: Summary) -> str:
     coverage = row["coverage"]
     error = 100 * row["median_relative_error"]
-    return f"{error:.2g} %; {coverage['count']}/{coverage['of']}"
+    held = f"; {coverage['count']}/{coverage['of']}" if coverage["of"] else ""
+    return f"{error:.2g} %{held}"
 
 
 def _oracle_cell(row: Summary) -> str:

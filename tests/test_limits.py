@@ -13,6 +13,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
+from preisach_jax.effects.leakage import Leakage
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.parameter import Parameter, parameter
@@ -246,6 +247,17 @@ def test_what_nothing_takes_up_is_limited_by_the_noise(x64):
     assert 1.5 < found.value / (0.01 / np.sqrt(COUNT)) < 6
     assert found.rms == pytest.approx(found.value, rel=0.1)
     assert found.absorbed < 0.05
+
+
+def test_the_limit_of_a_leakage_is_a_time_that_it_exceeds_wherever_the_record_begins(x64):
+    """One that begins at the top is shifted by all its height, which the offset takes up."""
+    risen = hidden()
+    fallen = Record.from_arrays(TIME, 10 - INPUT, -risen.output, units=UNITS, initial_memory="high")
+    for record in (risen, fallen):
+        problem, point = plain_point(record)
+        (found,) = limits(problem, point, [Leakage()])
+        assert found.above
+        assert found.value > 1.0
 
 
 class Raising(InputEffect):

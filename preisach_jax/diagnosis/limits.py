@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -172,7 +172,11 @@ def _limit_of_size(
     one_sided = scipy.special.ndtri(LEVEL)
     first = effect.parameters()[0]
     signatures = size_signatures(problem, point, effect)
-    seen = [projection.see(signature, values) for values, signature in signatures]
+    # A constant says nothing of how great an effect is: a leakage that has just begun shifts all.
+    seen = [
+        replace(projection.see(signature, values), rms=float(np.std(signature)))
+        for values, signature in signatures
+    ]
     seen = [one for one in seen if one.rms > 0]
     if not seen:
         return None

@@ -10,6 +10,7 @@ import numpy as np
 from preisach_jax.chain import Chain
 from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import judged
+from preisach_jax.diagnosis.plausible import out_of_law
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.diagnosis.trial import Row
 from preisach_jax.effects.base import Effect, Parameter
@@ -35,7 +36,7 @@ def grown(step: Step) -> Step | None:
     """The step with the effect enlarged that gains most by it; None if none passes the tests.
 
     The effects are those of the model; each is refitted with a term more, jointly with the rest,
-    and must pass the two tests against the present model.
+    must pass the two tests against the present model, and must not contradict what it is.
 
     Arguments:
         step: the step.
@@ -49,7 +50,7 @@ def grown(step: Step) -> Step | None:
         evidence = compare(step.problem, step.now, rich)
         if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM:
             continue
-        if _at_a_bound(effect, more, rich):
+        if _at_a_bound(effect, more, rich) or out_of_law(step.problem, rich, effect.name):
             continue
         if best is None or rich.validation_mean_square < best[1].validation_mean_square:
             best = found

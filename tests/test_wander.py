@@ -47,9 +47,10 @@ def test_a_wander_gets_the_waves_that_its_first_ones_leave():
     step = wandering(TURN_S)
     larger = grown(step)
     assert larger is not None
-    assert larger.now.chain.effect("drift").waves == 12
+    assert isinstance(drift := larger.now.chain.effect("drift"), Drift)
+    assert drift.waves == 12
     assert larger.now.validation_mean_square < 0.9 * step.now.validation_mean_square
-    assert [each.trial.effect.waves for each in larger.named] == [12]
+    assert [each.trial.effect for each in larger.named] == [drift]
 
 
 def test_a_wander_gets_no_waves_as_fast_as_the_drive():

@@ -112,7 +112,7 @@ class Viscosity(AddedEffect):
         return replace(
             self,
             fastest=fastest,
-            tau_low_s=survey.step_s / 32,
+            tau_low_s=survey.step_s / 10,
             tau_high_s=longest,
             saturates=False,
             stribeck=False,

@@ -257,6 +257,7 @@ def test_the_limit_of_a_leakage_is_a_time_that_it_exceeds_wherever_the_record_be
         problem, point = plain_point(record)
         (found,) = limits(problem, point, [Leakage()])
         assert found.above
+        assert found.value is not None
         assert found.value > 1.0
 
 

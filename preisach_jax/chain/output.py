@@ -98,8 +98,8 @@ def columns_beside(
     """What adds to the output beside the hysteresis, by effect: added ones, and free responses."""
     others = [*chain.at(WeightEffect), *chain.at(OutputEffect)]
     beside: dict[str, jax.Array] = {}
-    there = signals
-    if beside_the_loop(chain) - known.keys() and chain.at(InputEffect):
+    inside, there = beside_the_loop(chain), signals
+    if inside - known.keys():
         there = replace(signals, input=unrounded_path(chain, values, signals))
     for effect in (*chain.at(AddedEffect), *(other for other in others if other.coefficients())):
         count = len(effect.coefficients())
@@ -109,10 +109,12 @@ def columns_beside(
             beside[effect.name] = free_response_of(effect, count, signals)
         else:
             own = as_arrays(values[effect.name])
-            inside = effect.name in beside_the_loop(chain)
-            columns = added_columns_of(effect, count, own, there if inside else signals)
-            for factor in gains_of(chain, values, signals) if inside else ():
-                columns = columns * factor[:, None]
+            if effect.name in inside:
+                columns = added_columns_of(effect, count, own, there)
+                for factor in gains_of(chain, values, signals):
+                    columns = columns * factor[:, None]
+            else:
+                columns = added_columns_of(effect, count, own, signals)
             beside[effect.name] = columns
     return beside
 

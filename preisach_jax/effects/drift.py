@@ -43,6 +43,9 @@ def settling_time(meaning: str, when: Callable[[Any], bool] | None = None) -> An
 WAVES = (6, 12, 24, 48)
 """Numbers of waves of a wander."""
 
+LEAST_ROWS = 10 * WAVES[-1]
+"""Fewest rows that hold a wander."""
+
 WANDERS = 0.5
 """Share of what fewer waves leave that more of them must not leave."""
 
@@ -110,7 +113,7 @@ class Drift(AddedEffect):
 
     def variants(self, survey: Survey) -> tuple[Drift, ...]:
         settled = self.bound_to(survey)
-        if len(survey.residual) < 10 * WAVES[-1]:
+        if len(survey.residual) < LEAST_ROWS:
             return (settled,)
         signals = Signals(jnp.asarray(survey.time - survey.time[0]), jnp.asarray(survey.input), {})
         most = np.asarray(replace(settled, waves=WAVES[-1]).columns(signals))
@@ -126,7 +129,7 @@ class Drift(AddedEffect):
     ) -> tuple[Drift, tuple[dict[str, float], ...]] | None:
         del values  # of a wander, the model's other errors may have hidden the faster waves
         more = [waves for waves in WAVES if waves > self.waves]
-        if not (self.waves and more) or len(survey.residual) < 10 * WAVES[-1]:
+        if not (self.waves and more) or len(survey.residual) < LEAST_ROWS:
             return None
         return replace(self, waves=more[0]), ({},)
 

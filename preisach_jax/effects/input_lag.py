@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import InputEffect
 from preisach_jax.effects.first_order import FirstOrderLag
+from preisach_jax.effects.low_pass import limited
 
 
 class InputLag(FirstOrderLag, InputEffect):
@@ -51,14 +52,9 @@ class InputLag(FirstOrderLag, InputEffect):
         self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
-        # with its chord a twelfth of (curvature x step²), by which the ends are moved.  Of the last
-        # two curvatures the smaller is taken, and none if their signs differ, so that corners stay
-        # corners (the minmod limiter: A. Harten, J. Comput. Phys. 49 (1983) 357-393).
+        # with its chord a twelfth of (curvature x step²), by which the ends are moved.
         dt = jnp.diff(time)
         dt = jnp.concatenate([dt[:1], dt]) if len(time) > 1 else jnp.ones_like(time)
         speed = jnp.diff(signal, prepend=signal[:1]) / dt
         bend = jnp.diff(speed, prepend=0.0) * dt
-        last = jnp.pad(bend, (1, 0))[:-1]
-        smaller = jnp.where(jnp.abs(bend) < jnp.abs(last), bend, last)
-        smaller = jnp.where(bend * last > 0, smaller, 0.0)
-        return super().apply(signal - smaller / 12, time)
+        return super().apply(signal - limited(bend) / 12, time)

@@ -59,6 +59,27 @@ def low_passed(
     return jax.lax.scan(advance, start, (signal, jnp.diff(time, prepend=time[:1])))[1]
 
 
+def limited(change: Float[Array, " time"]) -> Float[Array, " time"]:
+    """The lesser of each change and the last one, and zero where their signs differ.
+
+    With what a signal bends by limited so, its corners stay corners (the minmod limiter: A. Harten,
+    J. Comput. Phys. 49 (1983) 357-393).
+
+    Arguments:
+        change: (time,) changes from sample to sample; before the first one there was none.
+
+    Returns:
+        (time,) in units of the changes.
+
+    Example:
+        >>> limited(jnp.array([1.0, 3.0, 2.0, -2.0])).tolist()
+        [0.0, 1.0, 2.0, 0.0]
+    """
+    last = jnp.pad(change, (1, 0))[:-1]
+    lesser = jnp.where(jnp.abs(change) < jnp.abs(last), change, last)
+    return jnp.where(change * last > 0, lesser, 0.0)
+
+
 def smoothed_rate(
     signal: Float[Array, " time"], time: Float[Array, " time"], tau_s: Array
 ) -> Float[Array, " time"]:
@@ -67,13 +88,12 @@ def smoothed_rate(
     \[ \tau \dot w = \dot x - w, \qquad
        \dot x = d_k + \frac{2t - t_{k-1} - t_k}{\Delta t_k} c_k, \quad
        d_k = \frac{x_k - x_{k-1}}{\Delta t_k}, \quad
-       c_k = \tfrac12 \Delta t_k\,\mathrm{minmod}(a_k, a_{k-1}), \quad
+       c_k = \tfrac12 \Delta t_k\,\bar a_k, \quad
        a_k = 2\frac{d_k - d_{k-1}}{\Delta t_k + \Delta t_{k-1}} \]
 
-    for \(t_{k-1} < t \le t_k\), where minmod is the lesser of two numbers of one sign, and zero for
-    others (B. van Leer, J. Comput. Phys. 32 (1979) 101-136).  It is exact for a signal that goes
-    straight over two intervals or more from corner to corner; that of a smooth signal is not half a
-    sample late, as the difference to the sample before alone would be.
+    for \(t_{k-1} < t \le t_k\), with the `limited` \(\bar a\) of a.  It is exact for a signal that
+    goes straight over two intervals or more from corner to corner; that of a smooth signal is not
+    half a sample late, as the difference to the sample before alone would be.
 
     Arguments:
         signal: (time,) signal x.
@@ -96,9 +116,7 @@ def smoothed_rate(
     apart = (safe_dt + jnp.roll(safe_dt, 1)) / 2
     # Before the first interval no rate is known from which that would have changed.
     change = (jnp.diff(rate, prepend=rate[:1]) / apart).at[:2].set(0.0)
-    before = jnp.roll(change, 1)
-    lesser = jnp.where(jnp.abs(change) < jnp.abs(before), change, before)
-    bend = jnp.where(change * before > 0, lesser, 0.0) * safe_dt / 2
+    bend = limited(change) * safe_dt / 2
     early, late = rate - bend, rate + bend
 
     def advance(speed: Array, sample: tuple[Array, Array, Array]) -> tuple[Array, Array]:

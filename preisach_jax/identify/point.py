@@ -91,7 +91,8 @@ class Point:
         return parameters_of(self.chain.effects)
 
     def share_of(self, effect: str) -> np.ndarray:
-        """(row,) what the columns of an added effect give, in output ranges."""
+        """(row,) what an effect's own columns give, in output ranges: those that it adds, or those
+        of what the past before the record left in it."""
         own = self.columns.of_effect(effect)
         return self.matrix[:, own] @ self.solution[own]
 

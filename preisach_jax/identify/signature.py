@@ -325,7 +325,7 @@ def _columns_alone(
     problem: Problem, point: Point, effect: Effect, values: dict[str, float]
 ) -> np.ndarray:
     """What the effect's own coefficients multiply, `(time, column)`."""
-    # What drives the loop may drive its columns as well, and what scales the one the others.
+    # What is before the loop may be before its columns too, and what scales it may scale them.
     others: list[Effect] = []
     if isinstance(effect, AddedEffect):
         others = [*point.chain.at(InputEffect), *point.chain.at(WeightEffect)]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import by_another_plane
+from preisach_jax.diagnosis.chance import by_chance
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.trial import (
@@ -165,8 +166,8 @@ def _objection(
     """
     if contradiction := implausible(problem, trial.point, trial.effect.name):
         return contradiction, now
-    if same := _same_kind(now, trial):
-        return same, now
+    if against := _same_kind(now, trial) or by_chance(problem, now, trial.effect):
+        return against, now
     if trial.evidence.gain >= WEAK:
         return "", now
     plain = _with_the_prior_of(problem, now, trial.point)

@@ -40,7 +40,7 @@ def settling_time(meaning: str, when: Callable[[Any], bool] | None = None) -> An
     )
 
 
-WAVES = (6, 12, 24, 48)
+WAVES = (6, 12, 24, 34, 48)
 """Numbers of waves of a wander."""
 
 LEAST_ROWS = 10 * WAVES[-1]

@@ -17,6 +17,7 @@ from preisach_jax.identify import (
     stepped,
     with_all_rows,
 )
+from preisach_jax.identify.between import with_arcs
 from preisach_jax.identify.confidence import (
     Influences,
     estimates,
@@ -74,7 +75,7 @@ def finished(problem: Problem, point: Point, record: Record) -> Fit:
         chain=whole.chain,
         values=whole.values,
         coefficients=of_last_run(whole.chain, whole.coefficients(), signals),
-        parameters=estimates(problem, whole, found),
+        parameters=with_arcs(estimates(problem, whole, found), problem, whole, found),
         visited=np.ptp(whole.matrix[:, :cells], axis=0) > 1e-9,
         columns={
             **{role: record.channels[role].name for role in ("time", "input", "output")},

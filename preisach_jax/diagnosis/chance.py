@@ -1,0 +1,72 @@
+"""Whether a column goes with what a model leaves more closely than chance lets it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from preisach_jax.chain.runs import JoinedSignals
+from preisach_jax.effects.base import Effect, Signals
+from preisach_jax.effects.modal import Modal
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.signature import Projection, prospects
+
+SHIFTS = 10
+"""Parts of a record by which a column is shifted, forward in time and backward: with the column
+backward and not shifted there are 19 other courses, and one in twenty columns that have nothing to
+do with the output leads them all."""
+
+
+def by_chance(problem: Problem, now: Point, effect: Effect) -> str:
+    """What says that a column goes with a wander by chance; empty if nothing does.
+
+    Signals that wander at random go together for as long as a record is short, and a test that
+    takes its blocks for independent does not see it.  So the column is shifted in time, which
+    leaves its spectrum as it is: where it does no more than a shifted one, to first order in its
+    amount, it says nothing.
+
+    Arguments:
+        problem: the record.
+        now: the model without the effect.
+        effect: the effect that was tried.
+    """
+    if not (isinstance(effect, OfColumn) and any(each.lawless for each in now.chain.effects)):
+        return ""
+    # Where the column's own response has its modes, a shifted one has none.
+    form = replace(effect, starts=()) if isinstance(effect, Modal) else effect
+    projection = Projection(problem, now)
+
+    def left_by(signals: Signals) -> float:
+        found = prospects(replace(problem, signals=signals), now, projection, [form])
+        return min(float(np.mean(each.promise.residual**2)) for each in found)
+
+    here = left_by(problem.signals)
+    if any(left_by(other) <= here for other in _shifted(problem.signals, effect.column)):
+        return (
+            f"{effect.column} shifted in time explains as much of what wanders: that they go "
+            "together is chance"
+        )
+    return ""
+
+
+def _shifted(signals: Signals, column: str) -> Iterator[Signals]:
+    """Signals with a column shifted in time within each run, and backward."""
+    for part in range(SHIFTS):
+        for direction in (1, -1):
+            if part or direction < 0:
+                yield _turned(signals, column, part / SHIFTS, direction)
+
+
+def _turned(signals: Signals, column: str, share: float, direction: int) -> Signals:
+    course = np.asarray(signals.aux[column])
+    if isinstance(signals, JoinedSignals):
+        parts = tuple(_turned(part, column, share, direction) for part in signals.parts)
+        turned = np.concatenate([np.asarray(part.aux[column]) for part in parts])
+        signals = replace(signals, parts=parts)
+    else:
+        turned = np.roll(course[::direction], round(share * len(course)))
+    return replace(signals, aux={**signals.aux, column: jnp.asarray(turned, course.dtype)})

@@ -1,0 +1,64 @@
+"""A column that wanders beside a zero that wanders is not named for what chance makes of both."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import preisach_jax as pj
+from preisach_jax.diagnosis.chance import by_chance
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.drift import Drift
+from preisach_jax.fit import begun, in_reduced_basis
+from preisach_jax.identify import evaluate
+
+TIME = np.arange(4000) / 200
+
+
+def walk(seed, knots=40):
+    """A smooth random walk over the record."""
+    rng = np.random.default_rng(seed)
+    return CubicSpline(np.linspace(0, TIME[-1], knots), rng.normal(size=knots).cumsum())(TIME)
+
+
+def beside_a_wander(column, acts, seed=0):
+    """A stage whose zero wanders, with a column that acts or not, and a model with a drift."""
+    rng = np.random.default_rng([seed, 1])
+    corners = np.arange(0, len(TIME) + 40, 40)
+    u = np.interp(np.arange(len(TIME)), corners, rng.uniform(0, 10, len(corners)))
+    play = np.empty(len(u))
+    state = u[0]
+    for k, value in enumerate(u):
+        state = play[k] = max(value - 0.8, min(value + 0.8, state))
+    z = u + play + 0.3 * walk([seed, 2]) + acts * column + rng.normal(0, 0.01, len(u))
+    record = pj.Record.from_arrays(TIME, u, z, aux={"temp_C": column})
+    _, problem, point = begun(record, 12)
+    problem, point = in_reduced_basis(problem, point)
+    drift = Drift(horizon_s=float(TIME[-1]), waves=12)
+    chain = point.chain.with_effects((drift,))
+    return problem, evaluate(problem, chain, {"drift": {}}, point.strength)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_column_that_acts_does_more_than_it_would_at_another_time(x64, seed):
+    forces = np.random.default_rng(seed).normal(size=150)
+    column = CubicSpline(np.linspace(0, TIME[-1], 150), forces)(TIME)
+    problem, now = beside_a_wander(column, 0.3)
+    effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
+    assert by_chance(problem, now, effect) == ""
+
+
+def test_most_columns_that_do_nothing_do_no_more_than_at_another_time(x64):
+    refused = 0
+    for seed in range(10, 16):
+        problem, now = beside_a_wander(walk(seed), 0.0)
+        effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
+        refused += "temp_C shifted in time" in by_chance(problem, now, effect)
+    assert refused >= 5
+
+
+def test_beside_effects_with_a_law_nothing_is_shifted(x64):
+    problem, now = beside_a_wander(walk(10), 0.0)
+    plain = evaluate(problem, now.chain.with_effects(()), {}, now.strength)
+    effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
+    assert by_chance(problem, plain, effect) == ""
+    assert by_chance(problem, now, Drift()) == ""

@@ -409,8 +409,8 @@ def test_few_rows_hold_no_wander(x64):
 
 def test_a_wander_of_few_waves_is_tried_with_more(x64):
     survey = zero_that_moves({3: 10.0, 60: 1.0})
-    more = [Drift(waves=waves).enlarged(survey, {}) for waves in (6, 24, 48)]
-    assert [found and found[0].waves for found in more] == [12, 48, None]
+    more = [Drift(waves=waves).enlarged(survey, {}) for waves in (6, 24, 34, 48)]
+    assert [found and found[0].waves for found in more] == [12, 34, 48, None]
     assert Drift().enlarged(survey, {}) is None
     assert Drift(waves=6).enlarged(zero_that_moves({3: 10.0}, 479), {}) is None
 

@@ -15,7 +15,7 @@ STATED = 95.0
 LEVELS = (50.0, 68.0, 80.0, 90.0, STATED, 99.0)
 """Percentages of the intervals whose coverage is counted."""
 
-PRESENT_SINCE = "2026-11-27T01:58"
+PRESENT_SINCE = "2026-11-27T06:03"
 """When intervals were last made longer, by what records that were finished before had shown."""
 
 

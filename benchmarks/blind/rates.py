@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
-from blind.estimates import LEVELS, Estimate, covers, estimates_of
+from blind.estimates import LEVELS, PRESENT_SINCE, Estimate, covers, estimates_of
 from blind.results import RIVALS
 
 Result = dict[str, Any]
@@ -131,10 +131,8 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "seen_and_named": {
             suite: rate(map(is_named_as_far_as_seen, rows)) for suite, rows in suites.items()
         },
-        "wrong_name": {
-            suite: rate(not set(one["effects"]) <= set(one["hidden"]) for one in rows)
-            for suite, rows in suites.items()
-        },
+        "wrong_name": {suite: rate(map(has_wrong_name, rows)) for suite, rows in suites.items()},
+        "latest": {suite: _by_latest(rows) for suite, rows in suites.items()},
         "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
         "false_alarms_by_circumstance": _by(
             nothing, circumstance, lambda rows: rate(bool(one["effects"]) for one in rows)
@@ -173,6 +171,21 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         ),
         "seconds": _quantiles([one["seconds"] for one in judged], {"median": 0.5, "p90": 0.9}),
     }
+
+
+def _by_latest(rows: Sequence[Result]) -> dict[str, dict[str, Any]]:
+    """How those were judged that were finished since intervals are as long as they are now."""
+    latest = [one for one in rows if one["finished"] >= PRESENT_SINCE]
+    return {
+        "exact": rate(map(is_exact, latest)),
+        "seen_and_named": rate(map(is_named_as_far_as_seen, latest)),
+        "wrong_name": rate(map(has_wrong_name, latest)),
+    }
+
+
+def has_wrong_name(result: Result) -> bool:
+    """Whether something was named that is not hidden."""
+    return not set(result["effects"]) <= set(result["hidden"])
 
 
 def named(result: Result, way: str) -> str | None:

@@ -141,6 +141,10 @@ def _overall() -> Rows:
             rows[f"{suite}: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
                 part[key][suite]
             )
+        for said, key in judged.items():
+            rows[f"{suite}, drawn last: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
+                part["latest"][suite].get(key, {"of": 0})
+            )
     rows["nothing hidden, said to be adequate"] = lambda part: _rate_cell(part["adequate"])
     for way in WAYS:
         rows[f"nothing hidden, something named: {way}"] = lambda part, way=way: _rate_cell(

@@ -122,7 +122,7 @@ def test_a_creep_may_have_a_past(past_s):
 
 def test_a_creep_of_hardly_any_gain_is_no_name_for_a_drift(creep, drift):
     told = implausible(creep.problem, creep.now, "creep")
-    assert "put down to the time before the record" in told
+    assert "is put down to the time before the record" in told
     assert told.endswith("it stands for a drift")
     # Both together make up for each other, which contradicts neither.
     both = added(drift, CREEP)

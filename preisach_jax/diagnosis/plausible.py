@@ -22,9 +22,9 @@ WIDE = 10.0
 AT_A_BOUND = 0.02
 """Distance from a bound, over that between both bounds, within which a parameter lies at it."""
 
-OF_NO_PAST = 3.0
-"""Times the RMS of the residual that a creep may put down to its past, beyond what its gains can
-have kept."""
+BEYOND_ANY_PAST = 3.0
+"""Change of the output that a creep puts down to its past, over the most that its gains allow for,
+from which on it is none: gains are uncertain."""
 
 OF_POSITION = 0.5
 """Correlation of a smoothed speed with the input, above that with the speed itself, from which on
@@ -112,25 +112,17 @@ def _more_than_its_past(problem: Problem, point: Point, effect: Creep) -> str:
     """
     if any(isinstance(each, Drift) for each in point.chain.effects):
         return ""
+    left = float(np.ptp(point.share_of(effect.name))) * problem.unit
     stroke = float(np.abs(point.coefficients().weights).sum())
     bounds = effect.at(point.values[effect.name]).past_bound(problem.signals, stroke)
-    error = problem.unit * float(np.sqrt(np.mean(point.residual**2)))
-    share = point.share_of(effect.name) * problem.unit
-    for run in np.split(problem.in_time, problem.breaks):
-        rows = problem.rows[run]
-        # The offset takes up what stays to the end.
-        gone = np.abs(share[run] - share[run[-1]])
-        kept = np.asarray(bounds)[rows] + float(bounds[rows[-1]])
-        at = int(np.argmax(gone - kept))
-        if gone[at] > kept[at] + OF_NO_PAST * error:
-            unit, time = problem.record.output_unit, problem.record.time
-            after = quantity(float(time[rows[at]] - time[rows[0]]), "s", 2)
-            return (
-                f"{quantity(float(gone[at]), unit, 2)} of what it takes away after {after} is put "
-                "down to the time before the record, of which elements of its gains can have kept "
-                f"at most {quantity(float(kept[at]), unit, 2)}: it stands for a drift"
-            )
-    return ""
+    most = float(np.max(np.asarray(bounds)))
+    if left <= BEYOND_ANY_PAST * most:
+        return ""
+    return (
+        f"{quantity(left, problem.record.output_unit, 2)} of what it takes away is put down to the "
+        "time before the record, of which elements of its gains can have kept at most "
+        f"{quantity(most, problem.record.output_unit, 2)}: it stands for a drift"
+    )
 
 
 def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:

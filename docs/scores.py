@@ -57,8 +57,11 @@ few cases beside others with seeds from 9e9 were judged with both mended; that w
 compensation could not use the one and a drift was called by the other. Before those with seeds from
 10e9 were drawn, the speed was mended so that compensation can use it, and put behind the lag of the
 input; a creep is refused that does no more than its past; a wandering zero gets more waves; and
-intervals are 1.3 times as long, by what the earlier records had shown: their coverage is counted
-apart. Brackets are 95 % intervals (Clopper and Pearson). *All that can be seen* leaves out an
+intervals are 1.3 times as long, by what the earlier records had shown. Before those with seeds from
+11e9 were drawn, intervals were made to hold what arcs between the samples change, and a column must
+do more than it would shifted in time to be named beside a zero that wanders. These records are
+counted with all others, and once more as *drawn last*; the coverage of intervals is counted apart.
+Brackets are 95 % intervals (Clopper and Pearson). *All that can be seen* leaves out an
 effect that was not named where the library's own model with all that is hidden leaves no less than
 the diagnosis does.
 

@@ -2,24 +2,20 @@
 
 from typing import Any
 
-import jax.numpy as jnp
+import acting
 import numpy as np
 from scipy import signal
+from test_modes import RATE, plays, through
 
 import preisach_jax as pj
-from preisach_jax.effects.base import Signals
 from preisach_jax.identify.between import on_arcs
 
-RATE, FINER = 1000.0, 16
-
-
-def signals(time, x, **aux):
-    return Signals(jnp.asarray(time), jnp.asarray(x), {k: jnp.asarray(v) for k, v in aux.items()})
+FINER = 16
 
 
 def test_a_parabola_is_its_own_arc(x64):
     time = np.array([0.0, 0.1, 0.25, 0.3, 0.5, 0.6])
-    made = on_arcs(signals(time, 3 * time**2 - time, load=time))
+    made = on_arcs(acting.signals(time, 3 * time**2 - time, {"load": time}))
     middle = (time[1:] + time[:-1]) / 2
     np.testing.assert_array_equal(made.time[::2], time)
     np.testing.assert_allclose(made.time[1::2], middle)
@@ -33,12 +29,12 @@ def test_a_parabola_is_its_own_arc(x64):
 def test_corners_and_rests_stay_as_they_are(x64):
     time = np.arange(12.0)
     x = np.interp(time, [0, 3, 5, 6, 8, 11], [0.0, 6.0, 6.0, 1.0, 1.0, 4.0])
-    made = on_arcs(signals(time, x))
+    made = on_arcs(acting.signals(time, x))
     np.testing.assert_allclose(made.input, np.interp(made.time, time, x), atol=1e-12)
 
 
 def test_samples_at_one_instant_have_nothing_between_them(x64):
-    made = on_arcs(signals([0.0, 1.0, 1.0, 2.0], [0.0, 1.0, 1.5, 4.0]))
+    made = on_arcs(acting.signals([0.0, 1.0, 1.0, 2.0], [0.0, 1.0, 1.5, 4.0]))
     assert np.isfinite(made.input).all()
     assert made.input[3] == 1.25
 
@@ -47,25 +43,6 @@ def lagging(x, tau_s):
     """A first-order lag on the fine raster, its input straight between two of its rows."""
     made: Any = signal.cont2discrete(([1.0], [tau_s, 1.0]), 1 / RATE / FINER, "foh")
     return signal.lfilter(np.ravel(made[0]), made[1], x - x[0]) + x[0]
-
-
-def ringing(x, f_hz, zeta):
-    """A mode on the fine raster."""
-    w = 2 * np.pi * f_hz
-    made: Any = signal.cont2discrete(([w * w], [1.0, 2 * zeta * w, w * w]), 1 / RATE / FINER, "foh")
-    return signal.lfilter(np.ravel(made[0]), made[1], x - x[0]) + x[0]
-
-
-def stage(u, thresholds=(0.3, 0.7, 1.2)):
-    """Plays of equal weight beside a reversible part, at rest at the first sample."""
-    total = 0.6 * u
-    for threshold in thresholds:
-        state, track = u[0], np.empty(len(u))
-        for k, value in enumerate(u):
-            state = max(value - threshold, min(value + threshold, state))
-            track[k] = state
-        total = total + 0.2 * track
-    return total
 
 
 def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
@@ -78,7 +55,9 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     corners = np.arange(0, count * FINER + 1, 25 * FINER)
     fine = np.arange(count * FINER)
     u = np.interp(fine, corners, rng.uniform(0.0, 10.0, len(corners)))
-    z = ringing(stage(lagging(u, tau_s)), f_hz, zeta)[::FINER]
+    late = lagging(u, tau_s)
+    h = 0.1 * late + plays(late, (0.3, 0.7, 1.2))
+    z = through(h, [(f_hz, zeta, 1.0)], rate_hz=RATE * FINER)[::FINER]
     z = z + rng.normal(0, 1e-3, count)
     record = pj.Record.from_arrays(np.arange(count) / RATE, u[::FINER], z)
     fit = pj.fit(record, effects=["input_lag", "resonance"], levels=20)

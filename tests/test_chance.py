@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from test_modes import plays
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.chance import by_chance
@@ -25,11 +26,13 @@ def beside_a_wander(column, acts, seed=0):
     rng = np.random.default_rng([seed, 1])
     corners = np.arange(0, len(TIME) + 40, 40)
     u = np.interp(np.arange(len(TIME)), corners, rng.uniform(0, 10, len(corners)))
-    play = np.empty(len(u))
-    state = u[0]
-    for k, value in enumerate(u):
-        state = play[k] = max(value - 0.8, min(value + 0.8, state))
-    z = u + play + 0.3 * walk([seed, 2]) + acts * column + rng.normal(0, 0.01, len(u))
+    z = (
+        0.5 * u
+        + plays(u, (0.8,), 1.0)
+        + 0.3 * walk([seed, 2])
+        + acts * column
+        + rng.normal(0, 0.01, len(u))
+    )
     record = pj.Record.from_arrays(TIME, u, z, aux={"temp_C": column})
     _, problem, point = begun(record, 12)
     problem, point = in_reduced_basis(problem, point)

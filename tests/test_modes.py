@@ -23,14 +23,14 @@ TWO = ((35.0, 0.03, 1.0), (110.0, 0.02, 0.6))
 ONE = TWO[:1]
 
 
-def through(h, modes, rates=False):
+def through(h, modes, rates=False, rate_hz=RATE):
     """Modes (Hz, damping ratio, gain) in parallel, their input straight between samples."""
     total = np.zeros(len(h))
     for f, zeta, gain in modes:
         w = 2 * np.pi * f
         numerator = [w, 0.0] if rates else [w * w]
         system = (numerator, [1.0, 2 * zeta * w, w * w])
-        discrete: Any = signal.cont2discrete(system, 1 / RATE, "foh")
+        discrete: Any = signal.cont2discrete(system, 1 / rate_hz, "foh")
         b, a, _ = discrete
         moved: Any = signal.lfilter(np.ravel(b), a, h - h[0])
         total += gain * (moved + (0.0 if rates else h[0]))

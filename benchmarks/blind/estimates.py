@@ -51,7 +51,7 @@ def estimates_of(results: Sequence[dict[str, Any]]) -> list[Estimate]:
     """
     found: list[Estimate] = []
     for one in results:
-        present = one["finished"] >= PRESENT_SINCE
+        present = is_present(one)
         for effect, truth in one["truth"].items():
             said = one["parameters"].get(effect, {})
             for name in sorted(set(truth) & set(said)):
@@ -61,6 +61,11 @@ def estimates_of(results: Sequence[dict[str, Any]]) -> list[Estimate]:
                         Estimate(effect, name, true, row["value"], row["low"], row["high"], present)
                     )
     return found
+
+
+def is_present(result: dict[str, Any]) -> bool:
+    """Whether a case was finished since intervals are as long as they are made now."""
+    return result["finished"] >= PRESENT_SINCE
 
 
 def covers(estimate: Estimate, level: float = STATED) -> bool:

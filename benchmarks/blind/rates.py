@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
-from blind.estimates import LEVELS, PRESENT_SINCE, Estimate, covers, estimates_of
+from blind.estimates import LEVELS, Estimate, covers, estimates_of, is_present
 from blind.results import RIVALS
 
 Result = dict[str, Any]
@@ -119,20 +119,10 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "cases": len(results),
         "failed": len(results) - len(judged),
         "confusion": confusion(judged),
-        "exact": {suite: rate(map(is_exact, rows)) for suite, rows in suites.items()},
-        "in_family": {suite: rate(map(is_in_family, rows)) for suite, rows in suites.items()},
-        "exact_where_visible": {
-            suite: rate(map(is_exact, filter(is_visible, rows))) for suite, rows in suites.items()
-        },
-        "in_family_where_visible": {
-            suite: rate(map(is_in_family, filter(is_visible, rows)))
-            for suite, rows in suites.items()
-        },
-        "seen_and_named": {
-            suite: rate(map(is_named_as_far_as_seen, rows)) for suite, rows in suites.items()
-        },
-        "wrong_name": {suite: rate(map(has_wrong_name, rows)) for suite, rows in suites.items()},
-        "latest": {suite: _by_latest(rows) for suite, rows in suites.items()},
+        **_by_suite(suites),
+        "latest": _by_suite(
+            {suite: list(filter(is_present, rows)) for suite, rows in suites.items()}
+        ),
         "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
         "false_alarms_by_circumstance": _by(
             nothing, circumstance, lambda rows: rate(bool(one["effects"]) for one in rows)
@@ -145,9 +135,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
             way: rate(named(one, way) == one["hidden"][0] for one in single if is_clear(one))
             for way in WAYS
         },
-        "wrong_name_outside": rate(
-            any(name not in one["hidden"] for name in one["effects"]) for one in outside
-        ),
+        "wrong_name_outside": rate(map(has_wrong_name, outside)),
         "not_even_kin_outside": rate(
             not {*one["effects"]} <= {*one["hidden"], *one.get("kin", ())} for one in outside
         ),
@@ -173,13 +161,20 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def _by_latest(rows: Sequence[Result]) -> dict[str, dict[str, Any]]:
-    """How those were judged that were finished since intervals are as long as they are now."""
-    latest = [one for one in rows if one["finished"] >= PRESENT_SINCE]
+def _by_suite(suites: Mapping[str, Sequence[Result]]) -> dict[str, dict[str, Any]]:
+    """How many of each suite are right, by what counts as right, and how many got a wrong name."""
+    visible = {suite: list(filter(is_visible, rows)) for suite, rows in suites.items()}
+    asked = {
+        "exact": (is_exact, suites),
+        "in_family": (is_in_family, suites),
+        "exact_where_visible": (is_exact, visible),
+        "in_family_where_visible": (is_in_family, visible),
+        "seen_and_named": (is_named_as_far_as_seen, suites),
+        "wrong_name": (has_wrong_name, suites),
+    }
     return {
-        "exact": rate(map(is_exact, latest)),
-        "seen_and_named": rate(map(is_named_as_far_as_seen, latest)),
-        "wrong_name": rate(map(has_wrong_name, latest)),
+        key: {suite: rate(map(test, rows)) for suite, rows in some.items()}
+        for key, (test, some) in asked.items()
     }
 
 

@@ -143,7 +143,7 @@ def _overall() -> Rows:
             )
         for said, key in judged.items():
             rows[f"{suite}, drawn last: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
-                part["latest"][suite].get(key, {"of": 0})
+                part["latest"][key][suite]
             )
     rows["nothing hidden, said to be adequate"] = lambda part: _rate_cell(part["adequate"])
     for way in WAYS:

@@ -27,6 +27,7 @@ import numpy as np
 
 from blind.cases import Case, Choice, make_cases
 from blind.machines import STRENGTHS as MACHINES
+from blind.rates import has_wrong_name, is_exact
 from blind.results import read_results
 from blind.run import ONE_THREAD, run_or_stop
 from blind.world import EFFECTS, make_measurement
@@ -104,8 +105,8 @@ def compared(before: Sequence[dict[str, Any]], after: Sequence[dict[str, Any]]) 
         rows = [pair for pair in pairs if pair[0]["suite"] == suite]
         suites[suite] = {"cases": len(rows)} | {
             name: {
-                "exactly_right": sum(_is_right(pair[k]) for pair in rows),
-                "with_a_wrong_name": sum(_has_wrong_name(pair[k]) for pair in rows),
+                "exactly_right": sum(is_exact(pair[k]) for pair in rows),
+                "with_a_wrong_name": sum(has_wrong_name(pair[k]) for pair in rows),
             }
             for k, name in enumerate(("before", "after"))
         }
@@ -128,14 +129,6 @@ def compared(before: Sequence[dict[str, Any]], after: Sequence[dict[str, Any]]) 
             if (was["verdict"], was["effects"]) != (new["verdict"], new["effects"])
         ],
     }
-
-
-def _is_right(one: dict[str, Any]) -> bool:
-    return set(one["effects"]) == set(one["hidden"])
-
-
-def _has_wrong_name(one: dict[str, Any]) -> bool:
-    return not set(one["effects"]) <= set(one["hidden"])
 
 
 def main() -> None:

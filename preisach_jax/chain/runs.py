@@ -9,12 +9,10 @@ the last of the other runs.  Along one run these functions are those of `chain`.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,38 +27,9 @@ from preisach_jax.chain import (
     HysteresisColumns,
     ThinnedSignals,
 )
+from preisach_jax.chain.signals import JoinedSignals, parts_of
 from preisach_jax.effects.base import Signals
 from preisach_jax.record import Record
-
-
-class JoinedSignals(Signals):
-    """Signals of several runs, end to end.
-
-    Attributes:
-        parts: the signals of each run, whose time begins with it.
-        memories: state of the hysterons at the first sample of each.
-        held_out: whether all of a run is held out.
-    """
-
-    parts: tuple[Signals, ...]
-    memories: tuple[str, ...] = eqx.field(static=True)
-    held_out: tuple[bool, ...] = eqx.field(static=True)
-
-    @property
-    def fitted(self) -> list[int]:
-        """Positions of the runs that are not held out."""
-        return [position for position, out in enumerate(self.held_out) if not out]
-
-    @property
-    def rows(self) -> list[slice]:
-        """The samples of each run."""
-        ends = np.cumsum([0, *(len(part.time) for part in self.parts)]).tolist()
-        return [slice(start, stop) for start, stop in itertools.pairwise(ends)]
-
-
-def parts_of(signals: Signals) -> tuple[Signals, ...]:
-    """The signals of each run."""
-    return signals.parts if isinstance(signals, JoinedSignals) else (signals,)
 
 
 def signals_of(record: Record) -> Signals:

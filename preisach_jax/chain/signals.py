@@ -1,10 +1,15 @@
-"""What drives a model along a record."""
+"""What drives a model along a record, of one run or of several."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from preisach_jax.effects.base import (
@@ -38,6 +43,55 @@ class ThinnedSignals(Signals):
 
     whole: Signals
     kept: Int[Array, " time"]
+
+
+class JoinedSignals(Signals):
+    """Signals of several runs, end to end.
+
+    Attributes:
+        parts: the signals of each run, whose time begins with it.
+        memories: state of the hysterons at the first sample of each.
+        held_out: whether all of a run is held out.
+    """
+
+    parts: tuple[Signals, ...]
+    memories: tuple[str, ...] = eqx.field(static=True)
+    held_out: tuple[bool, ...] = eqx.field(static=True)
+
+    @property
+    def fitted(self) -> list[int]:
+        """Positions of the runs that are not held out."""
+        return [position for position, out in enumerate(self.held_out) if not out]
+
+    @property
+    def rows(self) -> list[slice]:
+        """The samples of each run."""
+        ends = np.cumsum([0, *(len(part.time) for part in self.parts)]).tolist()
+        return [slice(start, stop) for start, stop in itertools.pairwise(ends)]
+
+
+def parts_of(signals: Signals) -> tuple[Signals, ...]:
+    """The signals of each run."""
+    return signals.parts if isinstance(signals, JoinedSignals) else (signals,)
+
+
+def each_run(change: Callable[[Signals], Signals], signals: Signals) -> Signals:
+    """Signals whose runs are each changed alone, end to end again.
+
+    Arguments:
+        change: what is made of the signals of one run.
+        signals: the signals.
+    """
+    if not isinstance(signals, JoinedSignals):
+        return change(signals)
+    parts = tuple(map(change, signals.parts))
+    return replace(
+        signals,
+        time=jnp.concatenate([part.time for part in parts]),
+        input=jnp.concatenate([part.input for part in parts]),
+        aux={name: jnp.concatenate([part.aux[name] for part in parts]) for name in signals.aux},
+        parts=parts,
+    )
 
 
 class Drive(NamedTuple):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain.runs import JoinedSignals
+from preisach_jax.chain.signals import each_run
 from preisach_jax.effects.base import Effect, Signals
 from preisach_jax.effects.modal import Modal
 from preisach_jax.effects.of_column import OfColumn
@@ -58,15 +59,11 @@ def _shifted(signals: Signals, column: str) -> Iterator[Signals]:
     for part in range(SHIFTS):
         for direction in (1, -1):
             if part or direction < 0:
-                yield _turned(signals, column, part / SHIFTS, direction)
+                yield each_run(partial(_turned, column, part / SHIFTS, direction), signals)
 
 
-def _turned(signals: Signals, column: str, share: float, direction: int) -> Signals:
+def _turned(column: str, share: float, direction: int, signals: Signals) -> Signals:
+    """The signals of a run with a column that goes in a direction from a share of the run on."""
     course = np.asarray(signals.aux[column])
-    if isinstance(signals, JoinedSignals):
-        parts = tuple(_turned(part, column, share, direction) for part in signals.parts)
-        turned = np.concatenate([np.asarray(part.aux[column]) for part in parts])
-        signals = replace(signals, parts=parts)
-    else:
-        turned = np.roll(course[::direction], round(share * len(course)))
-    return replace(signals, aux={**signals.aux, column: jnp.asarray(turned, course.dtype)})
+    turned = np.roll(course[::direction], round(share * len(course)))
+    return replace(signals, aux={**signals.aux, column: jnp.asarray(turned)})

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from preisach_jax.chain import ThinnedSignals
-from preisach_jax.chain.runs import parts_of
+from preisach_jax.chain.signals import parts_of
 from preisach_jax.diagnosis.residuals import reversals
 from preisach_jax.effects.base import CYCLES, RATES, Effect
 from preisach_jax.effects.spectrum import strongest_lines, without

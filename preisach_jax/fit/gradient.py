@@ -27,7 +27,8 @@ from optax import GradientTransformationExtraArgs, apply_updates
 from preisach_jax.chain import Chain
 from preisach_jax.chain.compiled import ROUND_COLUMNS, as_arrays
 from preisach_jax.chain.differentiable import Run, on_the_unit_plane, output_along
-from preisach_jax.chain.runs import JoinedSignals, of_run, parts_of
+from preisach_jax.chain.runs import of_run
+from preisach_jax.chain.signals import JoinedSignals, parts_of
 from preisach_jax.effects.arrays import is_floating
 from preisach_jax.effects.base import Effect, Values
 from preisach_jax.identify import Point, Problem

@@ -11,7 +11,8 @@ import numpy as np
 import scipy
 
 from preisach_jax.chain import ThinnedSignals
-from preisach_jax.chain.runs import JoinedSignals, parts_of, response
+from preisach_jax.chain.runs import response
+from preisach_jax.chain.signals import each_run, parts_of
 from preisach_jax.effects.base import Signals
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.identify.confidence import Influences
@@ -54,7 +55,7 @@ def with_arcs(
         return wider
     nonlinear = zip(point.parameters, moved[len(point.solution) :] / by.linear.scale, strict=True)
     amounts = moved[: len(point.solution)] * problem.unit / point.equations.scale
-    linear = zip(point.chain.coefficients, amounts[point.columns.first_added :], strict=False)
+    linear = zip(point.chain.coefficients, amounts[point.columns.first_added :], strict=True)
     for (effect, parameter), shift in (*nonlinear, *linear):
         wider[effect][parameter.name] = _reaching(parameter, wider[effect][parameter.name], shift)
     return wider
@@ -62,13 +63,12 @@ def with_arcs(
 
 def _reaching(parameter: Parameter, own: ParameterEstimate, shift: float) -> ParameterEstimate:
     """An interval about a value, and about what it would be without a shift."""
-    low, high = own.low, own.high
     shift = float(np.clip(shift, -FURTHEST, FURTHEST)) if parameter.log else float(shift)
-    if shift > 0 and low > parameter.low:
-        low = parameter.from_search(parameter.to_search(low) - shift)
-    if shift < 0 and high < parameter.high:
-        high = parameter.from_search(parameter.to_search(high) - shift)
-    return replace(own, low=max(low, parameter.low), high=min(high, parameter.high))
+    if shift > 0:
+        return replace(own, low=parameter.from_search(parameter.to_search(own.low) - shift))
+    if shift < 0:
+        return replace(own, high=parameter.from_search(parameter.to_search(own.high) - shift))
+    return own
 
 
 def _moved_by(change: np.ndarray, problem: Problem, point: Point, by: Influences) -> np.ndarray:
@@ -99,17 +99,14 @@ def change_by_arcs(problem: Problem, point: Point) -> np.ndarray:
     parts = parts_of(problem.signals)
     if any(isinstance(part, ThinnedSignals) for part in parts):
         return np.zeros(len(problem.rows))
-    finer = tuple(map(on_arcs, parts))
-    signals = finer[0]
-    if isinstance(problem.signals, JoinedSignals):
-        signals = replace(problem.signals, **_end_to_end(finer), parts=finer)
     numbers = point.coefficients()
     straight, bent = (
-        np.asarray(response(point.chain, point.values, each, numbers))
-        for each in (problem.signals, signals)
+        np.asarray(response(point.chain, point.values, signals, numbers))
+        for signals in (problem.signals, each_run(on_arcs, problem.signals))
     )
-    begins = np.cumsum([len(part.time) for part in finer[:-1]], dtype=int)
-    at_samples = np.concatenate([part[::2] for part in np.split(bent, begins)])
+    # Nothing lies between the last sample of a run and the first one of the next.
+    run = np.repeat(np.arange(len(parts)), [len(part.time) for part in parts])
+    at_samples = bent[2 * np.arange(len(run)) - run]
     return OF_HALF_A_STEP * (at_samples - straight)[problem.rows] / problem.unit
 
 
@@ -146,12 +143,3 @@ def _between(values: jax.Array, arc: np.ndarray | float = 0.0) -> jax.Array:
     here = np.asarray(values)
     middle = (here[1:] + here[:-1]) / 2 - arc
     return jnp.asarray(np.insert(here, np.arange(1, len(here)), middle), values.dtype)
-
-
-def _end_to_end(parts: tuple[Signals, ...]) -> dict[str, object]:
-    names = parts[0].aux
-    return {
-        "time": jnp.concatenate([part.time for part in parts]),
-        "input": jnp.concatenate([part.input for part in parts]),
-        "aux": {name: jnp.concatenate([part.aux[name] for part in parts]) for name in names},
-    }

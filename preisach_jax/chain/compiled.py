@@ -26,7 +26,7 @@ from preisach_jax.effects.base import (
     WeightEffect,
 )
 from preisach_jax.errors import EffectError
-from preisach_jax.operator.branches import output_along_branches
+from preisach_jax.operator.branches import output_after
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds, weighted_states
 
@@ -213,16 +213,26 @@ def states_from_low(plane: Plane, drive: Drive, hysteron: str) -> Array:
     return hysteron_states(plane, drive.rising, "low", hysteron, *others)
 
 
-@compiled_on_a_plane
 def operator_along(
     plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str
 ) -> Array:
     if drive.falling is None and hysteron == "ramp":
         # Unknown starts add what they leave open: high less low states, weighed by the memory.
-        from_high = output_along_branches(plane, memory, drive.rising, hysteron, "high")
-        return from_high + output_along_branches(
-            plane, weights - memory, drive.rising, hysteron, "low"
-        )
+        low, high = np.zeros(2), np.array([0.0, plane.levels])
+        from_high = _ramps_along(plane, drive, memory, high)
+        return from_high + _ramps_along(plane, drive, weights - memory, low)
+    return _weighted_along(plane, drive, weights, memory, hysteron)
+
+
+@compiled_on_a_plane
+def _ramps_along(plane: Plane, drive: Drive, weights: Array, past: ArrayLike) -> Array:
+    return output_after(plane, weights, past, drive.rising)
+
+
+@compiled_on_a_plane
+def _weighted_along(
+    plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str
+) -> Array:
     others = (drive.falling, drive.reversible)
     return weighted_states(plane, weights, memory, drive.rising, hysteron, *others)
 

@@ -132,8 +132,22 @@ def _last_records(path: jax.Array) -> jax.Array:
     which took twenty times as long.
     """
     path = jax.lax.stop_gradient(path)
-    reached = jnp.where(path == jax.lax.cummax(path), jnp.arange(len(path)), 0)
-    return jax.lax.cummax(reached)
+    index = jnp.arange(len(path))
+    return _greatest_so_far(jnp.where(path == _greatest_so_far(path), index, 0))
+
+
+def _greatest_so_far(values: jax.Array) -> jax.Array:
+    """The greatest of each value and those before it, over a reach that doubles in each round.
+
+    `cummax` unrolls its rounds, which takes ten times as long to compile.
+    """
+    index = jnp.arange(len(values))
+
+    def reach_further(greatest: jax.Array, by: jax.Array) -> tuple[jax.Array, None]:
+        return jnp.maximum(greatest, greatest[jnp.maximum(index - by, 0)]), None
+
+    reaches = 2 ** jnp.arange(max(len(values) - 1, 1).bit_length())
+    return jax.lax.scan(reach_further, values, reaches)[0]
 
 
 def _reached(chain: Chain, path: jax.Array) -> np.ndarray:
@@ -167,14 +181,16 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
 def _switched_output(
     plane: Plane, extremes: tuple[Array, Array], first_run: Array, hysteron: str
 ) -> Array:
-    steps = jnp.arange(plane.levels + 1, dtype=first_run.dtype)
+    last = plane.levels - 1
 
     def switched(path: Array, weights: Array) -> Array:
         whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
         position = (path - plane.low) / plane.delta_x
         if hysteron == "relay":
             position = jnp.floor(position + 0.5)
-        return jnp.interp(position, steps, whole)
+        position = jnp.clip(position, 0.0, plane.levels)
+        level = jnp.minimum(position.astype(jnp.int32), last)
+        return whole[level] + (position - level) * (whole[level + 1] - whole[level])
 
     highest, lowest = extremes
     rising, falling = first_run[: plane.levels], first_run[plane.levels :]

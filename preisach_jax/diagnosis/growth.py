@@ -9,12 +9,13 @@ import numpy as np
 
 from preisach_jax.chain import Chain
 from preisach_jax.diagnosis.evidence import compare
-from preisach_jax.diagnosis.judgement import judged
+from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged, judged_beside
 from preisach_jax.diagnosis.plausible import out_of_law
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import Row
+from preisach_jax.diagnosis.trial import HOPELESS, Row, accepted_rows
 from preisach_jax.effects.base import Effect, Parameter
-from preisach_jax.fit import settled
+from preisach_jax.effects.modal import Modal
+from preisach_jax.fit import settled, without_effect
 from preisach_jax.identify import Point, Problem, evaluate, refine
 from preisach_jax.identify.signature import Projection, changes_of_output
 
@@ -30,6 +31,13 @@ MOST_STARTS = 3
 
 GAIN_TO_ENLARGE = 0.2
 """The same from which on an effect that does not pass is tried with a term more."""
+
+MOST_BESIDE = 4
+"""Effects that do not pass beside which those of the model are tried with a term more."""
+
+GAIN_OF_BOTH = 0.5
+"""Relative fall of the held-out mean square from which on an effect and a term are added at once.
+"""
 
 
 def grown(step: Step) -> Step | None:
@@ -83,6 +91,72 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
         named = (*step.named, Named(trial, {}))
         return replace(larger, named=named, trials=(*rows, added)), True
     return step, False
+
+
+def with_larger_beside(step: Step, tolerance: float) -> tuple[Step, bool]:
+    """The step with an effect more, beside which one of its effects is enlarged, and whether so.
+
+    Of two modes behind a lag, the one that is found first is damped until it is about as late as
+    all three: neither the lag nor the second mode helps without the other.
+
+    Arguments:
+        step: the step, beside whose model no effect passes and no effect gains by a term more.
+        tolerance: RMS error, in output units, that does not matter.
+    """
+    problem, now, position = step.problem, step.now, step.position
+    if not step.named or step.is_within_budget:
+        return step, False
+    levels = now.chain.plane.levels
+    fitted = [t for t in step.fitted(position, -HOPELESS) if t.point.chain.plane.levels == levels]
+    both: list[Step] = []
+    for first in fitted[:MOST_BESIDE]:
+        ahead = replace(step, path=(*step.path, first.point), named=(*step.named, Named(first, {})))
+        larger = grown(ahead)
+        if larger is None or larger.named[-1].trial is not first:
+            continue
+        if compare(problem, now, larger.now).gain >= GAIN_OF_BOTH:
+            both.append(larger)
+    both.sort(key=lambda each: each.now.validation_mean_square)
+    for found in both:
+        larger = without_needless_modes(found)
+        effect, point = larger.named[-1].trial.effect, larger.now
+        without = without_effect(problem, point, effect.name)
+        trial = judged_beside(
+            problem, without, effect, position, point, tolerance, LEAST_GAIN_BESIDE
+        )
+        if trial is None:
+            continue
+        rivals = {
+            other.named[-1].name: other.now
+            for other in both
+            if other is not found and alike(problem, point, other.now)
+        }
+        rows = accepted_rows(list(larger.trials), [effect.name], position)
+        rows = [(trial if t is larger.named[-1].trial else t, *row) for t, *row in rows]
+        named = (*larger.named[:-1], Named(trial, rivals))
+        return replace(larger, named=named, trials=tuple(rows)), True
+    return step, False
+
+
+def without_needless_modes(step: Step) -> Step:
+    """The step without modes that those found after them, or other effects, have made needless.
+
+    Arguments:
+        step: the step.
+    """
+    problem, now = step.problem, step.now
+    for effect in now.chain.effects:
+        if not isinstance(effect, Modal) or effect.modes < 2:
+            continue
+        for less, start in effect.without_each_mode(now.values[effect.name]):
+            effects = tuple(less if each is effect else each for each in now.chain.effects)
+            values = {**now.values, effect.name: start}
+            chain = now.chain.with_effects(effects)
+            point = settled(problem, evaluate(problem, chain, values, now.strength, now))
+            evidence = compare(problem, point, now)
+            if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM:
+                return without_needless_modes(_with(step, less, point))
+    return step
 
 
 def _enlarged(step: Step, effect: Effect) -> tuple[Effect, Point] | None:

@@ -143,6 +143,30 @@ class Modal(Effect):
         mode = {f"f_{number}_hz": found[0].f_hz, f"zeta_{number}": found[0].zeta}
         return replace(self, modes=number), {**values, **mode}
 
+    def without_each_mode(self, values: Values) -> list[tuple[Self, dict[str, float]]]:
+        """This effect with each of its modes left out in turn, and what the others have.
+
+        Arguments:
+            values: the values of this effect's parameters.
+        """
+        found: list[tuple[Self, dict[str, float]]] = []
+        for gone in range(self.modes):
+            kept = [number for number in range(1, self.modes + 1) if number != gone + 1]
+            start: dict[str, float] = {}
+            for place, number in enumerate(kept, start=1):
+                start[_named("f", place, "_hz")] = values[_named("f", number, "_hz")]
+                start[_named("zeta", place)] = values[_named("zeta", number)]
+                if place > 1 and f"gain_{self.modes}" in values:
+                    own, one = (values.get(f"gain_{k}", 1.0) for k in (number, kept[0]))
+                    start[f"gain_{place}"] = own / one if one else own
+            found.append((replace(self, modes=self.modes - 1), start))
+        return found
+
+
+def _named(kind: str, number: int, unit: str = "") -> str:
+    """The name of a mode's parameter."""
+    return f"{kind}_{number}{unit}" if number > 1 else f"{kind}{unit}"
+
 
 def _inside(effect: Modal) -> tuple[float, float]:
     """Bounds of the natural frequencies with room for a search."""

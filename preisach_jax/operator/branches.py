@@ -147,8 +147,7 @@ def output_along_branches(
     weights, x = as_float(weights, "weights"), as_float(x, "the input x")
     past = plane.initial_turns(initial, hysteron).astype(x.dtype)
     if hysteron == "ramp":
-        position = jnp.clip(position_on(plane, x), 0.0, plane.levels)
-        return _output(plane, weights, past, position)
+        return output_after(plane, weights, past, x)
     levels = relay_levels(plane, x, int(past[-1]))
     if isinstance(levels, jax.Array):
         return _output(plane, weights, past, levels.astype(x.dtype))
@@ -158,14 +157,38 @@ def output_along_branches(
     return _output(plane, weights, past, jnp.asarray(moves), jnp.asarray(until))
 
 
+def output_after(plane: Plane, weights: jax.Array, past: ArrayLike, x: jax.Array) -> jax.Array:
+    """Output of ramps along an input that comes after some turning points.
+
+    Arguments:
+        plane: the Preisach plane.
+        weights: (cells,) weights R, in the unit of the output.
+        past: (turns,) turning points before it, as positions (x - low)/δx; the first is 0, and one
+            that is there twice is no other memory, but lets memories share what is compiled.
+        x: (time,) input, in the unit of the plane; beyond it hysterons saturate.
+
+    Returns:
+        (time,) output, in the unit of the weights; differentiable in them and in `x`.
+
+    Example:
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> weights, x = jnp.asarray([1.0, 2.0, 4.0]), jnp.asarray([1.0, 0.0, 2.0])
+        >>> [output_after(plane, weights, past, x).tolist() for past in ([0.0, 2.0], [0.0, 0.0])]
+        [[3.0, 0.0, 7.0], [1.0, 0.0, 7.0]]
+    """
+    position = jnp.clip(position_on(plane, x), 0.0, plane.levels)
+    return _output(plane, weights, jnp.asarray(past, x.dtype), position)
+
+
 @eqx.filter_jit
 def _output(
     plane: Plane,
     weights: jax.Array,
-    past: np.ndarray,
+    past: ArrayLike,
     path: jax.Array,
     samples: Any = slice(None),
 ) -> jax.Array:
+    past = jnp.asarray(past)
     path = jnp.concatenate([past, path])
     start = branch_starts(path)
     there = path[start]

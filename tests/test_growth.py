@@ -1,0 +1,85 @@
+"""Terms of an effect: one found beside another effect, and one that has become needless."""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from scipy import signal
+from test_modes import RATE, drive, plays, through
+from test_rivals import added
+
+import preisach_jax as pj
+from preisach_jax.diagnosis.growth import with_larger_beside, without_needless_modes
+from preisach_jax.diagnosis.step import Named, Step
+from preisach_jax.effects import resolve
+from preisach_jax.effects.cross import Cross
+from preisach_jax.effects.resonance import Resonance
+from preisach_jax.fit import begun, in_reduced_basis
+from preisach_jax.identify import evaluate
+
+
+@pytest.fixture(scope="module")
+def two_modes_behind_a_lag():
+    """A step whose one mode is damped until it is about as late as two of them behind a lag."""
+    count, tau_s = 3000, 0.0024
+    u = drive(9, count)
+    lag: Any = signal.cont2discrete(([1 / tau_s], [1.0, 1 / tau_s]), 1 / RATE, "foh")
+    late: Any = signal.lfilter(np.ravel(lag[0]), lag[1], u - u[0])
+    z = through(plays(late + u[0]), ((45.0, 0.07, 0.6), (115.0, 0.04, 0.4)))
+    z = z + np.random.default_rng([9, 1]).normal(0, 0.01, count)
+    with jax.enable_x64(True):
+        record, whole, point = begun(pj.Record.from_arrays(np.arange(count) / RATE, u, z), 9)
+        problem, point = in_reduced_basis(whole, point)
+        *lags, resonance = resolve(("input_lag", "delay", "resonance"), {})
+        step = added(Step(record, problem, whole, (*lags, resonance), (point,)), resonance)
+        refused = [(each.trials[-1][0], False, "") for each in (added(step, lag) for lag in lags)]
+        return replace(step, trials=(*step.trials, *refused))
+
+
+def test_a_lag_and_a_mode_more_are_found_where_neither_helps_alone(x64, two_modes_behind_a_lag):
+    step = two_modes_behind_a_lag
+    found, more = with_larger_beside(step, 0.0)
+    assert more
+    assert [named.name for named in found.named] == ["resonance", "input_lag"]
+    values = found.now.values
+    assert values["input_lag"]["tau_s"] == pytest.approx(0.0024, rel=0.03)
+    modes = values["resonance"]
+    assert [modes["f_hz"], modes["f_2_hz"]] == pytest.approx([45.0, 115.0], rel=0.01)
+    assert modes["gain_2"] == pytest.approx(0.4 / 0.6, rel=0.1)
+    assert found.now.validation_mean_square < 0.05 * step.now.validation_mean_square
+    accepted = [trial.effect.name for trial, taken, _ in found.trials if taken]
+    assert accepted[-1] == "input_lag"
+
+
+def test_a_needless_mode_is_left_out(x64, two_modes_behind_a_lag):
+    step = two_modes_behind_a_lag
+    problem, now = step.problem, step.now
+    less = now.chain.effect("resonance")
+    more = replace(less, modes=2)
+    values = {**now.values["resonance"], "f_2_hz": 300.0, "zeta_2": 0.4, "gain_2": 1e-3}
+    chain = now.chain.with_effects((more,))
+    point = evaluate(problem, chain, {"resonance": values}, now.strength, now)
+    trial = replace(step.named[0].trial, effect=more, point=point)
+    needless = replace(step, path=(step.path[0], point), named=(Named(trial, {}),))
+    (left,) = without_needless_modes(needless).now.chain.effects
+    assert isinstance(left, Resonance)
+    assert left.modes == 1
+
+
+def test_what_is_left_of_modes_without_one_of_them():
+    values = {"f_hz": 20.0, "zeta": 0.1, "f_2_hz": 50.0, "zeta_2": 0.2, "gain_2": 4.0}
+    values |= {"f_3_hz": 90.0, "zeta_3": 0.3, "gain_3": -2.0}
+    three = Resonance(modes=3)
+    left = three.without_each_mode(values)
+    assert [effect.modes for effect, _ in left] == [2, 2, 2]
+    assert all(set(start) == {p.name for p in effect.parameters()} for effect, start in left)
+    first, second, third = ([s["f_hz"], s["f_2_hz"], s["gain_2"]] for _, s in left)
+    assert (first, second, third) == ([50, 90, -0.5], [20, 90, -2], [20, 50, 4])
+    axis = Cross("y", "V", modes=2)
+    own = {"f_hz": 20.0, "zeta": 0.1, "f_2_hz": 50.0, "zeta_2": 0.2}
+    assert [start for _, start in axis.without_each_mode(own)] == [
+        {"f_hz": 50.0, "zeta": 0.2},
+        {"f_hz": 20.0, "zeta": 0.1},
+    ]

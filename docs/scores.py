@@ -59,8 +59,10 @@ compensation could not use the one and a drift was called by the other. Before t
 input; a creep is refused that does no more than its past; a wandering zero gets more waves; and
 intervals are 1.3 times as long, by what the earlier records had shown. Before those with seeds from
 11e9 were drawn, intervals were made to hold what arcs between the samples change, and a column must
-do more than it would shifted in time to be named beside a zero that wanders. These records are
-counted with all others, and once more as *drawn last*; the coverage of intervals is counted apart.
+do more than it would shifted in time to be named beside a zero that wanders. Before those with
+seeds from 12e9 were drawn, a further mode was looked for beside effects that were refused. These
+last two samples are counted with all others, and once more as *drawn last*; the coverage of
+intervals is counted apart.
 Brackets are 95 % intervals (Clopper and Pearson). *All that can be seen* leaves out an
 effect that was not named where the library's own model with all that is hidden leaves no less than
 the diagnosis does.

@@ -217,9 +217,16 @@ def test_the_stage_hides_it():
 # --- the diagnosis ---
 
 
-def test_it_is_named_where_it_is_hidden_and_reported(tmp_path):
-    record = record_of(bouc_wen, 3000)
-    found = pj.diagnose(record, levels=7)
+@pytest.mark.parametrize(
+    ("effects", "count"),
+    [
+        (("resonance", "restoring_force"), 1500),
+        pytest.param(None, 3000, marks=pytest.mark.campaign),
+    ],
+)
+def test_it_is_named_where_it_is_hidden_and_reported(effects, count, tmp_path):
+    record = record_of(bouc_wen, count)
+    found = pj.diagnose(record, effects, levels=7)
     assert found.effects == ("restoring_force",)
     assert found.verdict == "explained"
     assert [rung.effects for rung in found.ladder] == [(), ("restoring_force",)]

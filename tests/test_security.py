@@ -328,6 +328,5 @@ def test_what_continuous_integration_installs_is_pinned():
         assert "-r requirements.lock" in line or "--no-deps --no-build-isolation" in line
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "pip install" not in ci
-    assert {line for line in ci.splitlines() if line.startswith("make ")} == {
-        "make test", "make lint", "make docs",
-    }  # fmt: skip
+    made = {line for line in ci.splitlines() if line.startswith("make ")}
+    assert made == {"make test", "make lint"}

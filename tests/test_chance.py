@@ -21,6 +21,9 @@ def walk(seed, knots=40):
     return CubicSpline(np.linspace(0, TIME[-1], knots), rng.normal(size=knots).cumsum())(TIME)
 
 
+SOON = {"tau_s": 0.1}
+
+
 def beside_a_wander(column, acts, seed=0):
     """A stage whose zero wanders, with a column that acts or not, and a model with a drift."""
     rng = np.random.default_rng([seed, 1])
@@ -47,7 +50,7 @@ def test_a_column_that_acts_does_more_than_it_would_at_another_time(x64, seed):
     column = CubicSpline(np.linspace(0, TIME[-1], 150), forces)(TIME)
     problem, now = beside_a_wander(column, 0.3)
     effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
-    assert by_chance(problem, now, effect) == ""
+    assert by_chance(problem, now, effect, SOON) == ""
 
 
 def test_most_columns_that_do_nothing_do_no_more_than_at_another_time(x64):
@@ -55,7 +58,7 @@ def test_most_columns_that_do_nothing_do_no_more_than_at_another_time(x64):
     for seed in range(10, 16):
         problem, now = beside_a_wander(walk(seed), 0.0)
         effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
-        refused += "temp_C shifted in time" in by_chance(problem, now, effect)
+        refused += "temp_C shifted in time" in by_chance(problem, now, effect, SOON)
     assert refused >= 5
 
 
@@ -63,5 +66,14 @@ def test_beside_effects_with_a_law_nothing_is_shifted(x64):
     problem, now = beside_a_wander(walk(10), 0.0)
     plain = evaluate(problem, now.chain.with_effects(()), {}, now.strength)
     effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
-    assert by_chance(problem, plain, effect) == ""
-    assert by_chance(problem, now, Drift()) == ""
+    assert by_chance(problem, plain, effect, SOON) == ""
+    assert by_chance(problem, now, Drift(), {}) == ""
+
+
+def test_a_column_behind_the_longest_lag_is_a_course_of_the_wander(x64):
+    problem, now = beside_a_wander(walk(10), 0.0)
+    effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
+    against = by_chance(problem, now, effect, {"tau_s": 0.999 * effect.tau_high_s})
+    assert "the longest that is looked for, temp_C is a course more of what wanders" in against
+    plain = evaluate(problem, now.chain.with_effects(()), {}, now.strength)
+    assert by_chance(problem, plain, effect, {"tau_s": effect.tau_high_s}) == ""

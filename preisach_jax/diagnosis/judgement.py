@@ -166,7 +166,8 @@ def _objection(
     """
     if contradiction := implausible(problem, trial.point, trial.effect.name):
         return contradiction, now
-    if against := _same_kind(now, trial) or by_chance(problem, now, trial.effect):
+    values = trial.point.values[trial.effect.name]
+    if against := _same_kind(now, trial) or by_chance(problem, now, trial.effect, values):
         return against, now
     if trial.evidence.gain >= WEAK:
         return "", now

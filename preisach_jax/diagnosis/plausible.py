@@ -146,8 +146,15 @@ def _bound_of(parameter: Parameter, value: float) -> str:
     """Which bound of the search a parameter lies at, where a bound is no finding."""
     if not parameter.log or parameter.high < WIDE * parameter.low:
         return ""
+    side = bound_near(parameter, value)
+    found = parameter.open_ended == "both" or (side == "upper" and parameter.open_ended)
+    return "" if found else side
+
+
+def bound_near(parameter: Parameter, value: float) -> str:
+    """Which bound of the search, "upper" or "lower", a parameter lies at; empty if none."""
     low, high, here = (parameter.to_search(v) for v in (parameter.low, parameter.high, value))
     share = (here - low) / (high - low)
     if share > 1 - AT_A_BOUND:
-        return "" if parameter.open_ended else "upper"
-    return "lower" if share < AT_A_BOUND and parameter.open_ended != "both" else ""
+        return "upper"
+    return "lower" if share < AT_A_BOUND else ""

@@ -1,5 +1,8 @@
 """A column that wanders beside a zero that wanders is not named for what chance makes of both."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -21,7 +24,12 @@ def walk(seed, knots=40):
     return CubicSpline(np.linspace(0, TIME[-1], knots), rng.normal(size=knots).cumsum())(TIME)
 
 
-SOON = {"tau_s": 0.1}
+def behind(tau_s) -> Any:
+    """What a model with the column has for its lag."""
+    return SimpleNamespace(values={"aux:temp_C": {"tau_s": tau_s}})
+
+
+SOON = behind(0.1)
 
 
 def beside_a_wander(column, acts, seed=0):
@@ -67,13 +75,13 @@ def test_beside_effects_with_a_law_nothing_is_shifted(x64):
     plain = evaluate(problem, now.chain.with_effects(()), {}, now.strength)
     effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
     assert by_chance(problem, plain, effect, SOON) == ""
-    assert by_chance(problem, now, Drift(), {}) == ""
+    assert by_chance(problem, now, Drift(), SOON) == ""
 
 
 def test_a_column_behind_the_longest_lag_is_a_course_of_the_wander(x64):
     problem, now = beside_a_wander(walk(10), 0.0)
     effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
-    against = by_chance(problem, now, effect, {"tau_s": 0.999 * effect.tau_high_s})
+    against = by_chance(problem, now, effect, behind(0.999 * effect.tau_high_s))
     assert "the longest that is looked for, temp_C is a course more of what wanders" in against
     plain = evaluate(problem, now.chain.with_effects(()), {}, now.strength)
-    assert by_chance(problem, plain, effect, {"tau_s": effect.tau_high_s}) == ""
+    assert by_chance(problem, plain, effect, behind(effect.tau_high_s)) == ""

@@ -11,7 +11,7 @@ import numpy as np
 
 from preisach_jax.chain.signals import each_run
 from preisach_jax.diagnosis.plausible import bound_near
-from preisach_jax.effects.base import Effect, Signals, Values
+from preisach_jax.effects.base import Effect, Signals
 from preisach_jax.effects.modal import Modal
 from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.identify import Point, Problem
@@ -23,7 +23,7 @@ backward and not shifted there are 19 other courses, and one in twenty columns t
 do with the output leads them all."""
 
 
-def by_chance(problem: Problem, now: Point, effect: Effect, values: Values) -> str:
+def by_chance(problem: Problem, now: Point, effect: Effect, rich: Point) -> str:
     """What says that a column goes with a wander by chance; empty if nothing does.
 
     Signals that wander at random go together for as long as a record is short, and a test that
@@ -36,14 +36,15 @@ def by_chance(problem: Problem, now: Point, effect: Effect, values: Values) -> s
         problem: the record.
         now: the model without the effect.
         effect: the effect that was tried.
-        values: its parameters beside the model.
+        rich: the model with it.
     """
     if not (isinstance(effect, OfColumn) and any(each.lawless for each in now.chain.effects)):
         return ""
     for parameter in effect.parameters():
-        if parameter.name == "tau_s" and bound_near(parameter, values["tau_s"]) == "upper":
+        value = rich.values[effect.name][parameter.name]
+        if parameter.name == "tau_s" and bound_near(parameter, value) == "upper":
             return (
-                f"behind a lag of {values['tau_s']:.3g} s, the longest that is looked for, "
+                f"behind a lag of {value:.3g} s, the longest that is looked for, "
                 f"{effect.column} is a course more of what wanders"
             )
     # Where the column's own response has its modes, a shifted one has none.

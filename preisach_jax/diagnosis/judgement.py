@@ -166,8 +166,7 @@ def _objection(
     """
     if contradiction := implausible(problem, trial.point, trial.effect.name):
         return contradiction, now
-    values = trial.point.values[trial.effect.name]
-    if against := _same_kind(now, trial) or by_chance(problem, now, trial.effect, values):
+    if against := _same_kind(now, trial) or by_chance(problem, now, trial.effect, trial.point):
         return against, now
     if trial.evidence.gain >= WEAK:
         return "", now

@@ -1,11 +1,8 @@
 """What lies between the samples: arcs in place of straight lines, and what they move."""
 
-from typing import Any
-
 import acting
 import numpy as np
-from scipy import signal
-from test_modes import RATE, plays, through
+from test_modes import RATE, lagging, plays, through
 
 import preisach_jax as pj
 from preisach_jax.identify.between import on_arcs
@@ -39,12 +36,6 @@ def test_samples_at_one_instant_have_nothing_between_them(x64):
     assert made.input[3] == 1.25
 
 
-def lagging(x, tau_s):
-    """A first-order lag on the fine raster, its input straight between two of its rows."""
-    made: Any = signal.cont2discrete(([1.0], [tau_s, 1.0]), 1 / RATE / FINER, "foh")
-    return signal.lfilter(np.ravel(made[0]), made[1], x - x[0]) + x[0]
-
-
 def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     """Between its samples what a lag passes on bends, and a mode that it drives seems damped less.
 
@@ -55,7 +46,7 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     corners = np.arange(0, count * FINER + 1, 25 * FINER)
     fine = np.arange(count * FINER)
     u = np.interp(fine, corners, rng.uniform(0.0, 10.0, len(corners)))
-    late = lagging(u, tau_s)
+    late = lagging(u, tau_s, RATE * FINER)
     h = 0.1 * late + plays(late, (0.3, 0.7, 1.2))
     z = through(h, [(f_hz, zeta, 1.0)], rate_hz=RATE * FINER)[::FINER]
     z = z + rng.normal(0, 1e-3, count)

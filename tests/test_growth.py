@@ -1,13 +1,11 @@
 """Terms of an effect: one found beside another effect, and one that has become needless."""
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import numpy as np
 import pytest
-from scipy import signal
-from test_modes import RATE, drive, plays, through
+from test_modes import RATE, drive, lagging, plays, through
 from test_rivals import added
 
 import preisach_jax as pj
@@ -25,9 +23,7 @@ def two_modes_behind_a_lag():
     """A step whose one mode is damped until it is about as late as two of them behind a lag."""
     count, tau_s = 3000, 0.0024
     u = drive(9, count)
-    lag: Any = signal.cont2discrete(([1 / tau_s], [1.0, 1 / tau_s]), 1 / RATE, "foh")
-    late: Any = signal.lfilter(np.ravel(lag[0]), lag[1], u - u[0])
-    z = through(plays(late + u[0]), ((45.0, 0.07, 0.6), (115.0, 0.04, 0.4)))
+    z = through(plays(lagging(u, tau_s)), ((45.0, 0.07, 0.6), (115.0, 0.04, 0.4)))
     z = z + np.random.default_rng([9, 1]).normal(0, 0.01, count)
     with jax.enable_x64(True):
         record, whole, point = begun(pj.Record.from_arrays(np.arange(count) / RATE, u, z), 9)

@@ -37,6 +37,12 @@ def through(h, modes, rates=False, rate_hz=RATE):
     return total
 
 
+def lagging(x, tau_s, rate_hz=RATE):
+    """A lag at rest at the first sample, its input straight between samples."""
+    lag: Any = signal.cont2discrete(([1.0], [tau_s, 1.0]), 1 / rate_hz, "foh")
+    return signal.lfilter(np.ravel(lag[0]), lag[1], x - x[0]) + x[0]
+
+
 def drive(seed, count):
     """Steps of random height, smoothed a little, which hold long enough to ring."""
     rng = np.random.default_rng(seed)
@@ -144,12 +150,7 @@ def test_a_weak_fast_mode_is_found_in_its_size_beside_a_strong_one(tau_s):
     """Alone, the strong one would be damped until it is about as late as the lag."""
     modes = ((40.0, 0.08, 1.0), (150.0, 0.04, 0.3))
     u = drive(7, 4000)
-    w = 1 / tau_s if tau_s else np.inf
-    late: Any = u
-    if tau_s:
-        lag: Any = signal.cont2discrete(([w], [1.0, w]), 1 / RATE, "foh")
-        b, a, _ = lag
-        late = signal.lfilter(np.ravel(b), a, u - u[0]) + u[0]
+    late: Any = lagging(u, tau_s) if tau_s else u
     z = through(plays(late), modes) + np.random.default_rng([7, 1]).normal(0, 0.01, len(u))
     measured = pj.Record.from_arrays(np.arange(len(u)) / RATE, u, z)
     found = pj.diagnose(measured, ["input_lag", "output_lag", "delay", "resonance"], levels=13)
@@ -172,10 +173,7 @@ def test_a_lag_and_a_mode_are_named_where_a_delay_does_better_than_either(x64):
     ]
     u = 5 + np.sum(tones, axis=0)
     u += np.interp(np.arange(count), 100 * corners, rng.uniform(0, 5, len(corners)))
-    lag: Any = signal.cont2discrete(([500.0], [1.0, 500.0]), 1 / RATE, "foh")
-    b, a, _ = lag
-    late: Any = signal.lfilter(np.ravel(b), a, u - u[0]) + u[0]
-    stack = plays(late, np.linspace(0.2, 4.0, 20), 0.04)
+    stack = plays(lagging(u, 0.002), np.linspace(0.2, 4.0, 20), 0.04)
     z = through(stack, ((110.0, 0.04, 1.0),)) + rng.normal(0, 0.005, count)
     measured = pj.Record.from_arrays(time, u, z)
     found = pj.diagnose(measured, ["input_lag", "output_lag", "delay", "resonance"], levels=13)

@@ -218,9 +218,9 @@ def operator_along(
 ) -> Array:
     if drive.falling is None and hysteron == "ramp":
         # Unknown starts add what they leave open: high less low states, weighed by the memory.
-        low, high = np.zeros(2), np.array([0.0, plane.levels])
+        high = plane.initial_turns("high")
         from_high = _ramps_along(plane, drive, memory, high)
-        return from_high + _ramps_along(plane, drive, weights - memory, low)
+        return from_high + _ramps_along(plane, drive, weights - memory, np.zeros_like(high))
     return _weighted_along(plane, drive, weights, memory, hysteron)
 
 

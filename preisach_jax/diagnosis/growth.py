@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.evidence import compare
 from preisach_jax.diagnosis.judgement import LEAST_GAIN_BESIDE, alike, judged, judged_beside
 from preisach_jax.diagnosis.plausible import out_of_law
 from preisach_jax.diagnosis.step import Named, Step
-from preisach_jax.diagnosis.trial import HOPELESS, Row, accepted_rows
+from preisach_jax.diagnosis.trial import HOPELESS, Row, Trial, accepted_rows
 from preisach_jax.effects.base import Effect, Parameter
 from preisach_jax.effects.modal import Modal
 from preisach_jax.fit import settled, without_effect
@@ -35,9 +35,9 @@ GAIN_TO_ENLARGE = 0.2
 MOST_BESIDE = 4
 """Effects that do not pass beside which those of the model are tried with a term more."""
 
-GAIN_OF_BOTH = 0.5
-"""Relative fall of the held-out mean square from which on an effect and a term are added at once.
-"""
+MAY_LEAVE = 0.5
+"""Held-out mean square that an effect and a term added at once may leave, over that of the model
+without them."""
 
 
 def grown(step: Step) -> Step | None:
@@ -76,8 +76,7 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
         tolerance: RMS error, in output units, that does not matter.
     """
     for first in step.fitted(step.position, GAIN_TO_ENLARGE):
-        ahead = replace(step, path=(*step.path, first.point), named=(*step.named, Named(first, {})))
-        larger = grown(ahead)
+        larger = grown(step.with_named(first))
         if larger is None or larger.named[-1].trial is first:
             continue
         evidence = compare(step.problem, step.now, larger.now)
@@ -93,33 +92,40 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
     return step, False
 
 
-def with_larger_beside(step: Step, tolerance: float) -> tuple[Step, bool]:
+def with_larger_beside(
+    step: Step, tolerance: float, other: Step | None = None
+) -> tuple[Step, bool]:
     """The step with an effect more, beside which one of its effects is enlarged, and whether so.
 
     Of two modes behind a lag, the one that is found first is damped until it is about as late as
     all three: neither the lag nor the second mode helps without the other.
 
     Arguments:
-        step: the step, beside whose model no effect passes and no effect gains by a term more.
+        step: the step, beside whose model no effect passes.
         tolerance: RMS error, in output units, that does not matter.
+        other: another step to go on from, whose term may make up for an effect and a term: then at
+            most half of what that leaves may be left.
     """
     problem, now, position = step.problem, step.now, step.position
+    most = np.inf if other is None else MAY_LEAVE * other.now.validation_mean_square
     if not step.named or step.is_within_budget:
         return step, False
     levels = now.chain.plane.levels
     fitted = [t for t in step.fitted(position, -HOPELESS) if t.point.chain.plane.levels == levels]
     both: list[Step] = []
     for first in fitted[:MOST_BESIDE]:
-        ahead = replace(step, path=(*step.path, first.point), named=(*step.named, Named(first, {})))
-        larger = grown(ahead)
+        larger = grown(step.with_named(first))
         if larger is None or larger.named[-1].trial is not first:
             continue
-        if compare(problem, now, larger.now).gain >= GAIN_OF_BOTH:
+        if larger.now.validation_mean_square <= MAY_LEAVE * now.validation_mean_square:
             both.append(larger)
     both.sort(key=lambda each: each.now.validation_mean_square)
     for found in both:
         larger = without_needless_modes(found)
-        effect, point = larger.named[-1].trial.effect, larger.now
+        first, point = larger.named[-1].trial, larger.now
+        if point.validation_mean_square > most:
+            continue
+        effect = first.effect
         without = without_effect(problem, point, effect.name)
         trial = judged_beside(
             problem, without, effect, position, point, tolerance, LEAST_GAIN_BESIDE
@@ -132,9 +138,8 @@ def with_larger_beside(step: Step, tolerance: float) -> tuple[Step, bool]:
             if other is not found and alike(problem, point, other.now)
         }
         rows = accepted_rows(list(larger.trials), [effect.name], position)
-        rows = [(trial if t is larger.named[-1].trial else t, *row) for t, *row in rows]
-        named = (*larger.named[:-1], Named(trial, rivals))
-        return replace(larger, named=named, trials=tuple(rows)), True
+        larger = _tried_again(replace(larger, trials=tuple(rows)), first, trial)
+        return replace(larger, named=(*larger.named[:-1], Named(trial, rivals))), True
     return step, False
 
 
@@ -149,9 +154,8 @@ def without_needless_modes(step: Step) -> Step:
         if not isinstance(effect, Modal) or effect.modes < 2:
             continue
         for less, start in effect.without_each_mode(now.values[effect.name]):
-            effects = tuple(less if each is effect else each for each in now.chain.effects)
             values = {**now.values, effect.name: start}
-            chain = now.chain.with_effects(effects)
+            chain = _in_place_of(now.chain, effect, less)
             point = settled(problem, evaluate(problem, chain, values, now.strength, now))
             evidence = compare(problem, point, now)
             if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM:
@@ -166,8 +170,7 @@ def _enlarged(step: Step, effect: Effect) -> tuple[Effect, Point] | None:
     if found is None:
         return None
     more, starts = found
-    effects = tuple(more if each is effect else each for each in now.chain.effects)
-    chain = now.chain.with_effects(effects)
+    chain = _in_place_of(now.chain, effect, more)
 
     def refined(start: dict[str, float]) -> Point:
         values = {**now.values, effect.name: start}
@@ -230,7 +233,17 @@ def _with(step: Step, effect: Effect, point: Point) -> Step:
     old = next((each.trial for each in step.named if each.name == effect.name), None)
     if old is None:
         return replace(step, path=path, other=None)
-    trial = replace(old, effect=effect, point=point)
+    step = _tried_again(step, old, replace(old, effect=effect, point=point))
+    return replace(step, path=path, other=None)
+
+
+def _tried_again(step: Step, old: Trial, trial: Trial) -> Step:
+    """The step with an effect that was named as it was tried later."""
     named = tuple(replace(n, trial=trial) if n.trial is old else n for n in step.named)
     rows: list[Row] = [(trial if t is old else t, added, other) for t, added, other in step.trials]
-    return replace(step, named=named, trials=tuple(rows), path=path, other=None)
+    return replace(step, named=named, trials=tuple(rows))
+
+
+def _in_place_of(chain: Chain, effect: Effect, other: Effect) -> Chain:
+    """A chain with one of its effects in another form."""
+    return chain.with_effects(tuple(other if each is effect else each for each in chain.effects))

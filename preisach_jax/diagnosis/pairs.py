@@ -91,10 +91,7 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
     if count + 2 > MOST_EFFECTS:
         return step, False
     for first in step.fitted(count, GAIN_TO_LOOK_AHEAD)[:MOST_LOOKED_BEHIND]:
-        ahead = replace(
-            step, path=(*step.path, first.point), named=(*step.named, Named(first, {})), other=None
-        )
-        _, second, _ = tried_beside(ahead, tolerance)
+        _, second, _ = tried_beside(step.with_named(first), tolerance)
         # Forms without a law take up a part of whatever another one leaves.
         if second is None or any(effect.lawless for effect in second.point.chain.effects):
             continue
@@ -103,14 +100,8 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
         if beside is None:
             continue
         rows = accepted_rows(list(step.trials), [first.effect.name], count)
-        pair = (Named(replace(beside, point=first.point), {}), Named(second, {}))
-        return replace(
-            step,
-            trials=(*rows, (second, True, second.effect.name)),
-            named=(*step.named, *pair),
-            path=(*step.path, first.point, second.point),
-            other=None,
-        ), True
+        found = replace(step, trials=(*rows, (second, True, second.effect.name)))
+        return found.with_named(replace(beside, point=first.point)).with_named(second), True
     return step, False
 
 

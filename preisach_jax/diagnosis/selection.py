@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
-from preisach_jax.diagnosis.growth import GAIN_OF_BOTH, grown, with_larger, with_larger_beside
+from preisach_jax.diagnosis.growth import grown, with_larger, with_larger_beside
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.pairs import with_better_pair, with_pair
@@ -190,9 +190,8 @@ def _selected(
         other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
         step = tried
         if other is not None and not (more and _is_better(step, other)):
-            # A term more may make up for an effect and a term.
-            beside, found = (step, False) if more else with_larger_beside(step, tolerance)
-            step = refined_and_shown(beside if found and _is_half_of(beside, other) else other)
+            beside, found = (step, False) if more else with_larger_beside(step, tolerance, other)
+            step = refined_and_shown(beside if found else other)
             continue
         if not more:
             step, more = with_larger(step, tolerance)
@@ -215,11 +214,6 @@ def _selected(
             step = refined_and_shown(larger)
     pace.begin_conclusion(len(step.named))
     return without_what_explains_too_little(with_families(step, range(len(step.named))))
-
-
-def _is_half_of(step: Step, other: Step) -> bool:
-    """Whether the model of a step leaves less than half of what that of another does."""
-    return step.now.validation_mean_square < GAIN_OF_BOTH * other.now.validation_mean_square
 
 
 def _is_better(step: Step, other: Step) -> bool:

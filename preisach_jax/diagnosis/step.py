@@ -107,6 +107,16 @@ class Step:
             return self
         return replace(self, other=on_a_coarser_plane(self.problem, self.now))
 
+    def with_named(self, trial: Trial, rivals: dict[str, Point] | None = None) -> Step:
+        """The step with an effect more, as it was tried beside its model.
+
+        Arguments:
+            trial: the effect.
+            rivals: the models with each of those that did as well in its place, by their names.
+        """
+        named = (*self.named, Named(trial, rivals or {}))
+        return replace(self, named=named, path=(*self.path, trial.point), other=None)
+
     def effect(self, name: str) -> Effect:
         """The effect to try of that name, as it is before it is fitted."""
         return next(effect for effect in self.tried if effect.name == name)

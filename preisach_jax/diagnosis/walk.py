@@ -96,8 +96,7 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
     others = [t for t in others if any(t.certain) or not isinstance(t.effect, Gain)]
     like_the_best = [o for o in others if alike(step.problem, best.point, o.point)]
     rivals = {o.effect.name: o.point for o in like_the_best}
-    named = (*step.named, Named(best, rivals))
-    return replace(step, named=named, path=(*step.path, best.point), other=None), True
+    return step.with_named(best, rivals), True
 
 
 def _filed(trial: Trial | NotFitted) -> Trial | NotFitted:

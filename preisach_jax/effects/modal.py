@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Self
 
@@ -143,7 +144,7 @@ class Modal(Effect):
         mode = {f"f_{number}_hz": found[0].f_hz, f"zeta_{number}": found[0].zeta}
         return replace(self, modes=number), {**values, **mode}
 
-    def without_each_mode(self, values: Values) -> list[tuple[Self, dict[str, float]]]:
+    def without_each_mode(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
         """This effect with each of its modes left out in turn, and what the others have.
 
         Arguments:
@@ -156,9 +157,6 @@ class Modal(Effect):
             for place, number in enumerate(kept, start=1):
                 start[_named("f", place, "_hz")] = values[_named("f", number, "_hz")]
                 start[_named("zeta", place)] = values[_named("zeta", number)]
-                if place > 1 and f"gain_{self.modes}" in values:
-                    own, one = (values.get(f"gain_{k}", 1.0) for k in (number, kept[0]))
-                    start[f"gain_{place}"] = own / one if one else own
             found.append((replace(self, modes=self.modes - 1), start))
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Self
 
@@ -140,6 +141,15 @@ class Resonance(Modal, OutputEffect):
             for zeta in RINGING
         ]
         return more, tuple({**start, f"gain_{number}": SLIGHT} for start in (seen, *grid))
+
+    def without_each_mode(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
+        gains = [1.0, *(values[f"gain_{number}"] for number in range(2, self.modes + 1))]
+        found: list[tuple[Self, dict[str, float]]] = []
+        for gone, (less, start) in enumerate(super().without_each_mode(values)):
+            first, *others = gains[:gone] + gains[gone + 1 :]
+            own = {f"gain_{k}": g / first if first else g for k, g in enumerate(others, start=2)}
+            found.append((less, {**start, **own}))
+        return found
 
     def init(self, first: Array) -> Array:
         rest = jnp.zeros_like(first)

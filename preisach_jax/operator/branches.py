@@ -184,11 +184,10 @@ def output_after(plane: Plane, weights: jax.Array, past: ArrayLike, x: jax.Array
 def _output(
     plane: Plane,
     weights: jax.Array,
-    past: ArrayLike,
+    past: np.ndarray | jax.Array,
     path: jax.Array,
     samples: Any = slice(None),
 ) -> jax.Array:
-    past = jnp.asarray(past)
     path = jnp.concatenate([past, path])
     start = branch_starts(path)
     there = path[start]

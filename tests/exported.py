@@ -52,6 +52,14 @@ void run(preisach_state *s, long n, int kind, const double *u, const double *aux
                              : (double)preisach_adapt_step(s, value AUX, (preisach_real)z[k]);
     }
 }
+void put_weights(preisach_state *s, const double *w);
+void put_weights(preisach_state *s, const double *w)
+{
+    preisach_real own[PREISACH_CELLS];
+    int i;
+    for (i = 0; i < PREISACH_CELLS; i++) own[i] = (preisach_real)w[i];
+    preisach_set_weights(s, own);
+}
 double output_of_state(const preisach_state *s);
 double output_of_state(const preisach_state *s) { return (double)s->output; }
 long refused(const preisach_state *s);
@@ -225,6 +233,10 @@ class Compiled:
         found = np.empty(self.model.plane.cells)
         self.library.weights(self.state, found.ctypes.data_as(ctypes.c_void_p))
         return found
+
+    def put_weights(self, weights):
+        weights = np.ascontiguousarray(weights, float)
+        self.library.put_weights(self.state, weights.ctypes.data_as(ctypes.c_void_p))
 
 
 def predicted(model, u, aux=()):

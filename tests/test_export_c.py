@@ -1,5 +1,6 @@
 """Generated C is the model: its outputs, its inverse, its learning, and its way with nonsense."""
 
+import itertools
 import json
 import subprocess
 from dataclasses import replace
@@ -29,6 +30,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.export import export_c
 from preisach_jax.export.c import comment, files, sums_below
 from preisach_jax.export.description import describe
+from preisach_jax.export.laws import LAWS
 from preisach_jax.export.stepper import advance, start
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
@@ -36,18 +38,30 @@ from preisach_jax.model import Model, exactly_summable
 
 pytestmark = needs_compiler
 
-EVERYTHING = (
-    "creep input_quantisation aux:load_N aux:heat drift hum ageing output_lag output_nonlinearity "
-    "delay resonance slew_limit rate_corners_all reptation operator_creep moving"
+ALWAYS = (
+    "creep input_quantisation aux:load_N hum ageing output_lag delay resonance slew_limit "
+    "reptation operator_creep moving eddy_currents input_lag output_quantisation"
 ).split()
-# Together they hold every effect and every form whose law looks at no sample to come.
-CHAINS = [
-    [], ["creep", "output_lag"], ["slew_limit", "resonance"], ["delay", "hum"],
-    ["moving", "ageing"], ["eddy_currents", "drift"], ["reptation", "drift_waves"],
-    ["operator_creep", "aux:load_N"], ["rate_corners", "output_nonlinearity"],
-    ["rate_corners_all", "eddy_currents", "moving"], ["ripples"], ["input_lag", "reptation"],
-    ["slew_limit", "input_lag"], EVERYTHING,
-]  # fmt: skip
+VARIED = {
+    "drift": ["drift", "drift_waves"],
+    "output_nonlinearity": ["output_nonlinearity", "ripples"],
+    "rate_dependence": ["rate_corners", "rate_corners_all", "rate_smooth", "rate_smooth_all"],
+}
+KINDS = [*ALWAYS, *itertools.chain(*VARIED.values())]
+# Each two effects of the library, in each of their forms, are together in one of these.
+TOGETHER = [
+    [*ALWAYS, drift, bend, rate]
+    for k, rate in enumerate(VARIED["rate_dependence"])
+    for drift, bend in zip(
+        VARIED["drift"], VARIED["output_nonlinearity"][:: (-1) ** k], strict=True
+    )
+]
+EVERYTHING = [
+    name
+    for name in TOGETHER[2]
+    if name not in ("output_quantisation", "input_lag", "eddy_currents")
+]
+CHAINS = [[], ["creep", "output_lag"], ["delay", "hum"], ["reptation", "drift_waves"], EVERYTHING]
 JUMPING = [["input_quantisation"], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
 
 
@@ -197,7 +211,7 @@ def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
         u = np.concatenate([[LOW], wild(1200, 3)])  # from saturated low nothing is unknown
         z = predicted(true, u).copy()
         z[40:60] = np.nan
-        filt = AdaptiveFilter(model.plane, hysteron, initial_weight=model.weights)
+        filt = AdaptiveFilter(model.plane, hysteron, initial_weight=model.weights, nonnegative=True)
         online = OnlineFilter(filt)
         expected = np.array([online(*sample) for sample in zip(u, z, strict=True)])
         compiled = Compiled(model, tmp_path)
@@ -205,6 +219,151 @@ def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
         assert online.state is not None
         np.testing.assert_allclose(compiled.weights, online.state.weights, atol=1e-11)
         assert np.abs(compiled.weights - model.weights).max() > 0.01
+
+
+def self_tested(model, folder):
+    """What the self test prints, built for addresses and arithmetic that are watched over."""
+    for name, text in files(model).items():
+        (folder / name).write_text(text)
+    for precision in ("-DPREISACH_DOUBLE", "-DPREISACH_FLOAT"):
+        watched = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
+        words = [GCC, *STRICT, *watched, "-o", "program", "preisach_test.c", "preisach_model.c"]
+        built = subprocess.run([*words, "-lm"], cwd=folder, capture_output=True, text=True)
+        assert built.returncode == 0, built.stderr[:2000]
+        done = subprocess.run([folder / "program"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr[:2000]
+        yield done.stdout
+
+
+@pytest.mark.parametrize("names", [[], *([name] for name in KINDS), *TOGETHER], ids=ident)
+def test_the_self_test_passes_for_each_effect_and_each_two_together(names, tmp_path):
+    for printed in self_tested(drawn(names, seed=2), tmp_path):
+        assert "learning another stage" in printed
+
+
+def test_each_two_effects_are_together_in_a_chain():
+    form = {each: name for name, forms in VARIED.items() for each in forms}
+    asked = {
+        frozenset(two)
+        for two in itertools.combinations(KINDS, 2)
+        if form.get(two[0], two[0]) != form.get(two[1], two[1])
+    }
+    assert asked == {
+        frozenset(two) for chain in TOGETHER for two in itertools.combinations(chain, 2)
+    }
+    known = {kind for kind, _ in LAWS.values()}
+    assert known == {
+        form.get(name, name.partition(":")[0].replace("aux", "auxiliary")) for name in KINDS
+    }
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("first", KINDS)
+def test_the_self_test_passes_for_each_two_effects_alone(first, tmp_path):
+    for second in KINDS[: KINDS.index(first)]:
+        if not any({first, second} <= set(forms) for forms in VARIED.values()):
+            list(self_tested(drawn([first, second], seed=2), tmp_path))
+
+
+@pytest.mark.parametrize("zeta", [0.02, 0.2])
+@pytest.mark.parametrize("f_hz", [5.0, 60.0, 300.0])
+def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
+    """Whatever the mode and the rate, errors of weights and readings fall, eq. (9)."""
+    model = drawn(["resonance", "delay"])
+    mode = {"resonance": {"f_hz": f_hz, "zeta": zeta}}
+    model = replace(model, values={**model.values, **mode})
+    replayed, weights = learning(model, tmp_path, rate_hz=2000.0)
+    assert np.all(np.diff(weights) <= 1e-12)
+    assert weights[-1] < 0.98 * weights[0]
+    assert replayed[-1] < 0.9 * replayed[0]
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def other_stage(model):
+    """A stage with other weights."""
+    scale = np.random.default_rng(1).uniform(0.5, 1.5, model.plane.cells)
+    own = replace(model.coefficients, weights=model.weights * scale, memory=0 * model.weights)
+    return replace(model, coefficients=own)
+
+
+def learning(model, folder, rate_hz=None, before=None):
+    """Another stage is learnt; errors of the weights on the way, and of a replay before and after.
+
+    `before` has input and readings that are learnt first, of no stage.
+    """
+    true = other_stage(model)
+    stage, compiled = (Compiled(each, folder, rate_hz=rate_hz) for each in (true, model))
+
+    def replayed(weights):
+        u = smooth(800, 8)
+        aux = columns(model, len(u))
+        compiled.begin()
+        compiled.put_weights(weights)
+        return rms(compiled(u, aux) - compiled_again(stage, u, aux))
+
+    if before is not None:
+        aux = columns(model, len(before[0]))
+        compiled.adapt(before[0], before[1], aux)
+        stage(before[0], aux)
+    weights = [compiled.weights]
+    for k in range(4):
+        u = wild(800, k)
+        aux = columns(model, len(u))
+        compiled.adapt(u, stage(u, aux), aux)
+        weights.append(compiled.weights)
+    errors = np.linalg.norm(np.array(weights) - true.weights, axis=1)
+    return [replayed(each) for each in (weights[0], weights[-1])], errors
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp_path):
+    """Readings of no stage at all: noise, jumps and holds within three strokes."""
+    polarity = (-1) ** KINDS.index(name)
+    model = drawn([name], polarity=polarity)
+    compiled = Compiled(model, tmp_path)
+    u = wild(1500, 5)
+    aux, rng = columns(model, len(u)), np.random.default_rng(6)
+    stroke = np.abs(model.weights).sum()
+    z = 3 * stroke * rng.uniform(-1, 1, len(u)) * (rng.random(len(u)) < 0.5)
+    out = compiled.adapt(u, z, aux)
+    assert np.all((polarity * compiled.weights >= 0) & (polarity * compiled.weights <= 2 * stroke))
+    assert np.all(np.isfinite(out))
+    # What they have made of the weights is unlearnt, and the stage is learnt, eq. (9).
+    replayed, errors = learning(model, tmp_path, before=(u, z))
+    assert errors[-1] < 0.8 * errors[0]
+    assert replayed[-1] < 0.5 * replayed[0]
+
+
+def test_learning_begun_late_or_broken_off_stays_bounded(tmp_path):
+    """Steps without learning before and between, and readings that are missing."""
+    model = drawn(["creep", "resonance", "delay"])
+    true, compiled = other_stage(model), Compiled(model, tmp_path)
+    stage, errors = Compiled(true, tmp_path), []
+    for k in range(8):
+        u = wild(600, k)
+        z = stage(u)
+        if k % 2:
+            compiled.adapt(u, np.where(np.arange(len(u)) % 50 < 20, np.nan, z))
+        else:
+            compiled(u)
+        errors.append(np.linalg.norm(compiled.weights - true.weights))
+    assert errors[-1] < 0.95 * errors[0]
+
+
+def test_learnt_weights_are_put_back(tmp_path):
+    model = drawn(["output_lag", "moving"])
+    compiled, u = Compiled(model, tmp_path), wild(600, 3)
+    z = 1.2 * compiled_again(compiled, u)
+    compiled.adapt(u, z)
+    kept = compiled.weights
+    compiled.begin()
+    compiled.put_weights(kept)
+    own = replace(model.coefficients, weights=kept, memory=0 * kept)
+    expected = Compiled(replace(model, coefficients=own), tmp_path)(u)
+    np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12)
 
 
 FUZZ = """
@@ -272,14 +431,13 @@ def test_sanitizers_find_nothing_in_a_fuzzed_run(names, precision, tmp_path):
         (tmp_path / name).write_text(text)
     (tmp_path / "fuzz.c").write_text(FUZZ.replace(" AUX", ""))
     flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
-    for program in ("fuzz.c", "preisach_test.c"):
-        built = subprocess.run(
-            [GCC, "-std=c99", *flags, "-o", "program", program, "preisach_model.c", "-lm"],
-            cwd=tmp_path, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert built.returncode == 0, built.stderr[:2000]
-        done = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout[-500:] + done.stderr[:2000]
+    built = subprocess.run(
+        [GCC, "-std=c99", *flags, "-o", "program", "fuzz.c", "preisach_model.c", "-lm"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr[:2000]
+    done = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-500:] + done.stderr[:2000]
 
 
 def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):

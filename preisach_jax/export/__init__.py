@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from preisach_jax.export.c import files
+from preisach_jax.export.compiler import run_self_test
 from preisach_jax.export.fmu import fmu_archive, fmu_name
 from preisach_jax.files import check_folder, write_files
 from preisach_jax.model import Model
@@ -17,6 +18,9 @@ def export_c(
     model: Model, folder: Path | str, rate_hz: float | None = None, without: Sequence[str] = ()
 ) -> list[Path]:
     """Write a model as C99 with a self test, a Makefile and a README.
+
+    Where there is a C compiler, the self test is run before anything is written; the README says
+    what came of it.
 
     Arguments:
         model: the model.
@@ -31,6 +35,7 @@ def export_c(
     Raises:
         InputError: if the model cannot be written in C, or the folder
             cannot be written to; then nothing was.
+        RuntimeError: if the self test fails, which is a fault of this package; nothing was written.
 
     Example:
         >>> import tempfile, numpy as np, preisach_jax as pj
@@ -43,7 +48,7 @@ def export_c(
     """
     folder = Path(folder)
     check_folder(folder)
-    contents = files(model, rate_hz, without)
+    contents = files(model, rate_hz, without, run_self_test)
     return write_files({folder / name: text.encode() for name, text in contents.items()})
 
 

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+from preisach_jax.effects.places import Place
 from preisach_jax.export.description import Description, Part
+
+MOST_FILTERED = 200_000
+"""Numbers of the hysterons' states behind the effects of the output beyond which C does not learn:
+1.6 MB in double."""
+
+LEFT = 0.01
+"""Part of the output that a past which is not known may make when learning begins."""
 
 OUTPUT_BELOW = 14
 """Operations of one look-up of the output of a corner."""
@@ -42,18 +51,50 @@ def differences(model: Description) -> list[str]:
 
 def _numbers_of_effects(model: Description) -> int:
     """Numbers that the effects remember."""
-    count = 2 + 2 * (model.hysteron == "relay")
-    fixed = {"input_lag": 6, "slew_limit": 2, "rate_dependence": 3, "output_lag": 2, "delay": 1,
+    return 2 + 2 * (model.hysteron == "relay") + sum(_numbers_of(part) for part in model.parts)
+
+
+def _numbers_of(part: Part) -> int:
+    """Numbers that an effect remembers of one signal."""
+    fixed = {"input_lag": 6, "slew_limit": 2, "rate_dependence": 3, "output_lag": 2,
              "resonance": 3, "auxiliary": 2, "moving": 1, "eddy_currents": 1}  # fmt: skip
-    for part in model.parts:
-        count += fixed.get(part.kind, 0)
-        if part.kind == "creep":
-            count += 1 + _length(part, "gain")
-        if part.kind == "operator_creep":
-            count += _length(part, "gain")
-        if part.kind == "reptation":
-            count += 2 * _length(part, "gain")
-    return count
+    if part.kind == "delay":
+        whole = part.numbers["whole"]
+        assert isinstance(whole, int)
+        return whole + 2
+    if part.kind == "creep":
+        return 1 + _length(part, "gain")
+    if part.kind == "operator_creep":
+        return _length(part, "gain")
+    return 2 * _length(part, "gain") if part.kind == "reptation" else fixed.get(part.kind, 0)
+
+
+def filtered_numbers(model: Description) -> int:
+    """Numbers that learning keeps of the hysterons' states behind the effects of the output."""
+    own = sum(_numbers_of(part) for part in model.at(Place.OUTPUT))
+    return model.levels * (model.levels + 1) // 2 * (own + 1 if own else 0)
+
+
+def settling(model: Description) -> int:
+    """Samples after which the past of the effects of the output makes less than `LEFT` of it."""
+    return sum(_settling(part) for part in model.at(Place.OUTPUT))
+
+
+def _settling(part: Part) -> int:
+    numbers: Any = part.numbers
+    if part.kind == "delay":
+        return numbers["whole"] + 1
+    if part.kind == "resonance":  # away and speed turn and shrink by the root of their determinant
+        (a, b, _), (c, d, _) = numbers["away"], numbers["speed"]
+        elements = [(1.0, math.sqrt(a * d - b * c))]
+    elif part.kind == "output_lag":
+        elements = [(1.0, numbers["decay"])]
+    else:
+        elements = list(zip(numbers["gain"], numbers["decay"], strict=True))
+    passed = [
+        math.log(LEFT / abs(gain)) / math.log(decay) for gain, decay in elements if abs(gain) > LEFT
+    ]
+    return min(math.ceil(max(passed, default=0.0)), 2**31 - 1)
 
 
 def _length(part: Part, name: str) -> int:
@@ -99,18 +140,17 @@ def sizes(model: Description) -> dict[str, Any]:
     """Counts of numbers and operations, in the worst case."""
     levels = model.levels
     cells, sums = levels * (levels + 1) // 2, (levels + 1) * (levels + 2) // 2
-    rate, delay = model.part("rate_dependence"), model.part("delay")
+    rate = model.part("rate_dependence")
     diagonal = levels + 1 if rate is not None and not rate.numbers["reversible"] else 0
     corners = 2 * levels + 2 if rate is not None else levels + 2
-    whole = delay.numbers["whole"] if delay else -1
-    assert isinstance(whole, int)
     effects = _numbers_of_effects(model)
-    lean = 4 * corners + effects + 6 + whole + 1 + len(model.aux)
+    lean = 4 * corners + effects + 6 + len(model.aux)
+    outputs = 2 * sum(_operations(part) for part in model.at(Place.OUTPUT))
     coefficients = sum(
         len(n) if isinstance(n, tuple) else 1 for part in model.parts for n in part.numbers.values()
     )
     return {
-        "state": lean + 2 * cells + sums + diagonal + 1,
+        "state": lean + 2 * cells + sums + diagonal + 1 + filtered_numbers(model),
         "lean": lean,
         "constants": max(cells, sums + diagonal)
         + coefficients
@@ -121,5 +161,5 @@ def sizes(model: Description) -> dict[str, Any]:
         "effect_flops": sum(_operations(part) for part in model.parts) + 4,
         "calls": sum(_calls(part) for part in model.parts),
         "tries": 102 if not (rate is not None and rate.numbers["reversible"]) else 306,
-        "adapt_flops": 36 * cells + OUTPUT_BELOW * 2 * corners,
+        "adapt_flops": (36 + outputs) * cells + OUTPUT_BELOW * 2 * corners,
     }

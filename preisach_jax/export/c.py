@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jinja2
 import numpy as np
 
 from preisach_jax.effects.places import Place
-from preisach_jax.export.account import differences, jumps, sizes
+from preisach_jax.export.account import (
+    MOST_FILTERED,
+    differences,
+    filtered_numbers,
+    jumps,
+    settling,
+    sizes,
+)
 from preisach_jax.export.description import Description, Part, describe
 from preisach_jax.export.selftest import self_test
 from preisach_jax.model import Model, without_effects
@@ -97,7 +104,7 @@ def view(model: Description) -> dict[str, Any]:
         kind: model.part(kind)
         for kind in (
             "input_lag", "slew_limit", "creep", "output_lag", "delay", "resonance", "ageing",
-            "drift", "hum", "reptation", "operator_creep",
+            "drift", "hum", "reptation", "operator_creep", "output_quantisation",
         )
     }  # fmt: skip
     aux = [column.identifier for column in model.aux]
@@ -114,6 +121,15 @@ def view(model: Description) -> dict[str, Any]:
         "relay": model.hysteron == "relay",
         "most_reading": 1e3 * (float(np.abs(model.weights).sum()) + abs(model.offset)),
         "most_missed": 10 * (float(np.abs(model.weights).sum()) + abs(model.offset)),
+        "most_weight": 2 * float(np.abs(model.weights).sum()),
+        "least_weight": "-MOST_WEIGHT" if model.signed or model.polarity < 0 else "REAL(0.0)",
+        "greatest_weight": "MOST_WEIGHT" if model.signed or model.polarity > 0 else "REAL(0.0)",
+        "adapts": filtered_numbers(model) <= MOST_FILTERED,
+        "settling": settling(model),
+        "not_adapting": (
+            f"through the delay the hysterons would keep {filtered_numbers(model)} numbers, of "
+            f"which {MOST_FILTERED} at most are taken for sensible"
+        ),
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "keeps_reversible": separate,
         "feedback": feedback,
@@ -170,7 +186,10 @@ def sources(model: Description) -> dict[str, str]:
 
 
 def files(
-    model: Model, rate_hz: float | None = None, without: Sequence[str] = ()
+    model: Model,
+    rate_hz: float | None = None,
+    without: Sequence[str] = (),
+    tested: Callable[[Mapping[str, str]], str] = lambda _: "was not run",
 ) -> dict[str, str]:
     """All files of the C export, by name.
 
@@ -178,6 +197,7 @@ def files(
         model: the model.
         rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
         without: names of effects that are left out.
+        tested: says of header, source, self test and Makefile what came of the self test.
 
     Returns:
         Header, source, self test, Makefile and README.
@@ -195,7 +215,8 @@ def files(
         "differences": differences(described),
         "parts_said": [part for part in described.parts if part.said],
     }
-    made = environment()
-    names = ("preisach_test.c", "Makefile", "README.md")
-    others = {name: made.get_template(f"{name}.j2").render(content) for name in names}
-    return sources(described) | others
+    made, code = environment(), sources(described)
+    for name in ("preisach_test.c", "Makefile"):
+        code[name] = made.get_template(f"{name}.j2").render(content)
+    content["self_test"] = tested(code)
+    return code | {"README.md": made.get_template("README.md.j2").render(content)}

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import platform
-import shutil
-import subprocess
 import sys
 import tempfile
 import zipfile
@@ -18,11 +15,13 @@ from typing import Any
 
 from preisach_jax.errors import InputError
 from preisach_jax.export.c import environment, sources, view
+from preisach_jax.export.compiler import compiled
 from preisach_jax.export.description import Description, describe
 from preisach_jax.files import file_name
 from preisach_jax.model import Model
 
 IDENTIFIER = "preisach_model"
+LIBRARY = ("-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-DPREISACH_NO_ADAPT")
 
 _VALUES = "const fmi3ValueReference references[], size_t count"
 _KINDS = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
@@ -95,7 +94,9 @@ def fmu_archive(model: Model, rate_hz: float | None = None, without: Sequence[st
     """
     described = describe(model, rate_hz, without)
     texts = _texts(described, model.columns["time"])
-    binary = _compiled({name: text for name, text in texts.items() if name.startswith("sources/")})
+    sources_of_it = {name: text for name, text in texts.items() if name.startswith("sources/")}
+    with tempfile.TemporaryDirectory() as folder:
+        binary = compiled(sources_of_it, LIBRARY, folder).read_bytes()
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     contents = {name: text.encode() for name, text in texts.items()}
     contents[f"binaries/{platform_tuple()}/{IDENTIFIER}{suffix}"] = binary
@@ -170,28 +171,3 @@ def _parameters(text: str) -> dict[str, str]:
         "parameters": f", {text}" if text else "",
         "unused": " ".join(f"(void){name};" for name in names),
     }
-
-
-def _compiled(texts: dict[str, str]) -> bytes:
-    """The shared library of some sources."""
-    asked = [os.environ.get("CC", ""), "cc", "gcc", "clang"]
-    compiler = next((found for name in asked if name and (found := shutil.which(name))), None)
-    if compiler is None:
-        raise InputError(
-            "there is no C compiler (looked for $CC, cc, gcc, clang), and an FMU holds a binary of "
-            "this platform: install one, or take --to c"
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in texts.items():
-            Path(folder, Path(name).name).write_text(text, encoding="utf-8")
-        command = [
-            compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden",
-            "-DPREISACH_NO_ADAPT", "-o", "library", "fmi3_functions.c", "preisach_model.c", "-lm",
-        ]  # fmt: skip
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            first = (done.stderr.strip() or "no message").splitlines()[0]
-            raise InputError(
-                f"the C compiler {compiler} fails ({first}): set CC to another one, or take --to c"
-            )
-        return Path(folder, "library").read_bytes()

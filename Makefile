@@ -1,5 +1,6 @@
 # `make demo` and `make test` set up everything they need; `make setup` alone does just that.
-# Only Python 3.11 or newer and a package index are needed.
+# Only Python 3.11 or newer and a package index are needed. Packages are installed by uv, which is taken from
+# the path or put into .venv, or by pip where it cannot be had.
 
 VENV  := .venv
 BIN   := $(VENV)/bin
@@ -39,8 +40,16 @@ $(STAMP): requirements.lock pyproject.toml
 	fi; \
 	rm -f $(STAMP); \
 	$$python -m venv --clear $(VENV); \
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -r requirements.lock; \
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-deps --no-build-isolation --editable .; \
+	install="$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input"; \
+	if command -v uv >/dev/null; then \
+	  install="uv pip install --quiet --python $(BIN)/python"; \
+	elif $$install --prefer-binary 'uv>=0.9,<1' 2>/dev/null; then \
+	  install="$(BIN)/uv pip install --quiet --python $(BIN)/python"; \
+	else \
+	  echo "make: no uv here, so pip installs the packages, which takes some minutes" >&2; \
+	fi; \
+	$$install --require-hashes -r requirements.lock; \
+	$$install --no-deps --no-build-isolation --editable .; \
 	touch $(STAMP)
 
 demo: $(STAMP)

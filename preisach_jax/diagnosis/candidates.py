@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.tellable import surveyed, untellable
 from preisach_jax.diagnosis.trial import NotFitted, Trial
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.fit import LEAST_PROMISE, Progress, feeds_back, with_effect
+from preisach_jax.fit import Progress, feeds_back, with_effect
 from preisach_jax.identify import Point, Problem
 from preisach_jax.identify.confidence import Certainty, differs_from_nothing
 from preisach_jax.identify.signature import Projection, Prospect, prospects
@@ -46,7 +46,8 @@ class Screening:
         step: how many effects the model has.
         promised: the prospects of each effect that promises anything.
         groups: the effects to refit: those that lead, and those to turn to if none of them passes.
-        left: why each of the others is not refitted.
+        rest: the others, by what they promise.
+        left: why each of those that cannot be tried is left.
         least_hope: fall of the held-out mean square that an effect had to promise.
     """
 
@@ -55,11 +56,12 @@ class Screening:
     step: int
     promised: Mapping[Effect, list[Prospect]]
     groups: tuple[tuple[Effect, ...], ...]
+    rest: tuple[Effect, ...]
     left: tuple[NotFitted, ...]
     least_hope: float
 
     def passed_over(self, groups: Sequence[Sequence[Effect]]) -> list[Trial | NotFitted]:
-        """The rows of effects that were not refitted, since one before them passed."""
+        """The rows of effects that were not refitted."""
         return [
             NotFitted.passed_over(
                 effect, self.step, _best(self.promised[effect]).held_out, self.least_hope
@@ -124,16 +126,14 @@ def screened(
     promised, left = promises(problem, point, effects, step, progress)
     groups = _leading(problem, point, promised, HOPE * least_gain)
     chosen = [effect for group in groups for effect in group]
-    left += [
-        NotFitted.passed_over(effect, step, _best(found).held_out, HOPE * least_gain)
-        for effect, found in promised.items()
-        if effect not in chosen
-    ]
-    return Screening(problem, point, step, promised, groups, tuple(left), HOPE * least_gain)
+    rest = [effect for effect in promised if effect not in chosen]
+    rest.sort(key=lambda effect: -_best(promised[effect]).held_out)
+    least_hope = HOPE * least_gain
+    return Screening(problem, point, step, promised, groups, tuple(rest), tuple(left), least_hope)
 
 
 def refitted(
-    screening: Screening, effects: Sequence[Effect], progress: Progress
+    screening: Screening, effects: Sequence[Effect], progress: Progress, in_full: bool = False
 ) -> list[Trial | NotFitted]:
     """Refit some of the effects that were screened jointly with the rest of the model.
 
@@ -141,6 +141,7 @@ def refitted(
         screening: what they promise.
         effects: which of them.
         progress: called with a text and the share of the work that is done.
+        in_full: whether each is refined to its end, whatever it promises and wherever it begins.
 
     Returns:
         What came of each, in their order.
@@ -150,7 +151,9 @@ def refitted(
 
     def refit(effect: Effect, best: float) -> Trial | NotFitted:
         known = screening.promised[effect]
-        return _guarded(effect, step, lambda: _refitted(problem, point, effect, step, known, best))
+        return _guarded(
+            effect, step, lambda: _refitted(problem, point, effect, step, known, best, in_full)
+        )
 
     def add(effect: Effect, trial: Trial | NotFitted) -> None:
         trials.append(trial)
@@ -193,11 +196,7 @@ def _promise(
     if isinstance(effect, OfColumn) and np.ptp(problem.record.aux[effect.column]) == 0:
         value = problem.record.aux[effect.column][0]
         return NotFitted(effect, step, f"the column is constant ({value:g}): nothing can be seen")
-    found = prospects(problem, point, projection, problem.forms_of(effect, point))
-    explained = max(prospect.explained for prospect in found)
-    if explained < LEAST_PROMISE:
-        return NotFitted.screened(effect, step, explained)
-    return found
+    return prospects(problem, point, projection, problem.forms_of(effect, point))
 
 
 HOPE = 0.5
@@ -271,9 +270,10 @@ def _refitted(
     step: int,
     known: Sequence[Prospect],
     best: float,
+    in_full: bool,
 ) -> Trial:
     """An effect refitted jointly with the rest of the model, and what speaks for it."""
-    rich = with_effect(problem, point, effect, known=known, best=best)
+    rich = with_effect(problem, point, effect, in_full, known, best)
     evidence = compare(problem, point, rich)
     # What the tests refuse need not be asked how sure it is.
     certain = (

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from preisach_jax.diagnosis.budget import by_another_plane, refined_levels
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.result import Candidate
@@ -95,10 +97,16 @@ class Step:
     @property
     def is_within_budget(self) -> bool:
         """Whether noise and discretisation explain half of the held-out mean square or more."""
+        return self.above_budget <= 2
+
+    @property
+    def above_budget(self) -> float:
+        """Held-out mean square over what noise and discretisation make of it."""
         grid = by_another_plane(self.problem, self.now, self.compared.other or self.now)
         noise = noise_rms(self.problem, self.now)
         error = self.now.validation_mean_square * self.problem.unit**2
-        return error <= 2 * (noise**2 + grid**2)
+        budget = noise**2 + grid**2
+        return error / budget if budget else np.inf
 
     @property
     def compared(self) -> Step:

@@ -10,7 +10,6 @@ import numpy as np
 from preisach_jax.diagnosis.evidence import Evidence
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import LEAST_PROMISE
 from preisach_jax.identify import Point
 from preisach_jax.identify.confidence import Certainty
 
@@ -113,16 +112,6 @@ class NotFitted:
     failed: bool = False
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
     gain: float = 0.0
-
-    @staticmethod
-    def screened(effect: Effect, step: int, promise: float) -> NotFitted:
-        """An effect whose signature explains too small a share of the residual's power."""
-        explained = 100 * max(promise, 0.0)
-        reason = (
-            f"not fitted: its signature explains {explained:.1f} % of what is left, less "
-            f"than {100 * LEAST_PROMISE:.0f} %"
-        )
-        return NotFitted(effect, step, reason, hopeless=False, evidence={"promise": promise})
 
     @staticmethod
     def passed_over(effect: Effect, step: int, gain: float, enough: float) -> NotFitted:

@@ -22,12 +22,15 @@ from preisach_jax.identify.confidence import differs_from_nothing
 
 MOST_EFFECTS = 4
 
+MUCH_LEFT = 4.0
+"""Times the budget's mean square from which on each effect is fitted in full beside others."""
+
 SCREENING = 0.4
 """Share of a round that goes by until all effects are screened."""
 
 
 def tried_beside(
-    step: Step, tolerance: float, progress: Progress = in_silence
+    step: Step, tolerance: float, progress: Progress = in_silence, each_in_full: bool = False
 ) -> tuple[list[Trial | NotFitted], Trial | None, Point]:
     """Try all effects beside the model of a step: screened, refitted if they lead, and judged.
 
@@ -35,6 +38,9 @@ def tried_beside(
         step: the step.
         tolerance: RMS error, in output units, that does not matter.
         progress: called with a text and the share of the work that is done.
+        each_in_full: whether, where none of those that lead passes and the error is above the
+            budget, each of the others is fitted in full: a promise to first order says little of
+            an effect that is far from none.
 
     Returns:
         What came of each, the best one that passes, and the model to go on from (see `judged`).
@@ -54,17 +60,26 @@ def tried_beside(
     )
     rows: list[Trial | NotFitted] = list(screening.left)
     best: Trial | None = None
-    groups = list(screening.groups)
+    groups = [*screening.groups, screening.rest]
     while groups and best is None:
+        in_full = len(groups) == 1
+        if not groups[0] or (in_full and not (each_in_full and _leaves_much(step))):
+            break
         rows += refitted(
             screening,
             groups.pop(0),
             lambda text, done: progress(text, SCREENING + (1 - SCREENING) * done),
+            in_full,
         )
         rows, best, now = judged(
             problem, now, rows, lambda text: progress(text, 1.0), tolerance, least
         )
     return rows + screening.passed_over(groups), best, now
+
+
+def _leaves_much(step: Step) -> bool:
+    """Whether the error is so far above the budget that an effect not promised may be missing."""
+    return step.above_budget > (MUCH_LEFT if step.position else 2)
 
 
 def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> tuple[Step, bool]:
@@ -75,7 +90,7 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
         tolerance: RMS error, in output units, that does not matter.
         progress: called with a text and the share of the work that is done.
     """
-    trials, best, now = tried_beside(step, tolerance, progress)
+    trials, best, now = tried_beside(step, tolerance, progress, each_in_full=True)
     name = best.effect.name if best is not None else ""
     # Of an effect that is tried again on a finer plane, the last trial counts.
     again = {(trial.effect.name, trial.step) for trial in trials}

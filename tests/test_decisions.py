@@ -516,7 +516,7 @@ def test_beside_other_effects_one_more_must_take_a_sixth_and_within_the_budget_h
 
     def screening(problem, now, left, position, progress, least_gain):
         asked.append(least_gain)
-        return SimpleNamespace(left=[], groups=[], passed_over=lambda groups: [])
+        return SimpleNamespace(left=[], groups=[], rest=(), passed_over=lambda groups: [])
 
     monkeypatch.setattr(walk, "screened", screening)
     here: Any = SimpleNamespace(

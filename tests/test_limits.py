@@ -409,6 +409,11 @@ def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
             "f above 430 Hz (20 nm RMS of the output)",
         ),
         (
+            Limit("slew_limit", "slew", 470.0, "V/s", True, 0.58, 0.1, poorly_bounded=True),
+            "poorly bounded: slew above 470 V/s (580 nm RMS of the output), more than the whole "
+            "error",
+        ),
+        (
             Limit("creep", "gain_per_decade", 0.0012, "1", False, 0.05, 0.2),
             "gain per decade below 0.12 % (50 nm RMS of the output)",
         ),

@@ -75,6 +75,9 @@ def test_ringing_is_told_with_its_frequency():
     found = relations(record, wave + slow_noise(5, 1e-3 * float(np.std(wave))))[0]
     assert found.quantity == "frequency 60 Hz" or abs(float(found.quantity.split()[1]) - 60) < 3
     assert found.share > 0.5
+    assert "a resonance that rings" in found.physics
+    (known, *_) = relations(record, wave, {"resonance": [58.0]})
+    assert "what the resonance that was found leaves" in known.physics
 
 
 def test_slow_noise_goes_with_nothing():

@@ -103,12 +103,13 @@ def test_own_effects_that_failed_are_told_once():
 
 def test_rows_say_why_an_effect_was_not_fitted():
     rows: list[Row] = [
-        (NotFitted.screened(Hum(), 0, 0.0042), False, "creep"),
+        (NotFitted.passed_over(Hum(), 0, 0.0042, 0.05), False, "creep"),
         (NotFitted(Drift(), 1, "could not be fitted: all is NaN"), False, "creep"),
     ]
     reasons = [reason for _, _, reason in told(rows).values()]
     assert reasons == [
-        "not fitted: its signature explains 0.4 % of what is left, less than 1 %",
+        "not fitted: it promises to lower the held-out mean square by 0.4 %, less than the 5 % "
+        "asked for",
         "could not be fitted: all is NaN",
     ]
     row = rows[0][0].candidate(3.0, False, "creep")

@@ -33,6 +33,7 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit, Progress, in_silence
 from preisach_jax.identify import Point
 from preisach_jax.identify.confidence import with_model_error
+from preisach_jax.look import look
 from preisach_jax.model import Model
 
 MOST_MISSED = 0.3
@@ -41,6 +42,8 @@ MOST_MISSED = 0.3
 MOST_LEFT_BY_THE_LAWLESS = 0.1
 """Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
 for what was there."""
+
+NO_LIMITS = "This record does not show {}, if there (see preisach look): no limits are given."
 
 LEAST_BESIDE_THE_UNEXPLAINED = 0.2
 """Mean square that the last effect must take away, over that which stays unexplained beside it."""
@@ -91,6 +94,15 @@ def assembled(
     verdict, met = verdict_of(budget, bool(findings), tolerance)
     # Beside an error that nothing explains, how great an effect could be is not known.
     bounds = () if verdict == "unexplained" else bounds
+    silent = look(record).cannot_tell
+    not_shown = [bound.effect for bound in bounds if bound.effect in silent]
+    if not_shown:
+        notes = [*notes, NO_LIMITS.format(", ".join(not_shown))]
+    bounds = tuple(
+        replace(bound, poorly_bounded=(bound.rms or 0.0) > last.rms_validation and not bound.shown)
+        for bound in bounds
+        if bound.effect not in silent
+    )
     close = close_calls(findings, candidates, budget, met)
     return Diagnosis(
         verdict=verdict,
@@ -104,10 +116,18 @@ def assembled(
         alternatives=alternatives or {},
         next_experiment=next_experiment(verdict, findings, tried, little),
         located="" if met else located(record, last),
-        remainder=() if met else relations(record, last.residual),
+        remainder=() if met else relations(record, last.residual, _lines(last.model)),
         notes=tuple(notes),
         steps=tuple(fits),
     )
+
+
+def _lines(model: Model) -> dict[str, tuple[float, ...]]:
+    """Frequencies in Hz that the effects of a model have, by their names."""
+    return {
+        name: tuple(each.value for each in estimates.values() if each.unit == "Hz")
+        for name, estimates in model.parameters.items()
+    }
 
 
 def concluded(

@@ -46,6 +46,7 @@ class Limit:
         absorbed: share of the effect's power that the other parts of the model can take up.
         shown: whether the record itself shows the value, as readings show a converter's step; then
             it is no limit, but what the quantity is.
+        poorly_bounded: whether the effect at its limit would make more than the whole error.
     """
 
     effect: str
@@ -56,6 +57,7 @@ class Limit:
     rms: float | None
     absorbed: float
     shown: bool = False
+    poorly_bounded: bool = False
 
     def text(self, output_unit: str) -> str:
         """The limit in words."""
@@ -69,7 +71,10 @@ class Limit:
         rms = f"{quantity(self.rms, output_unit, 2)} RMS of the output"
         if self.shown:
             return f"{name} of {value}, as the record itself shows ({rms})"
-        return f"{name} {'above' if self.above else 'below'} {value} ({rms})"
+        bound = f"{name} {'above' if self.above else 'below'} {value} ({rms})"
+        return (
+            f"poorly bounded: {bound}, more than the whole error" if self.poorly_bounded else bound
+        )
 
 
 def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[Limit, ...]:

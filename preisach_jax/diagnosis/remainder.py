@@ -15,6 +15,7 @@ loses what it goes with.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +61,8 @@ PHYSICS = {
 OF_COLUMN = "the quantity acts beside the input, or scales the loop"
 
 OF_LINE = "a resonance that rings, or a hum"
+
+OF_KNOWN_LINE = "what the {} that was found leaves there, whose law is not quite the machine's"
 
 BY_LINE = ("rate of the input", "logarithm of the speed")
 """Quantities of which a straight line must explain the remainder."""
@@ -121,12 +124,15 @@ class Relation:
         )
 
 
-def relations(record: Record, residual: np.ndarray) -> tuple[Relation, ...]:
+def relations(
+    record: Record, residual: np.ndarray, lines: Mapping[str, Sequence[float]] | None = None
+) -> tuple[Relation, ...]:
     """What a remainder goes with more than by chance, strongest first.
 
     Arguments:
         record: the record.
         residual: (time,) measured minus modelled output, in output units.
+        lines: frequencies in Hz that effects of the model have, by their names.
 
     Returns:
         The relations; of quantities that say nearly the same, such as input and output, each.
@@ -142,7 +148,7 @@ def relations(record: Record, residual: np.ndarray) -> tuple[Relation, ...]:
     rows = np.flatnonzero(record.measured & np.isfinite(residual))
     if len(rows) < 4 * PARTS or not np.ptp(residual[rows]):
         return ()
-    line = _line(record, residual[rows])
+    line = _line(record, residual[rows], lines or {})
     rows = rows[:: max(1, -(-len(rows) // MOST_ROWS))]
     values = residual[rows] - residual[rows].mean()
     move = last_move(record.input)[rows]
@@ -259,7 +265,9 @@ def _rate(record: Record) -> np.ndarray:
     return input_rate(record.time, record.input, record.starts)
 
 
-def _line(record: Record, values: np.ndarray) -> list[Relation]:
+def _line(
+    record: Record, values: np.ndarray, lines: Mapping[str, Sequence[float]]
+) -> list[Relation]:
     """The band of frequencies that stands out of those beside it, if one does."""
     window = np.hanning(len(values))
     power: np.ndarray = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
@@ -276,4 +284,10 @@ def _line(record: Record, values: np.ndarray) -> list[Relation]:
     nothing = np.zeros(0)
     share, chance = (float(each / power.sum()) for each in (own, LINE_STANDS_OUT * beside * width))
     name = f"frequency {quantity(middle, 'Hz', 3)}"
-    return [Relation(name, "Hz", False, share, chance, OF_LINE, nothing, nothing, nothing)]
+    known = [
+        effect
+        for effect, own in lines.items()
+        if any((1 + LINE_WIDTH) ** -1 < middle / f_hz < 1 + LINE_WIDTH for f_hz in own)
+    ]
+    physics = OF_KNOWN_LINE.format(known[0]) if known else OF_LINE
+    return [Relation(name, "Hz", False, share, chance, physics, nothing, nothing, nothing)]

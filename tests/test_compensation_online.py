@@ -1,17 +1,21 @@
 """The inverse of a running machine, and the loop around it."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played
+from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
 
 import preisach_jax as pj
 from preisach_jax.compensation.causal import check_causal
 from preisach_jax.compensation.loop import ProportionalIntegral, simulated_stage
 from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.delay import Delay
+from preisach_jax.effects.output_lag import OutputLag
+from preisach_jax.effects.resonance import Resonance
 
 
 def driven(inverse, wanted):
@@ -110,6 +114,73 @@ def test_with_a_measured_output_it_learns_the_stage_that_there_is():
 
     learnt, blind = errors(True), errors(False)
     assert np.sqrt(np.mean(learnt**2)) < 0.3 * np.sqrt(np.mean(blind**2))
+
+
+def mode(f_hz, zeta):
+    return (Resonance(), {"f_hz": f_hz, "zeta": zeta}, ())
+
+
+LEARNT = {
+    "hysteresis alone": (RATE, ()),
+    "mode of 20 Hz": (RATE, (mode(20.0, 0.02),)),
+    "mode of 90 Hz": (RATE, (mode(90.0, 0.02),)),
+    "mode of 300 Hz": (RATE, (mode(300.0, 0.02),)),
+    "mode at a low rate": (400.0, (mode(60.0, 0.05),)),
+    "mode that is left out": (RATE, (mode(430.0, 0.02),)),
+    "lag of the sensor": (RATE, ((OutputLag(), {"tau_s": 0.01}, ()),)),
+    "delay": (RATE, ((Delay(), {"delay_s": 0.0033}, ()),)),
+    "all together": (
+        RATE,
+        (EFFECTS["creep"], mode(90.0, 0.02), EFFECTS["moving"], EFFECTS["output_nonlinearity"]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LEARNT)
+def test_with_readings_the_error_falls_and_the_weights_stay_bounded(name):
+    rate, effects = LEARNT[name]
+    model, rng = model_of(*effects), np.random.default_rng(4)
+    weights = model.weights * np.exp(0.15 * rng.normal(size=PLANE.cells))
+    stage_of = replace(model, coefficients=replace(model.coefficients, weights=weights))
+    late = model.values.get("delay", {"delay_s": 0.0})["delay_s"] * rate
+    t = np.arange(round(rate)) / rate
+    blend = np.clip(t / 0.25, 0, 1)
+    blend = blend**2 * (3 - 2 * blend)
+    begin = resting_output(model)[-1]
+    z = begin + (11 + 6 * np.sin(2 * np.pi * 4 * t) - begin) * blend
+
+    def run(learns):
+        inverse = pj.OnlineInverse(model, rate, step_size=0.5, follow_s=0.1)
+        stage, outputs, reading, drives = simulated_stage(stage_of, rate), [], math.nan, []
+        for k, wanted in enumerate(z.tolist()):
+            drives.append(inverse(wanted, reading if learns else math.nan))
+            outputs.append(stage(drives[-1], {}))
+            reading = float(np.interp(k - late, np.arange(k + 1), outputs))
+        assert np.ptp(drives) < 10.0
+        periods = np.split(np.array(outputs) - z, 4)
+        return inverse.weights, [np.sqrt(np.mean(period**2)) for period in periods]
+
+    (learnt, errors), (_, blind) = run(True), run(False)
+    assert 0 <= learnt.min() <= learnt.max() < 3 * weights.max()
+    assert errors[3] < 0.6 * blind[3]
+    assert errors[3] < errors[1] < blind[1]
+
+
+def test_what_is_not_led_is_named():
+    for name in ("mode that is left out", "delay"):
+        rate, effects = LEARNT[name]
+        inverse = pj.OnlineInverse(model_of(*effects), rate)
+        assert inverse.left_out == (effects[0][0].name,)
+
+
+def test_readings_of_another_stage_leave_the_weights_in_bounds():
+    """Readings that have nothing to do with the model, without end."""
+    model, rng = model_of(mode(90.0, 0.02)), np.random.default_rng(2)
+    inverse = pj.OnlineInverse(model, RATE, step_size=1.0, follow_s=0.01)
+    for wanted, reading in rng.uniform([2.0, -1e3], [20.0, 1e3], (600, 2)).tolist():
+        assert 0.0 <= inverse(wanted, reading) <= 10.0
+    assert inverse.weights.min() >= 0
+    assert inverse.weights.max() <= model.weights.sum()
 
 
 @pytest.mark.parametrize(

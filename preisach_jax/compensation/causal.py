@@ -1,12 +1,14 @@
 """A model and its inverse from one sample to the next, with a state of fixed size.
 
 What needs to look ahead is not in them: a delay, and added effects whose memory is no part of the
-contract of an effect.  `left_out` names them.
+contract of an effect.  An effect of which no lead is stable at the rate is followed, but not led.
+`left_out` names all of these.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +20,7 @@ from preisach_jax.chain import sensed
 from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.search import Limits
-from preisach_jax.compensation.series import Series
+from preisach_jax.compensation.series import Law, Series
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -107,8 +109,10 @@ class Causal:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Names of the model's effects that the steps do not hold."""
-        kept = {e.name for e in (*self._before, *self._behind, *self._aux, *self._timed)}
+        """Names of the model's effects that the inverse does not take away."""
+        laws = zip((self._before, self._behind), self.laws, strict=True)
+        led = [effects[i] for effects, law in laws for i in law.kept]
+        kept = {e.name for e in (*led, *self._aux, *self._timed)}
         chain = self.forward.chain
         others = [*chain.at(InputEffect), *chain.at(OutputEffect), *chain.at(AddedEffect)]
         names = [e.name for e in others if e.name not in kept and not isinstance(e, SlewLimit)]
@@ -132,18 +136,31 @@ class Causal:
     def _timed(self) -> list[AddedEffect]:
         return [e for e in self.forward.chain.at(AddedEffect) if isinstance(e, Drift | Hum)]
 
+    @cached_property
+    def laws(self) -> tuple[Law, Law]:
+        """The leads of the effects of the input and of the output."""
+        return self._in_front.law(), self.after.law()
+
     @property
-    def leads(self) -> tuple[int, int]:
-        """Samples that leads look ahead, for the effects of the input and of the output."""
-        return self._in_front.ahead(), self._after.ahead()
+    def delay(self) -> float:
+        """Samples by which the reading is late."""
+        own = [self.forward.values[e.name]["delay_s"] for e in self.forward.chain.at(Delay)]
+        return sum(own) / self.step_s
 
     @property
     def _in_front(self) -> Series:
         return Series(tuple(self._before), self.forward.values, self.step_s)
 
     @property
-    def _after(self) -> Series:
+    def after(self) -> Series:
+        """The effects of the output, without a delay."""
         return Series(tuple(self._behind), self.forward.values, self.step_s)
+
+    @property
+    def resolution(self) -> float:
+        """Step of the converter of the reading; 0 where it has none."""
+        own = [e for e, _ in self.forward.sensors if isinstance(e, OutputQuantisation)]
+        return sum(self.forward.values[e.name]["step"] for e in own)
 
     def operator(self) -> Operator:
         """The operator with the model's own weights."""
@@ -174,7 +191,7 @@ class Causal:
         signal = jnp.asarray(whole.hysteresis[:count])
         for effect in chain.at(WeightEffect):
             signal = signal * effect.at(self.forward.values[effect.name]).factor(signals)[:count]
-        behind, aim = self._after.ran(signal, dt)
+        behind, aim = self.after.ran(signal, dt)
         aux = [
             jax.lax.scan(
                 lambda lag, now, e=effect: (
@@ -206,9 +223,10 @@ class Causal:
     def _lag(self, effect: Auxiliary) -> Array:
         return jnp.asarray(self.forward.values[effect.name]["tau_s"])
 
-    def _gain(self, time: Array) -> Array:
+    def gain(self, time: Array) -> Array:
+        """Output of the operator at a time for one that rises by one with the input."""
         signals = self._at(time)
-        gain = jnp.ones(())
+        gain = jnp.asarray(float(self.forward.chain.polarity))
         for effect in self.forward.chain.at(WeightEffect):
             gain = gain * effect.at(self.forward.values[effect.name]).factor(signals)[0]
         return gain
@@ -216,7 +234,7 @@ class Causal:
     def _at(self, time: Array) -> Signals:
         return Signals(time[None], jnp.zeros(1), {})
 
-    def _beside(self, time: Array, aux: Array) -> Array:
+    def beside(self, time: Array, aux: Array) -> Array:
         """What adds to the output at a time: offset, drift, hum, auxiliary columns, free parts."""
         chain, own = self.forward.chain, self.forward.coefficients
         value, at = jnp.asarray(own.offset), 0
@@ -257,17 +275,17 @@ class Causal:
         return path[-1]
 
     def inverse(
-        self, state: CausalState, wanted: Array, aux: Array, ahead: tuple[int, int]
-    ) -> tuple[CausalState, tuple[Array, Array]]:
-        """The drive for one more wanted reading, and the reading that the model expects of it."""
+        self, state: CausalState, wanted: Array, aux: Array
+    ) -> tuple[CausalState, tuple[Array, Array, Array]]:
+        """The drive for one more wanted reading; of it, the reading, and what is behind effects."""
         chain, past = self.forward.chain, state
         plane, time = chain.plane, state.time + self.step_s
         unit = (plane.high - plane.low) / plane.levels
         lags = self._aux_after(state, aux)
-        beside = self._beside(time, lags) + state.follow
-        aim = self._before_sensor(wanted) - beside
-        signal = self._after.led(state.behind, state.signal, (state.aim, aim), ahead[1])
-        gain = chain.polarity * self._gain(time)
+        before, behind = self.laws
+        aim = self.before_sensor(wanted) - self.beside(time, lags) - state.follow
+        signal = behind(state.behind, state.signal, (state.aim, aim))
+        gain = self.gain(time)
         operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
 
         def found(width: Array) -> Array:
@@ -292,12 +310,12 @@ class Causal:
         move = (state.path[-1] - state.path[0]) / (len(state.path) - 1)
         line = state.path[-1] + move * jnp.arange(-2.0, 1.0)
         path = found(self._widening(line))
-        drive = self._in_front.led(state.before, state.drive, (state.path[-1], path), ahead[0])
+        drive = before(state.before, state.drive, (state.path[-1], path))
         reach = self._slew * self.step_s
         drive = jnp.clip(drive, self.limits.low, self.limits.high)
         drive = jnp.clip(drive, state.drive - reach, state.drive + reach)
         new, expected = self.step(state, drive, lags)
-        return new._replace(aim=aim), (drive, expected)
+        return new._replace(aim=aim), (drive, expected, new.aim)
 
     @property
     def _samples_of_speed(self) -> int:
@@ -337,9 +355,9 @@ class Causal:
                 output = output + (given - output) / jnp.maximum(1 - slope, 0.2)
         position = place(output)
         output, states = operator.moved(state.states, position, width)
-        signal = chain.polarity * self._gain(time) * output
-        behind, value = self._after.passed(state.behind, signal)
-        reading = self._reading(value + self._beside(time, lags) + state.follow)
+        signal = self.gain(time) * output
+        behind, value = self.after.passed(state.behind, signal)
+        reading = self._reading(value + self.beside(time, lags) + state.follow)
         new = state._replace(
             time=time,
             states=states,
@@ -359,7 +377,8 @@ class Causal:
         """The state after a sample of drive and auxiliary columns, and the reading there."""
         return self.step(state, sample[0], self._aux_after(state, sample[1:]))
 
-    def _before_sensor(self, reading: Array) -> Array:
+    def before_sensor(self, reading: Array) -> Array:
+        """The output at which the sensor reads a value."""
         for effect, share in reversed(self.forward.sensors):
             columns = effect.at(self.forward.values[effect.name]).columns(reading[None])
             reading = reading - (columns @ jnp.asarray(share))[0]

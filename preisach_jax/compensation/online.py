@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -30,23 +30,29 @@ from preisach_jax.record import Record
 
 FORMAT = 1
 
+LEAST_MOVED = 0.25
+"""Hysterons, squared, that must have moved between two updates of the weights."""
+
 _Carried = tuple[CausalState, "Learning"]
 _Compiled = Callable[[_Carried, np.ndarray], tuple[CausalState, "Learning", Array]]
 
-LEAST_SWITCHED = 0.25
-"""Hysterons, squared, that must have switched between two updates of the weights."""
-
 
 class Learning(NamedTuple):
-    """What an update of the weights refers to.
+    """What an update of the weights refers to: hysterons behind the linear effects of the output.
 
     Attributes:
-        states: (2, levels, levels) states at the last update.
-        error: difference of measured and expected reading there; NaN before the first.
+        filtered: states of the effects for each hysteron by itself, `(cells, ...)` each.
+        line: (sample, cells) what has come out of them, the latest first, over the delay.
+        output: (sample,) what the model says of the sum there.
+        behind: (cells,) what had come out of them at the last update, behind the delay.
+        level: measured sum there; NaN before the first.
     """
 
-    states: Array
-    error: Array
+    filtered: tuple[Any, ...]
+    line: Array
+    output: Array
+    behind: Array
+    level: Array
 
 
 class OnlineInverse:
@@ -55,12 +61,17 @@ class OnlineInverse:
     The chain of the model is inverted in its order at each sample, with the state of all its
     effects: what adds to the output is subtracted, creep and reversible parts are exact, and lags
     and modes are led along the straight line on which the course runs.  A delay is left out, as
-    that would take samples that are still to come; `left_out` names it and others.
+    that would take samples that are still to come, and so is a mode for which no lead is stable at
+    the rate; `left_out` names them and others.
 
     With a measured output beside it, the weights go on learning by the rule of the adaptive
-    filter, eq. (7) to (11) with the increments of what model and stage differ by,
-    \(R \leftarrow R + \mu\, e\, s / s^2\), and stay at zero or above; and what is left is followed
-    as a slow change of the output, such as a creep or a drift that the model does not know.
+    filter, eq. (7) to (11), \(R \leftarrow R + \mu\, e\, s / s^2\) with 0 ≤ R ≤ the stroke, where
+    s has gone through the effects of the output as the reading has, its delay included
+    (filtered-x: B. Widrow, S. D. Stearns, Adaptive Signal Processing, Prentice Hall 1985, ch. 11),
+    and e is what the weights of now would miss of the increments of the reading.  Without noise no
+    step leads away from weights that explain the readings, whatever the effects and the rate.  What
+    is left is followed as a slow change of the output, such as a creep or a drift that the model
+    does not know, and no faster than its modes die away.
 
     Arguments:
         model: the model.
@@ -69,7 +80,8 @@ class OnlineInverse:
         slew: greatest rate of the drive, in its unit per s; by default unlimited.
         after: what was played before; by default the record on which the model was identified.
         step_size: μ, from 0, which leaves the weights, to 1.
-        follow_s: time constant in s with which slow changes are followed; infinite for never.
+        follow_s: time constant in s with which slow changes are followed, at least that with which
+            a mode of the model dies away; infinite for never.
 
     Raises:
         InputError: the model has weights of both signs; or the rate, the limits, the slew, the step
@@ -111,14 +123,16 @@ class OnlineInverse:
         self._aux_columns = list(dict.fromkeys(columns))
         with on_processor():
             self._causal = self._begun(after)
-            ahead = self._causal.leads
+            # Before the steps are traced, which read them: numbers of the model and the rate.
+            _ = self._causal.laws, self._share
             start = self._causal.start()
-            begun = (start, Learning(start.states, jnp.asarray(jnp.nan)))
+            begun = (start, _begun(self._causal, start))
             # Compiled here and not at the first sample, which a controller waits for.
             carried: _Carried = jax.tree.map(_plain, begun)
             self._state, self._learning = carried
-            step = partial(_step, self._causal, ahead, self._step_size, self._share)
-            sample = np.zeros(3 + len(self._aux_columns))
+            stroke = float(np.abs(model.weights).sum())
+            step = partial(_step, self._causal, self._step_size, self._share, stroke)
+            sample = np.zeros(2 + len(self._aux_columns))
             compiled = jax.jit(step).lower(carried, sample).compile()
             self._step = cast(_Compiled, compiled)
         self.expected = self.drive = math.nan
@@ -140,9 +154,11 @@ class OnlineInverse:
             self._limits,
         )
 
-    @property
+    @cached_property
     def _share(self) -> float:
-        return -math.expm1(-1 / (self._rate * self._follow_s))
+        # A mode that is a little other than the model's would take a faster change for its own.
+        slowly = max(self._follow_s, self._causal.after.ringing_s)
+        return -math.expm1(-1 / (self._rate * slowly))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -187,7 +203,7 @@ class OnlineInverse:
                 raise InputError(
                     f"the model needs the auxiliary column {name!r}: give aux={{{name!r}: ...}}"
                 )
-        sample = np.array([wanted, measured, self.expected, *(given[n] for n in self._aux_columns)])
+        sample = np.array([wanted, measured, *(given[n] for n in self._aux_columns)])
         with jax.enable_x64(True):  # the step was compiled for its device
             self._state, self._learning, out = self._step((self._state, self._learning), sample)
             self.drive, self.expected = np.asarray(out).tolist()
@@ -261,36 +277,90 @@ def _plain(leaf: Array) -> Array:
     return jnp.asarray(np.asarray(leaf))
 
 
+def _begun(causal: Causal, state: CausalState) -> Learning:
+    """At rest where the hysterons are: what a past has left in the effects is in the increments."""
+    states = _through(causal, state)
+    late = math.ceil(causal.delay - 1e-9) + 1
+    filtered, output = causal.after.rests(states)
+    line = jnp.broadcast_to(output, (late, len(output)))
+    unknown = jnp.full(late, jnp.nan)
+    return Learning(filtered, line, unknown, line[0], jnp.asarray(jnp.nan))
+
+
+def _through(causal: Causal, state: CausalState) -> Array:
+    """(cells,) what each hysteron sends through the effects of the output, by its unit weight."""
+    plane = causal.forward.chain.plane
+    return causal.gain(state.time) * state.states[0][plane.alpha_index, plane.beta_index]
+
+
+def _late(causal: Causal, values: Array) -> Array:
+    """The value behind the delay, of those of the last samples, the latest first."""
+    delay = causal.delay
+    rows = np.arange(len(values))
+    return jnp.asarray(np.maximum(1 - np.abs(rows - delay), 0.0)) @ values
+
+
+def _learnt(
+    causal: Causal, step_size: float, most: float, carried: _Carried, reading: Array
+) -> _Carried:
+    """State and learning after an output was measured at the sample before, if it was."""
+    state, learning = carried
+    output = _late(causal, learning.output)
+    told = jnp.isfinite(reading - output)
+    behind = _late(causal, learning.line)
+    moved = behind - learning.behind
+    size = moved @ moved
+    plane = causal.forward.chain.plane
+    cells = (plane.alpha_index, plane.beta_index)
+    before, of_start = state.weights[0][cells], state.weights[1][cells]
+    missed = reading - learning.level - (before + of_start) @ moved
+    # Two readings in steps of a converter differ by up to a step of what is there.
+    missed = jnp.sign(missed) * jnp.maximum(jnp.abs(missed) - causal.resolution, 0.0)
+    learns = told & jnp.isfinite(missed) & (size >= LEAST_MOVED)
+    rise = step_size * jnp.where(learns, missed, 0.0) / jnp.maximum(size, LEAST_MOVED)
+    # Both starts share what is learnt: after the first reversals their states are the same.
+    after = jnp.where(learns, jnp.clip(before + rise * moved, -of_start, most), before)
+    change = after - before
+    # All that the old weights have left in the model becomes what the new ones would have: else
+    # the model would take what it learns for a jump of the stage, and ring with it.
+    sent = _through(causal, state)
+
+    def shifted(of_sum: Array, of_each: Array) -> Array:
+        return of_sum + jnp.tensordot(change, of_each, 1)
+
+    state = state._replace(
+        weights=state.weights.at[0, *cells].set(after),
+        hysteresis=state.hysteresis + change @ state.states[0][cells],
+        signal=state.signal + change @ sent,
+        behind=jax.tree.map(shifted, state.behind, learning.filtered),
+        # What is expected where the reading was at the last update stays, and only the way from
+        # there is learnt.
+        follow=state.follow - change @ learning.behind,
+    )
+    renews = learns | (told & ~jnp.isfinite(learning.level))
+    learning = learning._replace(
+        output=learning.output + learning.line @ change,
+        behind=jnp.where(renews, behind, learning.behind),
+        level=jnp.where(renews, reading, learning.level),
+    )
+    return state, learning
+
+
 def _step(
-    causal: Causal,
-    ahead: tuple[int, int],
-    step_size: float,
-    share: float,
-    carried: tuple[CausalState, Learning],
-    sample: Array,
+    causal: Causal, step_size: float, share: float, most: float, carried: _Carried, sample: Array
 ) -> tuple[CausalState, Learning, Array]:
     """Learn from what was measured, and find the next drive."""
-    state, learning = carried
-    wanted, error = sample[0], sample[1] - sample[2]
-    switched = state.states - learning.states
-    size = jnp.sum(switched**2) / 2
-    told = jnp.isfinite(error)
-    grown = error - learning.error
-    learns = told & jnp.isfinite(grown) & (size >= LEAST_SWITCHED)
-    polarity = causal.forward.chain.polarity
-    rise = step_size * polarity * jnp.where(learns, grown, 0.0) / jnp.maximum(size, LEAST_SWITCHED)
-    # Both starts share what is learnt: after the first reversals their states are the same.
-    changed = jnp.maximum(
-        state.weights + rise * switched * jnp.asarray([1.0, 0.0])[:, None, None], 0.0
+    state, _ = carried
+    wanted, measured, aux = sample[0], sample[1], sample[2:]
+    reading = causal.before_sensor(measured) - causal.beside(state.time, state.aux)
+    state, learning = _learnt(causal, step_size, most, carried, reading)
+    slow = reading - _late(causal, learning.output) - state.follow
+    state = state._replace(follow=state.follow + share * jnp.where(jnp.isfinite(slow), slow, 0.0))
+    state, (drive, expected, output) = causal.inverse(state, wanted, aux)
+    filtered, line = causal.after.passed_each(learning.filtered, _through(causal, state))
+    learning = learning._replace(
+        filtered=filtered,
+        line=jnp.concatenate([line[None], learning.line[:-1]]),
+        output=jnp.append(output, learning.output[:-1]),
     )
-    weights = jnp.where(learns, changed, state.weights)
-    renews = learns | (told & ~jnp.isfinite(learning.error))
-    learning = Learning(
-        jnp.where(renews, state.states, learning.states), jnp.where(renews, error, learning.error)
-    )
-    follow = state.follow + share * jnp.where(told, error, 0.0)
-    # The course that is expected moves with what was learnt, and so does what errors refer to.
-    learning = learning._replace(error=learning.error - (follow - state.follow))
-    state = state._replace(weights=weights, follow=follow)
-    state, out = causal.inverse(state, wanted, sample[3:], ahead)
-    return state, learning, jnp.stack(out)
+    return state, learning, jnp.stack([drive, expected])

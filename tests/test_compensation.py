@@ -1,10 +1,13 @@
 """A drive that was found for a course gives it back, through every effect and in all limits."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
+from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
@@ -13,6 +16,7 @@ from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.quantity import quantity
 
@@ -44,7 +48,8 @@ def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     z[100:150] = z[100]
     found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z))
     assert found.reachable.all()
-    assert not found.notes
+    (note,) = found.notes
+    assert "the drive jumps there in its first row" in note
     np.testing.assert_allclose(found.expected, z, atol=1e-11)
     assert np.ptp(found.drive[100:150]) < 1e-12
 
@@ -155,11 +160,76 @@ def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached()
     assert f"the course asks for {asked[0]} to {asked[1]}" in span
 
 
-def test_a_course_that_is_too_fast_is_not_called_too_great():
-    model = model_of()
-    found = pj.compensate(model, course(model, height=6.0), slew=5.0)
+def burst(model, height, f_hz):
+    """A course that begins at rest, and swings fast in its middle."""
+    wanted = course(model)
+    swing = height * np.sin(2 * np.pi * f_hz * wanted.time)
+    swing *= np.exp(-(((wanted.time - 0.6) / 0.08) ** 2))
+    return pj.Record.from_arrays(wanted.time, wanted.input, wanted.output + swing, units=UNITS)
+
+
+RANGE, FAST = "keep it within that range", "faster than"
+ADVICE = {"raise it", "widen the limits", RANGE, FAST, "begin the course where the stage is"}
+
+
+@pytest.mark.parametrize(
+    ("effects", "of", "options", "advice"),
+    [
+        ((), {"height": 6.0}, {"slew": 5.0}, {"raise it"}),
+        (("slew_limit",), {"burst": (6.0, 60.0)}, {}, set()),
+        ((), {"height": 18.0}, {}, {RANGE}),
+        ((), {"height": 6.0}, {"limits": (3.0, 7.0)}, {RANGE, "widen the limits"}),
+        (("output_lag",), {"burst": (4.0, 200.0)}, {}, {FAST}),
+        (("resonance",), {"jump": 4.0}, {}, {FAST}),
+        (("resonance",), {"away": 3.0}, {}, {"begin the course where the stage is"}),
+        (("resonance",), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
+        ((), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
+    ],
+)
+def test_advice_fits_the_cause(effects, of, options, advice):
+    model = model_of(*(EFFECTS[name] for name in effects))
+    if "burst" in of:
+        wanted = burst(model, *of["burst"])
+    else:
+        wanted = course(model, height=of.get("height", 5.0))
+        moved = of.get("away", 0.0) + of.get("jump", 0.0) * (wanted.time > 0.5)
+        wanted = pj.Record.from_arrays(
+            wanted.time, wanted.input, wanted.output + moved, units=UNITS
+        )
+    found = pj.compensate(model, wanted, **options)
     assert not found.reachable.all()
-    assert "asks for more speed" in found.notes[1]
+    assert {words for words in ADVICE if any(words in note for note in found.notes)} == advice
+    # Each row has one cause.
+    told = [
+        int(n.replace(",", "")) for n in re.findall(r"\(([\d,]+) rows?\)", str(found.notes[1:]))
+    ]
+    assert sum(told) == (~found.reachable).sum()
+
+
+@pytest.mark.parametrize("f_hz", [20.0, 90.0])
+@pytest.mark.parametrize("away", [3.0, -6.0])
+def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing(f_hz, away):
+    zeta, omega = 0.03, 2 * np.pi * f_hz
+    model = model_of((Resonance(), {"f_hz": f_hz, "zeta": zeta}, ()))
+    wanted = course(model)
+    moved = pj.Record.from_arrays(wanted.time, 0 * wanted.time, wanted.output + away, units=UNITS)
+    found = pj.compensate(model, moved)
+    told = next(note for note in found.notes if "begins" in note)
+    assert f"the course begins {abs(away):g} µm ({5 * abs(away):g} % of the stroke) away" in told
+    assert not found.reachable[0]
+    # A third of a period and a few samples are enough, where the limits leave room.
+    behind = round(0.6 * RATE / f_hz) + 10
+    assert found.reachable[behind:].mean() > 0.99
+    # The mode in SciPy, driven by the operator that follows the drive: no ring is left.
+    whole = np.concatenate([played().input, found.drive])
+    with jax.enable_x64(True):
+        force = np.asarray(pj.simulate(PLANE, model.weights, whole, hysteron="ramp"))
+    time = np.arange(len(whole)) / RATE
+    system = signal.lti([omega**2], [1, 2 * zeta * omega, omega**2])
+    output = 1.5 + signal.lsim(system, force, time)[1][-len(moved.output) :]
+    missed = (output - moved.output)[behind:]
+    assert np.abs(missed).max() < 4 * REACHED
+    assert np.sqrt(np.mean(missed**2)) < REACHED
 
 
 def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():

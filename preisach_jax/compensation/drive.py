@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from preisach_jax.compensation.causes import Attempt, sentences
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits, Search
@@ -109,17 +110,20 @@ def compensate(
         aim = forward.before_sensor(wanted.output)
         stroke = float(np.abs(model.weights).sum())
         good = max(1.96 * model.rms_validation, REACHED * stroke)
-        found = Search(forward, aim, allowed, good).found(progress)
+        search = Search(forward, aim, allowed, good)
+        found = search.found(progress)
         prediction = model.predict(past.record(found.drive, aux))
         rows = slice(-len(aim), None)
         expected = prediction.output[rows]
-        reachable = np.abs(found.output - aim) <= good
-        if not reachable.all():
-            sweep = past.record(_sweep(past.last_input, allowed, len(aim)), aux)
-            within = model.predict(sweep).output[rows]
-            notes += _unreached(
-                model, wanted.output, reachable, found.output - aim, allowed, within
-            )
+        sweep = past.record(_sweep(past.last_input, allowed, len(aim)), aux)
+        within = model.predict(sweep).output[rows]
+        span = (float(within.min()), float(within.max()))
+        attempt = Attempt(
+            wanted.output, found.output - aim, found, good, search.away, search.memory,
+            search.limits, search.dt, past.last_input, span,
+        )  # fmt: skip
+        reachable = attempt.reached
+        notes += sentences(model, attempt, allowed.slew)
     notes += _notes(model, wanted, reachable, expected)
     return Compensation(
         wanted.time_values,
@@ -216,33 +220,6 @@ def _sweep(start: float, allowed: Limits, count: int) -> np.ndarray:
     near, far = (low, high) if start - low < high - start else (high, low)
     corners = np.rint(np.array([0, 0.2, 0.6, 1]) * (count - 1))  # rows, so that no end is cut off
     return np.interp(np.arange(count), corners, [start, near, far, near])
-
-
-def _unreached(
-    model: Model,
-    wanted: np.ndarray,
-    reachable: np.ndarray,
-    error: np.ndarray,
-    allowed: Limits,
-    within: np.ndarray,
-) -> list[str]:
-    """Where a course cannot be reached, by how much, and what range the drive can reach."""
-    unit, in_unit = model.units.get("output", ""), pretty_unit(model.units.get("input", ""))
-    row, first = int(np.argmax(np.abs(error))), int(np.argmin(reachable))
-    low, high = float(within.min()), float(within.max())
-    told = (
-        f"the wanted output cannot be reached in {int((~reachable).sum()):,} of "
-        f"{len(reachable):,} rows, first in row {first + 1}, by up to "
-        f"{quantity(float(np.abs(error[row])), unit)} (row {row + 1}): there the drive comes as "
-        "near as it can, and reachable is 0"
-    )
-    drive = f"a drive from {allowed.low:g} to {allowed.high:g} {in_unit}".rstrip()
-    span = f"{drive} moves the output from {quantity(low, unit)} to {quantity(high, unit)}"
-    least, most = float(wanted.min()), float(wanted.max())
-    if least < low or most > high:
-        asked = f"{quantity(least, unit)} to {quantity(most, unit)}"
-        return [told, f"{span}, and the course asks for {asked}: keep it within that range"]
-    return [told, f"{span}, which holds the course: it asks for more speed, so slow it down there"]
 
 
 def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.ndarray) -> list[str]:

@@ -21,6 +21,9 @@ from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Si
 FLOOR = 0.1
 """Share of a course that effects must pass to be led in full: λ above."""
 
+FORGOTTEN = 0.02
+"""Share of the greatest response to an impulse that is no longer felt."""
+
 IMPULSE = 1e-3
 """Height of the impulse in units of the signal's range, for effects that are not quite linear."""
 
@@ -32,10 +35,12 @@ class Lead:
     Attributes:
         inverse: its frequency response, `(frequency,)`; None where there is nothing to invert.
         samples: length of the courses.
+        memory: samples after which the effects have forgotten an impulse, see `FORGOTTEN`.
     """
 
     inverse: np.ndarray | None
     samples: int
+    memory: int = 0
 
     @staticmethod
     def of(
@@ -74,7 +79,9 @@ class Lead:
             samples: length of the courses.
         """
         passed = np.fft.rfft(response, count)
-        return Lead((1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2), samples)
+        inverse = (1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2)
+        size = np.abs(response)
+        return Lead(inverse, samples, int(np.flatnonzero(size >= FORGOTTEN * size.max())[-1]))
 
     @staticmethod
     def beside(

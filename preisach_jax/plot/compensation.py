@@ -84,7 +84,7 @@ def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "")
             found.time[first], found.time[min(behind, len(found.time) - 1)], color=REFUSED,
             alpha=0.5, lw=0, label="not reachable" if i == 0 else None,
         )  # fmt: skip
-    output.legend(loc="upper right")
+    output.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     drive.plot(found.time, found.drive, color=FLOOR)
     drive.set(xlabel="time, as in the file", ylabel=f"drive ({input_unit})".replace(" ()", ""))
     return figure

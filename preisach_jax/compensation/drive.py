@@ -9,7 +9,7 @@ import numpy as np
 
 from preisach_jax.compensation.causes import Attempt, sentences
 from preisach_jax.compensation.forward import Forward
-from preisach_jax.compensation.past import past_of
+from preisach_jax.compensation.past import Past, past_of
 from preisach_jax.compensation.search import Limits, Search
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.input_quantisation import InputQuantisation
@@ -115,12 +115,9 @@ def compensate(
         prediction = model.predict(past.record(found.drive, aux))
         rows = slice(-len(aim), None)
         expected = prediction.output[rows]
-        sweep = past.record(_sweep(past.last_input, allowed, len(aim)), aux)
-        within = model.predict(sweep).output[rows]
-        span = (float(within.min()), float(within.max()))
         attempt = Attempt(
             wanted.output, found.output - aim, found, good, search.away, search.memory,
-            search.limits, search.dt, past.last_input, span,
+            search.limits, search.dt, past.last_input, _span(model, past, allowed, aux),
         )  # fmt: skip
         reachable = attempt.reached
         notes += sentences(model, attempt, allowed.slew)
@@ -214,12 +211,16 @@ def limits_of(
     return Limits(low, high, np.inf if slew is None else float(slew)), notes
 
 
-def _sweep(start: float, allowed: Limits, count: int) -> np.ndarray:
-    """(count,) drive from where it is to its nearer end, to the other one, and back."""
-    low, high = allowed.low, allowed.high
+def _span(
+    model: Model, past: Past, allowed: Limits, aux: dict[str, np.ndarray]
+) -> tuple[float, float]:
+    """Least and greatest output of a drive to its nearer limit, to the other one, and back."""
+    (low, high), start, count = allowed[:2], past.last_input, len(past.time)
     near, far = (low, high) if start - low < high - start else (high, low)
     corners = np.rint(np.array([0, 0.2, 0.6, 1]) * (count - 1))  # rows, so that no end is cut off
-    return np.interp(np.arange(count), corners, [start, near, far, near])
+    sweep = np.interp(np.arange(count), corners, [start, near, far, near])
+    within = model.predict(past.record(sweep, aux)).output[-count:]
+    return float(within.min()), float(within.max())
 
 
 def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.ndarray) -> list[str]:

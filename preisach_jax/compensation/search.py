@@ -56,18 +56,16 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A drive, what it gives, and in which rows the limits have held it back.
+    """A drive, and what it gives.
 
     Attributes:
         drive: (time,) the input.
         output: (time,) output before the sensor.
-        held: (time,) bool.
         joins: row from which on the course itself was asked for; 0 where that is its first one.
     """
 
     drive: np.ndarray
     output: np.ndarray
-    held: np.ndarray
     joins: int = 0
 
 
@@ -213,7 +211,7 @@ class Search:
             size = float(np.mean(np.log1p((error / self._good) ** 2)))
             tries = 0 if size < 0.9 * least else tries + 1
             if size < least:
-                best, least = Found(drive, course.output, blocked), size
+                best, least = Found(drive, course.output), size
             left = np.where(blocked, 0.0, error)
             if self._is_enough(left) or tries > PATIENCE:
                 break

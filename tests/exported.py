@@ -14,6 +14,8 @@ from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.export.c import sources
@@ -169,6 +171,8 @@ FORMS = {
     "rate_corners_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, True),
     "rate_smooth_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, False),
     "ripples": lambda survey: OutputNonlinearity(0.25, 4.0, 24),
+    "input_filter": lambda survey: InputLag(STEP_S / 4, 1.0, of_samples=True),
+    "output_filter": lambda survey: OutputLag(STEP_S / 4, 1.0, of_samples=True),
     "aux:load_N": lambda survey: Auxiliary("load_N", "N", STEP_S / 10, 1.0),
     "aux:heat": lambda survey: Auxiliary("heat", "K", STEP_S / 10, 1.0),
 }

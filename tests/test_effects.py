@@ -105,6 +105,20 @@ def test_input_lag_is_a_linear_system(precision, tau):
     np.testing.assert_allclose(got, lsim_lag(ticks, u, tau), rtol=0, atol=atol)
 
 
+@pytest.mark.parametrize("kind", [InputLag, OutputLag])
+@pytest.mark.parametrize("tau", [0.0004, 0.011, 3.0])
+def test_a_filter_of_samples_is_that_of_scipy(precision, kind, tau):
+    values = course(7)[2]
+    share = -np.expm1(-TICK / tau)
+    start = signal.lfilter_zi([share], [1.0, share - 1.0]) * values[0]
+    expected = signal.lfilter([share], [1.0, share - 1.0], values, zi=start)[0]
+    time = TICK * np.arange(len(values))
+    got = applied(kind(of_samples=True), {"tau_s": tau}, time, values)
+    assert got.dtype == precision
+    atol = 2e-3 if precision == "float32" else 1e-12  # steps of time are rounded to float32
+    np.testing.assert_allclose(got, expected, rtol=0, atol=atol)
+
+
 def test_creep_is_a_sum_of_linear_systems(precision):
     ticks, time, h = course(2)
     lags = [

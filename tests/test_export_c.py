@@ -39,27 +39,27 @@ from preisach_jax.model import Model, exactly_summable
 pytestmark = needs_compiler
 
 ALWAYS = (
-    "creep input_quantisation aux:load_N hum ageing output_lag delay resonance slew_limit "
-    "reptation operator_creep moving eddy_currents input_lag output_quantisation"
+    "creep input_quantisation aux:load_N hum ageing delay resonance slew_limit reptation "
+    "operator_creep moving eddy_currents output_quantisation"
 ).split()
 VARIED = {
     "drift": ["drift", "drift_waves"],
     "output_nonlinearity": ["output_nonlinearity", "ripples"],
+    "input_lag": ["input_lag", "input_filter"],
+    "output_lag": ["output_lag", "output_filter"],
     "rate_dependence": ["rate_corners", "rate_corners_all", "rate_smooth", "rate_smooth_all"],
 }
 KINDS = [*ALWAYS, *itertools.chain(*VARIED.values())]
 # Each two effects of the library, in each of their forms, are together in one of these.
 TOGETHER = [
-    [*ALWAYS, drift, bend, rate]
-    for k, rate in enumerate(VARIED["rate_dependence"])
-    for drift, bend in zip(
-        VARIED["drift"], VARIED["output_nonlinearity"][:: (-1) ** k], strict=True
-    )
+    [*ALWAYS, *(forms[k] for forms, k in zip(VARIED.values(), picks, strict=True))]
+    for a, b, c in itertools.product((0, 1), repeat=3)
+    for picks in [(c, a ^ c, b ^ c, a ^ b ^ c, 2 * a + b)]
 ]
 EVERYTHING = [
     name
     for name in TOGETHER[2]
-    if name not in ("output_quantisation", "input_lag", "eddy_currents")
+    if name not in ("output_quantisation", "input_lag", "input_filter", "eddy_currents")
 ]
 CHAINS = [[], ["creep", "output_lag"], ["delay", "hum"], ["reptation", "drift_waves"], EVERYTHING]
 JUMPING = [["input_quantisation"], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
@@ -189,8 +189,9 @@ def test_the_inverse_drives_the_model_along_what_is_wanted(names, tmp_path):
     np.testing.assert_allclose(predicted(model, drive, aux), wanted, rtol=0, atol=1e-11)
 
 
-def test_the_inverse_leads_lags_and_keeps_to_the_plane(tmp_path):
-    model = drawn(["input_lag", "output_lag"])
+@pytest.mark.parametrize("kind", ["lag", "filter"])
+def test_the_inverse_leads_lags_and_keeps_to_the_plane(kind, tmp_path):
+    model = drawn([f"input_{kind}", f"output_{kind}"])
     compiled = Compiled(model, tmp_path)
     t = np.arange(2000) * STEP_S
     wanted = 0.25 + float(model.weights.sum()) * (0.5 - 0.3 * np.cos(2 * np.pi * t))

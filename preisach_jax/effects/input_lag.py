@@ -17,6 +17,7 @@ class InputLag(FirstOrderLag, InputEffect):
 
     Arguments:
         tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+        of_samples: whether it is a filter of the samples, which is half a sample earlier.
 
     Example:
         >>> InputLag().parameters()[0].name
@@ -28,7 +29,8 @@ class InputLag(FirstOrderLag, InputEffect):
         "The command is recorded before the amplifier, but the material sees what is behind it. "
         "A voltage amplifier with its output resistance and the capacitance of the piezo stack, "
         "or a current source with the inductance of a coil, follows with a time constant R·C or "
-        "L/R: at speed the loop widens, and turning points are rounded."
+        "L/R: at speed the loop widens, and turning points are rounded.  A filter of the samples "
+        "in a controller does the same, half a sample earlier."
     )
     source: ClassVar[str] = (
         "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
@@ -51,6 +53,8 @@ class InputLag(FirstOrderLag, InputEffect):
     def apply(
         self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
+        if self.of_samples:
+            return super().apply(signal, time)
         # A step takes its signal as straight between samples.  Where it bends, the arc encloses
         # with its chord a twelfth of (curvature x step²), by which the ends are moved.
         dt = jnp.diff(time)

@@ -11,6 +11,7 @@ class OutputLag(FirstOrderLag, OutputEffect):
 
     Arguments:
         tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+        of_samples: whether it is a filter of the samples, which is half a sample earlier.
 
     Example:
         >>> import jax.numpy as jnp
@@ -24,7 +25,8 @@ class OutputLag(FirstOrderLag, OutputEffect):
     physics: ClassVar[str] = (
         "The material moves at once, but the reading follows late: the demodulator of a capacitive "
         "or inductive sensor, a strain gauge amplifier and an anti-aliasing filter average over a "
-        "time constant.  The turning points that the material remembers are those of the input."
+        "time constant, and so does a filter of the samples in a controller, half a sample "
+        "earlier.  The turning points that the material remembers are those of the input."
     )
     source: ClassVar[str] = (
         "A. J. Fleming, Sens. Actuators A 190 (2013) 106-126 (bandwidth of position sensors)"

@@ -160,7 +160,7 @@ def parameter(
 
 
 def time_constant(
-    meaning: str,
+    meaning: str | Callable[[Any], str],
     *,
     margins: tuple[float, float],
     per_decade: float = 2.0,

@@ -44,7 +44,9 @@ def _low_pass(tau_s: float, step_s: float) -> tuple[float, float]:
 
 def _lag(effect: Any, values: dict[str, float], own: tuple[float, ...], step_s: float) -> Numbers:
     decay, share = _low_pass(values["tau_s"], step_s)
-    return {"decay": decay, "share": share, "lead": values["tau_s"] / step_s}
+    if effect.of_samples:  # a move acts at once, as if the signal had jumped after the last sample
+        return {"decay": decay, "share": decay, "lead": decay / (1 - decay), "arc": 0.0}
+    return {"decay": decay, "share": share, "lead": values["tau_s"] / step_s, "arc": 1 / 12}
 
 
 def _slew(effect: Any, values: dict[str, float], own: tuple[float, ...], step_s: float) -> Numbers:

@@ -150,8 +150,9 @@ def _input_lag(part: Part, own: np.ndarray | None, value: float) -> np.ndarray:
     output, filtered, raw, earlier, bend = own.tolist()
     now = value - 2 * raw + earlier
     smaller = 0.0 if now * bend <= 0 else min(now, bend, key=abs)
-    lagged = _low_pass(part, output, filtered, value - smaller / 12)
-    return np.array([lagged, value - smaller / 12, value, raw, now])
+    arc = _number(part, "arc") * smaller
+    lagged = _low_pass(part, output, filtered, value - arc)
+    return np.array([lagged, value - arc, value, raw, now])
 
 
 def _slew_limit(part: Part, own: np.ndarray | None, value: float) -> np.ndarray:

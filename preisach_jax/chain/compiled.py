@@ -25,6 +25,7 @@ from preisach_jax.effects.base import (
     Values,
     WeightEffect,
 )
+from preisach_jax.effects.tracing import told_as_its_own
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.branches import output_after
 from preisach_jax.operator.plane import Plane
@@ -71,7 +72,8 @@ def _compiled(
 
     @wraps(function)
     def call(effect: Kind, *arguments: Given.args, **named: Given.kwargs) -> Result:
-        return compiled(jax.tree.map(as_array, effect), *arguments, **named)
+        with told_as_its_own(effect):
+            return compiled(jax.tree.map(as_array, effect), *arguments, **named)
 
     return call
 

@@ -20,7 +20,7 @@ from preisach_jax.diagnosis.walk import (
     with_families,
     without_superfluous,
 )
-from preisach_jax.effects import OF_COLUMNS, library, resolve
+from preisach_jax.effects import OF_COLUMNS, library, listed, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.fit import (
@@ -121,7 +121,7 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
         for name, effect in library().items()
         if not effect.on_request or effect.of_field == field
     ]
-    asked: list[str | Effect] = list(everything if effects is None else effects)
+    asked = listed(everything if effects is None else effects)
     names = [item if isinstance(item, str) else item.name for item in asked]
     of_columns = [kind.prefix for kind in OF_COLUMNS if f"{kind.prefix}:COL" in names]
     # The library's placeholders: one effect a column.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib.metadata import entry_points
+from typing import Any, cast
 
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -114,6 +115,46 @@ def column_of(name: str) -> str:
     return name.partition(":")[2] if placeholder(name) != name else ""
 
 
+def listed(asked: Any) -> list[str | Effect]:
+    """Names and effects as a list, which may hold nothing else.
+
+    Arguments:
+        asked: what a user gave as `effects`.
+
+    Returns:
+        The list.
+
+    Raises:
+        InputError: if it is no list, such as a single name, or holds a class or something else.
+
+    Example:
+        >>> listed("creep")
+        Traceback (most recent call last):
+        ...
+        preisach_jax.errors.InputError: effects is 'creep': give a list of names and effects, [...]
+    """
+    if isinstance(asked, str | Effect | type) or not isinstance(asked, Iterable):
+        shown = repr(asked) if isinstance(asked, str) else _shown(asked)
+        raise InputError(f"effects is {shown}: give a list of names and effects, [...]")
+    items = list(cast(Iterable[Any], asked))
+    for item in items:
+        if isinstance(item, type):
+            raise InputError(
+                f"effects holds the class {item.__name__}: give an effect, {item.__name__}()"
+            )
+        if not isinstance(item, str | Effect):
+            raise InputError(
+                f"effects holds {_shown(item)}: give names of the library, or effects of one's own"
+            )
+    return items
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    return f"{value!r:.60}, a {type(value).__name__}"
+
+
 def resolve(
     asked: Iterable[str | Effect], aux_units: dict[str, str], known: Sequence[Effect] = ()
 ) -> tuple[Effect, ...]:
@@ -128,7 +169,8 @@ def resolve(
         The effects, in the order asked.
 
     Raises:
-        InputError: if a name is not known, or asks for a column that the record does not have.
+        InputError: if it is no list of names and effects, a name is not known, or asks for a column
+            that the record does not have.
 
     Example:
         >>> [effect.name for effect in resolve(["creep", "aux:load_N"], {"load_N": "N"})]
@@ -136,7 +178,7 @@ def resolve(
     """
     names = library() | {effect.name: effect for effect in known}
     found: list[Effect] = []
-    for item in asked:
+    for item in listed(asked):
         if isinstance(item, Effect):
             effect = item
         elif item in names and not item.endswith(":COL"):

@@ -90,16 +90,24 @@ def log_grid(low: float, high: float, per_decade: float) -> tuple[float, ...]:
     return tuple(low * ratio**i for i in range(count))
 
 
-def coefficient(name: str, unit: str, meaning: str = "", *, amount: bool = True) -> Parameter:
+def coefficient(name: str, unit: str = "", meaning: str = "", *, amount: bool = True) -> Parameter:
     """A coefficient of any sign that least squares find, as one of `coefficients`.
 
     Arguments:
-        name, unit, meaning, amount: as for `Parameter`.
+        name, unit, meaning, amount: as for `Parameter`; the unit is `"1"` where there is none.
+
+    Raises:
+        InputError: if there is no unit.
 
     Example:
         >>> coefficient("amplitude", "{z}").high
         inf
     """
+    if not unit:
+        raise InputError(
+            f"coefficient({name!r}) has a name and no unit: give both, as in "
+            "coefficient('height', '{z}'), with '1' where there is no unit"
+        )
     return Parameter(name, unit, -math.inf, math.inf, meaning=meaning, amount=amount)
 
 

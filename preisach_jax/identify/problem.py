@@ -20,6 +20,7 @@ from preisach_jax.chain.runs import (
     signals_of,
     thinned,
 )
+from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.base import (
     Effect,
     HysteresisEffect,
@@ -27,6 +28,7 @@ from preisach_jax.effects.base import (
     Signals,
     Survey,
 )
+from preisach_jax.effects.lawful import require_law_of_place
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION, VALIDATION, blocks_of, rows_kept
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.reduction import Basis, reduced_basis
@@ -86,8 +88,8 @@ class Problem:
             like: another cut of the record, whose bases serve for this one too.
         """
         known = {} if like is None else like.cache
-        bases = {slot: basis for slot, basis in known.items() if slot[0] == "basis"}
-        return replace(self, reduces=True, cache=bases)
+        kept = {slot: own for slot, own in known.items() if slot[0] in ("basis", "lawful")}
+        return replace(self, reduces=True, cache=kept)
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
@@ -147,8 +149,19 @@ class Problem:
         )
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
-        """Forms of an effect to try beside a point; they may cost a spectrum."""
-        return effect.variants(self.survey_of(point, effect))
+        """Forms of an effect to try beside a point; they may cost a spectrum.
+
+        Raises:
+            EffectError: if one's own effect breaks the law of its place.
+        """
+        survey = self.survey_of(point, effect)
+        forms = effect.variants(survey)
+        slot = ("lawful", effect.name)
+        if type(effect) not in BUILT_IN and slot not in self.cache:
+            for form in forms:
+                require_law_of_place(form, survey)
+            self.cache[slot] = True
+        return forms
 
     @property
     def in_time(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from preisach_jax.chain import (
     Chain,
     Coefficients,
 )
-from preisach_jax.effects import BUILT_IN, library, placeholder
+from preisach_jax.effects import BUILT_IN, library, listed, placeholder
 from preisach_jax.effects.arrays import with_settings
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
@@ -101,7 +101,8 @@ def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Mo
         )
     with _told_as_damage():
         sound = checked(_with_band(upgraded(content, int(found))), _CONTENT)
-    kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in effects})
+    own = [effect for effect in listed(effects) if isinstance(effect, Effect)]
+    kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in own})
     with _told_as_damage():
         return _model_of(sound, kinds)
 

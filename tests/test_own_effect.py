@@ -3,12 +3,16 @@
 import math
 import re
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
 
 import preisach_jax as pj
+from preisach_jax.effects import BUILT_IN
+from preisach_jax.effects.base import Survey
+from preisach_jax.effects.lawful import require_law_of_place
 
 RATE = 1000.0
 UNITS = {"input": "V", "output": "um"}
@@ -233,6 +237,157 @@ def test_a_mistake_in_a_fit_is_the_users_to_see():
 def test_a_mistake_in_the_class_is_told_as_the_users_and_not_as_ours(effect, says):
     with pytest.raises(pj.InputError, match=says):
         pj.fit(stage()[1], [effect], levels=5)
+
+
+# --- effects that break the law of their place ---
+
+
+class Bent(pj.OutputEffect):
+    name = "bent"
+
+    bend: float = pj.parameter("1/{z}", -0.02, 0.02)
+
+    def init(self, first):
+        return jnp.zeros_like(first)
+
+    def step(self, state, value, dt):
+        return state, value + self.bend * value**2
+
+
+class Slowing(Bent):
+    name = "slowing"
+
+    def step(self, state, value, dt):
+        state = state + 0.1 * jnp.tanh(self.bend * (value - state))
+        return state, state
+
+
+class Shifted(Bent):
+    name = "shifted"
+
+    def step(self, state, value, dt):
+        return state, value + self.bend
+
+
+class Remembering(pj.SensorEffect):
+    name = "remembering"
+
+    def coefficients(self):
+        return (pj.coefficient("share", "1"),)
+
+    def columns(self, reading):
+        return jnp.cumsum(reading)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        (Bent(), r"'bent' is an OutputEffect, but not linear.*derive it from pj.SensorEffect"),
+        (Slowing(), r"'slowing' .*not linear.*belongs before the hysteresis \(pj.InputEffect\)"),
+        (Shifted(), r"'shifted' .*not linear.*columns of a pj.AddedEffect"),
+        (Remembering(), r"'remembering' is a SensorEffect.*other samples.*pj.OutputEffect"),
+    ],
+)
+def test_an_effect_that_breaks_the_law_of_its_place_is_told_another_one(effect, says):
+    with pytest.raises(pj.InputError, match=says):
+        pj.fit(stage()[1], [effect], levels=5)
+
+
+@pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.__name__)
+def test_the_library_keeps_the_laws_of_its_places(x64, kind):
+    t = np.arange(2000) / 100
+    u = 5 - 5 * np.cos(t * (1 + t / 40))
+    survey = Survey(20.0, 0.01, t, u, u**1.1, 0.1 * np.sin(7 * t), {"load_N": np.cos(t)})
+    for form in kind().variants(survey):
+        require_law_of_place(form, survey)
+
+
+# --- an effect that makes things worse ---
+
+
+class Chance(pj.AddedEffect):
+    """Forty columns of noise, of which the rows that identify will like some."""
+
+    name = "chance"
+
+    def coefficients(self):
+        return tuple(pj.coefficient(f"c{k}", "{z}") for k in range(40))
+
+    def columns(self, signals):
+        return jax.random.normal(jax.random.key(0), (len(signals.time), 40))
+
+
+def test_an_effect_that_raises_the_held_out_error_is_told():
+    _, record = stage(effect="drift")
+    few = pj.Record.from_arrays(
+        record.time[::12],
+        record.input[::12],
+        record.output[::12],
+        units=UNITS,
+        initial_memory="low",
+    )
+    plain = pj.fit(few, levels=7)
+    found = pj.fit(few, ["drift", Chance()], levels=7)
+    assert [each.effects for each in found.added] == [("drift",), ("chance",)]
+    assert found.added[0].before == pytest.approx(plain.rms_validation, rel=0.02)
+    assert found.added[1].after == pytest.approx(found.rms_validation, rel=0.02)
+    assert found.added[1].before < found.added[1].after < found.added[0].before
+    (sentence,) = found.rises
+    assert "adding chance raised the held-out error" in sentence
+    assert f"warning: {sentence}" in found.summary()
+    explored = pj.explore(few, ["drift"], levels=7).add("drift").add(Chance())
+    assert explored.fit.rises == found.rises
+    assert plain.rises == pj.fit(few, ["drift"], levels=7).rises == ()
+
+
+# --- what is given in place of an effect ---
+
+
+class Branching(SensorLag):
+    name = "branching"
+
+    def step(self, state, value, dt):
+        if value > 0:
+            return super().step(state, value, dt)
+        return state, value
+
+
+class Rooted(SensorLag):
+    name = "rooted"
+
+    def step(self, state, value, dt):
+        return state, math.sqrt(value)
+
+
+def test_code_that_cannot_be_traced_is_told_with_its_line():
+    record = stage()[1]
+    branches = r"'branching' branches on .*line \d+: if value > 0:.*jnp.where\(condition"
+    with pytest.raises(pj.InputError, match=branches):
+        pj.fit(record, [Branching()], levels=5)
+    with pytest.raises(pj.InputError, match=branches):
+        Branching(tau_s=0.1).apply(jnp.arange(5.0), jnp.arange(5.0))
+    with pytest.raises(pj.InputError, match=r"'rooted' makes a Python number.*jax.numpy"):
+        pj.fit(record, [Rooted()], levels=5)
+
+
+@pytest.mark.parametrize("use", [pj.fit, pj.diagnose, pj.explore])
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ("creep", r"effects is 'creep': give a list"),
+        (SensorLag(), r"effects is SensorLag.*: give a list"),
+        ([SensorLag], r"holds the class SensorLag: give an effect, SensorLag\(\)"),
+        ([None], r"effects holds None"),
+    ],
+)
+def test_what_is_no_list_of_effects_is_told(use, asked, says):
+    with pytest.raises(pj.InputError, match=says):
+        use(stage()[1], asked)
+
+
+def test_a_coefficient_without_a_unit_is_told():
+    with pytest.raises(pj.InputError, match=r"coefficient\('um'\) has a name and no unit"):
+        pj.coefficient("um")
 
 
 def test_bounds_of_a_parameter_in_the_wrong_order_are_the_users_mistake():

@@ -151,7 +151,8 @@ def ladder(step: Exploration, found: Diagnosis | None) -> str:
         share = 100 * rung.rms_validation / most
         fall = ""
         if place:
-            fall = f" (−{100 * (1 - rung.rms_validation / rungs[place - 1].rms_validation):.1f} %)"
+            change = 100 * (rung.rms_validation / rungs[place - 1].rms_validation - 1)
+            fall = f" ({change:+.1f} %)".replace("-", "−")
         lines.append(
             Markup(
                 '<li><span class="name">{}</span>'

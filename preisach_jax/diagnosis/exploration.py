@@ -30,12 +30,14 @@ from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
     SEARCH_ROWS,
+    Added,
     Fit,
     Progress,
     aux_units,
     begun,
     checked_levels,
     double_precision,
+    held_out_rms,
     in_reduced_basis,
     in_silence,
     moved_to,
@@ -210,7 +212,9 @@ class Exploration:
             progress(f"fitting {new.name}", 0.0)
             point = with_effect(self.problem, self.point, new, always=True)
             progress("fitting all rows", 0.6)
-            fit = on_all_rows(self.record, self.problem, point)
+            errors = (held_out_rms(self.problem, each) for each in (self.point, point))
+            added = (*self.fit.added, Added((new.name,), *errors))
+            fit = replace(on_all_rows(self.record, self.problem, point), added=added)
         progress("done", 1.0)
         return Exploration(fit, tried, self, {"point": point})
 
@@ -283,6 +287,7 @@ class Exploration:
             self.tried,
             (
                 *notes,
+                *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in self.fit.rises),
                 *notes_on(self.record, self.fit.model),
                 *of_the_past(self.record, self.fit.model, self.fit.rms_validation),
             ),

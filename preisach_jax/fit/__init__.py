@@ -8,7 +8,7 @@ from preisach_jax.fit.finish import (
     with_regressors,
 )
 from preisach_jax.fit.mechanical import fit_inside
-from preisach_jax.fit.result import Fit
+from preisach_jax.fit.result import Added, Fit
 from preisach_jax.fit.running import Progress, double_precision, in_silence
 from preisach_jax.fit.start import (
     COARSE_LEVELS,
@@ -28,6 +28,7 @@ from preisach_jax.fit.steps import (
     REFINEMENT,
     at_levels,
     feeds_back,
+    held_out_rms,
     moved_to,
     on_a_coarser_plane,
     settled,
@@ -44,6 +45,7 @@ __all__ = [
     "LEAST_PROMISE",
     "REFINEMENT",
     "SEARCH_ROWS",
+    "Added",
     "Fit",
     "Progress",
     "Schedule",
@@ -59,6 +61,7 @@ __all__ = [
     "fit",
     "fit_inside",
     "freed_of_blemishes",
+    "held_out_rms",
     "in_reduced_basis",
     "in_silence",
     "mended_by",

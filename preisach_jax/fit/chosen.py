@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit.finish import on_all_rows
 from preisach_jax.fit.mechanical import fit_inside
-from preisach_jax.fit.result import Fit
+from preisach_jax.fit.result import Added, Fit
 from preisach_jax.fit.running import Progress, double_precision, in_silence
 from preisach_jax.fit.start import (
     aux_units,
@@ -24,7 +25,7 @@ from preisach_jax.fit.start import (
     freed_of_blemishes,
     in_reduced_basis,
 )
-from preisach_jax.fit.steps import feeds_back, on_a_coarser_plane, with_effect
+from preisach_jax.fit.steps import feeds_back, held_out_rms, on_a_coarser_plane, with_effect
 from preisach_jax.fit.training import Schedule, in_double, trained
 from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.record import Record
@@ -125,7 +126,9 @@ def _fitted(
         )
     record, problem, point = begun(record, levels)
     if inside:
-        return fit_inside(record, inside[0], point, levels, progress)
+        found = fit_inside(record, inside[0], point, levels, progress)
+        before = held_out_rms(problem, point)
+        return replace(found, added=(Added(found.effects, before, found.rms_validation),))
     backwards = [effect.name for effect in chosen if feeds_back(effect)]
     if point.chain.signed and backwards:
         raise InputError(
@@ -134,9 +137,13 @@ def _fitted(
         )
     problem, point = in_reduced_basis(problem, point)
     share = 1.0 if schedule is None else UNTRAINED
+    errors = [held_out_rms(problem, point)]
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", share * position / len(chosen))
         point = with_effect(problem, point, effect, always=True)
+        errors.append(held_out_rms(problem, point))
+    pairs = zip(chosen, itertools.pairwise(errors), strict=True)
+    added = tuple(Added((effect.name,), *pair) for effect, pair in pairs)
     training = None
     if schedule is not None:
 
@@ -145,7 +152,8 @@ def _fitted(
 
         names = [effect.name for effect in chosen]
         point, training = trained(problem, point, names, schedule, show)
-    found = replace(on_all_rows(record, problem, point), training=training)
+        added = (Added(tuple(names), errors[0], held_out_rms(problem, point)),)
+    found = replace(on_all_rows(record, problem, point), training=training, added=added)
     if not point.parameters and not point.chain.coefficients:
         return found
     # What the cells add moves parameters as well: intervals from the residual alone are too short.

@@ -15,6 +15,7 @@ from preisach_jax.identify import (
 )
 from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Prediction
+from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.joined import (
     RunErrors,
@@ -23,6 +24,25 @@ from preisach_jax.record.joined import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+RISE = 1e-3
+"""Relative rise of a held-out error from which on it is told: less is not seen in its digits."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """What adding effects to a model did to its error on the rows held out.
+
+    Attributes:
+        effects: their names.
+        before, after: the RMS error, in output units, as the search saw it: of a long record on
+            the rows to which it was thinned.
+    """
+
+    effects: tuple[str, ...]
+    before: float
+    after: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +57,8 @@ class Fit:
         validation: (time,) rows held out: contiguous blocks spread over the record.
         point: the numerical state, from which a larger model starts; possibly without regressors.
         training: how the arrays of its effects were trained; None if they were not.
+        added: what each effect did to the held-out error as it was added, in their order; of
+            effects that were trained, what all of them did.
     """
 
     record: Record
@@ -46,6 +68,7 @@ class Fit:
     validation: np.ndarray
     point: Point
     training: Training | None = None
+    added: tuple[Added, ...] = ()
 
     def __repr__(self) -> str:
         from preisach_jax.present.model import model_line
@@ -88,6 +111,18 @@ class Fit:
         output = self.record.output[self.validation]
         spread = np.linalg.norm(output - output.mean())
         return float(100 * (1 - np.linalg.norm(self.residual[self.validation]) / spread))
+
+    @property
+    def rises(self) -> tuple[str, ...]:
+        """A sentence on each effect whose adding raised the held-out error."""
+        unit = self.record.output_unit
+        return tuple(
+            f"adding {', '.join(each.effects)} raised the held-out error from "
+            f"{quantity(each.before, unit, 4)} to {quantity(each.after, unit, 4)} RMS: leave it "
+            "out, unless it is known to act and the record to be poor"
+            for each in self.added
+            if not each.after <= (1 + RISE) * each.before
+        )
 
     @property
     def by_record(self) -> tuple[RunErrors, ...]:

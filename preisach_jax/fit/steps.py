@@ -8,10 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from preisach_jax.chain.runs import response
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import Effect, HysteresisEffect
 from preisach_jax.fit.start import plane_of
 from preisach_jax.identify import (
+    VALIDATION,
     Point,
     Problem,
     evaluate,
@@ -68,6 +70,17 @@ LEAST_PROMISE = 0.01
 def feeds_back(effect: Effect) -> bool:
     """Whether an effect makes what drives the hysterons depend on their output."""
     return isinstance(effect, HysteresisEffect) and effect.feeds_back
+
+
+def held_out_rms(problem: Problem, point: Point) -> float:
+    """RMS of what the output of a model misses on the rows held out, in output units.
+
+    What is fed back, and the reading of a sensor, are those of the model, and not of its equations.
+    """
+    held_out = problem.fold == VALIDATION[0]
+    output = response(point.chain, point.values, problem.signals, point.coefficients())
+    missed = problem.target - np.asarray(output)[problem.rows]
+    return float(np.sqrt(np.mean(missed[held_out] ** 2)))
 
 
 def settled(problem: Problem, point: Point) -> Point:

@@ -132,6 +132,7 @@ def as_html(fit: Fit) -> str:
     return html.block(
         html.heading(f"{fit.record.name}: {model_line(fit.model)}"),
         html.table(*error_table((fit,), fit.record), numbers_from=1),
+        *(html.sentence(f"Warning: {sentence}.") for sentence in fit.rises),
         html.table(*run_table(fit.by_record, fit.record), numbers_from=1),
         html.table(*loss_table(fit.loss, fit.record), numbers_from=0),
         chain_table(fit.model),
@@ -152,6 +153,7 @@ def as_text(fit: Fit) -> str:
         f"{largest:.4g} {unit} at most; fit {fit.fit_percent:.2f} %",
         f"  identification error {fit.rms_identification:.4g} {unit} RMS",
     ]
+    lines += [f"  warning: {sentence}" for sentence in fit.rises]
     lines += [f"  {line}" for line in run_lines(fit.by_record, unit)]
     for effect, parameters in fit.model.parameters.items():
         for name, estimate in parameters.items():

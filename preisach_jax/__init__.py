@@ -36,7 +36,7 @@ if TYPE_CHECKING:
         WeightEffect,
     )
     from preisach_jax.effects.parameter import Parameter, coefficient, parameter
-    from preisach_jax.errors import InputError
+    from preisach_jax.errors import InputError, PrecisionWarning
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.comparison import compare_recursions
     from preisach_jax.filter.fleet import FleetResult, fleet_to_folder, run_fleet
@@ -78,6 +78,7 @@ __all__ = [
     "Parameter",
     "ParameterEstimate",
     "Plane",
+    "PrecisionWarning",
     "Prediction",
     "Record",
     "RecursiveLeastSquares",
@@ -131,6 +132,7 @@ _HOMES = {
     "Parameter": "effects.parameter",
     "ParameterEstimate": "model",
     "Plane": "operator.plane",
+    "PrecisionWarning": "errors",
     "Prediction": "model",
     "Record": "record",
     "RecursiveLeastSquares": "filter.least_squares",

@@ -1,8 +1,8 @@
 """The errors of this package: what was given cannot be used, and here is how to mend it.
 
 `InputError` is the base of all that a user sees: `QuestionError` (record.columns), `EffectError`,
-`NotFiniteError`.  `ContentError` never leaves the package.  And the checks of single numbers that
-all modules share.
+`NotFiniteError`.  `PrecisionWarning` is the one warning.  `ContentError` never leaves the package.
+And the checks of single numbers that all modules share.
 """
 
 from __future__ import annotations
@@ -50,6 +50,14 @@ class NotFiniteError(InputError, FloatingPointError):
     """
 
 
+class PrecisionWarning(UserWarning):
+    """Measured values in double precision that JAX, in single, rounds by more than they can spare.
+
+    It is given once in a process for the input and once for the output of the filters and of
+    `simulate`: where the rounding is above a twentieth of the usual step from sample to sample.
+    """
+
+
 class ContentError(ValueError):
     """What is wrong inside a file, without its name.
 
@@ -83,6 +91,23 @@ def unfinished(effect: Any, method: str) -> EffectError:
         f"{type(effect).__name__}, the class of the effect {effect.name!r}, lacks a method of its "
         f"place: write {method}"
     )
+
+
+def require_no_record(name: str, values: Any) -> None:
+    """Refuse a record where one of its columns is asked for.
+
+    Arguments:
+        name: what the values are, for the message.
+        values: what was given.
+
+    Raises:
+        InputError: they are a record.
+    """
+    if all(hasattr(values, column) for column in ("time", "input", "output")):
+        raise InputError(
+            f"{name} is a whole {type(values).__name__}: give the columns that are asked for, as "
+            "record.time, record.input and record.output"
+        )
 
 
 def whole_number(what: str, value: Any, least: int) -> int:

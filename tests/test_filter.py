@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import warnings
 from typing import Any
 
 import hypothesis.strategies as st
@@ -12,9 +13,10 @@ import pytest
 from hypothesis import given, settings
 from oracles import slow_relays
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, PrecisionWarning
 from preisach_jax.filter import adaptive, checks
 from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.least_squares import RecursiveLeastSquares
 from preisach_jax.filter.online import OnlineFilter
 from preisach_jax.operator import simulation
 from preisach_jax.operator.checks import HYSTERONS
@@ -617,6 +619,57 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
     np.testing.assert_allclose(by_output, numeric, rtol=1e-9, atol=1e-9)
     numeric = differences(lambda start: loss(z, start), start, 0.1)
     np.testing.assert_allclose(by_start, numeric, rtol=1e-9, atol=1e-9)
+
+
+class OfARecord:
+    """What has the columns of a record, as `Record` and a simulated stage have."""
+
+    time = input = output = np.linspace(0.0, 6.0, 20)
+
+
+@pytest.mark.parametrize("run", [AdaptiveFilter(PLANE).run, RecursiveLeastSquares(PLANE).run])
+def test_a_record_or_several_in_place_of_arrays_is_told(x64, run):
+    with pytest.raises(InputError, match=r"the input x is a whole OfARecord: give .*record.input"):
+        run(OfARecord())
+    with pytest.raises(InputError, match=r"the output z is a whole OfARecord"):
+        run(OfARecord.input, OfARecord())
+    with pytest.raises(InputError, match="there is no output z: give both"):
+        run(OfARecord.input)
+    two = np.stack([OfARecord.input, OfARecord.input])
+    with pytest.raises(InputError, match=r"\(2, 20\) and the output z \(2, 20\).*jax.vmap"):
+        run(two, two)
+    with pytest.raises(InputError, match="the input x is a whole OfARecord"):
+        simulate(PLANE, np.ones(PLANE.cells), OfARecord())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="weights is a whole OfARecord"):
+        simulate(PLANE, OfARecord(), OfARecord.input)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match=r"\(2, 20\): give .*one by one with jax.vmap"):
+        simulate(PLANE, np.ones(PLANE.cells), two)
+
+
+def test_several_records_run_one_by_one_with_vmap():
+    x = np.stack([wandering(seed=seed, dtype="float32") for seed in (1, 2)])
+    filt = AdaptiveFilter(PLANE)
+    several = jax.vmap(filt.run)(x, 2 * x)
+    for row, weights in zip(x, several.weights, strict=True):
+        alone = filt.run(row, 2 * row, form="dense").weights
+        np.testing.assert_allclose(weights, alone, rtol=0, atol=1e-5)
+
+
+def test_single_precision_is_said_where_it_takes_digits_that_matter():
+    """In single precision numbers about 10,000 are 0.001 apart."""
+    x = wandering()
+    AdaptiveFilter(PLANE).run(x, 2 * x)  # 0.1 a step, rounded to 1e-7: nothing to say
+    with pytest.warns(PrecisionWarning, match=r"the output z is rounded to float32.*enable_x64"):
+        AdaptiveFilter(PLANE).run(x, 1e4 + 1e-3 * x)
+    with pytest.warns(PrecisionWarning, match="the input x"):
+        simulate(Plane(6, 1e4, 1e4 + 6e-3), np.ones(PLANE.cells), 1e4 + 1e-3 * x)
+    with jax.enable_x64(True):
+        AdaptiveFilter(PLANE).run(x, 1e4 + 1e-3 * x)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        for seed in (1, 2, 3):
+            AdaptiveFilter(PLANE).run(x, 1e4 + 1e-3 * wandering(seed=seed))
+    assert len(said) == 1
 
 
 def test_the_same_shapes_compile_once(monkeypatch):

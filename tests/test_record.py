@@ -568,3 +568,16 @@ def test_a_record_of_the_least_length_is_accepted():
     record_of(MIN_MEASURED).check_identifiable()
     with pytest.raises(InputError, match=f"{MIN_MEASURED - 1} measured samples"):
         record_of(MIN_MEASURED - 1).check_identifiable()
+
+
+def test_a_record_or_several_in_place_of_arrays_is_told():
+    t = np.linspace(0.0, 1.0, 50)
+    record = Record.from_arrays(t, t, t)
+    with pytest.raises(InputError, match=r"record, time is a whole Record: give .*record.input"):
+        Record.from_arrays(record)
+    with pytest.raises(InputError, match="record, output is a whole Record"):
+        Record.from_arrays(t, t, record)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="record: there is no output; give time, input and output"):
+        Record.from_arrays(t, t)
+    with pytest.raises(InputError, match=r"shape \(2, 50\).*several records a list of Records"):
+        Record.from_arrays(t, np.stack([t, t]), np.stack([t, t]))

@@ -278,7 +278,7 @@ class AdaptiveFilter(eqx.Module):
     def run(
         self,
         x: ArrayLike,
-        z: ArrayLike,
+        z: ArrayLike | None = None,
         state: FilterState | None = None,
         passes: int = 1,
         form: str = "auto",

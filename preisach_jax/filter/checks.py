@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.checks import as_float, require_finite, require_hysteron
+from preisach_jax.operator.checks import as_float, as_signal, require_finite, require_hysteron
 from preisach_jax.operator.hysteron import hysteron_step
 from preisach_jax.operator.paths import path_and_start, require_on_plane, require_plane
 from preisach_jax.operator.plane import Plane
@@ -151,7 +151,9 @@ def start_at(
     return weights, states, x, output[0]
 
 
-def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Array, jax.Array]:
+def input_and_output(
+    plane: Plane, x: ArrayLike, z: ArrayLike | None
+) -> tuple[jax.Array, jax.Array]:
     """Check an input and the measured output of it.
 
     Arguments:
@@ -169,13 +171,18 @@ def input_and_output(plane: Plane, x: ArrayLike, z: ArrayLike) -> tuple[jax.Arra
     require_plane(plane)
     if np.size(x) > MOST_SAMPLES:
         raise InputError(f"there are {np.size(x)} samples: give them in parts, each with its state")
-    x, z = as_float(x, "the input x"), as_float(z, "the output z")
+    x = as_signal(x, "the input x")
+    if z is None:
+        raise InputError("there is no output z: give both, as in run(x, z)")
+    z = as_signal(z, "the output z")
     if x.ndim == 1 and z.ndim == 0:
         z = z.reshape(-1)
     if x.ndim != 1 or x.shape != z.shape or x.shape[0] == 0:
+        several = ", and several records one by one with jax.vmap or run_fleet"
+        several = several if x.ndim == z.ndim == 2 else ""
         raise InputError(
             f"the input x has the shape {x.shape} and the output z {z.shape}: "
-            "give both (time,), with time > 0"
+            f"give both (time,), with time > 0{several}"
         )
     require_on_plane(plane, x)
     require_finite(z, "the output z", missing=True)

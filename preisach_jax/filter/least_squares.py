@@ -206,7 +206,7 @@ class RecursiveLeastSquares(eqx.Module):
         return cast(LeastSquaresState, jax.lax.cond(is_event, _update, kept, self, here, z)), info
 
     def run(
-        self, x: ArrayLike, z: ArrayLike, state: LeastSquaresState | None = None
+        self, x: ArrayLike, z: ArrayLike | None = None, state: LeastSquaresState | None = None
     ) -> LeastSquaresResult:
         """Run over a record, from event to event.
 

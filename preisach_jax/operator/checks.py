@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, PrecisionWarning, require_no_record
+
+SPARE = 0.05
+"""Share of the usual step of a signal from sample to sample by which it may be rounded."""
 
 HYSTERONS = ("relay", "ramp")
 
@@ -39,6 +44,7 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
     Raises:
         InputError: the values are an array of integers, complex or not numbers.
     """
+    require_no_record(name, values)
     array = jnp.asarray(values)
     if jnp.issubdtype(array.dtype, jnp.floating):
         # A Python number is weakly typed; a fixed type saves compiling everything twice.
@@ -51,6 +57,36 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
             f"{name.rsplit(maxsplit=1)[-1]}.astype(float)"
         )
     return array.astype(jnp.result_type(float))
+
+
+def as_signal(values: ArrayLike, name: str) -> jax.Array:
+    """Convert a measured signal to a floating array, and warn where that takes digits it needs.
+
+    Arguments:
+        values: real numbers, of which those of one record are (time,).
+        name: what they are, for the message.
+
+    Returns:
+        What `as_float` gives.
+
+    Raises:
+        InputError: as `as_float` does.
+    """
+    array = as_float(values, name)
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and array.dtype != np.float64:
+        rounding = np.abs(values - values.astype(array.dtype))
+        steps = np.abs(np.diff(values))
+        steps = steps[np.isfinite(steps) & (steps > 0)]
+        if steps.size and np.nanmean(rounding) > SPARE * np.median(steps):
+            # The text and the place are the same each time, so that Python shows it once.
+            warnings.warn(
+                f"{name} is rounded to {array.dtype}, by more than {SPARE:.0%} of its usual step "
+                "from sample to sample: compute in double precision, by "
+                "jax.config.update('jax_enable_x64', True), or take a constant off it",
+                PrecisionWarning,
+                stacklevel=1,
+            )
+    return array
 
 
 def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:

@@ -11,7 +11,13 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.checks import as_float, at_sample, require_finite, require_hysteron
+from preisach_jax.operator.checks import (
+    as_float,
+    as_signal,
+    at_sample,
+    require_finite,
+    require_hysteron,
+)
 from preisach_jax.operator.plane import Plane
 
 # An input may lie so far beyond the limits of the plane, in parts of their distance: rounding.
@@ -76,9 +82,12 @@ def as_path(plane: Plane, x: ArrayLike) -> jax.Array:
     Raises:
         InputError: it is not such a row.
     """
-    x = as_float(x, "the input x")
+    x = as_signal(x, "the input x")
     if x.ndim != 1 or x.shape[0] == 0:
-        raise InputError(f"the input x has the shape {x.shape}: give (time,), with time > 0")
+        several = ", and several inputs one by one with jax.vmap" if x.ndim > 1 else ""
+        raise InputError(
+            f"the input x has the shape {x.shape}: give (time,), with time > 0{several}"
+        )
     require_on_plane(plane, x)
     return x
 

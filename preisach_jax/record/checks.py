@@ -7,11 +7,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_no_record
 
 
 def as_vector(values: ArrayLike, key: str, name: str) -> np.ndarray:
     """`values` as (K,) float64; `key` and `name` say in messages what they are."""
+    require_no_record(f"{name}, {key}", values)
     try:
         vector = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -19,6 +20,7 @@ def as_vector(values: ArrayLike, key: str, name: str) -> np.ndarray:
     if vector.ndim != 1:
         raise InputError(
             f"{name}, {key}: an array of shape {vector.shape}; give one of shape (samples,)"
+            + ", and of several records a list of Records" * (vector.ndim == 2)
         )
     return vector
 

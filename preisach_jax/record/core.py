@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_no_record
 from preisach_jax.record import exchange
 from preisach_jax.record.channels import (
     Channel,
@@ -258,8 +258,8 @@ class Record(Samples):
     def from_arrays(
         cls,
         time: ArrayLike,
-        input: ArrayLike,
-        output: ArrayLike,
+        input: ArrayLike | None = None,
+        output: ArrayLike | None = None,
         *,
         aux: Mapping[str, ArrayLike] | None = None,
         units: Mapping[str, str] | None = None,
@@ -270,7 +270,7 @@ class Record(Samples):
 
         Arguments:
             time: (K,) s, strictly increasing.
-            input: (K,) finite.
+            input: (K,) finite; needed, as the output is.
             output: (K,), NaN where nothing was measured.
             aux: auxiliary channels by name, each (K,) and finite.
             units: units by `"input"`, `"output"` and auxiliary name.
@@ -288,6 +288,10 @@ class Record(Samples):
             >>> record.measured
             array([ True, False,  True])
         """
+        require_no_record(f"{name}, time", time)
+        if input is None or output is None:
+            lacks = "input" if input is None else "output"
+            raise InputError(f"{name}: there is no {lacks}; give time, input and output")
         check_aux_names(aux or (), name)
         arrays = {"time": time, "input": input, "output": output} | dict(aux or {})
         vectors = {key: as_vector(value, key, name) for key, value in arrays.items()}

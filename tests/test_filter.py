@@ -633,7 +633,7 @@ def test_a_record_or_several_in_place_of_arrays_is_told(x64, run):
         run(OfARecord())
     with pytest.raises(InputError, match=r"the output z is a whole OfARecord"):
         run(OfARecord.input, OfARecord())
-    with pytest.raises(InputError, match="there is no output z: give both"):
+    with pytest.raises(InputError, match=r"the shape \(20,\), and there is no output z: give both"):
         run(OfARecord.input)
     two = np.stack([OfARecord.input, OfARecord.input])
     with pytest.raises(InputError, match=r"\(2, 20\) and the output z \(2, 20\).*jax.vmap"):

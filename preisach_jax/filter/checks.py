@@ -173,7 +173,9 @@ def input_and_output(
         raise InputError(f"there are {np.size(x)} samples: give them in parts, each with its state")
     x = as_signal(x, "the input x")
     if z is None:
-        raise InputError("there is no output z: give both, as in run(x, z)")
+        raise InputError(
+            f"the input x has the shape {x.shape}, and there is no output z: give both, (time,)"
+        )
     z = as_signal(z, "the output z")
     if x.ndim == 1 and z.ndim == 0:
         z = z.reshape(-1)

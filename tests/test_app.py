@@ -429,6 +429,27 @@ def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(st
     page.close()
 
 
+@pytest.mark.parametrize("aux", [("load_N",), ("load_N", "temp_C"), ("5", "4")])
+def test_auxiliary_columns_reach_the_page(aux):
+    rows = csv(400).decode().splitlines()
+    noise = np.random.default_rng(0).normal(size=(len(rows), 2))
+    rows = [f"{row},{a},{b}" for row, (a, b) in zip(rows, noise.tolist(), strict=True)]
+    rows[0] = "t_s,u_V,z_um,load_N,temp_C"
+    choice: ReadOptions = {**CHOICE, "aux": aux}
+    project = packed("loaded.csv", "\n".join(rows).encode(), choice, (), None)
+    page = Page()
+    page._fit = lambda: None  # what is looked at is of matter here
+    page._on_drop("loaded.preisach", project)
+    wait_for(page)
+    record, found = page._record, page._look
+    assert record is not None
+    assert found is not None
+    names = ["load_N", "temp_C"][: len(aux)]
+    assert sorted(record.aux) == names
+    assert [each.name for each in found.columns if each.role == "aux"] == names
+    page.close()
+
+
 def wait_for(page, seconds=120):
     deadline = time.monotonic() + seconds
     while page._job is not None and time.monotonic() < deadline:

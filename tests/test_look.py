@@ -238,6 +238,20 @@ def test_the_json_holds_what_is_shown_and_the_figure_is_drawn(stage_csv, tmp_pat
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("aux", [("load_N",), ("load_N", "temp_C"), ("5", "4")])
+def test_auxiliary_columns_are_looked_at(aux, tmp_path, capsys):
+    file = tmp_path / "loaded.csv"
+    noise = np.random.default_rng(0).normal(size=(len(LOOPS), 2))
+    table = np.column_stack([STEP * np.arange(len(LOOPS)), LOOPS, LOOPS**1.1, noise])
+    np.savetxt(file, table, header="t_s,u_V,z_um,load_N,temp_C", delimiter=",", comments="")
+    words = [word for name in aux for word in ("--aux", name)]
+    assert main(["look", str(file), *words, "--json"]) == 0
+    columns = json.loads(capsys.readouterr().out)["columns"]
+    assert [each["role"] for each in columns[:3]] == ["time", "input", "output"]
+    named = {each["name"]: each["why"] for each in columns if each["role"] == "aux"}
+    assert named == dict.fromkeys(["load_N", "temp_C"][: len(aux)], "you named it")
+
+
 def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path, capsys):
     file = tmp_path / "two.csv"
     t = np.arange(100.0)

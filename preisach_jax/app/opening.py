@@ -187,13 +187,10 @@ class Opening(Working):
 
     def _examine(self, record: Record, upload: Upload) -> None:
         """Look at the record, then fit it."""
-        roles = {
-            role if role in ("time", "input", "output") else "aux": channel.name
-            for role, channel in record.channels.items()
-        }
 
         def work(progress: Progress) -> Look:
-            return look(record, columns=columns_of(upload.table, roles), notes=self._notes)
+            columns = columns_of(upload.table, record.channels)
+            return look(record, columns=columns, notes=self._notes)
 
         def show(found: Look) -> None:
             self._look = found

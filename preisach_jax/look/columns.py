@@ -7,8 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from preisach_jax.record.channels import Channel
 from preisach_jax.record.columns import unit_of, why
 from preisach_jax.record.table import Table
+
+AUXILIARY = "aux"
+"""Role of every column beside time, input and output."""
 
 MOST_COLUMNS = 40
 """Columns of a file that are shown one by one."""
@@ -28,16 +32,19 @@ class ColumnView:
 
 
 def columns_of(
-    table: Table, chosen: Mapping[str, str], told: Sequence[str] = ()
+    table: Table, channels: Mapping[str, Channel], told: Sequence[str] = ()
 ) -> list[ColumnView]:
     """The columns of a file with their roles and why.
 
     Arguments:
         table: the columns.
-        chosen: the column of each role, as far as known.
-        told: roles that the user named.
+        channels: those of the record, as far as known; more than three are auxiliary columns.
+        told: roles that the user named; auxiliary columns always are.
     """
-    roles = {column: role for role, column in chosen.items()}
+    roles = {
+        channel.name: key if key in ("time", "input", "output") else AUXILIARY
+        for key, channel in channels.items()
+    }
     views: list[ColumnView] = []
     for name in list(table.columns)[:MOST_COLUMNS]:
         role = roles.get(name, "")
@@ -50,7 +57,9 @@ def columns_of(
             kind = "empty"
         elif np.all(finite == finite[0]):
             kind = "constant"
-        reason = "you named it" if role in told else why(table, role, name) if role else ""
+        reason = (
+            "you named it" if role in (*told, AUXILIARY) else why(table, role, name) if role else ""
+        )
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
         views.append(ColumnView(name, role, reason, unit_of(table, name), kind, low, high))
     if table.left_aside:

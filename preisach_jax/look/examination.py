@@ -111,11 +111,8 @@ def look_at_table(table: Table, name: str, **options: Unpack[ReadOptions]) -> Lo
     notes: list[str] = []
     options["announce"] = notes.append
     record = Record.of_table(table, name, **options)
-    chosen = {role: channel.name for role, channel in record.channels.items()}
     told = [role for role in ("time", "input", "output") if options.get(role)]
-    roles = {role if role in ("time", "input", "output") else "aux": column
-             for role, column in chosen.items()}  # fmt: skip
-    return look(record, columns=columns_of(table, roles, told), notes=notes)
+    return look(record, columns=columns_of(table, record.channels, told), notes=notes)
 
 
 def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> Look:

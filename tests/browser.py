@@ -1,6 +1,7 @@
 """A page of the application, served by a process of its own, in a real browser without a window."""
 
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -42,7 +43,7 @@ def free_port():
 
 @contextmanager
 def served(*arguments, folder):
-    """The address of a page that `preisach app` serves."""
+    """The whole address of a page that `preisach app` serves, with its token."""
     port = free_port()
     words = [sys.executable, "-m", "preisach_jax.cli", "app", "--no-browser", "--port", str(port)]
     log = Path(folder) / "server.log"
@@ -50,7 +51,8 @@ def served(*arguments, folder):
         process = subprocess.Popen([*words, *map(str, arguments)], stdout=told, stderr=told)
     try:
         wait_for(port, process, log)
-        yield f"http://127.0.0.1:{port}/"
+        [address] = re.findall(rf"http://127.0.0.1:{port}/\S*", log.read_text())
+        yield address
     finally:
         process.terminate()
         process.wait(timeout=30)

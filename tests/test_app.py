@@ -43,7 +43,7 @@ from preisach_jax.app.panels import (
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script, without_detours
 from preisach_jax.app.statistics import amplitude_spectrum, drawn_rows, plane_course
-from preisach_jax.app.steps import Walk, repeated, time_line
+from preisach_jax.app.steps import Walk, repeated, saved, time_line
 from preisach_jax.app.upload import MOST_BYTES, Upload, harmless_name
 from preisach_jax.app.views import AXES, Views
 from preisach_jax.record import ReadOptions
@@ -83,8 +83,8 @@ class TestUpload:
         path.write_bytes(b"x")
         assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
-    def test_a_file_is_read_and_its_columns_are_guessed(self, tmp_path):
-        upload = Upload.of("My stage.csv", csv(), tmp_path)
+    def test_a_file_is_read_and_its_columns_are_guessed(self):
+        upload = Upload.of("My stage.csv", csv())
         assert upload.guess == {"time": "t_s", "input": "u_V", "output": "z_um"}
         assert not upload.question
         assert upload.unit("z_um") == "um"
@@ -95,11 +95,11 @@ class TestUpload:
         assert record.name == "My stage.csv"
         assert len(record) == 200
 
-    def test_columns_that_do_not_tell_are_asked_for(self, tmp_path):
-        upload = Upload.of("x.csv", csv(header="a,b,c"), tmp_path)
+    def test_columns_that_do_not_tell_are_asked_for(self):
+        upload = Upload.of("x.csv", csv(header="a,b,c"))
         assert upload.guess == {"time": None, "input": None, "output": None}
         assert "choose" in upload.question
-        scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"), tmp_path)
+        scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"))
         assert scope.guess == {"time": "TIME", "input": None, "output": None}
         choice: ReadOptions = {
             "time": None,
@@ -112,29 +112,45 @@ class TestUpload:
         assert record.step_s == pytest.approx(0.01)
         assert record.output_unit == "um"
 
-    def test_messages_name_the_file_and_not_where_it_is_kept(self, tmp_path):
+    def test_messages_name_the_file_and_not_where_it_is_kept(self):
         with pytest.raises(pj.InputError, match=r"broken one\.csv, row 3") as caught:
-            Upload.of("broken one.csv", b"t,u,z\n0,1,2\n1,2\n", tmp_path)
-        assert str(tmp_path) not in str(caught.value)
-        upload = Upload.of("text.csv", csv() + b"4.1,oops,3\n", tmp_path)
+            Upload.of("broken one.csv", b"t,u,z\n0,1,2\n1,2\n")
+        assert "preisach-app-" not in str(caught.value)
+        upload = Upload.of("text.csv", csv() + b"4.1,oops,3\n")
         with pytest.raises(pj.InputError, match=r"text\.csv, column u_V, row 202") as caught:
             upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
-        assert str(tmp_path) not in str(caught.value)
+        assert "preisach-app-" not in str(caught.value)
 
-    def test_a_file_that_is_too_large_is_sent_to_the_command_line(self, tmp_path):
+    def test_what_is_saved_is_what_was_read(self, tmp_path):
+        """Not a broken file of the same name, nor what has become of a file since."""
+        path = tmp_path / "stage.csv"
+        path.write_bytes(csv())
+        page = Page()
+        page._fit = lambda: None  # what is saved is of matter here
+        page.open_file(path)
+        while page._look is None:
+            time.sleep(0.02)
+        path.write_bytes(b"another one now")
+        for name in ("stage.csv", "stage?.csv"):
+            page._on_drop(name, b"t,u,z\n0,1,2\n1,2\n")  # broken
+            wait_for(page)
+        [kept] = saved(page._upload, page._choice, None).values()
+        assert unpacked("x.preisach", kept).content == csv()
+        page.close()
+
+    def test_a_file_that_is_too_large_is_sent_to_the_command_line(self):
         class Long(bytes):
             def __len__(self):
                 return MOST_BYTES + 1
 
         with pytest.raises(pj.InputError, match="command line"):
-            Upload.of("x.csv", Long(), tmp_path)
-        assert not list(tmp_path.iterdir())
+            Upload.of("x.csv", Long())
 
-    def test_of_ten_thousand_columns_menus_offer_some_and_those_guessed(self, tmp_path):
+    def test_of_ten_thousand_columns_menus_offer_some_and_those_guessed(self):
         names = [f"c{k}" for k in range(9_997)] + ["t_s", "u_V", "z_um"]
         line = b",".join(b"%d" % (k % 7) for k in range(9_997))
         rows = b"".join(b"%s,%d,%d,%d\n" % (line, k, k % 5, (k % 5) ** 2) for k in range(20))
-        upload = Upload.of("wide.csv", ",".join(names).encode() + b"\n" + rows, tmp_path)
+        upload = Upload.of("wide.csv", ",".join(names).encode() + b"\n" + rows)
         offered = upload.offered()
         assert len(offered) < 600
         assert {"t_s", "u_V", "z_um"} <= set(offered)
@@ -440,7 +456,9 @@ def test_auxiliary_columns_reach_the_page(aux):
     page = Page()
     page._fit = lambda: None  # what is looked at is of matter here
     page._on_drop("loaded.preisach", project)
-    wait_for(page)
+    deadline = time.monotonic() + 120
+    while page._look is None and time.monotonic() < deadline:
+        time.sleep(0.02)
     record, found = page._record, page._look
     assert record is not None
     assert found is not None
@@ -519,7 +537,16 @@ class TestProject:
         ("change", "expected"),
         [
             ({"format": 99}, "99"),
-            ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "steps"),
+            ({"format": True}, "format is true"),
+            ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "what is 'exec'"),
+            ({"clicks": [{"what": "fit", "levels": "9", "effect": ""}]}, "levels is '9'"),
+            ({"clicks": [{"what": "fit", "levels": 9, "effect": ["hum"]}]}, "effect is a list"),
+            ({"errors": ["1.5"]}, "errors"),
+            ({"name": 7}, "name is 7"),
+            ({"record": None}, "record is null"),
+            ({"choice": {**CHOICE, "aux": "abc"}}, "choice.aux is 'abc'"),
+            ({"choice": {**CHOICE, "rate": "100"}}, "choice.rate is '100'"),
+            ({"choice": {**CHOICE, "units": {"input": 1}}}, "choice.units"),
             ({"record": "record/other.csv"}, "other.csv"),
             ({"choice": None}, "the project file is damaged"),
         ],
@@ -533,8 +560,24 @@ class TestProject:
                 if name == "project.json":
                     told = json.dumps({**json.loads(told), **change}).encode()
                 new.writestr(name, told)
-        with pytest.raises(pj.InputError, match=expected):
+        with pytest.raises(pj.InputError) as caught:
             unpacked("x.preisach", changed.getvalue())
+        said = str(caught.value)
+        assert said.startswith("x.preisach: ")
+        assert expected in said
+        assert "\n" not in said
+
+    def test_one_that_lies_about_its_size_is_refused_before_it_is_unpacked(self, step, monkeypatch):
+        content = packed("stage.csv", csv(), CHOICE, self.clicks, step)
+        size = len(csv()).to_bytes(4, "little")
+        for other in (1, 2**31 - 1):
+            changed = content.replace(size, other.to_bytes(4, "little"))
+            assert changed != content
+            with pytest.raises(pj.InputError, match="the project file is damaged"):
+                unpacked("x.preisach", changed)
+        monkeypatch.setattr("preisach_jax.app.project.MOST_BYTES", len(csv()) - 1)
+        with pytest.raises(pj.InputError, match="command line"):
+            unpacked("x.preisach", content)
 
     def test_what_is_no_archive_is_refused(self):
         with pytest.raises(pj.InputError, match="the project file is damaged"):
@@ -609,10 +652,11 @@ class Tab(Document):
     def __init__(self):
         super().__init__()
         self.waiting = []
+        self.is_open = True
 
     @property
     def session_context(self):
-        return SimpleNamespace(request=SimpleNamespace(arguments={}))
+        return SimpleNamespace(request=SimpleNamespace(arguments={})) if self.is_open else None
 
     def add_next_tick_callback(self, callback):
         self.waiting.append(callback)
@@ -629,3 +673,48 @@ def test_what_a_job_hands_over_reaches_its_own_tab(way):
     with patch_curdoc(other):
         mine.waiting.pop()()
     assert seen == [mine]
+
+
+def test_a_job_works_in_its_own_tab_and_tells_a_closed_one_nothing():
+    mine, other = Tab(), Tab()
+    with set_curdoc(mine):
+        working = Working(panels.pane(), panels.pane())
+    seen, done = [], threading.Event()
+
+    def work(progress):
+        seen.append(pn.state.curdoc)
+        done.set()
+
+    with patch_curdoc(other):
+        working._start("work", work, lambda result: None)
+        assert done.wait(20)
+    assert seen == [mine]
+    mine.is_open = False
+    with patch_curdoc(other):  # what is handed over now would be built with the sheets of another
+        working._hand_over(lambda: seen.append(pn.state.curdoc))
+    assert seen == [mine]
+
+
+def test_tabs_that_are_opened_at_once_share_no_model():
+    tabs = [Tab() for _ in range(4)]
+    faults = []
+
+    def open_tab(tab):
+        try:
+            with patch_curdoc(tab), set_curdoc(tab):
+                page = Page()
+                tab.add_root(page.view.get_root(tab))
+                for text in ("a", "b"):
+                    page._layout.cards.objects = [*page._layout.cards.objects, panels.pane(text)]
+        except Exception as error:
+            faults.append(error)
+
+    threads = [threading.Thread(target=open_tab, args=(tab,)) for tab in tabs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not faults
+    models = [model for tab in tabs for model in tab.models]
+    assert len(models) == len(set(models))
+    assert all(model.document in tabs for model in models)

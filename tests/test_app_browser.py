@@ -2,11 +2,9 @@
 
 import ast
 import re
-import socket
 import subprocess
 import sys
 from urllib.parse import urlparse
-from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -627,26 +625,6 @@ def test_a_header_cannot_run_anything(tab, tmp_path):
     tab.locator(".facts").wait_for()
     assert tab.locator("img[src=x]").count() == 0
     keep(tab, "evil_header")
-
-
-def test_another_origin_is_refused(address):
-    with urlopen(address) as answer:
-        [token] = re.findall(r'"token":\s*"([^"]+)"', answer.read().decode())
-    assert "101" in upgraded(address, "http://" + urlparse(address).netloc, token)
-    assert "403" in upgraded(address, "http://evil.example", token)
-
-
-def upgraded(address, origin, token):
-    """The first line of the answer to a page of some origin that asks for a connection."""
-    host = urlparse(address)
-    lines = [
-        "GET /ws HTTP/1.1", f"Host: {host.netloc}", "Upgrade: websocket", "Connection: Upgrade",
-        f"Origin: {origin}", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-        "Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: bokeh, {token}", "", "",
-    ]  # fmt: skip
-    with socket.create_connection((host.hostname, host.port), timeout=20) as connection:
-        connection.sendall("\r\n".join(lines).encode())
-        return connection.recv(200).decode(errors="replace").splitlines()[0]
 
 
 def test_the_script_is_python(stage):

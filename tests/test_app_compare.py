@@ -40,7 +40,7 @@ def model_file(step, name, factor):
 
 def test_one_model_is_tried_on_each_record(step, tmp_path):
     others = [record_file("same.csv"), record_file("greater.csv", 1.2)]
-    result = compared(step, others, tmp_path, quiet)
+    result = compared(step, others, quiet)
     assert list(result.found) == ["own.csv", "same.csv", "greater.csv"]
     own, same, greater = (result.found[name] for name in result.found)
     assert same.rms == pytest.approx(own.rms)
@@ -52,7 +52,7 @@ def test_one_model_is_tried_on_each_record(step, tmp_path):
 
 
 def test_several_models_are_tried_on_the_record_that_is_open(step, tmp_path):
-    result = compared(step, [model_file(step, "other.json", 1.1)], tmp_path, quiet)
+    result = compared(step, [model_file(step, "other.json", 1.1)], quiet)
     assert list(result.found) == [OWN_MODEL, "other.json"]
     assert result.found["other.json"].rms > 2 * result.found[OWN_MODEL].rms
     assert all(each.record.name == "own.csv" for each in result.found.values())
@@ -60,7 +60,7 @@ def test_several_models_are_tried_on_the_record_that_is_open(step, tmp_path):
 
 def test_the_command_gives_the_same_table(step, tmp_path, monkeypatch, capsys):
     others = [record_file("a.csv"), record_file("b.csv", 0.9)]
-    result = compared(step, others, tmp_path, quiet)
+    result = compared(step, others, quiet)
     folder = tmp_path / "by_hand"
     folder.mkdir()
     (folder / "own.csv").write_bytes(record_file("own.csv").content)
@@ -93,7 +93,7 @@ def test_what_cannot_be_compared_is_refused_in_a_line(step, tmp_path, others, to
             is_model = name.endswith("json")
             files.append(model_file(step, name, 1.0) if is_model else record_file(name))
     with pytest.raises(pj.InputError) as caught:
-        compared(step, files, tmp_path, quiet)
+        compared(step, files, quiet)
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) not in str(caught.value)
@@ -114,6 +114,6 @@ def test_a_file_of_the_same_name_takes_the_place_of_the_first(step):
 
 def test_what_a_file_is_called_stays_text(step, tmp_path):
     view = CompareView(lambda: None, lambda error: None)
-    view.show(compared(step, [record_file("<i>.csv")], tmp_path, quiet))
+    view.show(compared(step, [record_file("<i>.csv")], quiet))
     assert "<i>" not in view._shown.object
     assert "&lt;i&gt;.csv" in view._shown.object

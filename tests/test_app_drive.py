@@ -74,8 +74,8 @@ def asked():
 
 
 @pytest.fixture
-def view(step, tmp_path, asked):
-    return DriveView(step, tmp_path, lambda: asked.append("find"), lambda: asked.append("changed"))
+def view(step, asked):
+    return DriveView(step, lambda: asked.append("find"), lambda: asked.append("changed"))
 
 
 class TestCourse:
@@ -172,11 +172,11 @@ class TestDrive:
     )  # fmt: skip
     def test_it_is_what_the_command_shown_writes(self, options, tmp_path, monkeypatch):
         step = step_of(tmp_path, **options)
-        view = DriveView(step, tmp_path, lambda: None, lambda: None)
+        view = DriveView(step, lambda: None, lambda: None)
         view._limits["low"].value, view._limits["slew"].value = 0.5, 40.0
         order = view.order()
         assert order is not None
-        result = driven(step, order, tmp_path, quiet)
+        result = driven(step, order, quiet)
         assert set(result.files) == {"drive.csv", "wanted.csv", "model.json"}
         assert ("load_N is assumed to stay at" in " ".join(result.notes)) == ("aux" in options)
         there = tmp_path / "there"
@@ -187,10 +187,10 @@ class TestDrive:
         assert main(shlex.split(result.command)[1:]) == 0
         assert (there / "drive.csv").read_bytes() == result.files["drive.csv"]
 
-    def test_what_cannot_be_reached_is_shaded_and_told(self, step, view, tmp_path):
+    def test_what_cannot_be_reached_is_shaded_and_told(self, step, view):
         view._shape["middle"].value = float(step.record.output.max())
         view._limits["high"].value = 9.0
-        result = driven(step, view.order(), tmp_path, quiet)
+        result = driven(step, view.order(), quiet)
         lost = ~result.found.reachable
         assert 0 < lost.sum() < len(lost)
         assert "--limits=0" in result.command
@@ -207,8 +207,8 @@ class TestDrive:
         np.testing.assert_allclose(data["drive"], result.found.drive)
         np.testing.assert_allclose(data["low"], result.found.low)
 
-    def test_the_errors_are_said_beside_those_of_a_straight_line(self, step, view, tmp_path):
-        result = driven(step, view.order(), tmp_path, quiet)
+    def test_the_errors_are_said_beside_those_of_a_straight_line(self, step, view):
+        result = driven(step, view.order(), quiet)
         text = outcome(result, step.record)
         errors, stroke = result.errors, step.record.output_range
         for value in (errors.compensated, errors.straight):
@@ -217,12 +217,12 @@ class TestDrive:
         assert errors.straight > 3 * errors.compensated
         assert "Every row can be reached" in text
 
-    def test_what_a_file_is_called_stays_text(self, step, view, tmp_path):
+    def test_what_a_file_is_called_stays_text(self, step, view):
         evil = "<img src=x>.csv"
         view._kind.value = FROM_FILE
         rows = "".join(f"{k / RATE},{5 + k / 100}\n" for k in range(200))
         drop(view, evil, f"time,output\n{rows}".encode())
-        result = driven(step, view.order(), tmp_path, quiet)
+        result = driven(step, view.order(), quiet)
         view.show(result)
         assert set(result.files) == {"drive.csv", "model.json"}
         assert "<img" not in view._command.object
@@ -281,7 +281,7 @@ class TestView:
         t, u, _ = stage()
         record = pj.Record.from_arrays(t, u, (u - 5) ** 2 + 0.5 * np.gradient(u))
         step = pj.explore(record, ["hum"], levels=7)
-        view = DriveView(step, tmp_path, lambda: None, lambda: None)
+        view = DriveView(step, lambda: None, lambda: None)
         assert "weights of both signs" in view._told.object
 
 
@@ -377,7 +377,7 @@ def test_reading_a_file_imports_nothing_more_once_the_server_has_loaded_it(tmp_p
         "from preisach_jax.look import look\n"
         "server._load(server.READING)\n"
         "before = set(sys.modules)\n"
-        f"upload = Upload.at(pathlib.Path({str(path)!r}))\n"
+        f"upload = Upload.of('stage.csv', pathlib.Path({str(path)!r}).read_bytes())\n"
         "look(upload.record({'time': 't_s', 'input': 'u_V', 'output': 'z_um'}))\n"
         "print(*(m for m in set(sys.modules) - before if not m.startswith('encodings')))\n"
     )

@@ -1,17 +1,21 @@
 """What comes from elsewhere is data and never program, and what goes elsewhere tells of nobody."""
 
 import ast
+import asyncio
 import base64
 import csv
 import functools
 import io
 import os
 import pickle
+import queue
 import re
 import socket
 import sys
+import threading
 import time
 import zipfile
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -238,24 +242,39 @@ def test_objects_packed_into_arrays_are_refused_and_not_run(tmp_path):
     assert ran.exists()  # so it does run where it is let
 
 
-@pytest.fixture(scope="module")
-def server():
-    """The page, served without a browser."""
+@contextmanager
+def serving(**options):
+    """The page, served without a browser by a thread of this process."""
     pytest.importorskip("panel")
-    from preisach_jax.app.server import free_port, serve
+    from preisach_jax.app.server import PageServer
 
-    port = free_port("127.0.0.1")
-    thread = serve(port=port, show=False, threaded=True)
-    for _ in range(400):
-        with socket.socket() as trial:
-            trial.settimeout(0.1)
-            if trial.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.05)
-    else:
-        pytest.fail("the page does not answer")
-    yield port
-    thread.stop()
+    made = queue.Queue()
+
+    def serve():
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        page = PageServer(**options)
+        made.put(page)
+        page.run(show=False)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    page = made.get(timeout=60)
+    try:
+        yield page
+    finally:
+        page.stop()
+        thread.join(30)
+
+
+@pytest.fixture(scope="module")
+def page():
+    with serving() as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def server(page):
+    return page.port
 
 
 def test_the_page_listens_to_this_machine_alone(server):
@@ -272,37 +291,138 @@ def test_the_page_listens_to_this_machine_alone(server):
     assert addresses == ["0100007F"]
 
 
+def asked(port, path="/", host="127.0.0.1:{port}", begin="GET", address="127.0.0.1", **headers):
+    """Status, headers and body of an answer, from a client that sends what it is told to."""
+    told = {"Host": host, **{name.replace("_", "-"): value for name, value in headers.items()}}
+    lines = [f"{name}: {value.format(port=port)}" for name, value in told.items() if value]
+    with socket.create_connection((address, port), timeout=60) as connection:
+        connection.sendall("\r\n".join([f"{begin} {path} HTTP/1.0", *lines, "", ""]).encode())
+        if "Upgrade" in headers:
+            answer = connection.recv(4000)
+        else:
+            answer = b"".join(iter(lambda: connection.recv(65536), b""))
+    head, _, body = answer.decode(errors="replace").partition("\r\n\r\n")
+    return int(head.split()[1]), head, body
+
+
+SOCKET = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13",
+    "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}  # fmt: skip
+OURS = "http://127.0.0.1:{port}"
+
+
+def cookie_of(page):
+    status, head, _ = asked(page.port, page.url.partition(str(page.port))[2])
+    assert (status, "Location: /\r\n" in f"{head}\r\n") == (303, True)
+    [cookie] = re.findall(r"Set-Cookie: ([^;]+); HttpOnly; Path=/; SameSite=Lax", head)
+    return cookie
+
+
+def paths_of(page):
+    """A path of each handler of the server, and of none."""
+    rules = [
+        inner
+        for outer in page._server._tornado.default_router.rules[1:]
+        for inner in outer.target.rules
+    ]
+    patterns = [rule.matcher.regex.pattern for rule in rules]
+    assert len(patterns) > 6
+    return ["/nothing", *(re.sub(r"\(.*?\)|\?|\$|\^", "", each) or "/" for each in patterns)]
+
+
+def test_every_handler_refuses_another_host_and_whoever_has_no_token(page):
+    own = cookie_of(page)
+    paths = paths_of(page)
+    assert {"/", "/ws", "/autoload.js", "/metadata", "/static/"} <= set(paths)
+    for path in paths:
+        for way in ({}, {**SOCKET, "Origin": OURS}):
+            for host in (
+                "evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "",
+                "127.0.0.1.evil.example:{port}", "192.0.2.1:{port}",
+            ):  # fmt: skip
+                assert asked(page.port, path, host=host, Cookie=own, **way)[0] == 403, (path, host)
+            for cookie in ("", own[:-1], own + "x", own.split("=")[0] + "=ä"):
+                status, _, body = asked(page.port, f"{path}?token=", Cookie=cookie, **way)
+                assert status == 403, (path, cookie)
+                assert way or "preisach app has printed" in body
+        evil = {"host": "evil.example", "Origin": "http://evil.example"}
+        assert asked(page.port, path, Cookie=own, **SOCKET, **evil)[0] == 403
+        assert asked(page.port, path, begin="POST", Cookie=own, Origin="http://a.example")[0] == 403
+    assert asked(page.port, "/", Cookie=own)[0] == 200
+    assert asked(page.port, "/static/js/bokeh.min.js", Cookie=own)[0] == 200
+    assert asked(page.port, "//evil.example/" + page.url.partition("/?")[2])[0] == 403
+
+
 @pytest.mark.parametrize(
     ("origin", "answer"),
     [
-        ("http://127.0.0.1:{port}", "101"),
-        ("http://localhost:{port}", "101"),
-        ("http://evil.example", "403"),
-        ("http://evil.example:{port}", "403"),
-        ("http://127.0.0.1.evil.example:{port}", "403"),
-        ("http://127.0.0.1:1", "403"),
-        ("null", "403"),
+        ("http://127.0.0.1:{port}", 101),
+        ("http://localhost:{port}", 101),
+        ("", 403),
+        ("http://evil.example", 403),
+        ("http://evil.example:{port}", 403),
+        ("http://127.0.0.1.evil.example:{port}", 403),
+        ("http://127.0.0.1:1", 403),
+        ("https://127.0.0.1:{port}", 403),
+        ("null", 403),
     ],
 )
-def test_only_the_page_itself_may_talk_to_its_server(server, origin, answer):
-    token = re.search(r'"token":\s*"([^"]+)"', fetched(server))
-    assert token is not None
-    lines = [
-        "GET /ws HTTP/1.1", f"Host: 127.0.0.1:{server}", "Upgrade: websocket",
-        "Connection: Upgrade", f"Origin: {origin.format(port=server)}",
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13",
-        f"Sec-WebSocket-Protocol: bokeh, {token[1]}", "", "",
-    ]  # fmt: skip
-    with socket.create_connection(("127.0.0.1", server), timeout=60) as connection:
-        connection.sendall("\r\n".join(lines).encode())
-        assert connection.recv(200).split()[1].decode() == answer
+def test_only_the_page_itself_may_talk_to_its_server(page, origin, answer):
+    cookie = cookie_of(page)
+    text = asked(page.port, "/", Cookie=cookie)[2]
+    [token] = re.findall(r'"token":\s*"([^"]+)"', text)
+    secret = cookie.partition("=")[2]
+    assert secret not in base64.urlsafe_b64decode(token.split(".")[0] + "===").decode()
+    protocols = f"bokeh, {token}"
+    way = {**SOCKET, "Origin": origin, "Sec_WebSocket_Protocol": protocols, "Cookie": cookie}
+    assert asked(page.port, "/ws", **way)[0] == answer
 
 
-def fetched(port):
-    """The page as HTML."""
-    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
-        connection.sendall(b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n")
-        return b"".join(iter(lambda: connection.recv(65536), b"")).decode(errors="replace")
+def test_nothing_is_read_before_a_socket_is_open(tmp_path, monkeypatch):
+    pytest.importorskip("panel")
+    from preisach_jax.app.page import Page
+
+    opened = []
+    monkeypatch.setattr(Page, "open_file", lambda self, path: opened.append(path))
+    with serving(data=tmp_path / "stage.csv") as page:
+        cookie = cookie_of(page)
+        text = asked(page.port, "/", Cookie=cookie)[2]
+        assert "bokeh" in text
+        time.sleep(0.3)
+        assert not opened
+
+
+@pytest.mark.parametrize(
+    ("address", "listens"), [("0.0.0.0", "127.0.0.1"), ("localhost", "127.0.0.1"), ("::1", "::1")]
+)
+def test_other_interfaces_ask_for_the_token_as_well(address, listens):
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in listens else socket.AF_INET) as trial:
+            trial.bind((listens, 0))
+    except OSError:
+        pytest.skip(f"this system has no {listens}")
+    with serving(address=address) as page:
+        port, query = page.port, page.url.partition(str(page.port))[2]
+        own = f"[{listens}]" if ":" in listens else listens
+        assert asked(port, query, host=f"{own}:{port}", address=listens)[0] == 303
+        assert asked(port, "/", host=f"{own}:{port}", address=listens)[0] == 403
+        assert asked(port, query, host=f"evil.example:{port}", address=listens)[0] == 403
+        foreign = asked(port, query, host=f"192.0.2.1:{port}", address=listens)[0]
+        assert foreign == (303 if address == "0.0.0.0" else 403)
+
+
+def test_where_nothing_can_listen_is_one_line(page, capsys):
+    pytest.importorskip("panel")
+    for words in (
+        ["--port", str(page.port)], ["--port", "65536"], ["--port", "-1"],
+        ["--address", "nonsense nonsense"], ["--address", "192.0.2.1"], ["--address", ""],
+        ["--address", "2001:db8::1"],
+    ):  # fmt: skip
+        assert main(["app", "--no-browser", *words]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1, said
+        assert words[1] in said
 
 
 def test_every_dependency_is_pinned_with_its_hashes():

@@ -58,9 +58,7 @@ class Compared:
     files: dict[str, bytes]
 
 
-def compared(
-    step: Exploration, dropped: Sequence[Dropped], folder: Path, progress: Progress
-) -> Compared:
+def compared(step: Exploration, dropped: Sequence[Dropped], progress: Progress) -> Compared:
     """Test the model of a step against records, or several models against one record.
 
     Records alone are compared under the model of the step, beside its own record; models alone
@@ -69,7 +67,6 @@ def compared(
     Arguments:
         step: model and record of the page.
         dropped: what is compared with them.
-        folder: where files are kept while they are read.
         progress: called with a text and the share done.
 
     Returns:
@@ -90,10 +87,10 @@ def compared(
         raise InputError(
             f"{min(twice)}: what is open here is called the same; give the file another name"
         )
-    known = {OWN_MODEL: own} | {each.name: _model(each, folder) for each in models}
+    known = {OWN_MODEL: own} | {each.name: _model(each) for each in models}
     found: dict[str, Comparison] = {}
     if models:
-        record = _record(records[0], own, folder) if records else step.record
+        record = _record(records[0], own) if records else step.record
         for k, (title, model) in enumerate(known.items()):
             progress(f"comparing {title}", k / len(known))
             found[title] = compare(model, record)
@@ -103,7 +100,7 @@ def compared(
         found[name] = compare(own, step.record)
         for k, each in enumerate(records, start=1):
             progress(f"comparing {each.name}", k / (len(records) + 1))
-            found[each.name] = compare(own, _record(each, own, folder))
+            found[each.name] = compare(own, _record(each, own))
         names = [OWN_MODEL, *found]
     progress("drawing", 0.95)
     command = shlex.join(["preisach", "compare", *names])
@@ -115,18 +112,19 @@ def compared(
     return Compared(found, picture, command, files)
 
 
-def _model(dropped: Dropped, folder: Path) -> Model:
-    path = folder / "other_model.json"
-    path.write_bytes(dropped.content)
-    try:
-        return Model.load(path)
-    except InputError as error:
-        raise InputError(str(error).replace(str(path), dropped.name)) from None
+def _model(dropped: Dropped) -> Model:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.json"
+        path.write_bytes(dropped.content)
+        try:
+            return Model.load(path)
+        except InputError as error:
+            raise InputError(str(error).replace(str(path), dropped.name)) from None
 
 
-def _record(dropped: Dropped, model: Model, folder: Path) -> Record:
+def _record(dropped: Dropped, model: Model) -> Record:
     """The record in a file, by the columns of the model where it has them, else as guessed."""
-    upload = Upload.of(f"other_{dropped.name}", dropped.content, folder)
+    upload = Upload.of(dropped.name, dropped.content)
     table = upload.table
     told = {
         role: model.columns[role]

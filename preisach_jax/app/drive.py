@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,7 +54,6 @@ class DriveView:
 
     Arguments:
         step: the model that drives.
-        folder: where courses are kept while they are read.
         find: called when the drive is wanted.
         changed: called when the course or its limits have become others.
         hand_over: runs a function in the page's own thread.
@@ -69,12 +67,11 @@ class DriveView:
     def __init__(
         self,
         step: Exploration,
-        folder: Path,
         find: Callable[[], None],
         changed: Callable[[], None],
         hand_over: Callable[[Callable[[], None]], object] = lambda function: function(),
     ):
-        self._step, self._folder, self._changed = step, folder, changed
+        self._step, self._changed = step, changed
         self._hand_over = hand_over
         self._file: CourseFile | None = None
         self._quiet = False
@@ -266,7 +263,7 @@ class DriveView:
             elif self._kind.value != FROM_FILE:
                 self.figures.show_course(*self._typed())
             elif self._file is not None:
-                course = course_of(self._step, self._file, self._folder)
+                course = course_of(self._step, self._file)
                 self.figures.show_course(course.time, course.output)
                 self._drawn.objects = [plots(self.figures.layout)]
         except InputError as error:

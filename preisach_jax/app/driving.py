@@ -5,13 +5,12 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
 from preisach_jax.app.course import MADE, CourseFile
-from preisach_jax.app.upload import harmless_name
+from preisach_jax.app.upload import table_of
 from preisach_jax.compensation import Compensation, compensate
 from preisach_jax.compensation.exchange import drive_csv, wanted_course
 from preisach_jax.compensation.straight import Tracking, tracking
@@ -21,7 +20,6 @@ from preisach_jax.fit import Progress
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
-from preisach_jax.record.reading import read_table
 from preisach_jax.record.spans import spans
 
 
@@ -70,32 +68,28 @@ class Driven:
     notes: tuple[str, ...]
 
 
-def course_of(step: Exploration, course: CourseFile, folder: Path) -> Record:
+def course_of(step: Exploration, course: CourseFile) -> Record:
     """Read a wanted course as `preisach compensate` does.
 
     Arguments:
         step: the model and its record.
         course: the file.
-        folder: where to keep it.
 
     Raises:
         InputError: it cannot be read, or has not the columns of the model.
     """
-    path = folder / f"wanted_{harmless_name(course.name)}"
-    path.write_bytes(course.content)
     return wanted_course(
-        step.fit.model, read_table(path, course.name), course.name,
+        step.fit.model, table_of(course.name, course.content), course.name,
         time=course.columns.get("time"), output=course.columns.get("output"), units=course.units,
     )  # fmt: skip
 
 
-def driven(step: Exploration, order: Order, folder: Path, progress: Progress) -> Driven:
+def driven(step: Exploration, order: Order, progress: Progress) -> Driven:
     """Find the drive for a wanted course, and what a straight line would miss.
 
     Arguments:
         step: the model and its record.
         order: the course, and the limits of the drive.
-        folder: where to keep the course.
         progress: called with a text and the share done.
 
     Raises:
@@ -104,7 +98,7 @@ def driven(step: Exploration, order: Order, folder: Path, progress: Progress) ->
     model, limits = step.fit.model, order.limits(step.fit.model)
     progress("making the wanted course", 0.0)
     course = order.course()
-    wanted = course_of(step, course, folder)
+    wanted = course_of(step, course)
     found = compensate(model, wanted, limits=limits, slew=order.slew, progress=progress)
     progress("comparing with a straight line", 0.97)
     errors = tracking(model, wanted, found, limits=limits, slew=order.slew)

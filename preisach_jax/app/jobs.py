@@ -146,8 +146,8 @@ class Working:
 
         self._say_progress(what, 0.0)
         self._job = Job(
-            work, hand_over=self._hand_over, tell=self._tell, on_progress=self._say_progress,
-            on_done=finished, on_error=failed,
+            partial(_in_tab, self._document, work), hand_over=self._hand_over, tell=self._tell,
+            on_progress=self._say_progress, on_done=finished, on_error=failed,
         )  # fmt: skip
         self._refresh()
 
@@ -166,9 +166,9 @@ class Working:
 
     def _next(self, function: Callable[[], None], how: Callable[..., None]) -> None:
         document = self._document
-        if document is None or document.session_context is None:
+        if document is None:
             function()  # without a server there is no other thread to hand it to
-        else:
+        elif document.session_context is not None:  # else the tab has been closed meanwhile
             document.add_next_tick_callback(partial(_in_tab, document, how, function))
 
     def _say_progress(self, text: str, done: float) -> None:
@@ -178,8 +178,8 @@ class Working:
         self._message.object = str(Markup.escape(text))
 
 
-def _in_tab(document: Any, how: Callable[..., None], function: Callable[[], None]) -> None:
-    # The document that Bokeh takes for the present one is one for all threads: where another server
-    # of this process is at work, it is that of another tab, whose style sheets must not get here.
+def _in_tab(document: Any, call: Callable[..., Any], *arguments: Any) -> Any:
+    # The document that Bokeh takes for the present one is one for all threads: in a job's own it is
+    # that of whatever tab is served just then, whose style sheets must not get here.
     with set_curdoc(document):
-        how(function)
+        return call(*arguments)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-
-from panel.io.state import set_curdoc
 
 from preisach_jax.app import panels
 from preisach_jax.app.columns import ColumnChoice
@@ -91,7 +88,6 @@ class Opening(Working):
 
     def __init__(self, layout: Layout):
         self._layout = layout
-        self._folder = tempfile.TemporaryDirectory(prefix="preisach-app-")
         self._upload: Upload | None = None
         self._choosing: ColumnChoice | None = None
         self._choice: ReadOptions | None = None
@@ -106,7 +102,6 @@ class Opening(Working):
     def close(self) -> None:
         """Let go of everything when the tab is closed."""
         self._stop_job()
-        self._folder.cleanup()
 
     def _show_pane(self, name: str) -> None:
         """Show one of the panes in the great part of the page."""
@@ -119,26 +114,27 @@ class Opening(Working):
         self._record = self._look = None
         self._notes = []
 
+    def open_file(self, path: Path) -> None:
+        """Open a file of this machine, which is read once: what is saved later is what was read."""
+        self._open(path.name, lambda: Upload.of(path.name, path.read_bytes()))
+
     def _on_drop(self, name: str, content: bytes) -> None:
-        folder = Path(self._folder.name)
         if name.lower().endswith(SUFFIX):
             self._open_project(name, content)
         else:
-            self._open(name, lambda: Upload.of(name, content, folder))
+            self._open(name, lambda: Upload.of(name, content))
 
     def _open(self, name: str, read: Callable[[], Upload]) -> None:
         # What was there before is let go only once the file has been read.
         self._start(f"reading {name}", lambda progress: self._opened(read()), self._show_opened)
 
     def _opened(self, upload: Upload, before: ReadOptions | None = None) -> Opened:
-        """Read the columns of a file, in the thread of a job, with menus that belong to the tab."""
-        with set_curdoc(self._document):
-            return Opened.of(upload, self._on_columns, before)
+        return Opened.of(upload, self._on_columns, before)
 
     def _open_project(self, name: str, content: bytes) -> None:
         def read(progress: Progress) -> tuple[Project, Opened]:
             project = unpacked(name, content)
-            upload = Upload.of(project.name, project.content, Path(self._folder.name))
+            upload = Upload.of(project.name, project.content)
             return project, self._opened(upload, project.choice)
 
         self._start(f"opening {name}", read, lambda both: self._show_opened(both[1], both[0]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from preisach_jax.app import compare, panels
@@ -18,7 +17,6 @@ from preisach_jax.app.opening import Opening
 from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
 from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
-from preisach_jax.app.upload import Upload
 from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
@@ -27,13 +25,9 @@ from preisach_jax.present.model import model_name
 
 
 class Page(Opening):
-    """One tab of a browser: its file, its model, and the work that goes on for it.
+    """One tab of a browser: its file, its model, and the work that goes on for it."""
 
-    Arguments:
-        first: a file to begin with, None for an empty page.
-    """
-
-    def __init__(self, first: Path | None = None):
+    def __init__(self):
         self._walk: Walk | None = None
         self._candidates: tuple[Candidate, ...] = ()
         self._lined_up: Walk | None = None  # the walk whose steps stand in the time line
@@ -60,8 +54,6 @@ class Page(Opening):
         super().__init__(layout)
         self.view: Any = layout.view
         self._refresh()
-        if first is not None:
-            self._open(first.name, lambda: Upload.at(first))
 
     # What stands in the great part of the page
 
@@ -75,12 +67,12 @@ class Page(Opening):
         return [beside(plots(self._views.layout))] if self._views is not None else []
 
     def _drive_pane(self) -> list[Any]:
-        walk, folder = self._walk, Path(self._folder.name)
+        walk = self._walk
         if walk is None:
             return [panels.pane(panels.paragraph(NEEDED))]
         if self._drive is None:
             self._drive = DriveView(
-                walk.step, folder, self._find_drive, self._stop_driving, self._hand_over
+                walk.step, self._find_drive, self._stop_driving, self._hand_over
             )
             self._refresh()
         return [self._drive.view]
@@ -255,7 +247,7 @@ class Page(Opening):
     # The drive for a wanted course
 
     def _find_drive(self) -> None:
-        walk, view, folder = self._walk, self._drive, Path(self._folder.name)
+        walk, view = self._walk, self._drive
         order = view.order() if view is not None else None
         if walk is None or view is None or order is None:
             return
@@ -268,7 +260,7 @@ class Page(Opening):
             view.refuse(error)
             self._rank_if_cut_short()
 
-        work = partial(driven, walk.step, order, folder)
+        work = partial(driven, walk.step, order)
         self._start("finding the drive", work, show, refuse)
         self._drive_job = self._job
         self._refresh()
@@ -286,7 +278,7 @@ class Page(Opening):
 
     def _find_compared(self) -> None:
         """Compare what was dropped, with the model as it is now."""
-        walk, view, folder = self._walk, self._compare, Path(self._folder.name)
+        walk, view = self._walk, self._compare
         if walk is None or view is None:
             return
 
@@ -298,7 +290,7 @@ class Page(Opening):
             view.refuse(error)
             self._rank_if_cut_short()
 
-        work = partial(compared, walk.step, view.files, folder)
+        work = partial(compared, walk.step, view.files)
         self._start("comparing", work, show, refuse)
 
     # What can be taken away

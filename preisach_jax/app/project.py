@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
-from typing import Any, cast
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from preisach_jax.app.script import Click
 from preisach_jax.app.upload import MOST_BYTES, harmless_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import json_bytes
+from preisach_jax.model.schema import checked, list_of, number, one_of, share, table_of, text, whole
 from preisach_jax.record import ReadOptions
 
 SUFFIX = ".preisach"
 FORMAT = 1
-_MOST_CLICKS = 1000
+
+MOST_TOLD = 10_000_000
+"""Most bytes of what a project says beside its record and its models."""
 
 
 @dataclass(frozen=True)
@@ -87,44 +94,77 @@ def unpacked(name: str, content: bytes) -> Project:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            told = json.loads(_member(archive, "project.json", name))
-            if told.get("format") != FORMAT:
-                raise InputError(
-                    f"{name}: the project has format {told.get('format')!r} and this version reads "
-                    f"{FORMAT}; open it with the version that wrote it"
+            told: Any = json.loads(_member(archive, "project.json", MOST_TOLD))
+            found: Any = checked(told, {"format": whole(0)})["format"]
+            if found > FORMAT:
+                raise ContentError(
+                    f"the project has format {found} and this version reads {FORMAT}; open it with "
+                    "the version that wrote it"
                 )
-            return _project(told, _member(archive, told["record"], name))
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, InputError):
-            raise
+            sound = checked(told, _CONTENT)
+            return _project(sound, _member(archive, sound["record"], MOST_BYTES))
+    except ContentError as error:
+        raise InputError(f"{name}: {error}") from None
+    except (InputError, *_DAMAGE) as error:
+        what = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         raise InputError(
-            f"{name}: the project file is damaged ({type(error).__name__}: {error}); save it "
-            "again or open the record itself"
+            f"{name}: the project file is damaged ({' '.join(what.split())}); save it again or "
+            "open the record itself"
         ) from None
 
 
-def _member(archive: zipfile.ZipFile, path: str, name: str) -> bytes:
-    size = archive.getinfo(path).file_size
-    if size > MOST_BYTES:
-        raise InputError(
-            f"{name}: {path} unpacks to {size / 1e6:.0f} MB, and the page takes "
-            f"{MOST_BYTES / 1e6:.0f} MB; use the command line for the record itself"
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, EOFError, KeyError, OSError,
+    RecursionError, RuntimeError, ValueError,
+)  # fmt: skip
+"""What reading an archive and its JSON ends with, where they are not what was written."""
+
+_name = Annotated[text, Field(max_length=1000)]
+_column = _name | None
+
+_CONTENT = {
+    "format": whole(1, FORMAT),
+    "name": _name,
+    "record": _name,
+    "choice": {
+        "time": _column, "input": _name, "output": _name, "aux": list_of(_name),
+        "rate": number(0.0) | None, "units": table_of(_name) | None,
+    },
+    "clicks": Annotated[
+        list_of({"what": one_of("fit", "find", "add", "undo"), "levels": whole(2) | None,
+                 "effect": _name}), Field(max_length=1000),
+    ],
+    "errors": list_of(share),
+}  # fmt: skip
+"""Of each key of `project.json`, what it holds."""
+
+
+def _member(archive: zipfile.ZipFile, path: str, most: int) -> bytes:
+    """The bytes of a member: of no more than is taken, whatever it says of its own size."""
+    told = archive.getinfo(path)
+    if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise zipfile.BadZipFile(f"{path} is packed as no project is")
+    with archive.open(path) as member:
+        content = member.read(most + 1)
+    if len(content) > most:
+        raise ContentError(
+            f"{path} unpacks to more than {most / 1e6:.0f} MB, which is the most that the page "
+            "takes; use the command line for the record itself"
         )
-    return archive.read(path)
+    if len(content) != told.file_size:
+        raise zipfile.BadZipFile(f"{path} is not as long as it says")
+    return content
 
 
 def _project(told: Mapping[str, Any], content: bytes) -> Project:
-    choice = cast(Mapping[str, Any], told["choice"])
-    clicks = [Click(str(c["what"]), c["levels"], str(c["effect"])) for c in told["clicks"]]
-    if len(clicks) > _MOST_CLICKS or {c.what for c in clicks} - {"fit", "find", "add", "undo"}:
-        raise ContentError("the steps are not ones that the page can repeat")
+    choice = told["choice"]
     return Project(
-        PurePosixPath(str(told["name"])).name,
+        PurePosixPath(told["name"]).name,
         content,
         {
             "time": choice["time"], "input": choice["input"], "output": choice["output"],
             "aux": tuple(choice["aux"]), "rate": choice["rate"], "units": choice["units"],
         },
-        tuple(clicks),
-        tuple(float(error) for error in told["errors"]),
+        tuple(Click(each["what"], each["levels"], each["effect"]) for each in told["clicks"]),
+        tuple(math.nan if error is None else error for error in told["errors"]),
     )  # fmt: skip

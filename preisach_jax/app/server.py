@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import socket
 import threading
+import webbrowser
 from collections.abc import Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,9 +17,12 @@ from typing import Any
 import panel as pn
 from bokeh.events import DocumentReady
 from bokeh.models import CustomJS
+from panel.io import server as panel_server
 
 from preisach_jax.app import panels
+from preisach_jax.app.guard import Guard
 from preisach_jax.app.page import Page
+from preisach_jax.errors import InputError
 
 TITLE = "preisach"
 
@@ -24,52 +30,77 @@ READING = ("pandas", "scipy.ndimage", "scipy.special", "scipy.fft")
 """What is imported when the first file is read and looked at, and takes most of a second then."""
 
 
-def serve(
-    data: Path | None = None,
-    *,
-    port: int = 0,
-    address: str = "127.0.0.1",
-    show: bool = True,
-    threaded: bool = False,
-) -> Any:
-    """Serve the page until interrupted.
+class PageServer:
+    """A server of the page, which listens from the beginning and answers while it runs.
 
     Arguments:
         data: a file to begin with.
         port: where to listen; 0 for any that is free.
         address: the interface to listen on; by default this machine's loopback.
-        show: whether to open a browser.
-        threaded: whether to return at once, with a server that has `stop`.
 
-    Returns:
-        The server's thread if it is threaded, else nothing before it ends.
+    Attributes:
+        port: where it listens.
+        url: the whole address of the page, with the token that it asks for.
+        is_open: whether other machines may reach it.
+
+    Raises:
+        InputError: this machine cannot listen there.
 
     Example:
-        >>> serve(Path("stage.csv"))  # doctest: +SKIP
+        >>> PageServer(Path("stage.csv")).run()  # doctest: +SKIP
     """
-    # Nothing is fetched from elsewhere: all scripts and styles come with the installed packages.
-    os.environ.setdefault("BOKEH_RESOURCES", "server")
-    pn.extension(notifications=False, respect_explicit_sizing=True)
 
-    # Done while the browser opens, so that the first file that is dropped need not wait for it.
-    threading.Thread(target=_load, args=(READING,), daemon=True).start()
+    def __init__(self, data: Path | None = None, *, port: int = 0, address: str = "127.0.0.1"):
+        # Nothing is fetched from elsewhere: all scripts and styles come with the installed
+        # packages.
+        os.environ.setdefault("BOKEH_RESOURCES", "server")
+        pn.extension(notifications=False, respect_explicit_sizing=True)
+        self.port = free_port(address, port)
+        guard = Guard(address, self.port)
 
-    def page() -> Any:
-        opened = Page(data)
-        script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
-        pn.state.onload(panels.share_styles)
-        document: Any = pn.state.curdoc
-        document.js_on_event(DocumentReady, CustomJS(code=script))
-        pn.state.on_session_destroyed(lambda context: opened.close())
-        return opened.view
+        def page() -> Any:
+            document: Any = pn.state.curdoc
+            opened = Page()
+            script = files("preisach_jax.app").joinpath("layout.js").read_text(encoding="utf-8")
+            document.js_on_event(DocumentReady, CustomJS(code=script))
+            pn.state.onload(panels.share_styles)
+            if data is not None:
+                # When the page has come to a browser that has opened its socket: what only asks
+                # for the page, as an image of another site may, makes no work.
+                pn.state.onload(partial(opened.open_file, data))
+            pn.state.on_session_destroyed(lambda context: opened.close())
+            return opened.view
 
-    port = port or free_port(address)
-    # A page of another origin, open in the same browser, must not talk to this server.
-    origins = [f"{host}:{port}" for host in {address, "localhost"}]
-    return pn.serve(
-        {"/": page}, port=port, address=address, websocket_origin=origins, show=show,
-        threaded=threaded, title=TITLE, verbose=False,
-    )  # fmt: skip
+        # Cookies and headers, the token among them, are no matter of the page.
+        serve: Any = vars(panel_server)["get_server"]  # its types are known in part only
+        self._server: Any = serve(
+            {"/": page}, port=self.port, address=address, show=False, title=TITLE, verbose=False,
+            include_headers=[], include_cookies=[],
+        )  # fmt: skip
+        application = self._server._tornado
+        application.websocket_origins.add("*")  # the guard is asked first, and knows better
+        guard.guard(application)
+        shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
+        shown = f"[{shown}]" if ":" in shown else shown
+        self.is_open = not guard.is_loopback
+        self.url = f"http://{shown}:{self.port}/?token={guard.token}"
+
+    def run(self, *, show: bool = True) -> None:
+        """Answer until interrupted or stopped.
+
+        Arguments:
+            show: whether to open a browser.
+        """
+        # Done while the browser opens, so that the first file that is dropped need not wait for it.
+        threading.Thread(target=_load, args=(READING,), daemon=True).start()
+        if show:
+            self._server.io_loop.add_callback(webbrowser.open, self.url)
+        self._server.start()
+        self._server.io_loop.start()
+
+    def stop(self) -> None:
+        """End `run`, from another thread."""
+        self._server.io_loop.add_callback(self._server.io_loop.stop)
 
 
 def _load(modules: Sequence[str]) -> None:
@@ -77,7 +108,42 @@ def _load(modules: Sequence[str]) -> None:
         importlib.import_module(name)
 
 
-def free_port(address: str) -> int:
-    with socket.socket() as listening:
-        listening.bind((address, 0))
-        return listening.getsockname()[1]
+def free_port(address: str, port: int = 0) -> int:
+    """The port if this machine can listen there; for 0 any that it can.
+
+    Arguments:
+        address: the interface, as an address or a name of this machine.
+        port: the port.
+
+    Raises:
+        InputError: it cannot.
+
+    Example:
+        >>> free_port("127.0.0.1", 65536)
+        Traceback (most recent call last):
+        ...
+        preisach_jax.errors.InputError: the port is 65536; give one from 1024 to 65535, or 0
+    """
+    if not 0 <= port <= 65535:
+        raise InputError(f"the port is {port}; give one from 1024 to 65535, or 0")
+    try:
+        [(family, *_, place), *_] = socket.getaddrinfo(
+            address or "?", port, type=socket.SOCK_STREAM
+        )
+        with socket.socket(family) as listening:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind(place)
+            listening.listen()
+            return listening.getsockname()[1]
+    except (OSError, UnicodeError) as error:
+        code = error.errno if isinstance(error, OSError) else None
+        if code == errno.EADDRINUSE:
+            told = f"the port {port} of {address} is in use; give another one, or 0 for any"
+        elif code == errno.EACCES:
+            told = f"the port {port} is not for all to use; give one from 1024 to 65535"
+        else:
+            told = (
+                f"the address {address!r:.80} is none that this machine listens on; give "
+                "127.0.0.1, or one of its own"
+            )
+        raise InputError(told) from None

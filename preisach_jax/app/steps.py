@@ -138,8 +138,7 @@ def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Wal
 def saved(upload: Upload, choice: ReadOptions, walk: Walk | None) -> dict[str, bytes]:
     """A project of a file and the steps on it, by the name that it is offered under."""
     clicks = without_detours(walk.way) if walk else []
-    content = upload.path.read_bytes()
-    whole = packed(upload.name, content, choice, clicks, walk.step if walk else None)
+    whole = packed(upload.name, upload.content, choice, clicks, walk.step if walk else None)
     return {Path(upload.name).stem + SUFFIX: whole}
 
 

@@ -1,8 +1,9 @@
-"""A file that came into the page: kept in a folder of its own, previewed, never trusted."""
+"""A file that came into the page: kept as its bytes, previewed, never trusted."""
 
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,26 +33,25 @@ class Upload:
 
     Attributes:
         name: what the file was called, as it came.
-        path: where it lies.
+        content: its bytes, of which all that is said of it is read.
         table: its columns.
         guess: the column of each role, None where names and units do not tell.
         question: why the guess is not whole; empty if it is.
     """
 
     name: str
-    path: Path
+    content: bytes
     table: Table
     guess: Mapping[str, str | None]
     question: str
 
     @staticmethod
-    def of(name: str, content: bytes, folder: Path) -> Upload:
-        """Keep and read what came.
+    def of(name: str, content: bytes) -> Upload:
+        """Read what came; messages call it by its name.
 
         Arguments:
             name: the file's name, which may hold anything.
             content: its bytes.
-            folder: where to keep it.
 
         Raises:
             InputError: it is too large, or no table.
@@ -61,16 +61,8 @@ class Upload:
                 f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
                 "at most: use the command line, 'preisach diagnose FILE'"
             )
-        path = folder / harmless_name(name)
-        path.write_bytes(content)
-        return Upload.at(path, name)
-
-    @staticmethod
-    def at(path: Path, name: str | None = None) -> Upload:
-        """Read a file of this machine; messages call it by its name, not by where it lies."""
-        name = name or path.name
-        table = read_table(path, name).with_clocks()
-        return Upload(name, path, table, *_guessed(table))
+        table = table_of(name, content).with_clocks()
+        return Upload(name, content, table, *_guessed(table))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -100,6 +92,17 @@ class Upload:
             InputError: a column cannot be used; the message says where and why.
         """
         return Record.of_table(self.table, self.name, **choice)
+
+
+def table_of(name: str, content: bytes) -> Table:
+    """The columns of a file that came as its bytes; messages call it by its name.
+
+    Readers want a file: it lies in a folder that is new and gone afterwards, and can be no other's.
+    """
+    with tempfile.TemporaryDirectory(prefix="preisach-app-") as folder:
+        path = Path(folder) / harmless_name(name)
+        path.write_bytes(content)
+        return read_table(path, name)
 
 
 _TEXT_ENDINGS = {"csv", "txt", "dat", "tsv", "asc", "lvm", "forc", "frc", "gz", "zip"}

@@ -36,10 +36,15 @@ def app(
         raise InputError(
             f"the page needs {' and '.join(missing)}; install with pip install 'preisach_jax[app]'"
         )
-    from preisach_jax.app.server import free_port, serve
+    from preisach_jax.app.server import PageServer
 
-    port = port or free_port(address)
-    where = f"http://{address}:{port}"
-    screen.say(f"{where} (Ctrl-C ends it)")
-    serve(data, port=port, address=address, show=browser)
-    return {"address": where}
+    server = PageServer(data, port=port, address=address)
+    if server.is_open:
+        screen.note(
+            f"Warning: from other machines, too, this page can be reached at {address}, and what "
+            "it sends is not encrypted. It asks for the token in its address: tell it nobody else."
+        )
+    screen.note(f"{server.url} (Ctrl-C ends it)")
+    screen.answer(server.url)
+    server.run(show=browser)
+    return {"address": server.url}

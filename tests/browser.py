@@ -50,22 +50,19 @@ def served(*arguments, folder):
     with log.open("wb") as told:
         process = subprocess.Popen([*words, *map(str, arguments)], stdout=told, stderr=told)
     try:
-        wait_for(port, process, log)
-        [address] = re.findall(rf"http://127.0.0.1:{port}/\S*", log.read_text())
-        yield address
+        yield told_address(process, log)
     finally:
         process.terminate()
         process.wait(timeout=30)
 
 
-def wait_for(port, process, log):
+def told_address(process, log):
     for _ in range(600):
         assert process.poll() is None, log.read_text()
-        with socket.socket() as asking:
-            if asking.connect_ex(("127.0.0.1", port)) == 0:
-                return
+        if found := re.search(r"http://\S+ ", log.read_text()):
+            return found[0].strip()
         time.sleep(0.1)
-    raise AssertionError(f"the server did not answer: {log.read_text()}")
+    raise AssertionError(f"the server told no address: {log.read_text()}")
 
 
 def keep(page, name):

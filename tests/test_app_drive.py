@@ -330,7 +330,7 @@ class TestPage:
     def test_it_is_given_up_by_cancel_and_by_another_course(self, page, monkeypatch):
         begun, ended = threading.Semaphore(0), threading.Semaphore(0)
 
-        def slow(step, order, folder, progress):
+        def slow(step, order, progress):
             begun.release()
             try:
                 while True:

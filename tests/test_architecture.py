@@ -67,9 +67,6 @@ WORLD = {
 }
 
 MAX_FUNCTION_LINES = 80
-MAX_FILE_LINES = 400
-# Files that are longer still, and how long they may be: a split takes its line away.
-LONG_FILES: dict[str, int] = {}
 
 
 def name_of(path):
@@ -183,16 +180,6 @@ def test_only_plot_draws():
             if isinstance(node, ast.Import | ast.ImportFrom) and "matplotlib" in ast.unparse(node):
                 drawing.add(layer_of(name))
     assert drawing <= {"plot"}
-
-
-def test_files_are_short():
-    lines = {name: path.read_text().count("\n") for name, path in MODULES.items()}
-    longer = {
-        name: count for name, count in lines.items() if count > LONG_FILES.get(name, MAX_FILE_LINES)
-    }
-    assert not longer, f"longer than {MAX_FILE_LINES} lines, or than they were: {longer}"
-    split = {name for name in LONG_FILES if lines.get(name, 0) <= MAX_FILE_LINES}
-    assert not split, f"no longer long: take {split} out of LONG_FILES"
 
 
 def test_functions_are_short():

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import world
+from test_modes import plays
 
 import preisach_jax as pj
 from preisach_jax.chain import signals_of
+from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
+from preisach_jax.errors import InputError
 from preisach_jax.model.past import past_sentence
 
 UNITS = {"input": "V", "output": "um"}
@@ -53,7 +56,7 @@ def test_a_wide_band_says_why_for_how_long_and_what_narrows_it():
     assert ratio[row - 1] > 1.5
     assert (ratio[row:] <= 1.5).all()
     assert f"until row {row + 1:,}, " in said
-    assert "--initial-memory low, high or demagnetised" in said
+    assert "--initial-memory low, high, demagnetised or as-fitted" in said
 
 
 def test_where_the_past_is_known_nothing_is_said():
@@ -77,3 +80,76 @@ def test_the_bound_is_that_of_elements_that_stood_elsewhere():
         for value, tau in zip(values.values(), effect.tau_s, strict=True)
     )
     np.testing.assert_allclose(got, slow + longer, rtol=0.05)
+
+
+def relaxed(seed, start_s=0.0, initial_memory="free", rows=3000):
+    """Plays that begin relaxed at the lowest input: their first rise is not as later ones."""
+    rng, u = np.random.default_rng(seed), [20.0]
+    while len(u) < rows:
+        to = rng.uniform(20, 60) if len(u) > 400 else (60.0 if u[-1] < 40 else 20.0)
+        u += list(np.linspace(u[-1], to, rng.integers(60, 200))[1:])
+    u = np.array(u[:rows])
+    h = 0.3 * u + 0.04 * sum(plays(u, (r,)) for r in (1, 2, 3, 4.5, 6, 8, 10, 13, 16))
+    z = h + rng.normal(0, 0.005, rows)
+    time = start_s + np.arange(rows) / 1000
+    return pj.Record.from_arrays(time, u, z, units=UNITS, initial_memory=initial_memory)
+
+
+@pytest.fixture(scope="module")
+def of_relaxed():
+    return pj.fit(relaxed(1), levels=13).model
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def held(record, predicted, rows):
+    inside = (record.output >= predicted.low) & (record.output <= predicted.high)
+    return float(inside[:rows].mean())
+
+
+def test_the_band_holds_a_record_that_begins_where_the_fitted_one_began(of_relaxed):
+    """Whether the stage begins relaxed again, as nobody says, or comes down from above."""
+    again = relaxed(2, 100.0)
+    predicted = of_relaxed.predict(again)
+    assert held(again, predicted, 40) > 0.9
+    assert np.ptp(predicted.high[600:] - predicted.low[600:]) < 0.5 * (
+        predicted.high[0] - predicted.low[0]
+    )
+    later = again.part(int(np.flatnonzero(again.input == 20.0)[2]), len(again))
+    assert held(later, of_relaxed.predict(later), 40) > 0.9
+
+
+def test_an_initial_memory_as_fitted_begins_as_the_fitted_record_began(of_relaxed):
+    record = relaxed(2, 100.0, "as-fitted")
+    predicted = of_relaxed.predict(record)
+    unknown = of_relaxed.predict(relaxed(2, 100.0))
+    assert rms((predicted.output - record.output)[:100]) < 0.02
+    assert rms((unknown.output - record.output)[:100]) > 0.2
+    assert held(record, predicted, 40) > 0.9
+    columns = (each[300:] for each in (record.time, record.input, record.output))
+    elsewhere = pj.Record.from_arrays(*columns, initial_memory="as-fitted")
+    with pytest.raises(InputError, match="memory as-fitted needs the same"):
+        of_relaxed.predict(elsewhere)
+
+
+def test_a_comparison_says_where_the_error_sits(of_relaxed):
+    told = " ".join(compare(of_relaxed, relaxed(2, 100.0)).notes)
+    assert "before the input has covered its range" in told
+    assert "as-fitted" in told
+    right = " ".join(compare(of_relaxed, relaxed(2, 100.0, "as-fitted")).notes)
+    assert "before the input has covered" not in right
+    assert "Where the error sits" in right
+
+
+def test_a_diagnosis_says_that_the_first_rise_differs():
+    found = pj.diagnose(relaxed(1), ["drift"], levels=13)
+    assert "first passage differs" in " ".join(found.notes)
+    covered = relaxed(1).part(600, 3000)
+    assert "first passage differs" not in " ".join(pj.diagnose(covered, ["drift"], levels=13).notes)
+
+
+def test_no_fit_begins_as_fitted():
+    with pytest.raises(InputError, match="for a fit give low, high, demagnetised or free"):
+        pj.fit(relaxed(1, 0.0, "as-fitted"), levels=9)

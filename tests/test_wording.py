@@ -18,7 +18,7 @@ UNITS = {"input": "V", "output": "um"}
 
 def told(residual, path=INPUT):
     record = Record.from_arrays(TIME, path, path, units=UNITS)
-    return located(record, cast(Any, SimpleNamespace(residual=residual)))
+    return located(record, residual)
 
 
 def test_a_stretch_of_time_and_a_frequency_are_found():

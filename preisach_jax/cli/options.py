@@ -65,7 +65,9 @@ Unit = Annotated[
 InitialMemory = Annotated[
     str | None,
     typer.Option(
-        metavar="STATE", help="before the first row: low, high, demagnetised or free (unknown)"
+        metavar="STATE",
+        help="before the first row: low, high, demagnetised or free (unknown); predict and compare "
+        "also take as-fitted, that of the model's record",
     ),
 ]
 Effects = Annotated[

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.diagnosis.past import of_the_beginning
 from preisach_jax.diagnosis.residuals import (
     autocorrelation,
     cross_correlation,
@@ -14,6 +15,7 @@ from preisach_jax.diagnosis.residuals import (
     in_sequence,
     longest_lag,
 )
+from preisach_jax.diagnosis.wording import located
 from preisach_jax.model import Model, Prediction
 from preisach_jax.model.past import past_sentence
 from preisach_jax.record import Record
@@ -85,7 +87,14 @@ class Comparison:
         """What a reader must know of the record before believing the errors."""
         lines = fault_lines(self.record)
         past = past_sentence(self.model, self.record, self.simulated)
-        return tuple(f"{line}." for line in (*lines, past) if line)
+        begins = of_the_beginning(self.record, self.residual)
+        sits = f"Where the error sits: {self.located}"
+        return tuple(f"{line}." for line in (*lines, past, begins, sits) if line)
+
+    @property
+    def located(self) -> str:
+        """Where the error sits: time, input, output, rate, direction, frequency."""
+        return located(self.record, self.residual)
 
     @property
     def rms(self) -> float:
@@ -114,6 +123,7 @@ class Comparison:
             "max_abs": self.max_abs,
             "fit_percent": self.fit_percent,
             "percent_of_stroke": 100 * self.rms / self.record.output_range,
+            "located": self.located,
             "spikes_left_out": len(self.record.spikes),
             "tests": asdict(self.tests),
         }

@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.finals import Final, FinalFits
 from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.margin import close_calls
-from preisach_jax.diagnosis.past import of_the_past
+from preisach_jax.diagnosis.past import of_the_first_rise, of_the_past
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.step import Step, signed_planes
@@ -115,7 +115,7 @@ def assembled(
         limits=bounds,
         alternatives=alternatives or {},
         next_experiment=next_experiment(verdict, findings, tried, little),
-        located="" if met else located(record, last),
+        located="" if met else located(record, last.residual),
         remainder=() if met else relations(record, last.residual, _lines(last.model)),
         notes=tuple(notes),
         steps=tuple(fits),
@@ -187,6 +187,7 @@ def concluded(
         step.tried,
         (
             *notes_on(step.record, model),
+            *of_the_first_rise(step.record, model, fits[-1].rms_validation),
             *of_the_past(step.record, model, fits[-1].rms_validation),
             *untellable_notes(finals.problem, step.tried),
             *failures(list(step.trials)),

@@ -22,6 +22,68 @@ OF_THE_ERROR = 3.0
 """RMS of what they switch, over the error of the model, from which on it is told."""
 
 
+MOST_AT_FIRST = 4.0
+"""Mean square error before the input has covered its range, over that of the rest, from which on
+it is told."""
+
+
+def of_the_beginning(record: Record, residual: np.ndarray) -> str:
+    """That the error of a model sits before the input has covered its range; empty if not.
+
+    Arguments:
+        record: the record.
+        residual: (time,) measured minus modelled output, in output units.
+    """
+    values = record.input
+    clearly = CLEARLY * float(np.ptp(values))
+    covered = max(
+        int(np.argmax(values >= values.max() - clearly)),
+        int(np.argmax(values <= values.min() + clearly)),
+    )
+    squared = np.where(record.measured, residual, np.nan) ** 2
+    first, rest = squared[: covered + 1], squared[covered + 1 :]
+    if not (np.isfinite(first).any() and np.isfinite(rest).any()):
+        return ""
+    if not np.nanmean(first) > MOST_AT_FIRST * np.nanmean(rest):
+        return ""
+    share, rows = np.nansum(first) / np.nansum(squared), (covered + 1) / len(values)
+    until = quantity(float(record.time[covered] - record.time[0]), "s", 3)
+    return (
+        f"{100 * share:.0f} % of the squared error lie in the first {100 * rows:.2g} % of the "
+        f"rows, {until}, before the input has covered its range: that is the initial memory, which "
+        "--initial-memory says (as-fitted where this record begins as that of the model did)"
+    )
+
+
+def of_the_first_rise(record: Record, model: Model, error: float) -> tuple[str, ...]:
+    """What a reader must know if the first passage of the input is another one than later ones.
+
+    Arguments:
+        record: the record.
+        model: the model of it.
+        error: its held-out error, in output units.
+    """
+    if record.runs or model.chain.mechanics is not None:
+        return ()
+    # From inside its range, what the first passage switches may be the plane's own memory.
+    first, cell = record.input[0], model.plane.delta_x
+    if min(first - record.input.min(), record.input.max() - first) > cell:
+        return ()
+    course = drive(model.chain, model.values, signals_of(record))
+    output = np.asarray(first_run_output(model.chain, course, model.coefficients.first_run))
+    away = float(output[int(np.argmax(np.abs(output)))])
+    if abs(away) < OF_THE_ERROR * error:
+        return ()
+    side = "below" if away < 0 else "above"
+    note = (
+        f"The first passage differs from later ones: the output begins "
+        f"{quantity(abs(away), record.output_unit, 2)} {side} where the same input has it later "
+        "(hysterons that switch once for all, as on a virgin curve). A prediction of another "
+        "record that begins so needs --initial-memory as-fitted; else its band allows for both."
+    )
+    return (note,)
+
+
 def of_the_past(record: Record, model: Model, error: float) -> tuple[str, ...]:
     """What a reader must know if the past of a record takes up what time may do; none if not.
 

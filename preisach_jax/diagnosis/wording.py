@@ -182,15 +182,15 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def located(record: Record, fit: Fit) -> str:
-    """Where the residual of a fit sits: the stretch of an axis that holds most of its power.
+def located(record: Record, residual: np.ndarray) -> str:
+    """Where a residual sits: the stretch of an axis that holds most of its power.
 
     Each axis is cut into ten parts of equal numbers of samples; the part with the greatest share
     of the squared residual is named, for the three axes that concentrate it most.  Then the
     direction of the input, if one has much more than its share, and the band of frequencies.
     """
     rows = np.flatnonzero(record.measured)
-    power = fit.residual[rows] ** 2
+    power = residual[rows] ** 2
     rate = input_rate(record.time, record.input, record.starts)
     last = last_reversal(record.input, None, record.starts)
     unit_u, unit_z = record.input_unit, record.output_unit
@@ -218,7 +218,7 @@ def located(record: Record, fit: Fit) -> str:
         )
     places.sort(reverse=True)
     tenths = "; ".join(text for _, text in places[:3]) + " (each a tenth of the samples)"
-    return "; ".join([tenths, *_one_sided(np.sign(rate[rows]), power), _band(record, fit.residual)])
+    return "; ".join([tenths, *_one_sided(np.sign(rate[rows]), power), _band(record, residual)])
 
 
 UNEVEN = 1.5

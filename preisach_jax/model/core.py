@@ -15,6 +15,7 @@ from preisach_jax.chain import (
     Coefficients,
     behind_hysteresis,
     drive,
+    first_run_output,
     hysteresis_output,
     response,
     signals_of,
@@ -33,7 +34,7 @@ from preisach_jax.model.spread import Numbers, differences, spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record import AS_FITTED, Record
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
@@ -119,7 +120,8 @@ class Model:
         A record that begins with the one that was identified is continued from it, and so is one
         whose clock starts where that one's stopped.  Otherwise the memory that the first input
         does not force is unknown, unless the record states it, and widens the band until the
-        input has forced it.
+        input has forced it; so do hysterons that switched once for all in that record.  Of a record
+        that begins as that one began, say `initial_memory="as-fitted"`.
 
         Arguments:
             record: the record; its output is not used.
@@ -128,8 +130,8 @@ class Model:
             The prediction, with a 95 % band.
 
         Raises:
-            InputError: if the input leaves the range of the plane, or an auxiliary column that the
-                model needs is missing.
+            InputError: if the input leaves the range of the plane, an auxiliary column that the
+                model needs is missing, or an initial memory as fitted is asked of another start.
 
         Example:
             >>> import numpy as np, preisach_jax as pj
@@ -142,9 +144,11 @@ class Model:
         check_record(self.chain, self.units, record)
         run = self._run_of(record)
         output, half = run(self, record), self.half_width(record)
+        low, high = output - half, output + half
         if run is Model._from_middle:
-            half = half + self._open_memory(record)
-        return Prediction(record.time, output, output - half, output + half)
+            open_, once = self._open_memory(record), self._switched_once(record)
+            low, high = low - open_ + np.minimum(once, 0), high + open_ + np.maximum(once, 0)
+        return Prediction(record.time, output, low, high)
 
     def _moved_from_rest(self, record: Record) -> np.ndarray:
         """(time,) output of a body that is at rest, or in the steady state of a period."""
@@ -189,11 +193,31 @@ class Model:
 
     def _run_of(self, record: Record) -> Callable[[Model, Record], np.ndarray]:
         """What computes a model's output along a record, by what is known of its past."""
+        if record.initial_memory == AS_FITTED:
+            self._check_start(record)
+            return Model._as_fitted
         if self.begins_with_origin(record):
             return Model.simulate
         if self.chain.mechanics:
             return Model._moved_from_rest
         return Model._continue if self.follows_origin(record) else Model._from_middle
+
+    def _check_start(self, record: Record) -> None:
+        first, began = float(record.input[0]), float(self.origin.history[1, 0])
+        if abs(first - began) > self.plane.delta_x:
+            unit = self.units.get("input", "")
+            raise InputError(
+                f"{record.name}: its first input is {first:.6g} {unit}, and that of "
+                f"{self.origin.record}, which the model is of, {began:.6g} {unit}: an initial "
+                f"memory {AS_FITTED} needs the same; give low, high, demagnetised or free"
+            )
+
+    def _as_fitted(self, record: Record) -> np.ndarray:
+        """Output of a record that begins as the identification record did, at another time."""
+        moved = record.time - record.time[0] + self.origin.start_s
+        return self.simulate(
+            Record.from_arrays(moved, record.input, np.full(len(moved), np.nan), aux=record.aux)
+        )
 
     def check_invertible(self) -> None:
         """Ask whether each output along a branch belongs to one input.
@@ -295,6 +319,15 @@ class Model:
                 acting = effect.at(self.values[effect.name])
                 gap = gap + acting.past_bound(signals, max(first, most - first))
             return np.asarray(gap)
+
+    def _switched_once(self, record: Record) -> np.ndarray:
+        """What hysterons that switch once for all add if they are as at the start of the fit."""
+        if record.initial_memory != "free":
+            return np.zeros(len(record.time))
+        with on_processor():
+            signals, _ = self.unknown_start(record)
+            course = drive(self.chain, self.values, signals)
+            return np.asarray(first_run_output(self.chain, course, self.coefficients.first_run))
 
     def to_json(self) -> dict[str, Any]:
         """The content of the model file."""

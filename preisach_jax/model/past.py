@@ -50,6 +50,7 @@ def past_sentence(model: Model, record: Record, prediction: Prediction) -> str:
         "what the input did before row 1 is not known, so that the band is wider, by up to "
         f"±{quantity(float(added[widest]), unit, 3)} (with a known past it is "
         f"±{quantity(float(known[widest]), unit, 3)}), {until}; to narrow it, begin the record "
-        f"with a sweep over the whole range ({span}), or say --initial-memory low, high or "
-        f"demagnetised, or record without a pause behind {model.origin.record}, on its clock"
+        f"with a sweep over the whole range ({span}), or say --initial-memory low, high, "
+        f"demagnetised or as-fitted, or record without a pause behind {model.origin.record}, on "
+        "its clock"
     )

@@ -7,6 +7,14 @@ From below: `units` (names and units), `table` (columns as read), `delimited`, `
 from preisach_jax.record.channels import Channel
 from preisach_jax.record.core import Record
 from preisach_jax.record.options import ReadOptions
-from preisach_jax.record.samples import INITIAL_MEMORIES, MIN_MEASURED, Samples
+from preisach_jax.record.samples import AS_FITTED, INITIAL_MEMORIES, MIN_MEASURED, Samples
 
-__all__ = ["INITIAL_MEMORIES", "MIN_MEASURED", "Channel", "ReadOptions", "Record", "Samples"]
+__all__ = [
+    "AS_FITTED",
+    "INITIAL_MEMORIES",
+    "MIN_MEASURED",
+    "Channel",
+    "ReadOptions",
+    "Record",
+    "Samples",
+]

@@ -20,6 +20,9 @@ LEAST_SOUND = 0.3
 """Share of the measured samples that faults of a sensor must leave."""
 
 INITIAL_MEMORIES = ("low", "high", "demagnetised", "free")
+
+AS_FITTED = "as-fitted"
+"""That of the record on which a model was identified, where a model predicts along another one."""
 """What is known of the state at the first sample; `"free"`: nothing, it is identified."""
 
 _GAP = 5.0  # a step this many times the usual one is a gap
@@ -39,7 +42,7 @@ class Samples:
         name: the file's name without its folder.
         sha256: digest of time, input and output as little-endian float64.
         initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
-            `"demagnetised"`, `"free"` (unknown).
+            `"demagnetised"`, `"free"` (unknown), or for a prediction `"as-fitted"`.
         time_values: (K,) float64, the time column as in the file, in the file's unit.
         spikes: what was measured at the outputs that `without` left out, by row.
         input_spikes: what was measured at the inputs that `bridged` replaced, by row.
@@ -79,9 +82,9 @@ class Samples:
         time_values: np.ndarray,
     ) -> Self:
         """The record of checked arrays, made read-only, with its digest."""
-        if initial_memory not in INITIAL_MEMORIES:
+        if initial_memory not in (known := (*INITIAL_MEMORIES, AS_FITTED)):
             raise InputError(
-                f"initial_memory is {initial_memory!r}; give one of {', '.join(INITIAL_MEMORIES)}"
+                f"initial_memory is {initial_memory!r}; give one of {', '.join(known)}"
             )
         # A NaN has many bit patterns; the digest knows one.
         output = np.where(np.isnan(output), np.nan, output)
@@ -361,6 +364,11 @@ class Samples:
             preisach_jax.errors.InputError: record, column input: the input is constant (2 in all 2
             rows), so nothing can be learnt from it; record while the input moves
         """
+        if self.initial_memory == AS_FITTED:
+            raise InputError(
+                f"{source or self.name}: the initial memory is {AS_FITTED!r}, which says where a "
+                "prediction begins; for a fit give low, high, demagnetised or free"
+            )
         source = self.name if source is None else source
         if self.input_range == 0:
             raise InputError(

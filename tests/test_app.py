@@ -134,6 +134,8 @@ class TestUpload:
         for name in ("stage.csv", "stage?.csv"):
             page._on_drop(name, b"t,u,z\n0,1,2\n1,2\n")  # broken
             wait_for(page)
+        assert page._upload is not None
+        assert page._choice is not None
         [kept] = saved(page._upload, page._choice, None).values()
         assert unpacked("x.preisach", kept).content == csv()
         page.close()

@@ -43,7 +43,7 @@ $(STAMP): requirements.lock pyproject.toml
 	install="$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input"; \
 	if command -v uv >/dev/null; then \
 	  install="uv pip install --quiet --python $(BIN)/python"; \
-	elif $$install --prefer-binary 'uv>=0.9,<1' 2>/dev/null; then \
+	elif $$install --require-hashes -r requirements-uv.lock 2>/dev/null; then \
 	  install="$(BIN)/uv pip install --quiet --python $(BIN)/python"; \
 	else \
 	  echo "make: no uv here, so pip installs the packages, which takes some minutes" >&2; \

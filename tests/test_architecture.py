@@ -18,6 +18,7 @@ PACKAGE = Path(preisach_jax.__file__).parent
 # From below: a file may import from those before its own layer, and within its layer.
 LAYERS = [
     "errors",
+    "escape",
     "quantity",
     "files",
     "cores",

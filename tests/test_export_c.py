@@ -28,7 +28,7 @@ from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import InputError
 from preisach_jax.export import export_c
-from preisach_jax.export.c import comment, files, sums_below
+from preisach_jax.export.c import c_comment, files, sums_below
 from preisach_jax.export.description import describe
 from preisach_jax.export.laws import LAWS
 from preisach_jax.export.stepper import advance, start
@@ -538,7 +538,7 @@ def test_an_effect_can_be_left_out(tmp_path):
 
 
 def test_texts_of_a_record_end_no_comment():
-    assert comment("a */ b /* c \\ µ\n") == "a * / b / * c / ? "
+    assert c_comment("a */ b /* c \\ µ\n") == "a _/ b /_ c _ u_"
 
 
 def test_sums_of_weights_that_can_be_summed_exactly():

@@ -195,7 +195,7 @@ def test_no_text_is_run_as_a_program():
         assert function not in forbidden, f"{path}: {function}"
         if function.startswith("subprocess."):
             # The C compiler, given as a list of words, which no shell reads.
-            assert (path.name, function) == ("fmu.py", "subprocess.run"), f"{path}: {function}"
+            assert (path.name, function) == ("compiler.py", "subprocess.run"), f"{path}: {function}"
             assert "shell" not in {keyword.arg for keyword in call.keywords}
         if function in {"np.load", "numpy.load"}:
             options = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
@@ -440,12 +440,10 @@ def test_what_continuous_integration_installs_is_pinned():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     setup = re.search(r"(?ms)^\$\(STAMP\):.*?\n\n", makefile)
     assert setup is not None
-    installs = [line for line in setup[0].splitlines() if "pip install" in line]
-    assert len(installs) == 2
-    for (
-        line
-    ) in installs:  # the lock, whose hashes pip checks as soon as it has one, or this package
-        assert "-r requirements.lock" in line or "--no-deps --no-build-isolation" in line
+    installs = [line for line in setup[0].splitlines() if "$$install " in line]
+    assert len(installs) == 3  # uv, the lock, and this package
+    for line in installs:
+        assert "--require-hashes -r requirements" in line or "--no-deps --no-build-iso" in line
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "pip install" not in ci
     made = {line for line in ci.splitlines() if line.startswith("make ")}

@@ -25,6 +25,7 @@ from preisach_jax.cli.resumable import Interrupted
 from preisach_jax.cli.shared import EXAMPLES
 from preisach_jax.cli.start import start
 from preisach_jax.errors import InputError
+from preisach_jax.escape import printable
 
 OK, FAILURE, USER_MISTAKE = 0, 1, 2
 
@@ -146,5 +147,5 @@ def _fail(error: Exception) -> int:
 
 
 def _complain(message: str, code: int) -> int:
-    sys.stderr.write(f"preisach: {' '.join(message.split())}\n")
+    sys.stderr.write(f"preisach: {printable(' '.join(message.split()))}\n")
     return code

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from preisach_jax.escape import printable, printable_lines
 from preisach_jax.present.diagnosis import budget_rows, finding_parameters, form_lines, headline
 from preisach_jax.present.fit import error_table, run_table
 from preisach_jax.present.loss import loss_table
@@ -81,7 +82,7 @@ def note(text: str) -> None:
 def answer(text: str) -> None:
     """Print the one line that `--quiet` leaves of a result; else the line is not shown."""
     if _MANNER.get().quiet and not _MANNER.get().as_json:
-        sys.stdout.write(f"{' '.join(text.split())}\n")
+        sys.stdout.write(f"{printable(' '.join(text.split()))}\n")
 
 
 def show_json(content: Any) -> None:
@@ -107,7 +108,7 @@ def written(files: Iterable[Path], **about: Any) -> dict[str, Any]:
 
 def _print(text: str, file: Any = None) -> None:
     screen = _console(file)
-    screen.print(text, soft_wrap=not screen.is_terminal)
+    screen.print(printable_lines(text), soft_wrap=not screen.is_terminal)
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = True) -> None:
@@ -121,7 +122,7 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool =
     for position, header in enumerate(headers):
         drawn.add_column(header, justify="right" if numbers and position else "left")
     for row in rows:
-        drawn.add_row(*row)
+        drawn.add_row(*map(printable_lines, row))
     _console().print(drawn)
 
 
@@ -240,7 +241,7 @@ def _bar() -> Generator[Progress]:
         task = bars.add_task("starting", total=1.0)
 
         def show(text: str, done: float) -> None:
-            bars.update(task, description=text, completed=done)
+            bars.update(task, description=printable(text), completed=done)
 
         yield show
 
@@ -258,7 +259,7 @@ class _Lines:
         if now - self.last >= _SPARSE_S:
             self.last = now
             more = f" ({left})" if left else ""
-            sys.stderr.write(f"[{now - self.start:4.0f} s] {text}{more}\n")
+            sys.stderr.write(f"[{now - self.start:4.0f} s] {printable(text)}{more}\n")
             sys.stderr.flush()
 
 

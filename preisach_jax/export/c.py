@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ import jinja2
 import numpy as np
 
 from preisach_jax.effects.places import Place
+from preisach_jax.escape import c_comment, markdown, printable_lines
 from preisach_jax.export.account import (
     MOST_FILTERED,
     differences,
@@ -43,12 +43,8 @@ def plain(values: Sequence[float]) -> str:
     return ",\n".join("    " + ", ".join(repr(float(value)) for value in row) for row in rows)
 
 
-def comment(text: str) -> str:
-    """A text that ends no comment and begins none, in characters that every compiler reads."""
-    plain = text.encode("ascii", "replace").decode()
-    return (
-        re.sub(r"[^ -~]", " ", plain).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
-    )
+def _harmless(value: Any) -> Any:
+    return printable_lines(value) if isinstance(value, str) else value
 
 
 def environment() -> jinja2.Environment:
@@ -60,9 +56,11 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        finalize=_harmless,
     )
     made.filters |= {
-        "real": real, "reals": reals, "plain": plain, "number": repr, "comment": comment,
+        "real": real, "reals": reals, "plain": plain, "number": repr, "comment": c_comment,
+        "markdown": markdown,
     }  # fmt: skip
     return made
 

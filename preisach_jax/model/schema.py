@@ -26,6 +26,7 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from preisach_jax.errors import InputError
+from preisach_jax.escape import printable
 
 
 def checked(value: Any, kind: Any, place: str = "") -> Any:
@@ -148,13 +149,14 @@ flag = Annotated[bool, Strict()]
 """True or false."""
 
 
-def _encodable(given: str) -> str:
-    given.encode()  # which refuses lone surrogates
+def _seen(given: str) -> str:
+    if printable(given) != given:
+        raise ValueError
     return given
 
 
-text = Annotated[str, Strict(), AfterValidator(_encodable), _expect("a text")]
-"""A text that can be written in any encoding of Unicode."""
+text = Annotated[str, Strict(), AfterValidator(_seen), _expect("a text without control characters")]
+"""A text of characters that are seen, as all names are that a file gives (`escape.printable`)."""
 
 table = Annotated[dict[text, Any], Strict()]
 """A table, whatever it holds."""

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from preisach_jax.escape import literal
 from preisach_jax.plot.style import STYLE
 from preisach_jax.plot.traces import (
     Trace,
@@ -15,7 +16,6 @@ from preisach_jax.plot.traces import (
     add_legend,
     draw_course,
     draw_loop,
-    literal,
     record_of,
     worst_stretch,
 )

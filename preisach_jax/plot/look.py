@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from preisach_jax.escape import literal
 from preisach_jax.look import Look
 from preisach_jax.look.drawing import extremes
 from preisach_jax.plot.axes import column_name, with_unit
@@ -48,7 +49,7 @@ def first_look(found: Look) -> Figure:
     legend = dict(zip(others + labels, more + handles, strict=True))
     if legend:
         figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend))
-    panels["input"].set_title(_plain(record.name))
+    panels["input"].set_title(literal(record.name))
     return figure
 
 
@@ -93,7 +94,7 @@ def _course(axes: Axes, found: Look, role: str, shade: str) -> None:
     margin = 0.06 * (high_end - low_end)
     axes.set_ylim(low_end - margin, high_end + margin)
     axes.margins(x=0.01)
-    axes.set_ylabel(_plain(with_unit(column_name(record, role), unit)))
+    axes.set_ylabel(literal(with_unit(column_name(record, role), unit)))
 
 
 def _loop(axes: Axes, found: Look) -> None:
@@ -108,11 +109,6 @@ def _loop(axes: Axes, found: Look) -> None:
         factors[0][0] * record.input[rows], factors[1][0] * record.output[rows], color=BEFORE,
         lw=0.5, alpha=0.8,
     )  # fmt: skip
-    axes.set_xlabel(_plain(with_unit(column_name(record, "input"), factors[0][1])))
-    axes.set_ylabel(_plain(with_unit(column_name(record, "output"), factors[1][1])))
+    axes.set_xlabel(literal(with_unit(column_name(record, "input"), factors[0][1])))
+    axes.set_ylabel(literal(with_unit(column_name(record, "output"), factors[1][1])))
     axes.set_title("Output over input")
-
-
-def _plain(text: str) -> str:
-    """A text in which matplotlib finds no formula."""
-    return text.replace("$", r"\$")

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.escape import literal
 from preisach_jax.plot.axes import record_axes, with_unit
 from preisach_jax.plot.style import STYLE
 from preisach_jax.plot.traces import (
@@ -16,7 +17,6 @@ from preisach_jax.plot.traces import (
     add_legend,
     colour,
     first_trace,
-    literal,
     record_of,
     residual_scale,
     shade_held_out,

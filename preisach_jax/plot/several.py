@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from preisach_jax.diagnosis.comparison import Comparison
 from preisach_jax.diagnosis.residuals import binned
+from preisach_jax.escape import literal
 from preisach_jax.look.drawing import extremes
 from preisach_jax.plot.axes import column_name, with_unit
 from preisach_jax.plot.style import MEASURED, STYLE
@@ -61,7 +62,7 @@ def overlay(comparisons: Mapping[str, Comparison]) -> Figure:
         _loops(panels["loop"], comparisons, shades)
     _errors(panels["errors"], comparisons, shades)
     handles = [Line2D([], [], color=shade, lw=2) for shade in shades.values()]
-    labels = [_plain(name) for name in shades]
+    labels = [literal(name) for name in shades]
     if is_one_record:
         handles.append(Line2D([], [], color=MEASURED, lw=2.6))
         labels.append("measured")
@@ -87,9 +88,9 @@ def _courses(axes: Axes, comparisons: Mapping[str, Comparison], shades: dict[str
     _drawn(axes, record.time, factor * record.output, MEASURED, 2.6)
     for name, each in comparisons.items():
         _drawn(axes, record.time, factor * each.prediction, shades[name], 0.9)
-    axes.set_ylabel(_plain(with_unit(column_name(record, "output"), unit)))
+    axes.set_ylabel(literal(with_unit(column_name(record, "output"), unit)))
     axes.tick_params(labelbottom=False)
-    axes.set_title(_plain(record.name))
+    axes.set_title(literal(record.name))
     axes.margins(x=0.01)
 
 
@@ -116,7 +117,7 @@ def _over_input(axes: Axes, comparisons: Mapping[str, Comparison], shades: dict[
         bins = binned(across * each.record.input[rows], factor * each.residual[rows])
         axes.plot(bins.centre, bins.median, color=shades[name], lw=1.4)
         axes.fill_between(bins.centre, bins.low, bins.high, color=shades[name], alpha=0.2, lw=0)
-    axes.set_xlabel(_plain(with_unit(column_name(record, "input"), input_unit)))
+    axes.set_xlabel(literal(with_unit(column_name(record, "input"), input_unit)))
     axes.set_ylabel(with_unit("residual", unit))
     axes.set_title("Residual over the input")
 
@@ -135,8 +136,8 @@ def _loops(axes: Axes, comparisons: Mapping[str, Comparison], shades: dict[str, 
             across * record.input[rows], factor * record.output[rows], color=shades[name], lw=0.5,
             alpha=0.7,
         )  # fmt: skip
-    axes.set_xlabel(_plain(with_unit(column_name(first, "input"), input_unit)))
-    axes.set_ylabel(_plain(with_unit(column_name(first, "output"), unit)))
+    axes.set_xlabel(literal(with_unit(column_name(first, "input"), input_unit)))
+    axes.set_ylabel(literal(with_unit(column_name(first, "output"), unit)))
     axes.set_title("Measured loops")
 
 
@@ -146,7 +147,7 @@ def _errors(axes: Axes, comparisons: Mapping[str, Comparison], shades: dict[str,
     axes.barh(places, shares, color=list(shades.values()), height=0.6)
     for place, share in zip(places, shares, strict=True):
         axes.text(share, place, f" {share:.3g} %", va="center", fontsize=8)
-    axes.set_yticks(places, [_plain(_shortened(name)) for name in comparisons])
+    axes.set_yticks(places, [literal(_shortened(name)) for name in comparisons])
     axes.set_ylim(len(comparisons) - 0.5, -0.5)
     axes.set_xlim(0, 1.25 * max(shares))
     axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -157,8 +158,3 @@ def _errors(axes: Axes, comparisons: Mapping[str, Comparison], shades: dict[str,
 
 def _shortened(name: str, most: int = 24) -> str:
     return name if len(name) <= most else f"{name[: most - 1]}…"
-
-
-def _plain(text: str) -> str:
-    """A text in which matplotlib finds no formula."""
-    return text.replace("$", r"\$")

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from preisach_jax.diagnosis import residuals as stats
+from preisach_jax.escape import literal
 from preisach_jax.plot.axes import column_name, greatest, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, HELD_OUT, MEASURED
 from preisach_jax.quantity import scaled
@@ -106,11 +107,6 @@ def first_trace(traces: Traces) -> Trace:
 def record_of(traces: Traces) -> Record:
     """The record that all traces simulate."""
     return first_trace(traces).record
-
-
-def literal(text: str) -> str:
-    """A text in which a dollar sign starts no formula."""
-    return text.replace("$", r"\$")
 
 
 def _name(record: Record, role: str) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.escape import printable
 from preisach_jax.record.checks import check_aux_names
 from preisach_jax.record.clock import is_time
 from preisach_jax.record.table import Table, shortened
@@ -162,6 +163,7 @@ def _found(table: Table, name: str, option: str, by_name: bool = True) -> str:
     Raises:
         InputError: there is none, or several have the unit.
     """
+    name = printable(name)  # as the table has it
     if name in table.columns and (by_name or not name.isdecimal()):
         return name
     own = [column for column in table.columns if column != table.roles.get("time")]

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.escape import printable, unit
 from preisach_jax.record.channels import Channel
 from preisach_jax.record.marks import Jump, Run
 
@@ -96,8 +97,11 @@ class Samples:
             input=_frozen(input),
             output=_frozen(output),
             aux={key: _frozen(values) for key, values in aux.items()},
-            channels=dict(channels),
-            name=name,
+            channels={
+                role: Channel(printable(each.name), unit(each.unit))
+                for role, each in channels.items()
+            },
+            name=printable(name),
             sha256=digest.hexdigest(),
             initial_memory=initial_memory,
             time_values=_frozen(time_values),

@@ -10,6 +10,7 @@ from decimal import Decimal
 import numpy as np
 
 from preisach_jax.errors import ContentError, InputError
+from preisach_jax.escape import distinct, printable, unit
 from preisach_jax.record.clock import clock_seconds
 
 GREAT = 1e8
@@ -57,6 +58,19 @@ class Table:
     is_record: bool = False
     exact: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
     torn_row: int | None = None
+
+    def __post_init__(self) -> None:
+        # Names of files reach terminals, figures and generated code: here they become harmless.
+        clean: dict[str, str] = {}
+        for name in self.columns:
+            clean[name] = distinct(printable(name), clean.values())
+        for what in ("columns", "units", "left_aside", "exact"):
+            given = getattr(self, what).items()
+            object.__setattr__(self, what, {clean.get(k, printable(k)): one for k, one in given})
+        object.__setattr__(self, "units", {key: unit(one) for key, one in self.units.items()})
+        roles = {role: clean.get(name, printable(name)) for role, name in self.roles.items()}
+        object.__setattr__(self, "roles", roles)
+        object.__setattr__(self, "notes", tuple(map(printable, self.notes)))
 
     def listing(self) -> str:
         """The columns' names for a message, shortened where there are very many."""

@@ -15,6 +15,7 @@ import numpy as np
 from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
 from preisach_jax.errors import InputError
+from preisach_jax.escape import printable
 from preisach_jax.identify import BLOCKS, FOLDS
 from preisach_jax.present.diagnosis import (
     budget_rows,
@@ -149,7 +150,7 @@ def shareable(command: str | None) -> str | None:
     for word in shlex.split(command):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         words.append(f"{option}{equals}{_name_of_path_elsewhere(value)}")
-    return shlex.join(words)
+    return printable(shlex.join(words))
 
 
 def _name_of_path_elsewhere(word: str) -> str:

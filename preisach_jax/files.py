@@ -8,6 +8,8 @@ import io
 import json
 import os
 import re
+import secrets
+import stat
 import zipfile
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
@@ -128,14 +130,18 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
     for path in contents:
         if path.is_dir():
             raise InputError(f"{path} is a folder; choose a file to be written")
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise InputError(f"{path} is a link or a device; choose a file to be written")
     unfinished: dict[Path, Path] = {}
     path = None
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             _remove_abandoned(path)
-            unfinished[path] = path.with_name(f".{path.name}.{os.getpid()}{_PART}")
-            _write_durably(unfinished[path], content)
+            unfinished[path] = path.with_name(
+                f".{path.name}.{secrets.token_hex(4)}.{os.getpid()}{_PART}"
+            )
+            _write_durably(unfinished[path], content, path)
         for path, part in unfinished.items():
             os.replace(part, path)
         for folder in {path.parent for path in contents}:
@@ -163,9 +169,14 @@ _REMEDIES = {
 }
 
 
-def _write_durably(path: Path, content: bytes) -> None:
-    """Write a file, and come back when the disk has it: then it may take an old one's place."""
-    with path.open("wb") as file:
+def _write_durably(part: Path, content: bytes, old: Path) -> None:
+    """Write a new file with an old one's mode, and come back when the disk has it."""
+    # Nothing that stands there, such as a link that someone has put, is opened.
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+    flags |= getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(part, flags, 0o666), "wb") as file:
+        if old.exists():
+            part.chmod(stat.S_IMODE(old.stat().st_mode))
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
@@ -187,6 +198,8 @@ def _remove_abandoned(path: Path) -> None:
         return
     for part in path.parent.glob(f".{glob.escape(path.name)}.*{_PART}"):
         number = part.name.removesuffix(_PART).rpartition(".")[2]
+        if part.is_symlink() or not part.is_file():
+            continue
         if number.isdecimal() and not _lives(int(number)):
             part.unlink(missing_ok=True)
 

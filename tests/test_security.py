@@ -448,3 +448,22 @@ def test_what_continuous_integration_installs_is_pinned():
     assert "pip install" not in ci
     made = {line for line in ci.splitlines() if line.startswith("make ")}
     assert made == {"make test", "make lint"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links and modes of POSIX")
+def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path):
+    from preisach_jax.files import write_files
+
+    own, foreign, fifo = tmp_path / "own.csv", tmp_path / "foreign.csv", tmp_path / "fifo.csv"
+    own.write_text("old")
+    own.chmod(0o600)
+    foreign.symlink_to(own)
+    os.mkfifo(fifo)
+    write_files({own: b"new"})
+    assert (own.read_text(), own.stat().st_mode & 0o777) == ("new", 0o600)
+    for path in (foreign, fifo):
+        with pytest.raises(pj.InputError, match="link or a device"):
+            write_files({path: b"other"})
+    assert own.read_text() == "new"
+    assert foreign.is_symlink()
+    assert fifo.is_fifo()

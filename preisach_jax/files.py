@@ -63,15 +63,28 @@ def file_name(thing: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", thing)
 
 
-def check_folder(folder: Path) -> None:
+def _is_same(path: Path, other: Path) -> bool:
+    return os.path.realpath(path) == os.path.realpath(other)
+
+
+def check_folder(folder: Path, read: Iterable[Path] = (), written: Iterable[str] = ()) -> None:
     """Make sure before the work that results can be written into a folder afterwards.
 
     Arguments:
         folder: the folder; it need not exist yet.
+        read: files that the work reads, which must not be written over.
+        written: names of the files that will be written into the folder.
 
     Raises:
-        InputError: if it is a file, or it or what it would be made in cannot be written to.
+        InputError: if it is a file, or it or what it would be made in cannot be written to, or a
+            file that is read would be written over.
     """
+    for path in read:
+        if any(_is_same(path, folder / name) for name in written):
+            raise InputError(
+                f"{path}: this file is read, and results in {folder} would replace it; choose "
+                "another folder"
+            )
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")
     place = folder
@@ -94,7 +107,9 @@ def check_file(path: Path, *read: Path) -> None:
         InputError: if it is one of the files that are read, if it is a folder, or its folder is
             missing or cannot be written to.
     """
-    if path.resolve() in [other.resolve() for other in read]:
+    # A workbook is read as `book.xlsx#sheet`, and a link loop resolves to no path.
+    books = [Path(str(other).rpartition("#")[0]) for other in read if "#" in str(other)]
+    if any(_is_same(path, other) for other in (*read, *books)):
         raise InputError(f"{path}: this file is read, and would be lost; choose another for --out")
     if path.is_dir():
         raise InputError(f"{path}: this is a folder; give the name of a file")

@@ -18,6 +18,7 @@ import zipfile
 from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -467,3 +468,28 @@ def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path)
     assert own.read_text() == "new"
     assert foreign.is_symlink()
     assert fifo.is_fifo()
+
+
+def test_no_command_writes_over_what_it_reads(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    data = '{"t": [0, 1, 2], "u": [0, 1, 0], "z": [0, 1, 0]}'
+    for name in ("model.json", "book.xlsx"):
+        Path(name).write_text(data)
+    for words in (
+        ["diagnose", "model.json", "--report", "."],
+        ["predict", "m.json", "book.xlsx#S", "--out", "book.xlsx"],
+    ):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert "this file is read" in said
+        assert said.count("\n") == 1
+    assert {Path(name).read_text() for name in ("model.json", "book.xlsx")} == {data}
+
+
+def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):
+    from preisach_jax.diagnosis.design import Design
+
+    made = SimpleNamespace(unit="V,\n", time=np.arange(2.0), input=np.arange(2.0))
+    Design.save(made, tmp_path / "next.csv")
+    with (tmp_path / "next.csv").open(newline="") as file:
+        assert list(csv.reader(file)) == [["t_s", "u_V,\ufffd"], ["0.0", "0.0"], ["1.0", "1.0"]]

@@ -108,7 +108,8 @@ def diagnose(
     from preisach_jax.report import write_report
     from preisach_jax.report.language import check_language
 
-    check_folder(report)
+    written = ("model.json", "diagnosis.json", "report.html")
+    check_folder(report, [*data, *map(Path, hold_out or ())], written)
     check_language(language)
     names = effect_names(effects)
     check_choice(names, levels)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +18,7 @@ from preisach_jax.diagnosis.excitation import Bounds, Excitation, candidates
 from preisach_jax.effects.base import Effect, Survey
 from preisach_jax.effects.of_column import OfColumn, auxiliary_columns
 from preisach_jax.errors import InputError, require_positive
+from preisach_jax.escape import printable
 from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
 from preisach_jax.identify import Problem, thinned_rows, with_all_rows
@@ -72,8 +75,11 @@ class Design:
         """
         column = f"u_{self.unit}" if self.unit else "u"
         rows = zip(self.time.tolist(), self.input.tolist(), strict=True)
-        lines = [f"t_s,{column}", *(f"{t!r},{u!r}" for t, u in rows)]
-        write_files({Path(path): ("\n".join(lines) + "\n").encode()})
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(("t_s", printable(column)))
+        writer.writerows(rows)
+        write_files({Path(path): text.getvalue().encode()})
 
 
 def design(

@@ -493,3 +493,13 @@ def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):
     Design.save(made, tmp_path / "next.csv")
     with (tmp_path / "next.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["t_s", "u_V,\ufffd"], ["0.0", "0.0"], ["1.0", "1.0"]]
+
+
+def test_an_export_replaces_no_makefile_of_the_user(tmp_path, capsys):
+    (tmp_path / "Makefile").write_text("all: mine")
+    words = ["export", str(tmp_path / "model.json"), "--to", "c", "--out", str(tmp_path)]
+    assert main(words) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 2  # there is no model
+    assert "model.json" in capsys.readouterr().err
+    assert (tmp_path / "Makefile").read_text() == "all: mine"

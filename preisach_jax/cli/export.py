@@ -32,6 +32,9 @@ def export(
         str | None,
         typer.Option("--without", metavar="A,B", help="effects to leave out, by commas"),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="replace files in DIR that an export did not write")
+    ] = False,
 ) -> dict[str, Any]:
     """Write a model as C code or as an FMU."""
     from preisach_jax.export import export_c, export_fmu
@@ -41,6 +44,12 @@ def export(
     if to not in KINDS:
         raise InputError(f"--to is {to!r}; give one of {', '.join(KINDS)}")
     check_folder(out)
+    for name in () if force or to != "c" else ("Makefile", "README.md"):
+        path = out / name
+        if path.is_file() and b"preisach_" not in path.read_bytes():
+            raise InputError(
+                f"{path}: an export did not write this file; choose another folder, or --force"
+            )
     left_out = effect_names(without)
     loaded = Model.load(model, announce=screen.note)
     write = export_c if to == "c" else export_fmu

@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -490,7 +491,7 @@ def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):
     from preisach_jax.diagnosis.design import Design
 
     made = SimpleNamespace(unit="V,\n", time=np.arange(2.0), input=np.arange(2.0))
-    Design.save(made, tmp_path / "next.csv")
+    Design.save(cast(Any, made), tmp_path / "next.csv")
     with (tmp_path / "next.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["t_s", "u_V,\ufffd"], ["0.0", "0.0"], ["1.0", "1.0"]]
 

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from preisach_jax.errors import InputError, require_no_record
+from preisach_jax.record.containers import as_seconds
 
 
 def as_vector(values: ArrayLike, key: str, name: str) -> np.ndarray:
     """`values` as (K,) float64; `key` and `name` say in messages what they are."""
     require_no_record(f"{name}, {key}", values)
     try:
-        vector = np.asarray(values, dtype=np.float64)
+        vector: np.ndarray = np.asarray(values)
+        if vector.dtype.kind == "c":
+            raise InputError(
+                f"{name}, {key}: complex numbers; give their real part or their magnitude"
+            )
+        if vector.dtype.kind in "mM":
+            vector = as_seconds(vector)
+        vector = np.asarray(vector, dtype=np.float64)
+        if np.ma.isMaskedArray(values):
+            vector = np.where(np.ma.getmaskarray(cast(Any, values)), np.nan, vector)
+    except InputError:
+        raise
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}, {key}: {error}; give an array of numbers") from None
     if vector.ndim != 1:

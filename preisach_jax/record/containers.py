@@ -83,7 +83,7 @@ def table_of_arrays(
         left_aside=left_aside,
         roles=roles or {},
         initial_memory=initial_memory,
-        exact={name: vector for name, vector in kept.items() if vector.dtype.kind == "i"},
+        exact={name: vector for name, vector in kept.items() if vector.dtype.kind in "iu"},
     )
 
 
@@ -124,11 +124,11 @@ def _as_cells(vector: np.ndarray) -> np.ndarray:
         values[np.isnan(values)] = np.nan  # of its many bit patterns some signal an error
         return values
     if vector.dtype.kind in "mM":
-        return _as_seconds(vector)
+        return as_seconds(vector)
     return vector.astype(object)
 
 
-def _as_seconds(vector: np.ndarray) -> np.ndarray:
+def as_seconds(vector: np.ndarray) -> np.ndarray:
     """Durations as seconds, dates as seconds since the first, NaN where there is none."""
     unit = np.datetime_data(vector.dtype)[0]
     if unit in {"Y", "M"} and vector.dtype.kind == "M":

@@ -98,6 +98,8 @@ def _check_file(path: Path, source: str) -> None:
         raise InputError(f"{source}: this is a folder; give a file in it")
     if not path.exists():
         raise InputError(f"{source}: there is no such file{_near(path)}; check the path")
+    if not path.is_file():
+        raise InputError(f"{source}: this is a device or a pipe; save its data as a file first")
     if path.stat().st_size == 0:
         raise InputError(f"{source}: the file is empty; give a file with columns of data")
 

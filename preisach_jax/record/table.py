@@ -41,7 +41,7 @@ class Table:
         notes: what the reader assumed, in sentences for the user.
         is_record: whether it was made of a record, whose times stay what they are: in a file, great
             ones count from an epoch.
-        exact: columns of numbers so great that float64 cuts them: (K,) int64, or the texts.
+        exact: columns of numbers so great that float64 cuts them: (K,) integers, or the texts.
         torn_row: the last row of the file, if it breaks off and was left out.
     """
 
@@ -131,6 +131,8 @@ class Table:
         """
         cells = self.exact.get(column, self.columns[column])
         if cells.dtype != object:
+            if cells.dtype.kind in "iu":  # differences of uint64 wrap around to those of int64
+                cells = cells.astype(np.int64)
             return (cells - cells[0]).astype(np.float64)
         numbers = [Decimal(str(cell).strip().replace(self.decimal, ".")) for cell in cells]
         return np.array([float(number - numbers[0]) for number in numbers])

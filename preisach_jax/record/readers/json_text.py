@@ -92,6 +92,9 @@ def _array(values: Sequence[Any]) -> np.ndarray | None:
         rows = cast(Sequence[list[Any]], values)
         numbers = all(_is_number(entry) for row in rows for entry in row)
         return np.array(rows, np.float64) if numbers else None
+    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        exact = np.array(values)  # stamps in ns; objects where they are beyond 64 bits
+        return exact if exact.dtype.kind in "iu" else exact.astype(np.float64)
     if all(_is_number(value) for value in values):
         return np.array([np.nan if value is None else value for value in values], np.float64)
     if all(isinstance(value, str) or _is_number(value) for value in values):

@@ -67,7 +67,7 @@ def _values_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
             raise ContentError(f"{member.filename[:60]} has the shape {shape} of {dtype}")
         if values * dtype.itemsize > member.file_size:
             raise ContentError(f"{member.filename[:60]} breaks off")
-    return values
+    return math.ceil(values * dtype.itemsize / 8)  # of texts, as many as take so many bytes
 
 
 def _array_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[str, np.ndarray]:
@@ -93,7 +93,7 @@ def read_npy(path: Path, source: str) -> Table:
         InputError: the file is broken, holds Python objects, or is no vector, matrix or table.
     """
     try:
-        array: Any = np.load(path, allow_pickle=False, mmap_mode="r")
+        array: Any = np.load(path, allow_pickle=False)
         if not isinstance(array, np.ndarray):
             raise ContentError("it is an archive of several arrays")
     except Exception as error:  # NumPy raises many kinds on a broken file

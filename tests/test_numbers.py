@@ -1,0 +1,40 @@
+"""Numbers of files and arrays are kept as they are, and only regular files are read."""
+
+import os
+
+import numpy as np
+import pytest
+
+from preisach_jax import InputError, Record
+from preisach_jax.record.reading import read_table
+
+U, Z = np.sin(np.arange(60.0)), np.cos(np.arange(60.0))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes of a name")
+def test_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match="pipe"):
+        read_table(tmp_path / "pipe.csv")
+
+
+@pytest.mark.parametrize("ending", ["npz", "json"])
+def test_stamps_of_nanoseconds_keep_every_digit(tmp_path, ending):
+    stamps = np.uint64(1_700_000_000_000_000_000) + np.arange(60, dtype=np.uint64) * np.uint64(1000)
+    path = tmp_path / f"n.{ending}"
+    if ending == "npz":
+        np.savez(path, t_ns=stamps, u=U, z=Z)
+    else:
+        path.write_text(f'{{"t_ns": {stamps.tolist()}, "u": {U.tolist()}, "z": {Z.tolist()}}}')
+    record = Record.load(path, time="t_ns", input="u", output="z")
+    np.testing.assert_allclose(np.diff(record.time), 1e-6, rtol=1e-9)
+
+
+def test_arrays_keep_their_unit_their_mask_and_no_complex_half():
+    time = np.datetime64("2024-01-01", "ns") + np.arange(60) * np.timedelta64(1000, "ns")
+    masked = np.ma.array(Z, mask=np.arange(60) == 7)
+    record = Record.from_arrays(time, U, masked)
+    np.testing.assert_allclose(np.diff(record.time), 1e-6, rtol=1e-9)
+    assert np.flatnonzero(~record.measured).tolist() == [7]
+    with pytest.raises(InputError, match="complex"):
+        Record.from_arrays(np.arange(60.0), U, Z + 0j)

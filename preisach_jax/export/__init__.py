@@ -73,10 +73,13 @@ def export_fmu(
     Raises:
         InputError: if the model cannot be written in C, there is no C compiler, or the folder
             cannot be written to; then nothing was.
+        RuntimeError: if the self test fails, which is a fault of this package; nothing was written.
 
     Example:
         >>> export_fmu(model, "simulation")  # doctest: +SKIP
     """
     folder = Path(folder)
     check_folder(folder)
-    return write_files({folder / fmu_name(model): fmu_archive(model, rate_hz, without)})
+    archive = fmu_archive(model, rate_hz, without)
+    files(model, rate_hz, without, run_self_test)  # of the code that the binary was built from
+    return write_files({folder / fmu_name(model): archive})

@@ -107,7 +107,7 @@ def test_a_record_that_shows_little_says_so(tmp_path, capsys):
     assert "80 measured rows for 325 cells" in shown
     assert "The input reverses only 0 times" in shown
     content = json.loads((tmp_path / "r" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert len(content["notes"]) == 3
+    assert len(content["notes"]) == 4
     assert "drift cannot be told from the density of hysterons" in content["notes"][2]
     assert content["notes"][0] in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 

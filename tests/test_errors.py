@@ -19,6 +19,7 @@ INTERNAL = {
     "diagnosis.excitation": "AssertionError",
     "paper.numbers": "NotImplementedError",
     "model.schema": "PydanticCustomError",
+    "export.compiler": "RuntimeError",
 }
 # What these functions return is raised; their own messages are among those that are walked over.
 MAKERS = {

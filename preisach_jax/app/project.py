@@ -143,7 +143,7 @@ def _member(archive: zipfile.ZipFile, path: str, most: int) -> bytes:
     """The bytes of a member: of no more than is taken, whatever it says of its own size."""
     told = archive.getinfo(path)
     if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise zipfile.BadZipFile(f"{path} is packed as no project is")
+        raise InputError(f"{path} is packed as no project is: save it again")
     with archive.open(path) as member:
         content = member.read(most + 1)
     if len(content) > most:
@@ -152,7 +152,7 @@ def _member(archive: zipfile.ZipFile, path: str, most: int) -> bytes:
             "takes; use the command line for the record itself"
         )
     if len(content) != told.file_size:
-        raise zipfile.BadZipFile(f"{path} is not as long as it says")
+        raise InputError(f"{path} is not as long as it says: save it again")
     return content
 
 

@@ -138,12 +138,14 @@ def free_port(address: str, port: int = 0) -> int:
     except (OSError, UnicodeError) as error:
         code = error.errno if isinstance(error, OSError) else None
         if code == errno.EADDRINUSE:
-            told = f"the port {port} of {address} is in use; give another one, or 0 for any"
-        elif code == errno.EACCES:
-            told = f"the port {port} is not for all to use; give one from 1024 to 65535"
-        else:
-            told = (
-                f"the address {address!r:.80} is none that this machine listens on; give "
-                "127.0.0.1, or one of its own"
-            )
-        raise InputError(told) from None
+            raise InputError(
+                f"the port {port} of {address} is in use; give another one, or 0 for any"
+            ) from None
+        if code == errno.EACCES:
+            raise InputError(
+                f"the port {port} is not for all to use; give one from 1024 to 65535"
+            ) from None
+        raise InputError(
+            f"the address {address!r:.80} is none that this machine listens on; give 127.0.0.1, "
+            "or one of its own"
+        ) from None

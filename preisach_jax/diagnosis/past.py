@@ -69,6 +69,9 @@ def of_the_first_rise(record: Record, model: Model, error: float) -> tuple[str, 
     first, cell = record.input[0], model.plane.delta_x
     if min(first - record.input.min(), record.input.max() - first) > cell:
         return ()
+    farthest = int(np.argmax(np.abs(record.input - first)))
+    if np.abs(record.input[farthest:] - first).min() > cell:
+        return ()  # it never comes back: there is no later passage
     course = drive(model.chain, model.values, signals_of(record))
     output = np.asarray(first_run_output(model.chain, course, model.coefficients.first_run))
     away = float(output[int(np.argmax(np.abs(output)))])

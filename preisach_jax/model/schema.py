@@ -151,7 +151,8 @@ flag = Annotated[bool, Strict()]
 
 def _seen(given: str) -> str:
     if printable(given) != given:
-        raise ValueError
+        told = "a text without control characters"
+        raise PydanticCustomError("expected", "{expected}", {"expected": told})
     return given
 
 

@@ -34,6 +34,7 @@ LAWS = {
     "parameter": "laws_model.an_effect_is_its_settings_and_its_parameters_are_in_their_bounds",
     "ParameterEstimate": "laws_fit.units_change_numbers_and_nothing_else",
     "Plane": "laws.the_everett_function_gives_the_area_of_the_triangle_switched",
+    "PrecisionWarning": "filter.single_precision_is_said_where_it_takes_digits_that_matter",
     "Prediction": "laws_model.a_saved_model_predicts_the_same_to_the_last_bit",
     "Record": "laws_record.files_give_a_record_back",
     "RecursiveLeastSquares": "recursion.the_estimates_are_those_of_the_batch",

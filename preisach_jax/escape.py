@@ -47,7 +47,7 @@ def unit(text: str) -> str:
         ('m/s²', '��frac{�', 'V��A')
     """
     return "".join(
-        c if c.isalnum() or c in " _%‰°′″'\"·⋅*×/^()[]{}.+-−|:&#²³⁻" else UNSEEN for c in text
+        c if c.isalnum() or c in " €£¥_%‰°′″'\"·⋅*×/^()[]{}.+-−|:&#²³⁻" else UNSEEN for c in text
     )
 
 

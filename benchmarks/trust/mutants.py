@@ -121,13 +121,13 @@ NAMED: tuple[tuple[str, str, str], ...] = (
     ("diagnosis/judgement.py", "SECOND_OF_A_KIND = 0.5", "SECOND_OF_A_KIND = 0.45"),
     (
         "diagnosis/step.py",
-        "error <= 2 * (noise**2 + grid**2)",
-        "error <= 1.9 * (noise**2 + grid**2)",
+        "return self.above_budget <= 2",
+        "return self.above_budget <= 1.9",
     ),
     (
         "diagnosis/step.py",
-        "error <= 2 * (noise**2 + grid**2)",
-        "error <= 2.1 * (noise**2 + grid**2)",
+        "return self.above_budget <= 2",
+        "return self.above_budget <= 2.1",
     ),
     ("diagnosis/step.py", "REFINEMENT_PAYS = 0.1", "REFINEMENT_PAYS = 0.11"),
     (

@@ -156,7 +156,7 @@ def _seen(given: str) -> str:
     return given
 
 
-text = Annotated[str, Strict(), AfterValidator(_seen), _expect("a text without control characters")]
+text = Annotated[str, Strict(), AfterValidator(_seen), _expect("a text")]
 """A text of characters that are seen, as all names are that a file gives (`escape.printable`)."""
 
 table = Annotated[dict[text, Any], Strict()]

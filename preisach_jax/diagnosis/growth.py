@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 
 from preisach_jax.chain import Chain
@@ -160,6 +161,35 @@ def without_needless_modes(step: Step) -> Step:
             evidence = compare(problem, point, now)
             if evidence.against or evidence.gain < LEAST_GAIN_OF_A_TERM:
                 return without_needless_modes(_with(step, less, point))
+    return step
+
+
+def in_best_forms(step: Step) -> Step:
+    """The step with the forms of its effects asked again, beside what was added after them.
+
+    Of the forms with the same parameters, the one that leaves least on the rows held out.
+
+    Arguments:
+        step: the step.
+    """
+    problem = step.problem
+    for present in step.now.chain.effects if step.position > 1 else ():
+        now, pays = step.now, present.form_pays
+        known = {parameter.name for parameter in present.parameters()}
+        found: tuple[Effect, Point] | None = None
+        for form in problem.forms_of(present, now):
+            if {parameter.name for parameter in form.parameters()} != known:
+                continue
+            chain = _in_place_of(now.chain, present, form)
+            point = now
+            if not eqx.tree_equal(form, present):
+                there = evaluate(problem, chain, now.values, now.strength, now)
+                point = settled(problem, there)
+            best = np.inf if found is None else pays * found[1].validation_mean_square
+            if point.validation_mean_square < best:
+                found = form, point
+        if found is not None and found[1] is not now:
+            step = _with(step, *found)
     return step
 
 

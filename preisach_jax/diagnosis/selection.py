@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
 from preisach_jax.diagnosis.finals import FinalFits
-from preisach_jax.diagnosis.growth import grown, with_larger, with_larger_beside
+from preisach_jax.diagnosis.growth import grown, in_best_forms, with_larger, with_larger_beside
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.pace import Pace
 from preisach_jax.diagnosis.pairs import with_better_pair, with_pair
@@ -172,6 +172,7 @@ def _selected(
     """Forward selection with a backward check; the record without its spikes where it has some."""
 
     def refined_and_shown(step: Step) -> Step:
+        step = in_best_forms(step)
         step = on_a_refined_plane(step, levels_are_given, lambda text: pace.tell(text, 0.0))
         finals.begin(step.problem, step.now)
         if watch is not None:

@@ -91,10 +91,6 @@ CAMPAIGNS = {
         "The diagnosis names what is hidden in development records.",
         ("benchmarks/blind/run.py", "--out", "build/blind", "--limit", "60"),
     ),
-    "mutants": Campaign(
-        "The tests notice changes of the package.",
-        ("benchmarks/trust/mutants.py", "drawn", "--count", "100"),
-    ),
 }
 
 

@@ -248,7 +248,7 @@ def write_arrays(path: Path, about: Mapping[str, Any], arrays: Mapping[str, np.n
 
 @contextmanager
 def read_arrays(
-    path: Path, newest: int, thing: str, remedy: str
+    path: Path, known: int, thing: str, remedy: str
 ) -> Generator[tuple[dict[str, Any], Any]]:
     """Open a file that `write_arrays` wrote.
 
@@ -256,7 +256,7 @@ def read_arrays(
 
     Arguments:
         path: the file.
-        newest: number of the newest format that is known.
+        known: number of the format that is known.
         thing: what the file should be, as in "a saved filter".
         remedy: what to give instead, as in "give a file that `save` wrote".
 
@@ -264,17 +264,17 @@ def read_arrays(
         `(about, arrays)`; arrays are read when they are asked for by name.
 
     Raises:
-        InputError: if the file is missing, broken, or of a newer format.
+        InputError: if the file is missing, broken, or of another format.
     """
     try:
         if path.is_file() and not zipfile.is_zipfile(path):
             raise ContentError("it is no archive of arrays")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
-            if about["format"] > newest:
+            if about["format"] != known:
                 raise InputError(
-                    f"{path} has the format {about['format']}, and {newest} is the newest that "
-                    "this version reads: update preisach_jax"
+                    f"{path} has the format {about['format']}, and this version reads {known}: "
+                    "install the version that wrote it"
                 )
             yield about, stored
     except InputError:

@@ -77,7 +77,6 @@ def test_the_sdist_holds_what_builds_and_tests_it(in_sdist):
     assert package_files() <= in_sdist
     assert {"pyproject.toml", "README.md", "LICENSE", "requirements.lock", "PKG-INFO"} <= in_sdist
     assert "tests/conftest.py" in in_sdist
-    assert "tests/frozen/model_3.json" in in_sdist
 
 
 def test_nothing_is_given_away_that_belongs_at_home(in_wheel, in_sdist):

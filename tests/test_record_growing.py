@@ -5,7 +5,7 @@ import threading
 
 import numpy as np
 import pytest
-from test_frozen import FROZEN
+from drivable import model_of
 
 from preisach_jax.cli import fleet, main
 from preisach_jax.errors import InputError
@@ -154,9 +154,10 @@ def test_a_file_that_grows_while_it_is_read_gives_its_beginning(tmp_path):
 
 
 def test_the_command_line_tells_it(tmp_path, capsys, monkeypatch):
-    data, out = tmp_path / "next.csv", tmp_path / "out.csv"
+    data, out, model = (tmp_path / name for name in ("next.csv", "out.csv", "model.json"))
+    model_of().save(model)
     data.write_text("time,input\n0,1\n1,2\n2")
-    words = ["predict", str(FROZEN / "model_3.json"), str(data), "--out", str(out)]
+    words = ["predict", str(model), str(data), "--out", str(out)]
     assert main(words) == 0
     told = f"{data}: row 4 was left out: the file ends within it"
     assert told in capsys.readouterr().out.splitlines()

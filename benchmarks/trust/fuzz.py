@@ -42,7 +42,7 @@ MOST_SECONDS = 2.0
 MOST_GROWTH_MIB = 1024
 MOST_MESSAGE = 2500
 INSTRUMENTED = (
-    "preisach_jax.record preisach_jax.model preisach_jax.model.schema preisach_jax.model.upgrade "
+    "preisach_jax.record preisach_jax.model preisach_jax.model.schema "
     "preisach_jax.effects numpy.lib._format_impl scipy.io.matlab zipfile"
 ).split()
 

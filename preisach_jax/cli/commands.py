@@ -195,7 +195,7 @@ def predict(
     from preisach_jax.record.blemishes import torn_line
 
     check_file(out, data, model)
-    loaded = Model.load(model, announce=screen.note)
+    loaded = Model.load(model)
     columns = with_columns_of(columns, loaded)
     record = Record.load(data, **{**columns, "need_output": False})
     if record.torn_row is not None:

@@ -99,7 +99,7 @@ def _compared(model: Path, data: Path, columns: ReadOptions) -> Comparison:
     from preisach_jax.model import Model
     from preisach_jax.record import Record
 
-    loaded = Model.load(model, announce=screen.note)
+    loaded = Model.load(model)
     notes: list[str] = []
     columns = with_columns_of(columns, loaded)
     record = Record.load(data, **{**columns, "announce": notes.append})

@@ -64,7 +64,7 @@ def compensate(
 
     check_file(out, wanted, model, *([] if after is None else [after]))
     bounds = None if limits is None else numbers("--limits", limits, float)
-    loaded = Model.load(model, announce=screen.note)
+    loaded = Model.load(model)
     course = wanted_course(
         loaded, read_table(wanted), wanted.name, time=time, output=output, aux=aux or (), rate=rate,
         units=units_by_column(unit or ()),

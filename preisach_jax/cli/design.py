@@ -103,9 +103,7 @@ def _models(report: Path, rivals: list[str]) -> dict[Path, Model]:
     for path, name in files.items():
         if not path.is_file():
             raise InputError(f"{path}: the model with {name} is missing; {_AGAIN}")
-    models = {
-        path: Model.load(path, announce=screen.note) for path in (report / "model.json", *files)
-    }
+    models = {path: Model.load(path) for path in (report / "model.json", *files)}
     for path, name in files.items():
         if name not in [effect.name for effect in models[path].effects]:
             raise InputError(f"{path}: this model lacks {name}, after which it is named; {_AGAIN}")

@@ -51,7 +51,7 @@ def export(
                 f"{path}: an export did not write this file; choose another folder, or --force"
             )
     left_out = effect_names(without)
-    loaded = Model.load(model, announce=screen.note)
+    loaded = Model.load(model)
     write = export_c if to == "c" else export_fmu
     files = write(loaded, out, rate, left_out)
     for path in files:

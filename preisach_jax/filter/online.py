@@ -284,28 +284,24 @@ class OnlineFilter:
             set to double).
 
         Raises:
-            InputError: the file is missing, broken, or written by a newer version.
+            InputError: the file is missing, broken, or of another format.
         """
         remedy = "give a file that `save` wrote"
         with read_arrays(Path(path), FORMAT, "a saved filter", remedy) as (about, stored):
-            options: dict[str, Any] = about["options"] if about["format"] > 3 else {}
             filt = AdaptiveFilter(
                 Plane(levels=about["levels"], low=about["low"], high=about["high"]),
                 about["hysteron"],
                 about["sampling"],
                 stored["initial_weight"],
-                1.0 if about["format"] == 1 else stored["step_size"],
-                **options,
+                stored["step_size"],
+                **about["options"],
             )
             names = [name for name in stored.files if name.startswith("state.")]
             arrays = {n.removeprefix("state."): jnp.asarray(stored[n]) for n in names}
-            saturate = about["format"] > 3 and about["saturate"]
-            online = cls(filt, FilterState(**arrays) if arrays else None, saturate)
-            if about["format"] > 2:
-                online._inputs_missing, online._outputs_missing = stored["missing"].tolist()
-                online._output = stored["output"].item()
-            if about["format"] > 3:
-                online._saturated = stored["saturated"].item()
+            online = cls(filt, FilterState(**arrays) if arrays else None, about["saturate"])
+            online._inputs_missing, online._outputs_missing = stored["missing"].tolist()
+            online._output = stored["output"].item()
+            online._saturated = stored["saturated"].item()
         return online
 
 

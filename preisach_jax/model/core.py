@@ -378,36 +378,33 @@ class Model:
     def load(
         path: str | Path,
         effects: Iterable[Effect] = (),
-        *,
-        announce: Callable[[str], object] | None = None,
     ) -> Model:
-        """Read a model; one of an older format predicts what it did, and is saved in the present.
+        """Read a model.
 
         Arguments:
             path: its file.
             effects: effects of one's own that the model holds.
-            announce: called with a sentence if the file is of an older format.
 
         Raises:
-            InputError: if the file is missing, broken, or written by a newer version.
+            InputError: if the file is missing, broken, or of another format.
         """
         from preisach_jax.model.reading import load
 
-        return load(path, effects, announce)
+        return load(path, effects)
 
     @staticmethod
     def from_json(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
         """A model from the content of its file.
 
         Arguments:
-            content: what `to_json` gave, now or in an older format, or JSON of it.
+            content: what `to_json` gave, or JSON of it.
             effects: effects of one's own that the model holds.
 
         Returns:
             The model.
 
         Raises:
-            InputError: if the content is that of no model, damaged, or of a newer version.
+            InputError: if the content is that of no model, damaged, or of another format.
 
         Example:
             >>> import numpy as np, preisach_jax as pj

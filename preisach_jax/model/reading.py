@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +42,6 @@ from preisach_jax.model.schema import (
     whole,
     whole_numbers,
 )
-from preisach_jax.model.upgrade import upgraded
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import INITIAL_MEMORIES
@@ -51,7 +50,6 @@ from preisach_jax.record import INITIAL_MEMORIES
 def load(
     path: str | Path,
     effects: Iterable[Effect] = (),
-    announce: Callable[[str], object] | None = None,
 ) -> Model:
     """Read a model from its file; see `Model.load`."""
     path = Path(path)
@@ -75,11 +73,6 @@ def load(
         model = model_from(content, effects)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    if announce is not None and content["format_version"] < FORMAT_VERSION:
-        announce(
-            f"{path}: upgraded from format version {content['format_version']} to "
-            f"{FORMAT_VERSION} as it was read; the file stays as it is"
-        )
     return model
 
 
@@ -91,16 +84,16 @@ def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Mo
             "'preisach fit ... --out model.json'"
         )
     found: Any = content.get("format_version")
-    if isinstance(found, bool) or found not in range(1, FORMAT_VERSION + 1):
+    if isinstance(found, bool) or found != FORMAT_VERSION:
         written_by = content.get("library_version")
         raise InputError(
             f"the model has format version {found!r:.20} (written by preisach_jax "
             f"{written_by if isinstance(written_by, str) else 'of no version':.20}), and this "
-            f"library reads versions 1 to {FORMAT_VERSION}; install the version that wrote it, "
+            f"library reads version {FORMAT_VERSION}; install the version that wrote it, "
             "or fit anew"
         )
     with _told_as_damage():
-        sound = checked(_with_band(upgraded(content, int(found))), _CONTENT)
+        sound = checked(content, _CONTENT)
     own = [effect for effect in listed(effects) if isinstance(effect, Effect)]
     kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in own})
     with _told_as_damage():
@@ -145,15 +138,6 @@ _BAND = of_keys(
         "others": _OTHERS | None,
     }
 )
-
-
-def _with_band(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a file, with what those that are older do not say of a band."""
-    band: Any = content.get("band")
-    if isinstance(band, Mapping):
-        older: dict[str, Any] = {"law": None, "others": None}
-        band = older | dict(cast(Mapping[str, Any], band))
-    return {**content, "band": band}
 
 
 def _band_from(found: dict[str, Any] | None, chain: Chain) -> Band | None:

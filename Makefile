@@ -59,7 +59,7 @@ app: $(STAMP)
 	$(BIN)/preisach app
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --durations 20
 
 campaigns: $(STAMP)
 	$(BIN)/python benchmarks/campaigns.py

@@ -40,6 +40,39 @@ class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no erro
     """The user interrupted a command that can go on later; the message says how."""
 
 
+def check_work(
+    out: Path, work: str, item: str, read: Sequence[Path], result: str, force: bool
+) -> None:
+    """Make sure that a folder can take long work, and that what it would replace is ours.
+
+    Arguments:
+        out: the folder.
+        work, item: as `Chunks` has them.
+        read: the files that are read.
+        result: name of the file of results.
+        force: whether what no command wrote may be replaced.
+
+    Raises:
+        InputError: if not.
+    """
+    from preisach_jax.files import check_folder
+    from preisach_jax.work.chunks import DONE, MANIFEST
+
+    done = [f"{DONE}/{path.name}" for path in out.glob(f"{DONE}/{item}s_*.json")]
+    check_folder(out, read, [MANIFEST, result, *done], force=force)
+    # An array damaged by a crash does not tell whose it is: the manifest, which is written first,
+    # does.
+    store, manifest = out / f"{work}.zarr", out / MANIFEST
+    if force or not store.exists():
+        return
+    told = manifest.read_text(errors="replace") if manifest.exists() else '"work": "none"'
+    if '"work": "' in told and f'"work": "{work}"' not in told:
+        raise InputError(
+            f"{store}: preisach_jax did not write this, and a {work} would replace it; choose "
+            "another place, or --force"
+        )
+
+
 def start_devices(
     distributed: bool, coordinator: str | None, processes: int | None, process: int | None
 ) -> None:

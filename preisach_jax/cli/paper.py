@@ -160,7 +160,7 @@ def figures(
     from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
     from preisach_jax.plot.paper import figure_names
-    from preisach_jax.plot.paper.figures import figures as run
+    from preisach_jax.plot.paper import figures as run
 
     chosen = None if only is None else [str(number) for number in numbers("--only", only, int)]
     check_folder(out, [], figure_names(chosen, quick), force=force)

@@ -58,19 +58,19 @@ def check_work(
     from preisach_jax.files import check_folder
     from preisach_jax.work.chunks import DONE, MANIFEST
 
-    done = [f"{DONE}/{path.name}" for path in out.glob(f"{DONE}/{item}s_*.json")]
-    check_folder(out, read, [MANIFEST, result, *done], force=force)
-    # An array damaged by a crash does not tell whose it is: the manifest, which is written first,
-    # does.
-    store, manifest = out / f"{work}.zarr", out / MANIFEST
-    if force or not store.exists():
-        return
+    check_folder(out, read, [MANIFEST, result], force=force)
+    # Arrays and notes that a crash has damaged do not tell whose they are: the manifest, which is
+    # written before them, does.
+    manifest = out / MANIFEST
     told = manifest.read_text(errors="replace") if manifest.exists() else '"work": "none"'
-    if '"work": "' in told and f'"work": "{work}"' not in told:
-        raise InputError(
-            f"{store}: preisach_jax did not write this, and a {work} would replace it; choose "
-            "another place, or --force"
-        )
+    if force or '"work": "' not in told or f'"work": "{work}"' in told:
+        return
+    for path in (out / f"{work}.zarr", *out.glob(f"{DONE}/{item}s_*.json")):
+        if path.exists():
+            raise InputError(
+                f"{path}: no {work} of preisach_jax in {out} wrote this, and a new one would "
+                "replace it; choose another place, or --force"
+            )
 
 
 def start_devices(

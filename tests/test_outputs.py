@@ -3,7 +3,6 @@
 import json
 import shutil
 import struct
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from preisach_jax import plot
 from preisach_jax.cli import main
 from preisach_jax.cli.application import build
 from preisach_jax.files import is_ours
-from preisach_jax.work.chunks import Chunks, Values
 
 FROZEN = Path(__file__).parent / "frozen"
 RECORD, MODEL, C = ["stage.csv"], ["model.json"], ["preisach_model", "preisach_test"]
@@ -195,3 +193,4 @@ def test_a_report_again_holds_no_figures_of_the_run_before(place):
         "report.html", "comparison.json", "overlay.png", "own.png", "waterfall.png",
     }  # fmt: skip
     assert (out / "waterfall.png").read_bytes() == b"mine"
+    assert is_ours(out / "comparison.json")

@@ -43,6 +43,7 @@ def demo(
     from preisach_jax.report import diagnosis_names
 
     curves, stage = out / "reversal-curves", out / "simulated-stage"
+    check_folder(out)
     check_folder(curves, [], diagnosis_names(curves), force=force)
     check_folder(stage, [], ["data.csv", "truth.json", *diagnosis_names(stage)], force=force)
     screen.say("1. Measured: first-order reversal curves of a rock sample (bundled)\n")

@@ -11,6 +11,7 @@ import re
 import secrets
 import stat
 import zipfile
+import zlib
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -63,28 +64,107 @@ def file_name(thing: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", thing)
 
 
+# How each kind of file begins that a command writes. Columns of CSV and keys of JSON are relied
+# upon to the letter: those of a kind are their own mark, or `marked_csv` is.
+_OURS = re.compile(
+    rb"""
+    t,z_pred,z_low,z_high\n | t,u,z_expected,z_low,z_high,reachable\n
+    | record,samples,updates,error | t_s,[^\n]*\n0e0,
+    | \{\s*"format":[ ] (?: "preisach_jax | \d+,\s*"(?:rows|work|settings)":)
+    | \{\s*"verdict":[ ]"\w+",\s*"sentence": | \{\s*"comparisons":[ ]\[\s*\{\s*"name":
+    | \{\s*"record":[ ]\{\s*"name":[ ][^\n]*\s*"sha256":
+    | \{\s*"effects":[ ]\[[^]]*\],\s*"parameters":
+    | \{\s*"figure":[ ]\d+,\s*"title":
+    | \x89PNG.{,80}Software\0preisach_jax | <!DOCTYPE[ ]html>.{,300}content="preisach_jax"
+    | /\*[ ](?:A[ ]Preisach[ ]model[ ]of[ ]hysteresis|Self[ ]test[ ]of[ ]preisach_model)
+    | \#[ ]A[ ]Preisach[ ]model[ ]in[ ]C\n
+    | \#[ ]make[ ]{11}builds[ ]the[ ]library[ ]and[ ]the[ ]self
+    """,
+    re.DOTALL | re.VERBOSE,
+)
+_HEAD_BYTES = 4096
+
+
+def marked_csv(content: bytes) -> bytes:
+    """A table whose first number is zero, with that spelled as nobody else does: a mark.
+
+    Example:
+        >>> marked_csv(b"t_s,u_V\\n0.0,1.5\\n")
+        b't_s,u_V\\n0e0,1.5\\n'
+    """
+    return re.sub(rb"\n0(\.0)?,", b"\n0e0,", content, count=1)
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a command wrote a file, as it begins; one that is empty holds nothing to be lost."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+            if head.startswith(b"%PDF"):  # which says at its end who wrote it
+                file.seek(-min(_HEAD_BYTES, path.stat().st_size), os.SEEK_END)
+                return b"/Producer (preisach_jax)" in file.read()
+            if head.startswith(b"PK"):
+                with zipfile.ZipFile(file) as fmu, fmu.open("modelDescription.xml") as text:
+                    return b'generationTool="preisach_jax' in text.read(16 * _HEAD_BYTES)
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
+        return False
+    return not head or _OURS.match(head) is not None
+
+
+def check_output(path: Path, read: Iterable[Path] = (), *, force: bool = False) -> None:
+    """Make sure that nothing of the user's goes when a file is written.
+
+    Arguments:
+        path: the file.
+        read: files that the work reads; of a workbook, maybe as `book.xlsx#sheet`.
+        force: whether it may replace what no command wrote.
+
+    Raises:
+        InputError: if it is read, is no plain file, or was written by somebody else.
+    """
+    for other in read:
+        book = Path(str(other).rpartition("#")[0] or other)
+        if any(_is_same(path, one) for one in (other, book)):
+            raise InputError(
+                f"{path}: this file is read, and would be lost; choose another place for results"
+            )
+    _check_plain(path)
+    if not force and path.exists() and not is_ours(path):
+        raise InputError(
+            f"{path}: preisach_jax did not write this file, and a result would replace it; choose "
+            "another place, or --force"
+        )
+
+
 def _is_same(path: Path, other: Path) -> bool:
-    return os.path.realpath(path) == os.path.realpath(other)
+    # Real paths, as a link loop resolves to none; names that differ in case may be one file.
+    if os.path.realpath(path) == os.path.realpath(other):
+        return True
+    return path.exists() and other.exists() and path.samefile(other)
 
 
-def check_folder(folder: Path, read: Iterable[Path] = (), written: Iterable[str] = ()) -> None:
+def _check_plain(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; choose a file to be written")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise InputError(f"{path} is a link or a device; choose a file to be written")
+
+
+def check_folder(
+    folder: Path, read: Iterable[Path] = (), written: Iterable[str] = (), *, force: bool = False
+) -> None:
     """Make sure before the work that results can be written into a folder afterwards.
 
     Arguments:
         folder: the folder; it need not exist yet.
         read: files that the work reads, which must not be written over.
         written: names of the files that will be written into the folder.
+        force: whether they may replace what no command wrote.
 
     Raises:
         InputError: if it is a file, or it or what it would be made in cannot be written to, or a
-            file that is read would be written over.
+            file would be lost.
     """
-    for path in read:
-        if any(_is_same(path, folder / name) for name in written):
-            raise InputError(
-                f"{path}: this file is read, and results in {folder} would replace it; choose "
-                "another folder"
-            )
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")
     place = folder
@@ -94,29 +174,30 @@ def check_folder(folder: Path, read: Iterable[Path] = (), written: Iterable[str]
         raise InputError(f"{folder}: {place} is a file, not a folder; choose another folder")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{folder}: {place} cannot be written to; choose another folder")
+    read = list(read)
+    for name in written:
+        check_output(folder / name, read, force=force)
 
 
-def check_file(path: Path, *read: Path) -> None:
+def check_file(path: Path, *read: Path, force: bool = False) -> None:
     """Make sure before the work that a file can be written afterwards.
 
     Arguments:
         path: the file; its folder must exist.
         read: files that the work reads, which must not be written over.
+        force: whether it may replace what no command wrote.
 
     Raises:
-        InputError: if it is one of the files that are read, if it is a folder, or its folder is
-            missing or cannot be written to.
+        InputError: if a file would be lost, if it is a folder, or its folder is missing or cannot
+            be written to.
     """
-    # A workbook is read as `book.xlsx#sheet`, and a link loop resolves to no path.
-    books = [Path(str(other).rpartition("#")[0]) for other in read if "#" in str(other)]
-    if any(_is_same(path, other) for other in (*read, *books)):
-        raise InputError(f"{path}: this file is read, and would be lost; choose another for --out")
     if path.is_dir():
         raise InputError(f"{path}: this is a folder; give the name of a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it, or choose another")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{path}: {path.parent} cannot be written to; choose another place")
+    check_output(path, read, force=force)
 
 
 def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
@@ -143,10 +224,7 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
         whole ['b.txt']
     """
     for path in contents:
-        if path.is_dir():
-            raise InputError(f"{path} is a folder; choose a file to be written")
-        if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise InputError(f"{path} is a link or a device; choose a file to be written")
+        _check_plain(path)
     unfinished: dict[Path, Path] = {}
     path = None
     try:
@@ -211,12 +289,15 @@ def _remove_abandoned(path: Path) -> None:
     """Remove what processes that were killed have left of a file that they were writing."""
     if os.name == "nt":  # which has no harmless way to ask whether a process lives
         return
+    named = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.(\d+){re.escape(_PART)}")
     for part in path.parent.glob(f".{glob.escape(path.name)}.*{_PART}"):
-        number = part.name.removesuffix(_PART).rpartition(".")[2]
-        if part.is_symlink() or not part.is_file():
+        number = named.fullmatch(part.name)
+        if number is None or _lives(int(number[1])):
             continue
-        if number.isdecimal() and not _lives(int(number)):
-            part.unlink(missing_ok=True)
+        with suppress(OSError):  # somebody else removes it at this moment
+            found = part.lstat()
+            if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid():
+                part.unlink()
 
 
 def _lives(process: int) -> bool:

@@ -13,6 +13,7 @@ from preisach_jax.cli import main
 from preisach_jax.diagnosis.design import SUFFICIENT
 from preisach_jax.diagnosis.excitation import Bounds, candidates, greatest_rate
 from preisach_jax.errors import InputError
+from preisach_jax.files import is_ours
 
 RATE_HZ = 500.0
 UNITS = {"input": "V", "output": "um"}
@@ -343,6 +344,7 @@ def test_the_command_writes_what_design_chooses(rivals, plan, tmp_path, capsys):
     for row in plan.rows():
         assert " ".join(row) in re.sub(" +", " ", shown)
     assert f"{len(plan.time):,} rows" in shown
+    assert is_ours(out)  # so that it may be written again
     written = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_array_equal(written[:, 1], plan.input)
 

@@ -84,18 +84,19 @@ def test_a_process_that_is_killed_as_it_writes_leaves_whole_files(tmp_path):
 
 def test_what_a_process_that_lives_is_writing_is_left_alone(tmp_path):
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
-        living = tmp_path / f".a.json.{other.pid}.part"
+        living = tmp_path / f".a.json.0a1b2c3d.{other.pid}.part"
         living.write_text("half")
-        foreign = tmp_path / ".a.json.mine.part"
-        foreign.write_text("not of this program")
+        names = (".a.json.mine.part", f".a.json.{other.pid}.part", ".a.json.ABCDEFGH.99.part")
+        foreign = [tmp_path / name for name in names]
+        for path in foreign:
+            path.write_text("not of this program")
         write_files({tmp_path / "a.json": b"whole"})
         assert living.exists()
-        assert foreign.exists()
         assert other.stdin is not None
         other.stdin.close()
     write_files({tmp_path / "a.json": b"whole"})
     assert not living.exists()
-    assert foreign.exists()
+    assert all(path.exists() for path in foreign)
 
 
 def test_files_and_names_reach_the_disk_before_old_ones_go(tmp_path, monkeypatch):
@@ -152,7 +153,7 @@ def told(capsys, words):
     return lines[-1]
 
 
-SIMULATE = ["simulate", "--seconds", "3", "--rate", "2000", "--quiet"]
+SIMULATE = ["simulate", "--force", "--seconds", "3", "--rate", "2000", "--quiet"]
 
 
 def test_a_full_disk_is_told_and_old_results_stay(mounted, capsys):
@@ -270,7 +271,7 @@ def test_what_killed_writers_left_among_the_arrays_does_no_harm(whole, tmp_path)
     (out / "done" / "seeds_0001-0001.json").unlink()
     for folder in (out, out / "done", out / "sweep.zarr", out / "sweep.zarr" / "events"):
         (folder / ".0a1b.partial").write_bytes(b"half")
-        (folder / ".manifest.json.999999999.part").write_bytes(b"half")
+        (folder / ".manifest.json.0a1b2c3d.999999999.part").write_bytes(b"half")
     assert main([*SWEEP, "--out", str(out), "--quiet"]) == 0
     assert_same(out, whole)
 

@@ -27,6 +27,7 @@ import pytest
 
 import preisach_jax as pj
 from preisach_jax.cli import main
+from preisach_jax.files import is_ours
 from preisach_jax.report.content import shareable
 
 ROOT = Path(__file__).parents[1]
@@ -104,6 +105,8 @@ def test_what_is_written_tells_nobody_who_wrote_it_and_where(outputs):
     assert (outputs / "fleet" / "fleet.zarr" / "zarr.json") in files
     machine = [os.uname().nodename] if len(os.uname().nodename) > 4 else []
     for path in files:
+        in_store = {"fleet.zarr", "done"} & {*path.parts}
+        assert path.suffix == ".npz" or in_store or is_ours(path), path  # else it stays next time
         for content in texts(path):
             for secret in (*SECRETS, str(outputs.parent), *machine):
                 assert secret.encode() not in content, f"{path} holds {secret}"
@@ -471,22 +474,6 @@ def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path)
     assert fifo.is_fifo()
 
 
-def test_no_command_writes_over_what_it_reads(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    data = '{"t": [0, 1, 2], "u": [0, 1, 0], "z": [0, 1, 0]}'
-    for name in ("model.json", "book.xlsx"):
-        Path(name).write_text(data)
-    for words in (
-        ["diagnose", "model.json", "--report", "."],
-        ["predict", "m.json", "book.xlsx#S", "--out", "book.xlsx"],
-    ):
-        assert main(words) == 2
-        said = capsys.readouterr().err
-        assert "this file is read" in said
-        assert said.count("\n") == 1
-    assert {Path(name).read_text() for name in ("model.json", "book.xlsx")} == {data}
-
-
 def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):
     from preisach_jax.diagnosis.design import Design
 
@@ -494,13 +481,3 @@ def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):
     Design.save(cast(Any, made), tmp_path / "next.csv")
     with (tmp_path / "next.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["t_s", "u_V,\ufffd"], ["0.0", "0.0"], ["1.0", "1.0"]]
-
-
-def test_an_export_replaces_no_makefile_of_the_user(tmp_path, capsys):
-    (tmp_path / "Makefile").write_text("all: mine")
-    words = ["export", str(tmp_path / "model.json"), "--to", "c", "--out", str(tmp_path)]
-    assert main(words) == 2
-    assert "--force" in capsys.readouterr().err
-    assert main([*words, "--force"]) == 2  # there is no model
-    assert "model.json" in capsys.readouterr().err
-    assert (tmp_path / "Makefile").read_text() == "all: mine"

@@ -19,6 +19,7 @@ from preisach_jax.cli.options import (
     READING,
     Data,
     Effects,
+    Force,
     HoldOut,
     Levels,
     ModelFile,
@@ -100,16 +101,16 @@ def diagnose(
     language: Annotated[
         str, typer.Option(metavar="de|en", help="of the report: German or English")
     ] = "en",
+    force: Force = False,
 ) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
     from preisach_jax.diagnosis import diagnose as run
     from preisach_jax.diagnosis import find_form
     from preisach_jax.files import check_folder
-    from preisach_jax.report import write_report
+    from preisach_jax.report import diagnosis_names, write_report
     from preisach_jax.report.language import check_language
 
-    written = ("model.json", "diagnosis.json", "report.html")
-    check_folder(report, [*data, *map(Path, hold_out or ())], written)
+    check_folder(report, [*data, *(hold_out or ())], diagnosis_names(report), force=force)
     check_language(language)
     names = effect_names(effects)
     check_choice(names, levels)
@@ -158,12 +159,13 @@ def fit(
     effects: Effects = None,
     levels: Levels = None,
     hold_out: HoldOut = None,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Fit a model with chosen effects, or with none."""
     from preisach_jax.files import check_file, json_bytes, write_files
     from preisach_jax.fit import fit as run
 
-    check_file(out, *data, *(hold_out or ()))
+    check_file(out, *data, *(hold_out or ()), force=force)
     names = effect_names(effects)
     check_choice(names, levels)
     columns = with_effects(columns, names)
@@ -186,6 +188,7 @@ def predict(
     data: Data,
     columns: ReadOptions,
     out: Annotated[Path, typer.Option(metavar="FILE", help="where to write the prediction (CSV)")],
+    force: Force = False,
 ) -> dict[str, Any]:
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
@@ -194,7 +197,7 @@ def predict(
     from preisach_jax.record import Record
     from preisach_jax.record.blemishes import torn_line
 
-    check_file(out, data, model)
+    check_file(out, data, model, force=force)
     loaded = Model.load(model)
     columns = with_columns_of(columns, loaded)
     record = Record.load(data, **{**columns, "need_output": False})
@@ -234,14 +237,15 @@ def simulate(
     truth: Annotated[
         Path | None, typer.Option(metavar="FILE", help="where to write the hidden effects (JSON)")
     ] = None,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Simulate a piezo stage with chosen effects."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.plant import simulate_stage
 
-    check_file(out)
+    check_file(out, force=force)
     if truth is not None:
-        check_file(truth)
+        check_file(truth, force=force)
         if truth.resolve() == out.resolve():
             raise InputError(f"{out} is both --out and --truth; give two files")
     stage = simulate_stage(seed, seconds, effect_names(effects), rate)
@@ -256,13 +260,13 @@ def simulate(
 
 def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path, bytes]:
     """A simulated record and its truth as the contents of files."""
-    from preisach_jax.files import json_bytes
+    from preisach_jax.files import json_bytes, marked_csv
 
     contents = {} if truth is None else {truth: json_bytes(stage.truth)}
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / "stage.csv"
         stage.save(whole)
-        contents[out] = whole.read_bytes()
+        contents[out] = marked_csv(whole.read_bytes())
     return contents
 
 

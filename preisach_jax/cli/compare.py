@@ -12,6 +12,7 @@ from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
     READING,
     Data,
+    Force,
     ModelFile,
     with_columns_of,
 )
@@ -44,12 +45,15 @@ def compare(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-comparison"
     ),
+    force: Force = False,
 ) -> dict[str, Any]:
     """Test a model against records, or several models against one."""
     from preisach_jax.files import check_folder
+    from preisach_jax.report import comparison_names
 
-    check_folder(report)
     models, records = _sorted([model, data, *(others or ())])
+    several = len(models) + len(records) > 2
+    check_folder(report, [*models, *records], comparison_names(several), force=force)
     pairs = [(one, record) for one in models for record in records]
     found = {
         label: _compared(*pair, columns)

@@ -10,6 +10,7 @@ import typer
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
     Aux,
+    Force,
     ModelFile,
     Output,
     Rate,
@@ -53,6 +54,7 @@ def compensate(
     aux: Aux = None,
     rate: Rate = None,
     unit: Unit = None,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Find the input that makes the output follow a wanted course."""
     from preisach_jax.compensation import compensate as run
@@ -62,7 +64,7 @@ def compensate(
     from preisach_jax.record import Record
     from preisach_jax.record.reading import read_table
 
-    check_file(out, wanted, model, *([] if after is None else [after]))
+    check_file(out, wanted, model, *([] if after is None else [after]), force=force)
     bounds = None if limits is None else numbers("--limits", limits, float)
     loaded = Model.load(model)
     course = wanted_course(

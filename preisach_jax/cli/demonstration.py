@@ -12,6 +12,7 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.commands import stage_files
+from preisach_jax.cli.options import Force
 from preisach_jax.cli.shared import command
 
 if TYPE_CHECKING:
@@ -35,12 +36,16 @@ def demo(
     seed: Annotated[
         int, typer.Option(metavar="S", help="seed of the stage and its hidden effect")
     ] = 1,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Diagnose a bundled measurement and a simulated stage."""
     from preisach_jax.files import check_folder
+    from preisach_jax.report import diagnosis_names
 
-    check_folder(out)
     curves, stage = out / "reversal-curves", out / "simulated-stage"
+    check_folder(out)
+    check_folder(curves, [], diagnosis_names(curves), force=force)
+    check_folder(stage, [], ["data.csv", "truth.json", *diagnosis_names(stage)], force=force)
     screen.say("1. Measured: first-order reversal curves of a rock sample (bundled)\n")
     with as_file(files("preisach_jax") / "bundled" / "conventional_example.forc") as path:
         measured = _diagnose(path, curves)

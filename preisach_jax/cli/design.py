@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
+from preisach_jax.cli.options import Force
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError, require_positive
 
@@ -34,16 +35,18 @@ def design(
         float | None,
         typer.Option(metavar="V_PER_S", help="greatest rate of the input; else the record's own"),
     ] = None,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Choose what to record next, so that it tells the effects of a family apart."""
     from preisach_jax.diagnosis.design import design as run
-    from preisach_jax.files import check_file
+    from preisach_jax.diagnosis.design import design_csv
+    from preisach_jax.files import check_file, marked_csv, write_files
 
     given = {"--seconds": seconds, "--rate-limit": rate_limit}
     require_positive(**{name: value for name, value in given.items() if value is not None})
     noise, rivals = _read(report)
     models = _models(report, rivals)
-    check_file(out, report / "diagnosis.json", *models)
+    check_file(out, report / "diagnosis.json", *models, force=force)
     named, *others = models.values()
     with screen.progress() as show:
         plan = run(
@@ -53,7 +56,7 @@ def design(
             rate_limit=rate_limit,
             progress=show,
         )
-    plan.save(out)
+    write_files({out: marked_csv(design_csv(plan))})
     if plan.separations:
         screen.say(
             "Held-out error of the wrong model divided by that of the right one, both refitted; "

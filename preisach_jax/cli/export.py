@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import ModelFile, effect_names
+from preisach_jax.cli.options import Force, ModelFile, effect_names
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
@@ -32,26 +32,20 @@ def export(
         str | None,
         typer.Option("--without", metavar="A,B", help="effects to leave out, by commas"),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="replace files in DIR that an export did not write")
-    ] = False,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Write a model as C code or as an FMU."""
-    from preisach_jax.export import export_c, export_fmu
+    from preisach_jax.export import C_FILES, export_c, export_fmu, fmu_name
     from preisach_jax.files import check_folder
     from preisach_jax.model import Model
 
     if to not in KINDS:
         raise InputError(f"--to is {to!r}; give one of {', '.join(KINDS)}")
-    check_folder(out)
-    for name in () if force or to != "c" else ("Makefile", "README.md"):
-        path = out / name
-        if path.is_file() and b"preisach_" not in path.read_bytes():
-            raise InputError(
-                f"{path}: an export did not write this file; choose another folder, or --force"
-            )
+    check_folder(out, [model], C_FILES if to == "c" else (), force=force)
     left_out = effect_names(without)
     loaded = Model.load(model)
+    if to == "fmu":
+        check_folder(out, [model], [fmu_name(loaded)], force=force)
     write = export_c if to == "c" else export_fmu
     files = write(loaded, out, rate, left_out)
     for path in files:

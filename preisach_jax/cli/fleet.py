@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from preisach_jax.cli import screen
+from preisach_jax.cli.options import Force
 from preisach_jax.cli.resumable import (
     Chunk,
     Coordinator,
@@ -20,6 +21,7 @@ from preisach_jax.cli.resumable import (
     Process,
     Processes,
     Resume,
+    check_work,
     named_by_option,
     run_in_folder,
     start_devices,
@@ -75,15 +77,16 @@ def fleet(
     coordinator: Coordinator = None,
     processes: Processes = None,
     process: Process = None,
+    force: Force = False,
 ) -> dict[str, Any] | None:
     """Identify many stages at once by the adaptive filter, each from saturated low."""
     from preisach_jax.devices import disconnect, is_first
-    from preisach_jax.files import check_folder, write_files
+    from preisach_jax.files import write_files
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.fleet import fleet_to_folder
     from preisach_jax.operator.plane import Plane
 
-    check_folder(out)
+    check_work(out, "fleet", "record", data, TABLE, force)
     if inside := next((path for path in data if path.resolve().parent == out.resolve()), None):
         raise InputError(
             f"--out is {out}, the folder of {inside}: choose another, or the table of results is "

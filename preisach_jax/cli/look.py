@@ -11,6 +11,7 @@ from preisach_jax.cli import screen
 from preisach_jax.cli.options import (
     READING,
     Data,
+    Force,
 )
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
@@ -38,6 +39,7 @@ def look(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="draw it into a PNG as well")
     ] = None,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Show what a file holds and what its record can tell, before any fit."""
     from preisach_jax.files import check_file, write_files
@@ -46,7 +48,7 @@ def look(
     from preisach_jax.record.reading import read_table
 
     if plot is not None:
-        check_file(plot, data)
+        check_file(plot, data, force=force)
         if plot.suffix.lower() != ".png":
             raise InputError(f"--plot is {str(plot)!r}; give a file that ends in .png")
     table = read_table(data).with_clocks()

@@ -82,6 +82,9 @@ Effects = Annotated[
 Levels = Annotated[
     int | None, typer.Option("--levels", metavar="N", help="levels of the Preisach plane")
 ]
+Force = Annotated[
+    bool, typer.Option("--force", help="replace files that preisach_jax did not write")
+]
 
 
 READING = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import numbers
+from preisach_jax.cli.options import Force, numbers
 from preisach_jax.cli.resumable import (
     Chunk,
     Coordinator,
@@ -17,6 +17,7 @@ from preisach_jax.cli.resumable import (
     Process,
     Processes,
     Resume,
+    check_work,
     named_by_option,
     run_in_folder,
     start_devices,
@@ -65,16 +66,16 @@ def sweep(
     coordinator: Coordinator = None,
     processes: Processes = None,
     process: Process = None,
+    force: Force = False,
 ) -> dict[str, Any] | None:
     """Measure how the residual error grows with noise, for several levels."""
     import jax
 
     from preisach_jax.devices import disconnect, is_first
-    from preisach_jax.files import check_folder
     from preisach_jax.sweep import LEVELS, NOISE_UM
     from preisach_jax.sweep.storage import RESULT, sweep_settings, sweep_to_folder
 
-    check_folder(out)
+    check_work(out, "sweep", "seed", [], RESULT, force)
     start_devices(distributed, coordinator, processes, process)
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
@@ -153,15 +154,17 @@ def figures(
     quick: Annotated[
         bool, typer.Option("--quick", help="short records: a preview, not the published result")
     ] = False,
+    force: Force = False,
 ) -> dict[str, Any]:
     """Draw the figures of the paper, and those that go further."""
     from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
+    from preisach_jax.plot.paper import figure_names
     from preisach_jax.plot.paper import figures as run
 
-    check_folder(out)
-    use_all_cores()
     chosen = None if only is None else [str(number) for number in numbers("--only", only, int)]
+    check_folder(out, [], figure_names(chosen, quick), force=force)
+    use_all_cores()
     with screen.progress() as show:
         written = run(out, chosen, quick, show)
     screen.say(f"Figures: {out}, {len(written)} files")

@@ -40,6 +40,39 @@ class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no erro
     """The user interrupted a command that can go on later; the message says how."""
 
 
+def check_work(
+    out: Path, work: str, item: str, read: Sequence[Path], result: str, force: bool
+) -> None:
+    """Make sure that a folder can take long work, and that what it would replace is ours.
+
+    Arguments:
+        out: the folder.
+        work, item: as `Chunks` has them.
+        read: the files that are read.
+        result: name of the file of results.
+        force: whether what no command wrote may be replaced.
+
+    Raises:
+        InputError: if not.
+    """
+    from preisach_jax.files import check_folder
+    from preisach_jax.work.chunks import DONE, MANIFEST
+
+    check_folder(out, read, [MANIFEST, result], force=force)
+    # Arrays and notes that a crash has damaged do not tell whose they are: the manifest, which is
+    # written before them, does.
+    manifest = out / MANIFEST
+    told = manifest.read_text(errors="replace") if manifest.exists() else '"work": "none"'
+    if force or '"work": "' not in told or f'"work": "{work}"' in told:
+        return
+    for path in (out / f"{work}.zarr", *out.glob(f"{DONE}/{item}s_*.json")):
+        if path.exists():
+            raise InputError(
+                f"{path}: no {work} of preisach_jax in {out} wrote this, and a new one would "
+                "replace it; choose another place, or --force"
+            )
+
+
 def start_devices(
     distributed: bool, coordinator: str | None, processes: int | None, process: int | None
 ) -> None:

@@ -73,13 +73,18 @@ class Design:
         Raises:
             InputError: if it cannot be written.
         """
-        column = f"u_{self.unit}" if self.unit else "u"
-        rows = zip(self.time.tolist(), self.input.tolist(), strict=True)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(("t_s", printable(column)))
-        writer.writerows(rows)
-        write_files({Path(path): text.getvalue().encode()})
+        write_files({Path(path): design_csv(self)})
+
+
+def design_csv(plan: Design) -> bytes:
+    """An excitation as CSV, columns `t_s` and `u_UNIT`, without rounding."""
+    column = f"u_{plan.unit}" if plan.unit else "u"
+    rows = zip(plan.time.tolist(), plan.input.tolist(), strict=True)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("t_s", printable(column)))
+    writer.writerows(rows)
+    return text.getvalue().encode()
 
 
 def design(

@@ -11,7 +11,9 @@ from preisach_jax.export.fmu import fmu_archive, fmu_name
 from preisach_jax.files import check_folder, write_files
 from preisach_jax.model import Model
 
-__all__ = ["export_c", "export_fmu"]
+__all__ = ["C_FILES", "export_c", "export_fmu", "fmu_name"]
+
+C_FILES = ("preisach_model.h", "preisach_model.c", "preisach_test.c", "Makefile", "README.md")
 
 
 def export_c(

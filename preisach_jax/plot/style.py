@@ -83,7 +83,7 @@ def svg(figure: Figure) -> str:
 def pdf(figure: Figure) -> bytes:
     """A figure as the bytes of a PDF file; equal figures give equal bytes."""
     stream = io.BytesIO()
-    unsaid = dict.fromkeys(("CreationDate", "Creator", "Producer"))
+    unsaid = {"CreationDate": None, "Creator": None, "Producer": "preisach_jax"}
     figure.savefig(stream, format="pdf", dpi=300, metadata=unsaid)
     return stream.getvalue()
 
@@ -94,5 +94,5 @@ def png(figure: Figure, dpi: int = 140) -> bytes:
     stream = io.BytesIO()
     _lay_out(figure)
     with _resolution(figure, dpi):
-        FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})
+        FigureCanvasAgg(figure).print_png(stream, metadata={"Software": "preisach_jax"})
     return stream.getvalue()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from preisach_jax import plot
-from preisach_jax.files import check_folder, file_name, json_bytes, write_files
+from preisach_jax.files import check_folder, file_name, is_ours, json_bytes, write_files
 from preisach_jax.plot.form import curves, dependence
 from preisach_jax.plot.remainder import drawn, remainder
 from preisach_jax.report.content import comparison_page, diagnosis_page
@@ -23,7 +23,32 @@ if TYPE_CHECKING:
     from preisach_jax.diagnosis.comparison import Comparison
     from preisach_jax.diagnosis.result import Diagnosis
 
-__all__ = ["comparisons_json", "write_comparison", "write_comparisons", "write_report"]
+__all__ = [
+    "comparison_names",
+    "comparisons_json",
+    "diagnosis_names",
+    "write_comparison",
+    "write_comparisons",
+    "write_report",
+]
+
+_COMPARED = ("measured_and_model", "loop", "residuals", "residual_tests", "density")
+_DIAGNOSED = (*_COMPARED, "worst", "waterfall", "candidates", "remainder", "form")
+_SEVERAL = ("overlay",)
+
+
+def diagnosis_names(folder: Path) -> list[str]:
+    """Names of the files that a report of a diagnosis may write into a folder."""
+    # Which alternatives there will be is known after the work only.
+    held = [f"alternatives/{path.name}" for path in folder.glob("alternatives/*.json")]
+    files = ["report.html", "diagnosis.json", "base.json", "model.json", *held]
+    return files + [f"{name}.png" for name in _DIAGNOSED]
+
+
+def comparison_names(several: bool) -> list[str]:
+    """Names of the files that a report of one comparison, or of several, may write."""
+    figures = _SEVERAL if several else _COMPARED
+    return ["report.html", "comparison.json", *(f"{name}.png" for name in figures)]
 
 
 def write_report(
@@ -168,7 +193,13 @@ def comparisons_json(comparisons: Mapping[str, Comparison]) -> dict[str, Any]:
 def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:
     pictures = {f"{name}.png": plot.png(figure) for name, figure in figures.items()}
     everything = {folder / name: content for name, content in {**files, **pictures}.items()}
-    return write_files(everything)
+    written = write_files(everything)
+    # Figures of the run before are of other data, and beside the new page they would mislead.
+    for name in {*_DIAGNOSED, *_SEVERAL} - figures.keys():
+        old = folder / f"{name}.png"
+        if old.is_file() and not old.is_symlink() and is_ours(old):
+            old.unlink()
+    return written
 
 
 def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figure]) -> bytes:

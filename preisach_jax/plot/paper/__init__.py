@@ -2,7 +2,7 @@
 
 from preisach_jax.plot.paper.courses import bode, convergence, hysteron, loops, time_frame
 from preisach_jax.plot.paper.diagrams import adaptive_filter, experiment
-from preisach_jax.plot.paper.figures import FIGURES, PaperFigure, figures
+from preisach_jax.plot.paper.figures import FIGURES, PaperFigure, figure_names, figures
 from preisach_jax.plot.paper.levels import (
     coefficients,
     proportionality,
@@ -24,6 +24,7 @@ __all__ = [
     "coefficients",
     "convergence",
     "experiment",
+    "figure_names",
     "figures",
     "hysteron",
     "loops",

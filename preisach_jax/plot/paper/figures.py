@@ -85,6 +85,20 @@ FIGURES: Mapping[str, PaperFigure] = {
 """The figures by number: 1 to 8 are the paper's, the others go further."""
 
 
+def figure_names(chosen: Sequence[str] | None, quick: bool) -> list[str]:
+    """Names of the files of figures, three for each number; None is all.
+
+    Raises:
+        InputError: there is no figure of a number.
+    """
+    numbers = list(FIGURES) if chosen is None else [str(number) for number in chosen]
+    for number in numbers:
+        if number not in FIGURES:
+            raise InputError(f"there is no figure {number}: choose from {', '.join(FIGURES)}")
+    stems = [f"figure_{int(number):02}{'_quick' if quick else ''}" for number in numbers]
+    return [f"{stem}.{kind}" for stem in stems for kind in ("pdf", "png", "json")]
+
+
 def figures(
     folder: str | Path,
     chosen: Sequence[str] | None = None,
@@ -114,9 +128,7 @@ def figures(
     """
     folder = Path(folder)
     numbers = list(FIGURES) if chosen is None else [str(number) for number in chosen]
-    for number in numbers:
-        if number not in FIGURES:
-            raise InputError(f"there is no figure {number}: choose from {', '.join(FIGURES)}")
+    names = figure_names(numbers, quick)
     check_folder(folder)
     written: list[Path] = []
     for place, number in enumerate(numbers):
@@ -128,15 +140,10 @@ def figures(
         one = FIGURES[number]
         data = one.data(progress=show, **(one.quick if quick else {}))
         drawn = one.draw(data)
-        stem = folder / f"figure_{int(number):02}{'_quick' if quick else ''}"
         content = {"figure": int(number), "title": one.title, "quick": quick, **data.to_json()}
-        written += write_files(
-            {
-                stem.with_suffix(".pdf"): pdf(drawn),
-                stem.with_suffix(".png"): png(drawn, DPI),
-                stem.with_suffix(".json"): json_bytes(content),
-            }
-        )
+        paths = [folder / name for name in names[3 * place : 3 * place + 3]]
+        made = (pdf(drawn), png(drawn, DPI), json_bytes(content))
+        written += write_files(dict(zip(paths, made, strict=True)))
     if progress is not None:
         progress("figures are drawn", 1.0)
     return written

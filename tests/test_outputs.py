@@ -1,0 +1,196 @@
+"""What the user had stays: no command replaces what it reads, or what no command wrote."""
+
+import json
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drivable import model_of
+from matplotlib.figure import Figure
+from typer.main import get_command
+
+from preisach_jax import plot
+from preisach_jax.cli import main
+from preisach_jax.cli.application import build
+from preisach_jax.files import is_ours
+
+RECORD, MODEL, C = ["stage.csv"], ["model.json"], ["preisach_model", "preisach_test"]
+
+# A command line of each command that writes, and the files that it would write.
+WRITERS = {
+    "diagnose": (
+        [*RECORD, "--report", "r"],
+        ["r/report.html", "r/diagnosis.json", "r/base.json", "r/model.json", "r/loop.png",
+         "r/form.png", "r/alternatives/creep.json"],
+    ),
+    "fit": ([*RECORD, "--out", "m.json"], ["m.json"]),
+    "predict": ([*MODEL, *RECORD, "--out", "p.csv"], ["p.csv"]),
+    "compare": (
+        [*MODEL, *RECORD, "--report", "r"], ["r/report.html", "r/comparison.json", "r/density.png"]
+    ),
+    "compare several": (
+        [*MODEL, *RECORD, "other.csv", "--report", "r"], ["r/comparison.json", "r/overlay.png"]
+    ),
+    "design": (["report", "--out", "next.csv"], ["next.csv"]),
+    "compensate": ([*MODEL, *RECORD, "--out", "drive.csv"], ["drive.csv"]),
+    "export c": (
+        [*MODEL, "--to", "c", "--out", "c"],
+        [f"c/{name}" for name in ("preisach_model.c", "preisach_model.h", "preisach_test.c",
+                                  "Makefile", "README.md")],
+    ),
+    "export fmu": ([*MODEL, "--to", "fmu", "--out", "f"], ["f/stage.fmu"]),
+    "fleet": (
+        [*RECORD, "--out", "f"],
+        ["f/fleet.csv", "f/manifest.json", "f/fleet.zarr/zarr.json", "f/fleet.zarr",
+         "f/done/records_0000-0015.json"],
+    ),
+    "sweep": (["--out", "s"], ["s/sweep.json", "s/sweep.zarr/zarr.json"]),
+    "figures": (["--only", "1", "--out", "f"], ["f/figure_01.pdf", "f/figure_01.png"]),
+    "look": ([*RECORD, "--plot", "l.png"], ["l.png"]),
+    "simulate": (["--seconds", "3", "--out", "s.csv", "--truth", "t.json"], ["s.csv", "t.json"]),
+    "demo": (["--out", "d"], ["d/simulated-stage/data.csv", "d/reversal-curves/report.html"]),
+}  # fmt: skip
+
+
+def words_of(name):
+    return [name.split()[0], *WRITERS[name][0]]
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """The test runs in a folder that holds a record, a model and the report of a diagnosis."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(200) / 100
+    u = 5 - 5 * np.cos(3 * t)
+    rows = [f"{a:.2f},{b:.6f},{c:.6f}" for a, b, c in zip(t, u, u**1.1, strict=True)]
+    for name in ("stage.csv", "other.csv"):
+        Path(name).write_text("\n".join(["t_s,u_V,z_um", *rows]) + "\n")
+    Path("report").mkdir()
+    for name in ("model.json", "report/model.json"):
+        model_of().save(name)
+    budget = {"noise": 0.0, "discretisation": 0.0}
+    Path("report/diagnosis.json").write_text(json.dumps({"findings": [], "budget": budget}))
+    return tmp_path
+
+
+def state(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(capsys, words):
+    """The one line with which a command is refused."""
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+def test_every_command_that_writes_takes_force():
+    commands = get_command(build()).commands  # pyright: ignore[reportAttributeAccessIssue]
+    options = {
+        name: {word for each in command.params for word in each.opts}
+        for name, command in commands.items()
+    }
+    writing = {"--out", "--report", "--plot", "--truth"}
+    assert {name for name, words in options.items() if words & writing} == {
+        name.split()[0] for name in WRITERS
+    }
+    assert {name for name, words in options.items() if "--force" in words} == {
+        name.split()[0] for name in WRITERS
+    }
+
+
+MINE = (
+    b"mine",
+    b"t_s,u_V,z_um\n0,0,0\n0.5,1,1\n",
+    b'{"note": "of preisach_jax", "effects": []}',
+    b"/* see preisach_model.h of preisach_jax */",
+    b"\x89PNG\r\n\x1a\n" + struct.pack(">I4s", 13, b"IHDR") + bytes(90) + b"preisach_jax",
+    b"%PDF-1.4\n/Producer (me)\n",
+    b"PK\3\4 torn",
+)
+
+
+@pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])
+def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, capsys):
+    path = place / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".zarr":
+        path.mkdir()
+    for content in MINE if path.suffix != ".zarr" else [b""]:
+        if content:
+            path.write_bytes(content)
+        before = state(place)
+        said = refused(capsys, words_of(name))
+        assert "--force" in said
+        assert file.replace("/zarr.json", "") in said
+        assert state(place) == before
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["predict", "compensate", "export c", "export fmu", "figures", "look", "simulate"],
+)
+def test_what_a_command_wrote_it_writes_again(name, place):
+    words = words_of(name)
+    had = set(state(place))
+    assert main([*words, "--quiet"]) == 0
+    written = set(state(place)) - had
+    assert written >= {place / file for file in WRITERS[name][1]}
+    for path in written:
+        assert is_ours(path), path
+        path.write_bytes(path.read_bytes() + b" ")
+    assert main([*words, "--quiet"]) == 0
+    for path in written:
+        assert not path.read_bytes().endswith(b" "), path
+
+
+def test_force_replaces_what_is_somebody_elses_and_never_what_is_read(place, capsys):
+    words = words_of("predict")
+    Path("p.csv").write_text("mine")
+    assert main([*words, "--force", "--quiet"]) == 0
+    assert Path("p.csv").read_text().startswith("t,z_pred")
+    Path("empty.csv").touch()  # as `mktemp` makes it
+    assert main([*words[:-1], "empty.csv", "--quiet"]) == 0
+    Path("r").mkdir()
+    shutil.copy("model.json", "r/comparison.json")
+    shutil.copy("stage.csv", "f.csv")
+    before = state(place)
+    for words in (
+        ["predict", "model.json", "stage.csv", "--out", "stage.csv"],
+        ["predict", "model.json", "book.xlsx#S", "--out", "book.xlsx"],
+        ["compare", "r/comparison.json", "stage.csv", "--report", "r"],
+        ["export", "model.json", "--to", "c", "--out", "."],
+        ["look", "l.png", "--plot", "l.png"],
+        ["diagnose", "model.json", "--report", "."],
+    ):
+        if words[0] == "export":
+            shutil.copy("model.json", "README.md")
+            words[1], before = "README.md", state(place)
+        assert "this file is read" in refused(capsys, [*words, "--force"])
+        assert state(place) == before
+
+
+def test_a_store_of_other_work_does_not_make_one_ours(place, capsys):
+    out = place / "f"
+    (out / "fleet.zarr").mkdir(parents=True)
+    (out / "manifest.json").write_text(json.dumps({"format": 2, "work": "sweep"}))
+    assert "fleet.zarr" in refused(capsys, [*words_of("fleet"), "--restart"])
+    assert (out / "fleet.zarr").is_dir()
+
+
+def test_a_report_again_holds_no_figures_of_the_run_before(place):
+    out = place / "r"
+    out.mkdir()
+    for name in ("form.png", "worst.png", "own.png"):
+        (out / name).write_bytes(plot.png(Figure()))
+    (out / "waterfall.png").write_bytes(b"mine")
+    assert main([*words_of("compare several"), "--quiet"]) == 0
+    assert {path.name for path in out.iterdir()} == {
+        "report.html", "comparison.json", "overlay.png", "own.png", "waterfall.png",
+    }  # fmt: skip
+    assert (out / "waterfall.png").read_bytes() == b"mine"
+    assert is_ours(out / "comparison.json")

@@ -1,7 +1,6 @@
 """The online filter: samples in NumPy, blocks and batches compiled, and one state for all three."""
 
 import dataclasses
-import json
 import math
 from typing import Any
 
@@ -9,7 +8,8 @@ import hypothesis.strategies as st
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
+from oracles import PLANE, SAMPLES
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter import in_place
@@ -19,38 +19,35 @@ from preisach_jax.filter.state import FilterState
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
 
-# Thresholds, and positions of ramps, are exact in both precisions.
-PLANE = Plane(levels=8, low=-2.0, high=6.0)
-SAMPLES = 240
-
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
 both_samplings = pytest.mark.parametrize("sampling", ["event", "sample"])
+a_few = pytest.mark.parametrize(("hysteron", "sampling"), [("relay", "event"), ("ramp", "sample")])
 
 
 def crawling(rng):
     """Several samples to a level, forth and back."""
-    return 2 - 4 * np.cos(np.cumsum(rng.uniform(0, 0.15, SAMPLES)))
+    return 3 - 5 * np.cos(np.cumsum(rng.uniform(0, 0.15, SAMPLES)))
 
 
 def jumping(rng):
     """Over many levels at once, to both ends too."""
-    return rng.uniform(-4, 8, SAMPLES).clip(-2, 6)
+    return rng.uniform(-4, 10, SAMPLES).clip(-2, 8)
 
 
 def on_thresholds(rng):
     """Rests on thresholds and half-way between, and steps from one to another."""
-    return np.repeat(-2 + rng.integers(0, 17, SAMPLES // 2) / 2, 2)[:SAMPLES]
+    return np.repeat(-2 + rng.integers(0, 11, SAMPLES // 2), 2)
 
 
 def trembling(rng):
     """About a threshold, and at times somewhere else."""
-    tremor = 0.5 + rng.uniform(-0.2, 0.2, SAMPLES)
+    tremor = 1 + rng.uniform(-0.2, 0.2, SAMPLES)
     return np.where(rng.random(SAMPLES) < 0.05, jumping(rng), tremor)
 
 
 def saturating(rng):
     """From end to end, and beyond them by rounding."""
-    return rng.choice([-2 * (1 + 1e-7), -2.0, 6.0, 6 * (1 + 1e-7), 5.9], SAMPLES)
+    return rng.choice([-2 * (1 + 1e-7), -2.0, 8.0, 8 * (1 + 1e-7), 7.9], SAMPLES)
 
 
 PATHS = [crawling, jumping, on_thresholds, trembling, saturating]
@@ -82,16 +79,14 @@ def assert_same_state(got: FilterState | None, wanted: FilterState, tolerance):
         np.testing.assert_allclose(getattr(got, name), array, rtol=0, atol=tolerance, err_msg=name)
 
 
-@both_kinds
-@both_samplings
-@pytest.mark.parametrize("path", PATHS)
-def test_single_samples_give_what_the_jitted_step_gives(
-    hysteron, sampling, path, precision, tolerance
-):
+@pytest.mark.parametrize(
+    ("hysteron", "sampling"), [("relay", "event"), ("ramp", "event"), ("ramp", "sample")]
+)
+def test_single_samples_give_what_the_jitted_step_gives(hysteron, sampling, precision, tolerance):
     filt = AdaptiveFilter(PLANE, hysteron, sampling, 0.1, 0.8)
-    for seed in range(2):
+    for seed, path in enumerate(PATHS):
         x, z = samples_of(path, precision, seed)
-        online, batch = OnlineFilter(filt), filt.run(x, z)
+        online, batch = OnlineFilter(filt), filt.run(x, z, form="dense")
         output, info = one_by_one(online, x, z)
         scale = max(1.0, np.abs(batch.weights).max())
         np.testing.assert_allclose(output, batch.output, atol=20 * scale * tolerance)
@@ -106,35 +101,33 @@ def test_single_samples_give_what_the_jitted_step_gives(
         assert online.missing == (0, np.count_nonzero(np.isnan(z)))
 
 
-@both_kinds
-@both_samplings
-@pytest.mark.parametrize("memory", ["high", "demagnetised", "random"])
-def test_single_samples_go_on_from_any_state(hysteron, sampling, memory, x64):
+@a_few
+def test_single_samples_go_on_from_any_state(hysteron, sampling, x64):
     rng = np.random.default_rng(3)
     random = rng.random(PLANE.cells)
     random = random.round() if hysteron == "relay" else random
-    for x0 in (1.5, 1.7):
-        filt = AdaptiveFilter(PLANE, hysteron, sampling, rng.normal(size=PLANE.cells))
-        state = filt.init(x0, 1.0, random if memory == "random" else memory)
-        # A state that no input has left behind is taken as it is, too.
-        odd = dataclasses.replace(state, states=random, reference_states=random[::-1])
-        for start in (state, odd):
-            for path in (crawling, on_thresholds):
-                x, z = samples_of(path, seed=4)
-                online, batch = OnlineFilter(filt, start), filt.run(x, z, start)
-                output, _ = one_by_one(online, x, z)
-                np.testing.assert_allclose(output, batch.output, atol=1e-12)
-                assert_same_state(online.state, batch.state, 1e-12)
+    filt = AdaptiveFilter(PLANE, hysteron, sampling, rng.normal(size=PLANE.cells))
+    state = filt.init(1.5, 1.0, random)
+    # A state that no input has left behind is taken as it is, too.
+    odd = dataclasses.replace(state, states=random, reference_states=random[::-1])
+    for start in (filt.init(1.7, 1.0, "demagnetised"), state, odd):
+        for path in (crawling, on_thresholds):
+            x, z = samples_of(path, seed=4)
+            online, batch = OnlineFilter(filt, start), filt.run(x, z, start)
+            output, _ = one_by_one(online, x, z)
+            np.testing.assert_allclose(output, batch.output, atol=1e-12)
+            assert_same_state(online.state, batch.state, 1e-12)
 
 
 inputs = st.one_of(
-    st.integers(0, 16).map(lambda half: -2 + half / 2), st.floats(-2, 6, width=32), st.just(None)
+    st.integers(0, 10).map(lambda step: step - 2.0), st.floats(-2, 8, width=32), st.just(None)
 )
 outputs = st.one_of(st.floats(-10, 10, width=32), st.just(math.nan))
 
 
 @both_kinds
 @both_samplings
+@settings(max_examples=10)
 @given(steps=st.lists(st.tuples(inputs, outputs), min_size=12, max_size=12))
 def test_any_samples_give_what_the_jitted_step_gives(hysteron, sampling, steps):
     """None for an input stands for a rest."""
@@ -157,10 +150,9 @@ def test_any_samples_give_what_the_jitted_step_gives(hysteron, sampling, steps):
 @both_kinds
 def test_the_output_does_not_drift(hysteron, x64):
     """It is the sum (6) over all cells, to rounding, after any number of updates."""
-    plane = Plane(levels=37, low=-2.0, high=6.0)
-    online = OnlineFilter(AdaptiveFilter(plane, hysteron, initial_weight=1.0))
+    online = OnlineFilter(AdaptiveFilter(PLANE, hysteron, initial_weight=1.0))
     rng = np.random.default_rng(5)
-    for k, x in enumerate(np.tile(crawling(rng), 40).tolist()):
+    for k, x in enumerate(np.tile(crawling(rng), 8).tolist()):
         online(x, 100.0 * math.sin(x) + rng.normal())
         if k % 500 == 99:
             state = online.state
@@ -169,43 +161,11 @@ def test_the_output_does_not_drift(hysteron, x64):
             assert online(x) == pytest.approx(exact, rel=1e-12)
 
 
-@pytest.mark.parametrize("levels", [2, 5, 9])
-def test_the_cells_passed_are_those_on_the_rows_and_columns(levels):
-    plane = Plane(levels=levels, low=0.0, high=1.0)
-    i, j = plane.alpha_index, plane.beta_index
-    for first in range(levels):
-        for last in range(first, levels + 1):
-            on_row, on_column = (first <= i) & (i < last), (first <= j) & (j < last)
-            cells, rows, columns = in_place._cells_passed(levels, first, last)
-            assert sorted(cells.tolist()) == np.flatnonzero(on_row | on_column).tolist()
-            np.testing.assert_array_equal(rows, i[cells])
-            np.testing.assert_array_equal(columns, j[cells])
-
-
-def test_relays_between_two_thresholds_are_left_alone(monkeypatch):
-    online = OnlineFilter(AdaptiveFilter(PLANE))
-    one_by_one(online, *samples_of(crawling))
-    online(1.2, 1.0)
-
-    def fail(*_):
-        raise AssertionError("nothing switches")
-
-    output = online(1.2, 1.0)
-    monkeypatch.setattr(in_place, "_cells_passed", fail)
-    monkeypatch.setattr(in_place, "dot", fail)
-    assert {online(x, z) for x, z in ((1.0, 3.0), (1.4, math.nan), (1.4, 2.0), (0.6, -1.0))} == {
-        output
-    }
-    with pytest.raises(AssertionError, match="nothing switches"):
-        online(0.4, 1.0)
-
-
-@both_kinds
 @pytest.mark.parametrize("z", [math.nan, 1.0])
-def test_a_sample_touches_few_cells(hysteron, z, monkeypatch):
+def test_a_sample_touches_few_cells(z, monkeypatch):
     """O(N) of N² / 2 while the input passes a level, whether or not outputs are missing."""
     plane = Plane(levels=140, low=-2.0, high=6.0)
-    online = OnlineFilter(AdaptiveFilter(plane, hysteron))
+    online = OnlineFilter(AdaptiveFilter(plane, "ramp"))
     one_by_one(online, np.array([-2.0, 5.0, 3.0]), np.ones(3))
     genuine, sizes = in_place._cells_passed, []
 
@@ -221,16 +181,15 @@ def test_a_sample_touches_few_cells(hysteron, z, monkeypatch):
     assert max(sizes) <= 3 * plane.levels  # those three that the input has passed
 
 
-@both_kinds
-@both_samplings
-def test_samples_blocks_and_runs_follow_one_another(hysteron, sampling, precision, tolerance):
-    x, z = samples_of(crawling, precision, 6)
+@a_few
+def test_samples_blocks_and_runs_follow_one_another(hysteron, sampling, x64):
+    x, z = samples_of(crawling, seed=6)
     filt = AdaptiveFilter(PLANE, hysteron, sampling)
     whole = filt.run(x, z)
     online = OnlineFilter(filt)
     outputs, errors = [], []
-    for begin in range(0, SAMPLES, 60):
-        stop = begin + 20
+    for begin in range(0, SAMPLES, 100):
+        stop = begin + 60
         output, info = one_by_one(online, x[begin:stop], z[begin:stop])
         outputs.append(output)
         errors.append(info[1])
@@ -241,9 +200,9 @@ def test_samples_blocks_and_runs_follow_one_another(hysteron, sampling, precisio
         outputs.append(batch.output)
         errors.append(batch.error)
         online.state = batch.state
-    np.testing.assert_allclose(np.concatenate(outputs), whole.output, atol=20 * tolerance)
-    np.testing.assert_allclose(np.concatenate(errors), whole.error, atol=20 * tolerance)
-    assert_same_state(online.state, whole.state, 20 * tolerance)
+    np.testing.assert_allclose(np.concatenate(outputs), whole.output, atol=1e-11)
+    np.testing.assert_allclose(np.concatenate(errors), whole.error, atol=1e-11)
+    assert_same_state(online.state, whole.state, 1e-11)
 
 
 def test_a_block_may_come_first_or_have_no_output(x64):
@@ -261,8 +220,7 @@ def test_a_block_may_come_first_or_have_no_output(x64):
     np.testing.assert_allclose([fresh(value) for value in x.tolist()], replay, atol=1e-12)
 
 
-@both_kinds
-@both_samplings
+@a_few
 def test_a_missing_input_is_skipped_and_counted(hysteron, sampling, x64):
     x, z = samples_of(crawling, seed=7)
     lost = np.random.default_rng(8).random(SAMPLES) < 0.3
@@ -322,10 +280,9 @@ def test_a_state_that_was_read_stays_as_it_was(x64):
     np.testing.assert_array_equal(state.weights, copies["weights"])
 
 
-@both_kinds
-def test_counts_and_the_last_output_are_saved(hysteron, x64, tmp_path):
+def test_counts_and_the_last_output_are_saved(x64, tmp_path):
     x, z = samples_of(crawling)
-    online = OnlineFilter(AdaptiveFilter(PLANE, hysteron))
+    online = OnlineFilter(AdaptiveFilter(PLANE, "ramp"))
     one_by_one(online, x[:150], z[:150])
     online(math.nan, 1.0)
     online.save(tmp_path / "state.npz")
@@ -336,28 +293,11 @@ def test_counts_and_the_last_output_are_saved(hysteron, x64, tmp_path):
     np.testing.assert_allclose(again, one_by_one(online, x[150:], z[150:])[0], atol=1e-12)
 
 
-def test_a_file_of_the_second_format_has_nothing_missing(x64, tmp_path):
-    state = AdaptiveFilter(PLANE).init(3.0, 1.0)
-    about = {"format": 2, "hysteron": "relay", "sampling": "event"}
-    about |= {"levels": PLANE.levels, "low": PLANE.low, "high": PLANE.high}
-    arrays: dict[str, Any] = {f"state.{name}": array for name, array in vars(state).items()}
-    arrays |= {"initial_weight": np.asarray(0.25), "step_size": np.asarray(0.5)}
-    path = tmp_path / "old.npz"
-    np.savez(path, about=np.asarray(json.dumps(about)), **arrays)
-    loaded = OnlineFilter.load(path)
-    assert loaded.missing == (0, 0)
-    assert loaded(math.nan) == pytest.approx(float(state.weights @ state.states), rel=1e-12)
-    assert_same_state(loaded.state, state, 0)
-    np.savez(path, about=np.asarray(json.dumps(about | {"format": 3})), **arrays)
-    with pytest.raises(InputError, match=r"old\.npz cannot be read .*missing"):
-        OnlineFilter.load(path)
-
-
 @pytest.mark.parametrize(
     ("x", "z", "message"),
     [
         ([0.0, np.nan, np.inf], [0.0, 1.0, 2.0], "x is inf at sample 2"),
-        ([np.nan, 0.0, 7.0], [0.0, 1.0, 2.0], "x is 7 at sample 2, and the plane reaches"),
+        ([np.nan, 0.0, 9.0], [0.0, 1.0, 2.0], "x is 9 at sample 2, and the plane reaches"),
         ([np.nan, 1.0], [0.0, -np.inf], "z is -inf at sample 1"),
         ([0.0, 1.0], [0.0], r"\(2,\).*\(1,\)"),
         ([], None, r"\(0,\)"),

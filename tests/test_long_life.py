@@ -449,7 +449,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_filter_recovers_from_a_faulty_sensor(fault):
     """Noise-free but for the fault of 500 samples: forgotten in 3,000 samples."""
-    x = np.resize(wandering(samples=2000), 8000).astype("float32")
+    x = np.resize(wandering(samples=2000, speed=1.1), 8000).astype("float32")
     truth = np.random.default_rng(9).uniform(0.1, 1.0, PLANE.cells).astype("float32")
     z = np.array(pj.simulate(PLANE, truth, x, "relay"))
     z[3000:3500] = FAULTS[fault](z[3000:3500], np.random.default_rng(10))

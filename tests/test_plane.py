@@ -95,7 +95,7 @@ def test_everett_function_is_half_the_weight_of_the_triangle(precision, toleranc
 def test_demagnetised_memory_is_what_a_decaying_input_leaves(levels, hysteron, x64):
     plane = Plane(levels=levels, low=-1.0, high=3.0)
     cycles = 1500
-    amplitude = np.linspace(2.2, 0.0, 2 * cycles)
+    amplitude = np.linspace(2.0, 0.0, 2 * cycles)
     path = 1.0 + amplitude * np.where(np.arange(2 * cycles) % 2 == 0, 1.0, -1.0)
     left = np.asarray(hysteron_states(plane, path, "low", hysteron))[-1]
     named = np.asarray(plane.initial_states("demagnetised", 1.0, hysteron))

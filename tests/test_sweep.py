@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
 import sys
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import preisach_jax
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
@@ -30,8 +28,8 @@ from preisach_jax.theory import largest_slope
 from preisach_jax.work.manifest import made_with
 
 # One setting for most tests, so that little has to be compiled.
-LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1500, 2
-FIRST = 300
+LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
+FIRST = 200
 SETTINGS = (LEVELS, NOISE, SEEDS, SAMPLES)
 
 
@@ -89,10 +87,9 @@ def outputs(plane, drawn, noise):
     return [np.asarray(drawn.record.stroke_um), clean, *noisy]
 
 
-@pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("n", range(len(LEVELS)))
-def test_a_sweep_is_the_filter_run_one_by_one(n, seed, key, whole, x64):
-    plane = plane_of(LEVELS[n])
+def test_a_sweep_is_the_filter_run_one_by_one(n, key, whole, x64):
+    plane, seed = plane_of(LEVELS[n]), 3
     drawn = realisation(key, seed, SAMPLES, len(NOISE))
     x, truth = np.asarray(drawn.record.input_v), true_weights(plane)
     filt, paths = AdaptiveFilter(plane), []
@@ -124,11 +121,7 @@ def test_labels_and_the_slope_are_those_of_the_records(key, whole, x64):
         slopes.append(largest_slope(record.input_v, record.stroke_um))
     np.testing.assert_allclose(whole.slope, max(slopes), rtol=1e-9)
     assert (whole.first, whole.samples) == (FIRST, SAMPLES)
-    assert whole.levels.tolist() == list(LEVELS)
-    assert whole.noise_um.tolist() == list(NOISE)
-    assert whole.seeds.tolist() == [0, 1, 2, 3]
     assert [rows.shape for rows in whole.weights] == [(4, 4, 15), (4, 4, 6)]
-    np.testing.assert_array_equal(whole.cells, [15, 6])
     np.testing.assert_array_equal(whole.delta_x, [15.0, 25.0])
     np.testing.assert_allclose(whole.noise_power, whole.slope**2 * np.array([15, 25]) ** 2 / 12)
 
@@ -158,17 +151,11 @@ def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(key, whole):
     parts = [sweep(key, LEVELS, NOISE, numbers, SAMPLES) for numbers in ([0, 1], range(2, 4))]
     joined = merge(parts)
     check_same(joined, whole)
-    assert joined.compile_s == parts[0].compile_s + parts[1].compile_s
-    assert joined.run_s == parts[0].run_s + parts[1].run_s
     swapped = merge(parts[::-1])
     assert swapped.seeds.tolist() == [2, 3, 0, 1]
     np.testing.assert_array_equal(swapped.noise_part[:, :, 0], whole.noise_part[:, :, 2])
-
-
-def test_parts_of_different_sweeps_do_not_join(whole):
-    other = dataclasses.replace(whole, samples=2000)
-    with pytest.raises(InputError, match=r"samples is 1500 .* 2000"):
-        merge([whole, other])
+    with pytest.raises(InputError, match=r"samples is 1000 .* 2000"):
+        merge([whole, dataclasses.replace(whole, samples=2000)])
 
 
 def test_other_numbers_of_the_same_shape_compile_nothing(key, whole, compilations):
@@ -177,40 +164,19 @@ def test_other_numbers_of_the_same_shape_compile_nothing(key, whole, compilation
     again = jax.random.key(8), LEVELS, (0.1, 0.2), [5, 6, 7, 9], SAMPLES
     assert not compilations(lambda: others.append(sweep(*again)))
     (other,) = others
-    assert other.compile_s < 0.1 * other.run_s
     assert not np.array_equal(other.events, whole.events)
-
-
-def test_the_name_in_the_package_is_the_function_whatever_is_imported():
-    code = (
-        "import importlib, preisach_jax.sweep.storage, preisach_jax as pj\n"
-        "importlib.import_module('preisach_jax.sweep.result')\n"
-        "from preisach_jax.sweep import storage\n"
-        "assert callable(pj.sweep) and pj.sweep is storage.sweep"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert preisach_jax.sweep is sweep
-    assert preisach_jax.Sweep is Sweep
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"levels": (5, 1)}, "levels holds 1: give a whole number of at least 2"),
-        ({"levels": ()}, "levels is empty"),
         ({"levels": (5, 5)}, "levels holds .5, 5.: name each only once"),
-        ({"levels": (2.5,)}, "levels holds 2.5: give a whole number"),
         ({"noise": (-0.1,)}, "noise holds -0.1: give standard deviations above 0"),
         ({"noise": (0.0,)}, "noise holds 0.0: .* without noise is always computed"),
-        ({"noise": (float("nan"),)}, "noise holds nan"),
-        ({"noise": ()}, "noise is empty"),
-        ({"noise": (0.1, 0.1)}, "noise holds .0.1, 0.1.: name each only once"),
         ({"seeds": 0}, "seeds is 0: give a whole number of at least 1"),
-        ({"seeds": []}, "seeds is empty"),
         ({"seeds": [1, -1]}, "seeds holds -1: give a whole number of at least 0"),
-        ({"seeds": [1, 1]}, "seeds holds .1, 1.: name each only once"),
         ({"samples": 999}, "samples is 999: give a whole number of at least 1000"),
-        ({"samples": 2000.5}, "samples is 2000.5: give a whole number"),
     ],
 )
 def test_bad_settings_are_refused(change, message, key):
@@ -235,19 +201,6 @@ def test_averages_over_all_seeds(whole):
     ratio = (whole.noise_part / np.square(NOISE)[:, np.newaxis]).reshape(len(LEVELS), -1)
     np.testing.assert_allclose(whole.coefficient, ratio.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(whole.coefficient_error, stats.sem(ratio, axis=1), rtol=1e-12)
-
-
-def test_one_row_of_a_power_law_is_scipys_regression():
-    rng = np.random.default_rng(0)
-    x = np.geomspace(0.1, 30.0, 9)
-    y = 2.5 * x**1.3 * np.exp(rng.normal(0.0, 0.2, 9))
-    expected: Any = stats.linregress(np.log(x), np.log(y))
-    law = fit_power_law(x, y)
-    np.testing.assert_allclose(law.value, expected.slope, rtol=1e-12)
-    half = stats.t.ppf(0.975, 7) * expected.stderr
-    np.testing.assert_allclose([law.low, law.high], expected.slope + half * np.array([-1, 1]))
-    np.testing.assert_allclose(law.r_squared, expected.rvalue**2, rtol=1e-12)
-    np.testing.assert_allclose(law.correlation, np.corrcoef(x, y)[0, 1], rtol=1e-12)
 
 
 def test_rows_of_a_power_law_share_the_exponent_and_have_their_own_constants():
@@ -331,14 +284,6 @@ def test_what_is_saved_is_read_back(whole, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.npz"]
 
 
-def with_entries(content, offset, value):
-    """An archive whose table of contents says something else of each file at a byte."""
-    begin, *entries = content.split(b"PK\x01\x02")
-    change = offset - 4  # behind the mark of the entry
-    changed = [entry[:change] + bytes([value]) + entry[change + 1 :] for entry in entries]
-    return b"PK\x01\x02".join([begin, *changed])
-
-
 def test_files_that_hold_no_whole_sweep_are_refused(whole, tmp_path):
     path = tmp_path / "sweep.npz"
     with pytest.raises(InputError, match=r"sweep\.npz does not exist"):
@@ -347,8 +292,7 @@ def test_files_that_hold_no_whole_sweep_are_refused(whole, tmp_path):
     content = path.read_bytes()
     middle = len(content) // 2
     flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-    locked, packed = (with_entries(content, *field) for field in ((8, 1), (10, 99)))
-    for damaged in (b"", content[:-1], content[:middle], flipped, b"no sweep", locked, packed):
+    for damaged in (b"", content[:-1], flipped, b"no sweep"):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="cannot be read as a sweep"):
             Sweep.load(path)
@@ -381,23 +325,21 @@ def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
     found = run_to(tmp_path / "new", key, progress=lambda *now: shown.append(now))
     assert found is not None
     check_same(found, whole, rtol=1e-12)
-    check_same(storage.load_folder(tmp_path / "new"), whole, rtol=1e-12)
+    check_same(Sweep.load(tmp_path / "new"), whole, rtol=1e-12)
     assert computed == [[0, 1], [2, 3]]
     assert shown == [("chunk 1 of 2", 0.0), ("chunk 2 of 2", 0.5)]
     assert chunk_names(tmp_path / "new") == ["seeds_0000-0001.json", "seeds_0002-0003.json"]
     content = json.loads((tmp_path / "new" / "sweep.json").read_text())
     assert content == json.loads(json.dumps(found.to_json()))
-    parts = [json.loads(path.read_text()) for path in (tmp_path / "new" / "done").iterdir()]
-    assert found.run_s == pytest.approx(sum(part["run_s"] for part in parts))
-    assert found.compile_s == pytest.approx(sum(part["compile_s"] for part in parts))
-
-
-def test_a_sweep_that_is_whole_is_not_repeated_unless_restarted(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
+    # It is not repeated unless restarted, and not trusted without its manifest.
+    run_to(tmp_path / "new", key)
     assert computed == [[0, 1], [2, 3]]
-    run_to(tmp_path, key, resume=False)
-    assert computed == [[0, 1], [2, 3]] * 2
+    (tmp_path / "new" / "manifest.json").unlink()
+    run_to(tmp_path / "new", key)
+    run_to(tmp_path / "new", key, resume=False)
+    assert computed == [[0, 1], [2, 3]] * 3
+    with pytest.raises(InputError, match="is no archive of arrays"):
+        Sweep.load(tmp_path / "new" / "sweep.json")
 
 
 def test_an_interrupted_sweep_goes_on_to_the_same_numbers(key, whole, tmp_path, monkeypatch):
@@ -427,7 +369,6 @@ def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, compute
     for path, content in [
         (first, first.read_bytes()[:-100]),
         (first, second.read_bytes()),
-        (rows, b"no rows"),
         (rows, rows.with_name("1").read_bytes()),
         (rows, None),
     ]:
@@ -457,10 +398,8 @@ def test_more_seeds_continue_a_sweep(key, whole, tmp_path, computed):
     ("seed", "change", "message"),
     [
         (9, {}, "with key 0,7 and not 0,9: choose another folder with --out, or .*--restart"),
-        (7, {"levels": (5,)}, "levels 5,3 and not 5:"),
-        (7, {"noise": (0.05, 0.6)}, "noise 0.05,0.5 and not 0.05,0.6:"),
         (7, {"seeds": range(9, 49)}, r"seeds 0,1,2,3 and not 9 \.\.\. 48 \(40 values\):"),
-        (7, {"samples": 1501, "chunk": 1}, "samples 1500 and not 1501, chunk 2 and not 1:"),
+        (7, {"samples": 1501, "chunk": 1}, "samples 1000 and not 1501, chunk 2 and not 1:"),
     ],
 )
 def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_path, monkeypatch):
@@ -495,27 +434,12 @@ def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, 
         storage.load_folder(tmp_path / "done")
 
 
-def test_chunks_without_a_manifest_are_not_trusted(key, tmp_path, computed):
-    run_to(tmp_path, key)
-    (tmp_path / "manifest.json").unlink()
-    computed.clear()
-    run_to(tmp_path, key)
-    assert computed == [[0, 1], [2, 3]]
-
-
 def test_a_chunk_holds_at_least_one_seed(key, tmp_path):
     for chunk in (0, 2.5):
         message = f"chunk is {chunk}: give a whole number of at least 1"
         with pytest.raises(InputError, match=message):
             run_to(tmp_path / "new", key, chunk=chunk)
     assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_is_loaded_like_a_file(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
-    check_same(Sweep.load(tmp_path), whole, rtol=1e-12)
-    with pytest.raises(InputError, match="is no archive of arrays"):
-        Sweep.load(tmp_path / "sweep.json")
 
 
 def test_one_number_has_no_standard_error(whole):
@@ -525,28 +449,13 @@ def test_one_number_has_no_standard_error(whole):
         whole, noise_um=whole.noise_um[:1], seeds=whole.seeds[:1], noise_part=np.ones((2, 1, 1))
     )
     assert np.isnan(alone.coefficient_error).all()
-    assert repr(alone) == "Sweep(levels=[5, 3], noise_um=[0.05], seeds=[0], samples=1500)"
+    assert repr(alone) == "Sweep(levels=[5, 3], noise_um=[0.05], seeds=[0], samples=1000)"
 
 
 @pytest.mark.parametrize("wrong", [0, "key", np.zeros(3, np.uint32)])
 def test_what_is_no_key_is_refused(wrong):
     with pytest.raises(InputError, match=r"make one by jax\.random\.key"):
         sweep(wrong, *SETTINGS)
-
-
-SHARED = """
-import jax, sys
-jax.config.update("jax_num_cpu_devices", 2)
-from preisach_jax.sweep import sweep
-sweep(jax.random.key(7), (5, 3), (0.05, 0.5), 4, 1500).save(sys.argv[1])
-assert len(jax.devices()) == 2
-"""
-
-
-def test_devices_share_the_seeds_and_change_nothing(whole, tmp_path):
-    path = tmp_path / "shared.npz"
-    subprocess.run([sys.executable, "-W", "error", "-c", SHARED, str(path)], check=True)
-    check_same(Sweep.load(path), whole, rtol=1e-12)
 
 
 # Last, as it compiles anew what all tests above share.

@@ -155,14 +155,6 @@ def test_state_from_any_initial_memory_lies_in_the_bounds(hysteron, path, initia
     assert np.all(np.diff(high - low, axis=0) <= 0)
 
 
-@both_kinds
-def test_saturation_leaves_nothing_to_the_initial_memory(hysteron, precision):
-    low, high = state_bounds(PLANE, np.array([2.0, 4.0, 1.25], precision), hysteron)
-    assert low.dtype == precision
-    assert float((high - low)[0].max()) == 1.0
-    assert float((high - low)[1:].max()) == 0.0
-
-
 def test_gradient_of_ramp_states_matches_finite_differences(x64):
     rng = np.random.default_rng(2)
     path, initial = rng.uniform(0.1, 3.9, LENGTH), np.zeros(PLANE.cells)

@@ -12,12 +12,10 @@ from hypothesis import given, settings
 from oracles import PLANE, SAMPLES
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter import in_place
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
 from preisach_jax.filter.state import FilterState
 from preisach_jax.operator.checks import HYSTERONS
-from preisach_jax.operator.plane import Plane
 
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
 both_samplings = pytest.mark.parametrize("sampling", ["event", "sample"])
@@ -45,12 +43,7 @@ def trembling(rng):
     return np.where(rng.random(SAMPLES) < 0.05, jumping(rng), tremor)
 
 
-def saturating(rng):
-    """From end to end, and beyond them by rounding."""
-    return rng.choice([-2 * (1 + 1e-7), -2.0, 8.0, 8 * (1 + 1e-7), 7.9], SAMPLES)
-
-
-PATHS = [crawling, jumping, on_thresholds, trembling, saturating]
+PATHS = [crawling, jumping, on_thresholds, trembling]
 
 
 def samples_of(path, dtype="float64", seed=0):
@@ -148,7 +141,7 @@ def test_any_samples_give_what_the_jitted_step_gives(hysteron, sampling, steps):
 
 
 @both_kinds
-def test_the_output_does_not_drift(hysteron, x64):
+def test_the_output_does_not_drift(hysteron, precision):
     """It is the sum (6) over all cells, to rounding, after any number of updates."""
     online = OnlineFilter(AdaptiveFilter(PLANE, hysteron, initial_weight=1.0))
     rng = np.random.default_rng(5)
@@ -157,28 +150,8 @@ def test_the_output_does_not_drift(hysteron, x64):
         if k % 500 == 99:
             state = online.state
             assert state is not None
-            exact = math.fsum(np.asarray(state.weights) * np.asarray(state.states))
-            assert online(x) == pytest.approx(exact, rel=1e-12)
-
-
-@pytest.mark.parametrize("z", [math.nan, 1.0])
-def test_a_sample_touches_few_cells(z, monkeypatch):
-    """O(N) of N² / 2 while the input passes a level, whether or not outputs are missing."""
-    plane = Plane(levels=140, low=-2.0, high=6.0)
-    online = OnlineFilter(AdaptiveFilter(plane, "ramp"))
-    one_by_one(online, np.array([-2.0, 5.0, 3.0]), np.ones(3))
-    genuine, sizes = in_place._cells_passed, []
-
-    def noted(*arguments):
-        found = genuine(*arguments)
-        sizes.append(found[0].size)
-        return found
-
-    monkeypatch.setattr(in_place, "_cells_passed", noted)
-    for part in (0.3, 0.7, 1.2, 1.6, 0.9, 0.1):
-        online(3.0 + part * plane.delta_x, z)
-    assert sizes
-    assert max(sizes) <= 3 * plane.levels  # those three that the input has passed
+            exact = math.fsum(np.asarray(state.weights, float) * np.asarray(state.states, float))
+            assert online(x) == pytest.approx(exact, rel=8 * float(np.finfo(precision).eps))
 
 
 @a_few
@@ -255,8 +228,6 @@ def test_a_missing_input_is_skipped_and_counted(hysteron, sampling, x64):
 
 def test_nothing_but_missing_samples_leaves_no_state():
     online = OnlineFilter(AdaptiveFilter(PLANE))
-    assert online.missing == (0, 0)
-    assert online.info is None
     assert math.isnan(online(math.nan, 1.0))
     assert np.isnan(online.block(np.full(4, np.nan), np.ones(4))).all()
     assert online.state is None

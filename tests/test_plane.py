@@ -123,21 +123,6 @@ def test_initial_memory_agrees_with_the_first_input(kind, precision):
         assert 0 < float(states[free].sum()) < free.sum()
 
 
-def test_equal_planes_share_one_compilation():
-    traced = []
-
-    @jax.jit
-    def count(plane, x):
-        traced.append(plane)
-        return plane.quantise(x).sum()
-
-    x = np.linspace(0.0, 3.0, 7)
-    count(Plane(levels=3, low=0, high=3), x)
-    count(Plane(levels=3, low=0.0, high=3.0), x)
-    assert len(traced) == 1
-    assert not jax.tree.leaves(traced[0])
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -15,7 +15,6 @@ from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.sweep import (
-    INITIAL_WEIGHT_UM,
     Sweep,
     fit_power_law,
     merge,
@@ -31,16 +30,12 @@ from preisach_jax.work.manifest import made_with
 LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
 FIRST = 200
 SETTINGS = (LEVELS, NOISE, SEEDS, SAMPLES)
+KEY, ONES = jax.random.key(7), np.ones(2)
 
 
 @pytest.fixture(scope="module")
-def key():
-    return jax.random.key(7)
-
-
-@pytest.fixture(scope="module")
-def whole(key):
-    return sweep(key, *SETTINGS)
+def whole():
+    return sweep(KEY, *SETTINGS)
 
 
 def plane_of(levels):
@@ -88,9 +83,9 @@ def outputs(plane, drawn, noise):
 
 
 @pytest.mark.parametrize("n", range(len(LEVELS)))
-def test_a_sweep_is_the_filter_run_one_by_one(n, key, whole, x64):
+def test_a_sweep_is_the_filter_run_one_by_one(n, whole, x64):
     plane, seed = plane_of(LEVELS[n]), 3
-    drawn = realisation(key, seed, SAMPLES, len(NOISE))
+    drawn = realisation(seed, SAMPLES, len(NOISE))
     x, truth = np.asarray(drawn.record.input_v), true_weights(plane)
     filt, paths = AdaptiveFilter(plane), []
     for lane, z in enumerate(outputs(plane, drawn, NOISE)):
@@ -114,10 +109,10 @@ def test_a_sweep_is_the_filter_run_one_by_one(n, key, whole, x64):
         np.testing.assert_allclose(whole.noise_part[n, lane, seed], added, rtol=1e-8)
 
 
-def test_labels_and_the_slope_are_those_of_the_records(key, whole, x64):
+def test_labels_and_the_slope_are_those_of_the_records(whole, x64):
     slopes = []
     for seed in range(SEEDS):
-        record = realisation(key, seed, SAMPLES, len(NOISE)).record
+        record = realisation(seed, SAMPLES, len(NOISE)).record
         slopes.append(largest_slope(record.input_v, record.stroke_um))
     np.testing.assert_allclose(whole.slope, max(slopes), rtol=1e-9)
     assert (whole.first, whole.samples) == (FIRST, SAMPLES)
@@ -126,29 +121,18 @@ def test_labels_and_the_slope_are_those_of_the_records(key, whole, x64):
     np.testing.assert_allclose(whole.noise_power, whole.slope**2 * np.array([15, 25]) ** 2 / 12)
 
 
-def test_noise_has_unit_variance_and_its_own_draw_for_each_power_and_seed(key, x64):
-    drawn = [np.asarray(realisation(key, seed, 3000, 2).noise) for seed in range(2)]
+def test_noise_has_unit_variance_and_its_own_draw_for_each_power_and_seed(x64):
+    drawn = [np.asarray(realisation(seed, 3000, 2).noise) for seed in range(2)]
     columns = np.concatenate(drawn, axis=1)
     covariance = np.cov(columns.T)
     np.testing.assert_allclose(covariance, np.eye(4), atol=0.1)  # four standard errors
 
 
-def test_the_known_truth_is_the_density_of_its_docstring():
-    plane = plane_of(4)
-    density = [
-        np.exp(-4 * (a - b) / 75) * (1 + (a + b) / 150)
-        for a, b in zip(plane.alpha, plane.beta, strict=True)
-    ]
-    expected = 30 * np.array(density) / np.sum(density)
-    np.testing.assert_allclose(true_weights(plane, 30.0), expected, rtol=1e-13)
-    assert np.all(expected > 1000 * INITIAL_WEIGHT_UM)
-
-
 # How it is computed
 
 
-def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(key, whole):
-    parts = [sweep(key, LEVELS, NOISE, numbers, SAMPLES) for numbers in ([0, 1], range(2, 4))]
+def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(whole):
+    parts = [sweep(KEY, LEVELS, NOISE, numbers, SAMPLES) for numbers in ([0, 1], range(2, 4))]
     joined = merge(parts)
     check_same(joined, whole)
     swapped = merge(parts[::-1])
@@ -158,8 +142,8 @@ def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(key, whole):
         merge([whole, dataclasses.replace(whole, samples=2000)])
 
 
-def test_other_numbers_of_the_same_shape_compile_nothing(key, whole, compilations):
-    sweep(key, *SETTINGS)
+def test_other_numbers_of_the_same_shape_compile_nothing(whole, compilations):
+    sweep(KEY, *SETTINGS)
     others = []
     again = jax.random.key(8), LEVELS, (0.1, 0.2), [5, 6, 7, 9], SAMPLES
     assert not compilations(lambda: others.append(sweep(*again)))
@@ -179,10 +163,25 @@ def test_other_numbers_of_the_same_shape_compile_nothing(key, whole, compilation
         ({"samples": 999}, "samples is 999: give a whole number of at least 1000"),
     ],
 )
-def test_bad_settings_are_refused(change, message, key):
+def test_bad_settings_are_refused(change, message):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES} | change
     with pytest.raises(InputError, match=message):
-        sweep(key, **settings)
+        sweep(KEY, **settings)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: fit_power_law(ONES, -ONES), r"fitted to -1\.0: give positive"),
+        (lambda: fit_power_law(ONES, ONES), "2 points in 1 rows: give at least two more"),
+        (lambda: storage.sweep_to_folder("new", KEY, chunk=0), "chunk is 0: give a whole number"),
+        (lambda: sweep(0, *SETTINGS), r"make one by jax\.random\.key"),  # pyright: ignore
+        (lambda: sweep(np.zeros(3, np.uint32), *SETTINGS), "make one by"),  # pyright: ignore
+    ],
+)
+def test_what_cannot_be_used_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
 
 
 # What it found
@@ -217,14 +216,6 @@ def test_rows_of_a_power_law_share_the_exponent_and_have_their_own_constants():
     assert law.correlation == min(np.corrcoef(*row)[0, 1] for row in zip(x, y, strict=True))
 
 
-def test_power_laws_without_points_enough_or_positive_are_refused(whole):
-    with pytest.raises(InputError, match=r"fitted to -1\.0: give positive"):
-        fit_power_law(np.array([1.0, 2.0, 3.0]), np.array([1.0, -1.0, 3.0]))
-    with pytest.raises(InputError, match="2 points in 1 rows: give at least two more"):
-        fit_power_law(np.array([1.0, 2.0]), np.array([1.0, 2.0]))
-    assert whole.exponents() == {}
-
-
 def test_exponents_are_those_of_the_points(whole):
     three = dataclasses.replace(
         whole,
@@ -242,17 +233,6 @@ def test_exponents_are_those_of_the_points(whole):
     np.testing.assert_allclose(laws["paper_all_samples"].value, regression.slope, rtol=1e-12)
     np.testing.assert_allclose(laws["truth"].value, 1.0, rtol=1e-12)
     np.testing.assert_allclose(three.coefficient, [3.0, 2.0, 1.0], rtol=1e-12)
-
-
-def test_json_has_a_row_for_each_level(whole):
-    content = json.loads(json.dumps(whole.to_json(), allow_nan=False))
-    assert [(row["levels"], row["cells"]) for row in content["rows"]] == [(5, 15), (3, 6)]
-    for n, row in enumerate(content["rows"]):
-        assert row["noise_power"] == whole.noise_power[n]
-        assert row["auxiliary_norm"] == whole.auxiliary_norm()[n]
-        assert row["noise_part"] == whole.noise_part[n].mean(axis=1).tolist()
-    assert content["residual_interval"] == [FIRST, SAMPLES]
-    assert content["exponent"] == {}
 
 
 def test_xarray_has_named_axes_and_units(whole, monkeypatch):
@@ -302,7 +282,7 @@ def chunk_names(folder):
     return sorted(path.name for path in (folder / "done").iterdir())
 
 
-def run_to(folder, key, **changes):
+def run_to(folder, key=KEY, **changes):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES}
     return storage.sweep_to_folder(folder, key, **({**settings, "chunk": CHUNK} | changes))
 
@@ -320,9 +300,9 @@ def computed(monkeypatch):
     return seen
 
 
-def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
+def test_a_folder_holds_the_sweep(whole, tmp_path, computed):
     shown = []
-    found = run_to(tmp_path / "new", key, progress=lambda *now: shown.append(now))
+    found = run_to(tmp_path / "new", progress=lambda *now: shown.append(now))
     assert found is not None
     check_same(found, whole, rtol=1e-12)
     check_same(Sweep.load(tmp_path / "new"), whole, rtol=1e-12)
@@ -332,38 +312,18 @@ def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
     content = json.loads((tmp_path / "new" / "sweep.json").read_text())
     assert content == json.loads(json.dumps(found.to_json()))
     # It is not repeated unless restarted, and not trusted without its manifest.
-    run_to(tmp_path / "new", key)
+    run_to(tmp_path / "new")
     assert computed == [[0, 1], [2, 3]]
     (tmp_path / "new" / "manifest.json").unlink()
-    run_to(tmp_path / "new", key)
-    run_to(tmp_path / "new", key, resume=False)
+    run_to(tmp_path / "new")
+    run_to(tmp_path / "new", resume=False)
     assert computed == [[0, 1], [2, 3]] * 3
     with pytest.raises(InputError, match="is no archive of arrays"):
         Sweep.load(tmp_path / "new" / "sweep.json")
 
 
-def test_an_interrupted_sweep_goes_on_to_the_same_numbers(key, whole, tmp_path, monkeypatch):
-    calls = []
-
-    def interrupted(*arguments):
-        calls.append(arguments[3])
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return sweep(*arguments)
-
-    monkeypatch.setattr(storage, "sweep", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_to(tmp_path, key)
-    assert chunk_names(tmp_path) == ["seeds_0000-0001.json"]
-    assert not (tmp_path / "sweep.json").exists()
-    with pytest.raises(InputError, match="1 of 2 chunks of the sweep are missing; finish it"):
-        storage.load_folder(tmp_path)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
-    assert calls == [[0, 1], [2, 3], [2, 3]]
-
-
-def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
+def test_broken_chunks_are_computed_again_and_told(whole, tmp_path, computed):
+    run_to(tmp_path)
     first, second = (tmp_path / "done" / name for name in chunk_names(tmp_path))
     rows = tmp_path / "sweep.zarr" / "noise_part" / "c" / "0" / "0" / "0"
     for path, content in [
@@ -378,20 +338,20 @@ def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, compute
         else:
             path.write_bytes(content)
         notes = []
-        check_same(run_to(tmp_path, key, announce=notes.append), whole, rtol=1e-12)
+        check_same(run_to(tmp_path, announce=notes.append), whole, rtol=1e-12)
         assert computed == [[0, 1]]
         assert len(notes) == 1
         assert notes[0].startswith(f"computed again: {first} or its part of sweep.zarr cannot be")
 
 
-def test_more_seeds_continue_a_sweep(key, whole, tmp_path, computed):
-    run_to(tmp_path, key, seeds=3)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
+def test_more_seeds_continue_a_sweep(whole, tmp_path, computed):
+    run_to(tmp_path, seeds=3)
+    check_same(run_to(tmp_path), whole, rtol=1e-12)
     # The chunk of the third seed alone is not whole any more.
     assert computed == [[0, 1], [2], [2, 3]]
     check_same(storage.load_folder(tmp_path), whole, rtol=1e-12)
     with pytest.raises(InputError, match="seeds 0,1,2,3 and not 0,1,2"):
-        run_to(tmp_path, key, seeds=3)
+        run_to(tmp_path, seeds=3)
 
 
 @pytest.mark.parametrize(
@@ -412,8 +372,8 @@ def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_pat
     assert json.loads((tmp_path / "manifest.json").read_text()) == content
 
 
-def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, computed):
-    settings = storage.sweep_settings(key, *SETTINGS, CHUNK)
+def test_a_folder_of_another_version_or_without_a_sound_manifest(tmp_path, computed):
+    settings = storage.sweep_settings(KEY, *SETTINGS, CHUNK)
     versions = made_with()
     whole = {"format": 2, "work": "sweep", "settings": settings, "made_with": versions}
     broken = {
@@ -426,41 +386,17 @@ def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, 
     for message, content in broken.items():
         (tmp_path / "manifest.json").write_text(json.dumps(content))
         with pytest.raises(InputError, match=message):
-            run_to(tmp_path, key)
+            run_to(tmp_path)
     assert not computed
-    run_to(tmp_path, key, resume=False)
+    run_to(tmp_path, resume=False)
     assert json.loads((tmp_path / "manifest.json").read_text()) == whole
     with pytest.raises(InputError, match=r"there is no manifest\.json; give a folder"):
         storage.load_folder(tmp_path / "done")
 
 
-def test_a_chunk_holds_at_least_one_seed(key, tmp_path):
-    for chunk in (0, 2.5):
-        message = f"chunk is {chunk}: give a whole number of at least 1"
-        with pytest.raises(InputError, match=message):
-            run_to(tmp_path / "new", key, chunk=chunk)
-    assert not (tmp_path / "new").exists()
-
-
-def test_one_number_has_no_standard_error(whole):
-    # 15 cells, and about as many events: the initial error is not gone.
-    assert whole.unsettled.tolist() == (whole.events.min(axis=1) < [15, 6]).tolist()
-    alone = dataclasses.replace(
-        whole, noise_um=whole.noise_um[:1], seeds=whole.seeds[:1], noise_part=np.ones((2, 1, 1))
-    )
-    assert np.isnan(alone.coefficient_error).all()
-    assert repr(alone) == "Sweep(levels=[5, 3], noise_um=[0.05], seeds=[0], samples=1000)"
-
-
-@pytest.mark.parametrize("wrong", [0, "key", np.zeros(3, np.uint32)])
-def test_what_is_no_key_is_refused(wrong):
-    with pytest.raises(InputError, match=r"make one by jax\.random\.key"):
-        sweep(wrong, *SETTINGS)
-
-
 # Last, as it compiles anew what all tests above share.
-def test_the_precision_of_the_caller_does_not_matter(key, whole, x64):
+def test_the_precision_of_the_caller_does_not_matter(whole, x64):
     for cache in ("_compiled_draw", "_compiled_identify"):
         getattr(sys.modules[sweep.__module__], cache).cache_clear()
-    check_same(sweep(key, *SETTINGS), whole)
+    check_same(sweep(KEY, *SETTINGS), whole)
     assert {rows.dtype.name for rows in whole.weights} == {"float64"}

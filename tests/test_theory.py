@@ -302,22 +302,6 @@ def test_moments_are_those_of_the_dense_recursion(levels, kind, x64):
     np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
 
 
-def test_moments_of_the_mean_and_of_the_noise_do_not_mix(x64):
-    plane, x = plane_of(5), path("jumps", 5, 150)
-    start = np.random.default_rng(1).uniform(-1, 1, plane.cells)
-    shown = []
-    both = propagate_error(plane, x, start, 0.5, progress=lambda *now: shown.append(now))
-    quiet, alone = propagate_error(plane, x, start, 0.0), propagate_error(plane, x, 0.0)
-    assert not np.any(quiet.variance)
-    assert not np.any(alone.mean_squared)
-    np.testing.assert_allclose(both.variance, 0.5 * alone.variance, rtol=1e-12)
-    np.testing.assert_array_equal(both.mean_squared, quiet.mean_squared)
-    # Without noise the error is no chance at all.
-    errors, _, _ = noisy_run(plane, x, -start, np.zeros(150), np.zeros(plane.cells))
-    np.testing.assert_allclose(quiet.mean_squared, squared(errors[1:]), rtol=1e-10)
-    assert shown[0] == ("covariance of 15 weights", 0.0)
-
-
 def simulated_squared_errors(plane, x, truth, start, sigma, draws, stretches):
     """‖E‖² at the ends of stretches of events, (stretches, draws), by the filter's recursion."""
     found = switching_events(plane, x)
@@ -335,10 +319,9 @@ def simulated_squared_errors(plane, x, truth, start, sigma, draws, stretches):
     return np.array(rows), length
 
 
-@pytest.mark.parametrize(("levels", "kind"), [(5, "jumps"), (9, "ramps")])
-def test_moments_are_those_of_many_runs_with_noise(levels, kind, x64):
-    plane, sigma, draws = plane_of(levels), 0.2, 2048
-    x = path(kind, levels, 1200 if kind == "ramps" else 400)
+def test_moments_are_those_of_many_runs_with_noise(x64):
+    plane, sigma, draws = plane_of(9), 0.2, 2048
+    x = path("ramps", 9, 1200)
     rng = np.random.default_rng(0)
     truth = rng.uniform(0, 1, plane.cells)
     start = truth + rng.normal(0, sigma / 2, plane.cells)

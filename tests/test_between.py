@@ -23,14 +23,11 @@ def test_a_parabola_is_its_own_arc(x64):
     np.testing.assert_allclose(made.aux["load"][1::2], middle)
 
 
-def test_corners_and_rests_stay_as_they_are(x64):
+def test_corners_and_rests_stay_as_they_are_and_instants_have_nothing_between(x64):
     time = np.arange(12.0)
     x = np.interp(time, [0, 3, 5, 6, 8, 11], [0.0, 6.0, 6.0, 1.0, 1.0, 4.0])
     made = on_arcs(acting.signals(time, x))
     np.testing.assert_allclose(made.input, np.interp(made.time, time, x), atol=1e-12)
-
-
-def test_samples_at_one_instant_have_nothing_between_them(x64):
     made = on_arcs(acting.signals([0.0, 1.0, 1.0, 2.0], [0.0, 1.0, 1.5, 4.0]))
     assert np.isfinite(made.input).all()
     assert made.input[3] == 1.25
@@ -42,7 +39,7 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     The stage lives on a raster that is sixteen times finer than the record.
     """
     tau_s, f_hz, zeta = 0.001, 160.0, 0.06
-    count, rng = 5000, np.random.default_rng(5)
+    count, rng = 3000, np.random.default_rng(5)
     corners = np.arange(0, count * FINER + 1, 25 * FINER)
     fine = np.arange(count * FINER)
     u = np.interp(fine, corners, rng.uniform(0.0, 10.0, len(corners)))
@@ -51,7 +48,7 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     z = through(h, [(f_hz, zeta, 1.0)], rate_hz=RATE * FINER)[::FINER]
     z = z + rng.normal(0, 1e-3, count)
     record = pj.Record.from_arrays(np.arange(count) / RATE, u[::FINER], z)
-    fit = pj.fit(record, effects=["input_lag", "resonance"], levels=20)
+    fit = pj.fit(record, effects=["input_lag", "resonance"], levels=9)
     mode = fit.model.parameters["resonance"]
     for name, true in (("f_hz", f_hz), ("zeta", zeta)):
         own = mode[name]

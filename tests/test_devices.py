@@ -66,15 +66,9 @@ def same(found, expected):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Of the sweep as one process computes it alone."""
+def alone(tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone")
     assert main([*WORDS, "--out", str(folder)]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
-def alone(folder):
     return Sweep.load(folder)
 
 
@@ -227,19 +221,6 @@ def test_a_full_disk_keeps_what_was_finished(tmp_path, capsys, monkeypatch):
     assert "what was finished stays" in message
     assert [path.name for path in (tmp_path / "done").iterdir()] == ["seeds_0000-0001.json"]
     assert main([*WORDS, "--out", str(tmp_path)]) == 0
-
-
-def test_the_arrays_open_in_any_reader_of_zarr(folder, alone):
-    xarray = pytest.importorskip("xarray")
-    read = xarray.open_zarr(folder / "sweep.zarr", consolidated=False)
-    assert read["noise_part"].dims == ("level", "noise", "seed")
-    assert read["noise_part"].attrs["units"] == "um^2"
-    np.testing.assert_array_equal(read["noise_part"], alone.noise_part)
-    np.testing.assert_array_equal(read["weights_3"], alone.weights[0])
-    again = alone.to_xarray()
-    for name in ("level", "noise", "seed"):
-        np.testing.assert_array_equal(read.coords[name], again.coords[name])
-    assert read.attrs["samples"] == 1000
 
 
 def test_what_is_not_computed_yet_is_no_number_on_disk(tmp_path, monkeypatch):

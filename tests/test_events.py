@@ -18,7 +18,6 @@ from preisach_jax.operator.events import (
     room_for_events,
     switching_events,
 )
-from preisach_jax.operator.learning import adapt_over_events
 from preisach_jax.operator.moves import ramp_moves
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.operator.states import hysteron_states
@@ -95,28 +94,6 @@ def test_a_resting_input_has_no_event():
     result = AdaptiveFilter(PLANE).run(np.full(9, 2.2), np.arange(9.0), form="event")
     np.testing.assert_array_equal(result.error, np.arange(9.0))
     assert not np.any(result.switched)
-
-
-def test_the_recursion_over_events_is_the_filter(precision, tolerance):
-    rng = np.random.default_rng(3)
-    x = paths(4)["mixed"].astype(precision)
-    z = np.asarray(x + np.sin(x))[:, None] + rng.normal(0, 0.1, (SAMPLES, 3))
-    z = z.astype(precision)
-    start = rng.uniform(0, 1, (PLANE.cells, 3)).astype(precision)
-    # Room for more than there is: fillings change nothing.
-    found = switching_events(PLANE, x, SAMPLES, LEVELS)
-    values = jnp.concatenate([z[:1], jnp.asarray(z).at[found.sample].get(mode="clip")])
-    weights, errors = adapt_over_events(PLANE, found, jnp.diff(values, axis=0), start)
-    assert weights.dtype == errors.dtype == precision
-    real = np.asarray(found.area) > 0
-    assert not np.any(np.asarray(errors)[~real])
-    for lane in range(3):
-        run = AdaptiveFilter(PLANE, initial_weight=start[:, lane]).run(x, z[:, lane])
-        np.testing.assert_allclose(weights[:, lane], run.weights, atol=4 * tolerance)
-        at = np.asarray(found.sample)[real]
-        np.testing.assert_allclose(
-            np.asarray(errors)[real, lane], np.asarray(run.error)[at], atol=4 * tolerance
-        )
 
 
 # --- the forms of the filter ---

@@ -114,33 +114,6 @@ def test_weights_that_are_not_negative_turn_loops_counterclockwise(data, hystero
 
 @few
 @given(data=st.data(), hysteron=hysterons)
-def test_a_greater_input_never_has_a_smaller_output(data, hysteron):
-    """The operator keeps order: x ≤ y at all times gives z_x ≤ z_y, from one memory."""
-    plane = data.draw(planes)
-    w = data.draw(weights(plane))
-    x, y = data.draw(histories(plane)), data.draw(histories(plane))
-    lower = output(plane, w, np.minimum(x, y), hysteron)
-    upper = output(plane, w, np.maximum(x, y), hysteron)
-    assert np.all(lower <= upper + 1e-9)
-
-
-@few
-@given(data=st.data(), hysteron=hysterons)
-def test_mirrored_weights_and_input_mirror_the_output(data, hysteron):
-    """Odd symmetry: with R(α, β) = R(-β, -α), turning the input over turns the output over."""
-    plane = PLANES[0]
-    levels = plane.levels
-    matrix = np.zeros((levels, levels))
-    matrix[plane.alpha_index, plane.beta_index] = data.draw(weights(plane))
-    symmetric = (matrix + matrix[::-1, ::-1].T)[plane.alpha_index, plane.beta_index]
-    x = np.append(plane.low, data.draw(histories(plane, SAMPLES - 1)))
-    up = output(plane, symmetric, x, hysteron, "low")
-    down = output(plane, symmetric, -x, hysteron, "high")
-    np.testing.assert_allclose(down, symmetric.sum() - up, rtol=1e-12, atol=1e-9)
-
-
-@few
-@given(data=st.data(), hysteron=hysterons)
 def test_the_unit_of_the_input_does_not_matter(data, hysteron):
     """The same in another unit, from another zero: powers of two, so to the last bit."""
     plane, scale, zero = PLANES[0], 2.0**-9, 3.0

@@ -89,31 +89,35 @@ def by_blocks(online, x, z, size=100, **keywords):
 
 
 @pytest.mark.parametrize(
-    ("hysteron", "sampling", "chosen", "precision"),
+    ("hysteron", "sampling", "chosen", "precision", "adapt"),
     [
-        ("ramp", "event", "none", "float64"),
-        ("ramp", "sample", "none", "float64"),
-        ("relay", "event", "three", "float64"),
-        ("ramp", "event", "three", "float32"),
-        ("ramp", "event", "all", "float64"),
-        ("relay", "sample", "all", "float32"),
+        ("ramp", "event", "none", "float64", True),
+        ("ramp", "sample", "none", "float64", True),
+        ("relay", "event", "three", "float64", True),
+        ("ramp", "event", "three", "float32", True),
+        ("ramp", "event", "all", "float64", True),
+        ("relay", "sample", "all", "float32", True),
+        ("relay", "event", "three", "float64", False),
     ],
     indirect=["precision"],
 )
-def test_each_form_of_the_filter_is_the_literal_recursion(hysteron, sampling, chosen, precision):
+def test_each_form_is_the_literal_recursion(hysteron, sampling, chosen, precision, adapt):
     x = np.round(4 * wandering()) / 4  # so that sums are exact
     atol = 1e-12 if precision == "float64" else 1e-3
     filt = AdaptiveFilter(PLANE, hysteron, sampling, 0.1, **OPTIONS[chosen])
     for z in (measured(x, gaps=True), measured(x)):
-        weights, *rows = literal_run(filt, x, z)
-        assert 10 < np.count_nonzero(rows[2]) < SAMPLES
+        weights, *rows = literal_run(filt, x, z, adapt)
+        assert 10 * adapt <= np.count_nonzero(rows[2]) < SAMPLES * adapt + 1
         x, z = x.astype(precision), z.astype(precision)
         single, blocks = OnlineFilter(filt), OnlineFilter(filt, filt.init(x[0], z[0]))
-        found = {"single": one_by_one(single, x, z), "block": by_blocks(blocks, x, z, SAMPLES)}
+        found = {
+            "single": one_by_one(single, x, z, adapt=adapt),
+            "block": by_blocks(blocks, x, z, SAMPLES, adapt=adapt),
+        }
         ends = {"single": single.state, "block": blocks.state}
-        results = {"dense": filt.run(x, z, form="dense")}
+        results = {"dense": filt.run(x, z, form="dense", adapt=adapt)}
         if not (filt.leakage or sampling == "sample" or np.isnan(z).any()):
-            results["event"] = filt.run(x, z, form="event")
+            results["event"] = filt.run(x, z, form="event", adapt=adapt)
         for form, result in results.items():
             found[form] = [np.asarray(rows) for rows in result[1:4]]
             ends[form] = result.state
@@ -139,69 +143,7 @@ def test_many_records_and_settings_at_once_are_a_loop_over_them(x64):
     assert np.abs(np.diff(loop, axis=0)).max(axis=1).min() > 1e-3
 
 
-def test_without_adapting_all_goes_on_but_the_weights(x64):
-    x = wandering()
-    z = measured(x)
-    start = np.random.default_rng(2).uniform(0.1, 1, PLANE.cells)
-    filt = AdaptiveFilter(PLANE, initial_weight=start, dead_zone=0.1)
-    _, *rows = literal_run(filt, x, z, adapt=False)
-    assert not rows[2].any()
-    single, blocks = OnlineFilter(filt), OnlineFilter(filt)
-    found = [one_by_one(single, x, z, adapt=False), by_blocks(blocks, x, z, adapt=False)]
-    results = [filt.run(x, z, form=form, adapt=False) for form in ("dense", "event")]
-    for infos in (*found, *(result[1:4] for result in results)):
-        for got, wanted in zip(infos, rows, strict=True):
-            np.testing.assert_allclose(got, wanted, atol=1e-12)
-    for state in (single.state, blocks.state, *(result.state for result in results)):
-        np.testing.assert_array_equal(state.weights, start)
-    # It learns again from there on.
-    one_by_one(single, x, z)
-    assert np.abs(single.state.weights - start).max() > 0.1
-
-
 # --- what the options do to (15) and (21) ---
-
-
-@pytest.mark.parametrize(("hysteron", "chosen"), [("relay", "leakage"), ("ramp", "three")])
-def test_the_error_identity_holds_with_every_option(hysteron, chosen, x64):
-    """‖E⁺‖² = ‖F‖² + (2μ ê sᵀF + μ² ê²)/A at every step of the filter, with noise."""
-    x = wandering()
-    y = slow_states(PLANE, x, hysteron)
-    rng = np.random.default_rng(3)
-    truth = rng.uniform(0.1, 1.0, PLANE.cells)
-    noise = rng.normal(0, 0.3, SAMPLES)
-    z = y @ truth + noise
-    filt = AdaptiveFilter(PLANE, hysteron, initial_weight=0.3, **OPTIONS[chosen])
-    mu = OPTIONS[chosen].get("step_size", 1.0)
-    leakage = OPTIONS[chosen].get("leakage", 0.0)
-    limit = OPTIONS[chosen].get("error_limit", np.inf)
-
-    online = OnlineFilter(filt)
-    E, reference, updates, strict = 0.3 - truth, 0, 0, 0
-    for k, sample in enumerate(zip(x.tolist(), z.tolist(), strict=True)):
-        online(*sample)
-        s = y[k] - y[reference]
-        if s @ s < 0.5:
-            continue
-        e = noise[k] - noise[reference] - s @ E
-        assert online.info.error == pytest.approx(e, abs=1e-12)
-        reference = k
-        new = np.asarray(online.state.weights) - truth
-        if online.info.switched:
-            used = np.clip(e, -limit, limit)
-            F = (1 - leakage) * E + leakage * (0.3 - truth)
-            expected = F @ F + (2 * mu * used * (s @ F) + mu**2 * used**2) / (s @ s)
-            if filt.nonnegative:
-                assert new @ new <= expected + 1e-12
-                strict += new @ new < expected - 1e-6
-            else:
-                assert new @ new == pytest.approx(expected, rel=1e-12)
-            updates += 1
-        else:
-            np.testing.assert_array_equal(new, E)
-        E = new
-    assert updates > 20
-    assert strict or not filt.nonnegative
 
 
 def test_noise_inside_the_dead_zone_never_touches_the_weights(precision):
@@ -275,20 +217,6 @@ def test_leakage_leaves_the_bias_and_the_variance_of_its_closed_forms(x64):
         variance = 2 * mu**2 * 0.1**2 / (leakage + mu)
         assert noisy.var() == pytest.approx(variance, rel=margin)
         assert margin < 0.25
-
-
-def test_leakage_forgets_where_the_input_never_returns(x64):
-    """An unvisited cell returns to its initial weight as (1-λ)ⁿ with n updates elsewhere."""
-    online = OnlineFilter(AdaptiveFilter(PLANE, initial_weight=0.5, leakage=0.01))
-    for x in np.array([-2.0, 8.0, -2.0]):
-        online(x, 50.0 * x)
-    before = np.asarray(online.state.weights)
-    for x in np.tile([1.6, -1.9], 300):
-        online(x, x)
-    unvisited = PLANE.alpha > 2.0
-    after = np.asarray(online.state.weights)[unvisited] - 0.5
-    np.testing.assert_allclose(after, 0.99**600 * (before[unvisited] - 0.5), rtol=1e-9)
-    assert np.abs(before[unvisited] - 0.5).min() > 1.0
 
 
 # --- what is kept does not age ---
@@ -401,7 +329,6 @@ def test_inputs_beyond_the_plane_saturate_if_asked(x64, tmp_path):
 
 
 FAULTS = {
-    "lost": lambda z, rng: np.full_like(z, np.nan),
     "spikes": lambda z, rng: z + 1e6 * 0.02 * (rng.random(len(z)) < 0.05),
     "reversed": lambda z, rng: -z,
 }
@@ -417,8 +344,7 @@ def test_the_filter_recovers_from_a_faulty_sensor(fault):
     online = OnlineFilter(AdaptiveFilter(PLANE))
     output, _, _ = by_blocks(online, x[:3500], z[:3500], 500)
     assert np.isfinite(output).all()
-    moved = np.linalg.norm(np.asarray(online.state.weights) - truth)
-    assert (moved > 0.2) == (fault != "lost")
+    assert np.linalg.norm(np.asarray(online.state.weights) - truth) > 0.2
     output, _, _ = by_blocks(online, x[3500:], z[3500:], 500)
     assert np.std((output - z[3500:])[3000:]) < 0.02 * np.ptp(z[:3000])
 
@@ -431,8 +357,11 @@ def test_options_are_saved(x64, tmp_path):
     x, z = wandering(), measured(wandering())
     online = OnlineFilter(filt)
     one_by_one(online, x[:100], z[:100])
+    online(math.nan, 1.0)
     online.save(tmp_path / "state.npz")
     loaded = OnlineFilter.load(tmp_path / "state.npz")
+    assert loaded.missing == online.missing == (1, 0)
+    assert loaded(math.nan) == online(math.nan)
     assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
     assert loaded.filter.options() == filt.options() == {
         "dead_zone": 0.2, "leakage": 0.03, "error_limit": 0.5, "nonnegative": True

@@ -1,6 +1,5 @@
 """The online filter: samples in NumPy, blocks and batches compiled, and one state for all three."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -94,24 +93,6 @@ def test_single_samples_give_what_the_jitted_step_gives(hysteron, sampling, prec
         assert online.missing == (0, np.count_nonzero(np.isnan(z)))
 
 
-@a_few
-def test_single_samples_go_on_from_any_state(hysteron, sampling, x64):
-    rng = np.random.default_rng(3)
-    random = rng.random(PLANE.cells)
-    random = random.round() if hysteron == "relay" else random
-    filt = AdaptiveFilter(PLANE, hysteron, sampling, rng.normal(size=PLANE.cells))
-    state = filt.init(1.5, 1.0, random)
-    # A state that no input has left behind is taken as it is, too.
-    odd = dataclasses.replace(state, states=random, reference_states=random[::-1])
-    for start in (filt.init(1.7, 1.0, "demagnetised"), state, odd):
-        for path in (crawling, on_thresholds):
-            x, z = samples_of(path, seed=4)
-            online, batch = OnlineFilter(filt, start), filt.run(x, z, start)
-            output, _ = one_by_one(online, x, z)
-            np.testing.assert_allclose(output, batch.output, atol=1e-12)
-            assert_same_state(online.state, batch.state, 1e-12)
-
-
 inputs = st.one_of(
     st.integers(0, 10).map(lambda step: step - 2.0), st.floats(-2, 8, width=32), st.just(None)
 )
@@ -178,21 +159,6 @@ def test_samples_blocks_and_runs_follow_one_another(hysteron, sampling, x64):
     assert_same_state(online.state, whole.state, 1e-11)
 
 
-def test_a_block_may_come_first_or_have_no_output(x64):
-    x, z = samples_of(crawling)
-    filt = AdaptiveFilter(PLANE)
-    online = OnlineFilter(filt)
-    np.testing.assert_array_equal(online.block(x, z), filt.run(x, z).output)
-    counted = online.missing
-    weights = online.state and online.state.weights
-    replay = online.block(x)
-    assert online.state is not None
-    np.testing.assert_array_equal(online.state.weights, weights)
-    assert online.missing == (0, counted.outputs + SAMPLES)
-    fresh = OnlineFilter(filt, filt.run(x, z).state)
-    np.testing.assert_allclose([fresh(value) for value in x.tolist()], replay, atol=1e-12)
-
-
 @a_few
 def test_a_missing_input_is_skipped_and_counted(hysteron, sampling, x64):
     x, z = samples_of(crawling, seed=7)
@@ -249,19 +215,6 @@ def test_a_state_that_was_read_stays_as_it_was(x64):
     assert online.state is state
     one_by_one(online, x[100:], z[100:])
     np.testing.assert_array_equal(state.weights, copies["weights"])
-
-
-def test_counts_and_the_last_output_are_saved(x64, tmp_path):
-    x, z = samples_of(crawling)
-    online = OnlineFilter(AdaptiveFilter(PLANE, "ramp"))
-    one_by_one(online, x[:150], z[:150])
-    online(math.nan, 1.0)
-    online.save(tmp_path / "state.npz")
-    loaded = OnlineFilter.load(tmp_path / "state.npz")
-    assert loaded.missing == online.missing == (1, np.count_nonzero(np.isnan(z[:150])))
-    assert loaded(math.nan) == online(math.nan)
-    again, _ = one_by_one(loaded, x[150:], z[150:])
-    np.testing.assert_allclose(again, one_by_one(online, x[150:], z[150:])[0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -101,20 +101,6 @@ def test_hinge_recovers_a_made_up_knee():
     np.testing.assert_allclose(found(np.array([knee * 2, 5e4])), found.level)
 
 
-def test_hinge_is_the_least_squares_fit():
-    """No other line and level that meet is nearer to the points."""
-    rng = np.random.default_rng(2)
-    k = np.arange(60.0)
-    y = -0.1 * np.minimum(k - 25.0, 0.0) + rng.normal(0.0, 0.3, 60)
-    found = paper.fit_hinge(k, y)
-    least = np.sum((y - found(k)) ** 2)
-    for knee in np.linspace(2.0, 57.0, 40):
-        design = np.stack([np.ones(60), np.minimum(k - knee, 0.0)], axis=1)
-        squares = np.linalg.lstsq(design, y)[1][0]
-        assert squares > least * (1 - 1e-3)
-    assert found.deviation == pytest.approx(np.sqrt(least / 60))
-
-
 def test_knee_interval_covers():
     """Of intervals for 95 %, nearly all hold the true knee."""
     rng = np.random.default_rng(3)

@@ -106,26 +106,6 @@ def test_hysteresis_against_a_loop(precision, tolerance):
     np.testing.assert_allclose(got, expected, rtol=0, atol=0.05 * tolerance * 112.0)
 
 
-def test_hysteresis_gradient_against_finite_differences(x64):
-    v = jnp.asarray(path(0.0, 61.3, 17.1, 43.7, samples=61))
-    way = jnp.asarray(np.random.default_rng(3).normal(size=61))
-
-    def loss(v):
-        return jnp.sum(STAGE.hysteresis(v) ** 2)
-
-    expected = (loss(v + 1e-6 * way) - loss(v - 1e-6 * way)) / 2e-6
-    assert jax.grad(loss)(v) @ way == pytest.approx(float(expected), rel=1e-6)
-
-
-def test_it_starts_saturated_low(x64):
-    """Back at 0 V after any history, the stage is where it began, and goes on as from there."""
-    fresh = path(0.0, 48.0, 21.0, 66.0, samples=301)
-    before = path(0.0, 75.0, 12.0, 40.0, 0.0, samples=SAMPLES - fresh.size)
-    later = stroke(np.concatenate([before, fresh]))
-    np.testing.assert_allclose(later[-fresh.size :], stroke(fresh), rtol=0, atol=1e-9)
-    assert later[0] == later[before.size - 1] == pytest.approx(0.0, abs=1e-12)
-
-
 def test_a_preisach_model_with_all_hysterons_off_follows_it_from_the_first_sample(x64):
     """Oracle: a model with the stage's Everett function agrees wherever the grid is met exactly."""
     levels = 9
@@ -159,18 +139,6 @@ def test_the_loop_is_like_the_papers(x64):
     assert 0.10 < np.max(down - up) / up[-1] < 0.18
     assert np.max(np.abs(up + down[::-1] - up[-1])) > 200 * ENCODER_STEP_UM  # no symmetry
     assert axis[0] == up[0] == 0.0
-
-
-def test_the_notch_keeps_the_stage_from_ringing(x64):
-    """After a ramp of 267 V/s stops, the stage alone rings at 337.7 Hz, and with the notch not."""
-    v = np.clip(20.0 + 267.0 / RATE_HZ * (np.arange(2000) - 200), 20.0, 55.0)
-    stop = 200 + int(35.0 / 267.0 * RATE_HZ)
-    alone, smooth = (np.asarray(STAGE.response(x)) for x in (v, notch_filter(v)))
-    ringing = (alone - smooth[-1])[stop + 60 : stop + 1060]
-    spectrum = np.abs(np.fft.rfft(ringing * np.hanning(ringing.size)))
-    assert np.argmax(spectrum) * RATE_HZ / ringing.size == pytest.approx(337.7, abs=5.0)
-    assert np.max(np.abs(ringing)) > 0.05
-    assert np.max(np.abs(smooth - smooth[-1])[stop + 60 :]) < 1e-4
 
 
 def test_encoder_reads_whole_steps(precision):

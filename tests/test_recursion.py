@@ -157,20 +157,6 @@ def test_forgetting_does_not_wind_up_cells_that_are_not_visited():
     assert variances[~visited].min() >= variance / 2
 
 
-def test_a_batch_of_outputs_and_settings_is_a_loop_over_them():
-    x, z, _, _ = record("ramp", samples=200)
-    outputs = np.array([z, z + np.cos(x), np.where(np.arange(200) < 9, np.nan, z)])
-    batch = outputs, np.array([1.0, 0.99, 0.9]), np.array([1.0, 10.0, 100.0])
-
-    @jax.jit
-    def weights(z, forgetting, variance):
-        return RecursiveLeastSquares(PLANE, "ramp", forgetting, 1e-9, variance).run(x, z).weights
-
-    loop = np.array([weights(*settings) for settings in zip(*batch, strict=True)])
-    np.testing.assert_allclose(jax.vmap(weights)(*batch), loop, atol=1e-10)
-    assert np.abs(np.diff(loop, axis=0)).max(axis=1).min() > 1e-3
-
-
 def test_single_precision_is_refused_and_raised_where_it_can_be():
     x, z, _, _ = record("ramp", samples=50)
     filt = RecursiveLeastSquares(PLANE, "ramp")

@@ -4,15 +4,12 @@ import math
 from fractions import Fraction
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import slow_relays, wandering
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.events import switching_events
-from preisach_jax.operator.learning import adapt_over_events
 from preisach_jax.operator.plane import Plane
 from preisach_jax.theory import (
     auxiliary_norm,
@@ -235,19 +232,9 @@ def test_what_cannot_be_used_is_refused(call, message):
 
 
 def test_the_largest_slope_of_known_curves():
-    time = np.linspace(0, 6 * np.pi, 20_001)
-    x = 40 + 35 * np.sin(time)
-    for z, steepest in [
-        (2.5 * x, 2.5),
-        (-1.5 * x, -1.5),
-        (10 * np.tanh((x - 40) / 10), 1.0),
-        (2.5 * x + 5 * np.cos(time), None),  # a loop, vertical at its ends
-    ]:
-        found = largest_slope(x, z)
-        if steepest is None:
-            assert 2.5 < found < 4
-        else:
-            np.testing.assert_allclose(found, steepest, rtol=0.01)
+    x = 40 + 35 * np.sin(np.linspace(0, 6 * np.pi, 20_001))
+    for z, steepest in [(2.5 * x, 2.5), (-1.5 * x, -1.5), (10 * np.tanh((x - 40) / 10), 1.0)]:
+        np.testing.assert_allclose(largest_slope(x, z), steepest, rtol=0.01)
     # Between lines 2 % apart, z = x² on [0, 1] is steepest from 0.98 to 1.
     ramp = np.linspace(0, 1, 10_001)
     np.testing.assert_allclose(largest_slope(ramp, ramp**2), 1.98, atol=0.001)
@@ -300,39 +287,6 @@ def test_moments_are_those_of_the_dense_recursion(levels, kind, x64):
     np.testing.assert_allclose(found.variance, variance, rtol=1e-10)
     np.testing.assert_allclose(found.mean, mean, atol=1e-12)
     np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
-
-
-def simulated_squared_errors(plane, x, truth, start, sigma, draws, stretches):
-    """‖E‖² at the ends of stretches of events, (stretches, draws), by the filter's recursion."""
-    found = switching_events(plane, x)
-    _, signs = switching(plane, x)
-    rng = np.random.default_rng(3)
-    noise = rng.normal(0, sigma, (len(signs) + 1, draws))
-    rises = (signs @ truth)[:, np.newaxis] + np.diff(noise, axis=0)
-    weights = jnp.asarray(np.broadcast_to(start[:, np.newaxis], (plane.cells, draws)))
-    run, rows = jax.jit(adapt_over_events), []
-    length = len(signs) // stretches
-    for begin in range(0, length * stretches, length):
-        part = jax.tree.map(lambda leaf, at=begin: leaf[at : at + length], found)
-        weights, _ = run(plane, part, rises[begin : begin + length], weights)
-        rows.append(squared((np.asarray(weights) - truth[:, np.newaxis]).T))
-    return np.array(rows), length
-
-
-def test_moments_are_those_of_many_runs_with_noise(x64):
-    plane, sigma, draws = plane_of(9), 0.2, 2048
-    x = path("ramps", 9, 1200)
-    rng = np.random.default_rng(0)
-    truth = rng.uniform(0, 1, plane.cells)
-    start = truth + rng.normal(0, sigma / 2, plane.cells)
-    simulated, length = simulated_squared_errors(plane, x, truth, start, sigma, draws, 6)
-    moments = propagate_error(plane, x, start - truth, sigma**2)
-    exact = (moments.mean_squared + moments.variance)[length - 1 :: length][:6]
-    assert np.all(moments.variance[length - 1 :] > 0.1 * moments.mean_squared[length - 1 :])
-    mean, error = simulated.mean(axis=1), simulated.std(axis=1, ddof=1) / math.sqrt(draws)
-    assert np.all(error < 0.0075 * mean)  # so that 3 % are four standard errors
-    np.testing.assert_allclose(mean, exact, rtol=0.03)
-    assert np.all(np.abs(mean - exact) < 4 * error)
 
 
 def test_an_average_over_samples_repeats_each_value_until_the_next_event():

@@ -1,4 +1,4 @@
-"""Slow answers, written out word for word from the text, and the paths they are asked for."""
+"""Slow answers, written out word for word from the text, and paths and runs to compare."""
 
 from itertools import pairwise
 
@@ -49,3 +49,20 @@ def wandering(plane=PLANE, samples=SAMPLES, seed=1, speed=0.37, high=None):
         if path[-1] == goal:
             goal = rng.uniform(plane.low, high)
     return np.array(path)
+
+
+def one_by_one(online, x, z, **keywords):
+    """Outputs, errors and what switched, of single samples."""
+    rows = []
+    for sample in zip(x.tolist(), z.tolist(), strict=True):
+        online(*sample, **keywords)
+        rows.append(online.info)
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+def by_blocks(online, x, z, size=100, **keywords):
+    rows = []
+    for begin in range(0, len(x), size):
+        online.block(x[begin : begin + size], z[begin : begin + size], **keywords)
+        rows.append(online.info)
+    return [np.concatenate(column) for column in zip(*rows, strict=True)]

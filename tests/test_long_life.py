@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from oracles import PLANE, SAMPLES, slow_states, wandering
+from oracles import PLANE, SAMPLES, by_blocks, one_by_one, slow_states, wandering
 from scipy.special import erf, erfc
 
 import preisach_jax as pj
@@ -66,23 +66,6 @@ def measured(x, seed=1, gaps=False):
     z = np.sin(2 * x) + 0.6 * x + rng.normal(0, 0.3, len(x))
     z[rng.random(len(x)) < (0.2 if gaps else 0.0)] = np.nan
     return z
-
-
-def one_by_one(online, x, z, **keywords):
-    """Outputs, errors and what switched, of single samples."""
-    rows = []
-    for sample in zip(x.tolist(), z.tolist(), strict=True):
-        online(*sample, **keywords)
-        rows.append(online.info)
-    return [np.array(column) for column in zip(*rows, strict=True)]
-
-
-def by_blocks(online, x, z, size=100, **keywords):
-    rows = []
-    for begin in range(0, len(x), size):
-        online.block(x[begin : begin + size], z[begin : begin + size], **keywords)
-        rows.append(online.info)
-    return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
 
 # --- options, in all forms of the filter ---

@@ -85,7 +85,7 @@ def outputs(plane, drawn, noise):
 @pytest.mark.parametrize("n", range(len(LEVELS)))
 def test_a_sweep_is_the_filter_run_one_by_one(n, whole, x64):
     plane, seed = plane_of(LEVELS[n]), 3
-    drawn = realisation(seed, SAMPLES, len(NOISE))
+    drawn = realisation(KEY, seed, SAMPLES, len(NOISE))
     x, truth = np.asarray(drawn.record.input_v), true_weights(plane)
     filt, paths = AdaptiveFilter(plane), []
     for lane, z in enumerate(outputs(plane, drawn, NOISE)):

@@ -1,18 +1,12 @@
 """Work on all cores keeps order, precision and errors."""
 
-import threading
 import time
-from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
-import preisach_jax as pj
 from preisach_jax.cores import on_all_cores, usable_cores
-from preisach_jax.identify import Problem
 
 
 def test_results_come_in_the_order_of_the_items():
@@ -54,29 +48,3 @@ def test_the_number_of_threads_can_be_bounded(monkeypatch, asked, expected):
     free = usable_cores()
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     assert usable_cores() == (expected or free)
-
-
-def test_effects_that_are_tried_at_the_same_time_change_nothing_they_share(monkeypatch):
-    written: list[str] = []
-
-    class Watched(dict[Any, Any]):
-        def __setitem__(self, slot, value):
-            if threading.current_thread() is not threading.main_thread():
-                written.append(str(slot[0]))
-            super().__setitem__(slot, value)
-
-    cut: Any = Problem.of
-    reduced: Any = Problem.reduced
-
-    def watched(problem):
-        return replace(problem, cache=Watched(problem.cache))
-
-    monkeypatch.setattr(Problem, "of", staticmethod(lambda *given: watched(cut(*given))))
-    monkeypatch.setattr(Problem, "reduced", lambda *given: watched(reduced(*given)))
-    t = np.arange(1000) / 33
-    u = 5 - 5 * np.cos(t * (1 + t / 40))
-    z = u**1.1 + 0.02 * t + 0.01 * np.random.default_rng(0).normal(size=1000)
-    record = pj.Record.from_arrays(t, u, z)
-    found = pj.diagnose(record, ["drift", "creep", "delay"], levels=5)
-    assert found.effects == ("drift",)
-    assert not written

@@ -157,26 +157,33 @@ def test_a_state_that_was_read_stays_as_it_was(x64):
     np.testing.assert_array_equal(state.weights, copies["weights"])
 
 
-@pytest.mark.parametrize(
-    ("x", "z", "message"),
-    [
-        ([0.0, np.nan, np.inf], [0.0, 1.0, 2.0], "x is inf at sample 2"),
-        ([np.nan, 0.0, 9.0], [0.0, 1.0, 2.0], "x is 9 at sample 2, and the plane reaches"),
-        ([np.nan, 1.0], [0.0, -np.inf], "z is -inf at sample 1"),
-        ([0.0, 1.0], [0.0], r"\(2,\).*\(1,\)"),
-        ([], None, r"\(0,\)"),
-        (1.0, None, r"shape \(\)"),
-        (np.arange(3), None, "x has the type int"),
-    ],
-)
-def test_a_refused_block_leaves_the_state(x, z, message):
+REFUSED: list[tuple[Any, Any, str]] = [
+    (np.inf, 1.0, "x is inf"),
+    (np.nan, np.inf, "z is inf"),
+    (1.0, 1e39, "1e.39 is beyond what float32 holds"),
+    (8.001, 1.0, r"x is 8\.001, and the plane reaches"),
+    ("high", 1.0, "x is 'high' and z is 1.0: give two numbers"),
+    (None, 1.0, "x is None"),
+    (np.ones(3), np.ones(3), "give two numbers, and arrays to `block`"),
+]
+REFUSED_BLOCKS: list[tuple[Any, Any, str]] = [
+    ([0.0, np.nan, np.inf], [0.0, 1.0, 2.0], "x is inf at sample 2"),
+    ([np.nan, 0.0, 9.0], [0.0, 1.0, 2.0], "x is 9 at sample 2, and the plane reaches"),
+    ([np.nan, 1.0], [0.0, -np.inf], "z is -inf at sample 1"),
+    ([0.0, 1.0], [0.0], r"\(2,\).*\(1,\)"),
+    ([], None, r"\(0,\)"),
+    (1.0, None, r"shape \(\)"),
+    (np.arange(3), None, "x has the type int"),
+]
+
+
+def test_refused_samples_and_blocks_leave_the_state():
     online = OnlineFilter(AdaptiveFilter(PLANE))
     online(1.0, 2.0)
     before = online.state
-    with pytest.raises(InputError, match=message):
-        online.block(x, z)
+    for call, rows in ((online, REFUSED), (online.block, REFUSED_BLOCKS)):
+        for x, z, message in rows:
+            with pytest.raises(InputError, match=message):
+                call(x, z)
     assert online.state is before
     assert online.missing == (0, 0)
-    array: Any = np.ones(3)
-    with pytest.raises(InputError, match="give two numbers, and arrays to `block`"):
-        online(array, array)

@@ -289,18 +289,6 @@ def test_moments_are_those_of_the_dense_recursion(levels, kind, x64):
     np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
 
 
-def test_an_average_over_samples_repeats_each_value_until_the_next_event():
-    rng = np.random.default_rng(0)
-    sample = np.array([2, 3, 7, 11, 30])
-    values = rng.normal(size=(5, 3))
-    course = np.repeat(values, np.diff(np.append(sample, 41)), axis=0)  # samples 2 ... 40
-    for first, last in [(2, 41), (3, 8), (9, 10), (31, 40), (2, 3)]:
-        expected = course[first - 2 : last - 2].mean(axis=0)
-        found = average_over_samples(values, sample, first, last)
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
-    assert isinstance(float(average_over_samples(values[:, 0], sample, 2, 9)), float)
-
-
 def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
     plane, x = plane_of(4), path("ramps", 4, 200)
     (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)

@@ -341,7 +341,8 @@ def test_a_mistake_in_the_filter_is_named_with_its_value(options, message):
         AdaptiveFilter(PLANE, **options)
 
 
-REALS, FILTER = np.arange(7.0), AdaptiveFilter(PLANE)
+REALS = np.arange(7.0)
+FILTER: Any = AdaptiveFilter(PLANE)
 OTHER = Plane(levels=3, low=0.0, high=1.0)
 ANYTHING: Any = 5
 
@@ -360,7 +361,7 @@ ANYTHING: Any = 5
         (lambda: FILTER.run(REALS, REALS, AdaptiveFilter(OTHER).init(0, 0)), r"\(6,\).*\(15,\)"),
         (lambda: FILTER.run(REALS, REALS, ANYTHING), "the state is int: give a FilterState"),
         (lambda: FILTER.run(REALS, REALS, passes=0), "passes is 0: give a whole number"),
-        (lambda: FILTER.run(REALS, REALS, passes=1.5), "passes is 1.5"),  # pyright: ignore
+        (lambda: FILTER.run(REALS, REALS, passes=1.5), "passes is 1.5"),
         (lambda: FILTER.init(np.inf, 0.0), "x is inf"),
         (lambda: FILTER.init(-2.5, 0.0), r"x is -2\.5, and the plane reaches"),
         (lambda: AdaptiveFilter(ANYTHING), r"the plane is 5: give a Plane, as in Plane\(levels="),

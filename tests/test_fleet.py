@@ -121,9 +121,10 @@ def test_what_is_no_filter_fleet_or_list_of_names_is_told(tmp_path):
     adaptive, pairs = AdaptiveFilter(PLANE), list(zip(*records(), strict=True))
     other: Any = PLANE
     none: Any = None
+    one: Any = [[1.0]]
     for call, message in (
-        (lambda: run_fleet(other, [[1.0]], [[1.0]]), "the filter is Plane"),
-        (lambda: run_fleet(adaptive, none, [[1.0]]), "the inputs are NoneType"),
+        (lambda: run_fleet(other, one, one), "the filter is Plane"),
+        (lambda: run_fleet(adaptive, none, one), "the inputs are NoneType"),
         (lambda: fleet_to_folder(tmp_path, adaptive, [none]), "give input and output of each"),
         (lambda: fleet_to_folder(tmp_path, adaptive, pairs, ["a"]), "there are 1 names of 4 reco"),
     ):

@@ -6,7 +6,7 @@ import world
 
 import preisach_jax as pj
 
-RATE, SAMPLES, LEVELS = 100.0, 1000, 5
+RATE, SAMPLES, LEVELS = 100.0, 1000, 9
 EFFECTS = ("output_lag", "drift")
 
 

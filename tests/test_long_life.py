@@ -97,7 +97,7 @@ def test_each_form_is_the_literal_recursion(hysteron, sampling, chosen, precisio
             "single": one_by_one(single, x, z, adapt=adapt),
             "block": by_blocks(blocks, x, z, SAMPLES, adapt=adapt),
         }
-        ends = {"single": single.state, "block": blocks.state}
+        ends: dict[str, Any] = {"single": single.state, "block": blocks.state}
         results = {"dense": filt.run(x, z, form="dense", adapt=adapt)}
         if not (filt.leakage or sampling == "sample" or np.isnan(z).any()):
             results["event"] = filt.run(x, z, form="event", adapt=adapt)
@@ -259,7 +259,7 @@ def test_bad_samples_leave_a_sound_state(hysteron, chosen, samples):
         return
     assert np.isfinite(infos[0][there[0] :]).all()
     for online in (single, blocks):
-        state = online.state
+        state: Any = online.state
         assert np.isfinite(state.weights).all()
         assert np.isfinite(online(float(state.input)))
         assert PLANE.low <= state.input <= PLANE.high
@@ -304,6 +304,7 @@ def test_inputs_beyond_the_plane_saturate_if_asked(x64, tmp_path):
     by_blocks(blocks, x, z)
     for online in (single, blocks):
         assert online.saturated == np.count_nonzero((x < -2) | (x > 8)) > 20
+        assert online.state is not None
         np.testing.assert_allclose(online.state.weights, clipped.weights, atol=1e-12)
         with pytest.raises(InputError, match="x is -inf"):
             online(-np.inf, 1.0)
@@ -327,6 +328,7 @@ def test_the_filter_recovers_from_a_faulty_sensor(fault):
     online = OnlineFilter(AdaptiveFilter(PLANE))
     output, _, _ = by_blocks(online, x[:3500], z[:3500], 500)
     assert np.isfinite(output).all()
+    assert online.state is not None
     assert np.linalg.norm(np.asarray(online.state.weights) - truth) > 0.2
     output, _, _ = by_blocks(online, x[3500:], z[3500:], 500)
     assert np.std((output - z[3500:])[3000:]) < 0.02 * np.ptp(z[:3000])

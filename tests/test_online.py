@@ -85,8 +85,8 @@ def test_the_output_does_not_drift(hysteron, precision):
             state = online.state
             assert state is not None
             exact = math.fsum(np.asarray(state.weights, float) * np.asarray(state.states, float))
-            near = {"rel": 8 * float(np.finfo(precision).eps), "abs": 1e-12}
-            assert online(x) == pytest.approx(exact, **near)
+            rounding = 8 * float(np.finfo(precision).eps)
+            assert online(x) == pytest.approx(exact, rel=rounding, abs=1e-12)
 
 
 @a_few

@@ -190,7 +190,10 @@ def test_mistakes_are_named_with_their_values():
         (lambda: filt.run(reals, reals, other), r"\(6,\).*\(15,\)"),
         (lambda: filt.run(reals, reals, anything), "the state is int: give a LeastSquaresState"),
         (lambda: RecursiveLeastSquares(anything), "the plane is 5: give a Plane"),
-        (lambda: compare_recursions(anything, *[reals] * 4), "the plane is 5: give a Plane"),
+        (
+            lambda: compare_recursions(anything, reals, reals, reals, reals),
+            "the plane is 5: give a Plane",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             call()

@@ -25,7 +25,7 @@ from preisach_jax.fit.gradient import Course, leaves_of, with_leaves
 from preisach_jax.identify import VALIDATION, Problem, evaluate
 
 TRAINED = importlib.import_module("preisach_jax.fit.training").TRAINED
-LEVELS, SAMPLES, NOISE = 5, 1000, 0.01
+LEVELS, SAMPLES, NOISE = 9, 1000, 0.01
 ADAM = optax.adam(1e-2)
 
 

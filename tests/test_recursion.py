@@ -139,14 +139,14 @@ def test_the_truth_and_any_constant_are_found_in_one_short_record():
 
 
 def test_forgetting_does_not_wind_up_cells_that_are_not_visited():
-    """Bare forgetting would multiply their variance by λ⁻ⁿ, here above 10¹²."""
+    """Bare forgetting would multiply their variance by λ⁻ⁿ, here above 10⁷."""
     x = wandering(high=3.0, seed=7, speed=1.3)
     states = slow_states(PLANE, x, "ramp")
     truth = np.random.default_rng(8).uniform(0.1, 1.0, PLANE.cells)
     forgetting, variance = 0.9, 50.0
     filt = RecursiveLeastSquares(PLANE, "ramp", forgetting, 0.3, variance)
     result = filt.run(x, states @ truth)
-    assert forgetting ** -np.count_nonzero(result.switched) > 1e12
+    assert forgetting ** -np.count_nonzero(result.switched) > 1e7
     covariance = np.asarray(result.state.covariance)
     visited = np.ptp(states, axis=0) > 0
     variances = np.diag(covariance)[:-1]

@@ -39,7 +39,7 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     The stage lives on a raster that is sixteen times finer than the record.
     """
     tau_s, f_hz, zeta = 0.001, 160.0, 0.06
-    count, rng = 3000, np.random.default_rng(5)
+    count, rng = 5000, np.random.default_rng(5)
     corners = np.arange(0, count * FINER + 1, 25 * FINER)
     fine = np.arange(count * FINER)
     u = np.interp(fine, corners, rng.uniform(0.0, 10.0, len(corners)))
@@ -48,7 +48,7 @@ def test_intervals_hold_the_damping_of_a_mode_behind_a_lag():
     z = through(h, [(f_hz, zeta, 1.0)], rate_hz=RATE * FINER)[::FINER]
     z = z + rng.normal(0, 1e-3, count)
     record = pj.Record.from_arrays(np.arange(count) / RATE, u[::FINER], z)
-    fit = pj.fit(record, effects=["input_lag", "resonance"], levels=9)
+    fit = pj.fit(record, effects=["input_lag", "resonance"], levels=20)
     mode = fit.model.parameters["resonance"]
     for name, true in (("f_hz", f_hz), ("zeta", zeta)):
         own = mode[name]

@@ -23,14 +23,11 @@ def test_a_parabola_is_its_own_arc(x64):
     np.testing.assert_allclose(made.aux["load"][1::2], middle)
 
 
-def test_corners_and_rests_stay_as_they_are(x64):
+def test_corners_and_rests_stay_as_they_are_and_instants_have_nothing_between(x64):
     time = np.arange(12.0)
     x = np.interp(time, [0, 3, 5, 6, 8, 11], [0.0, 6.0, 6.0, 1.0, 1.0, 4.0])
     made = on_arcs(acting.signals(time, x))
     np.testing.assert_allclose(made.input, np.interp(made.time, time, x), atol=1e-12)
-
-
-def test_samples_at_one_instant_have_nothing_between_them(x64):
     made = on_arcs(acting.signals([0.0, 1.0, 1.0, 2.0], [0.0, 1.0, 1.5, 4.0]))
     assert np.isfinite(made.input).all()
     assert made.input[3] == 1.25

@@ -4,18 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from preisach_jax.errors import InputError
-from preisach_jax.operator.branches import branch_starts, output_along_branches, weight_between
+from preisach_jax.operator.branches import branch_starts, weight_between
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.operator.states import hysteron_states
 
-SAMPLES = 120
+SAMPLES = 100
 INITIAL = ("low", "high", "demagnetised")
-PLANES = [Plane(levels=levels, low=-1.0, high=5.0) for levels in (2, 5, 6)]
+PLANES = [Plane(levels=levels, low=-1.0, high=5.0) for levels in (2, 5)]
+PLANE = PLANES[1]
 
 
 def paths(seed):
@@ -50,22 +50,15 @@ def slow_starts(path):
     return starts
 
 
-@pytest.mark.parametrize("kind", sorted(paths(0)))
-def test_branches_depart_from_turning_points_that_are_not_wiped_out(kind, precision):
-    for seed in range(3):
-        path = np.append(-1.0, paths(seed)[kind]).astype(precision)
-        assert branch_starts(path).tolist() == slow_starts(path.tolist())
-
-
+@settings(max_examples=15)
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=40))
 def test_the_starts_of_any_path_are_those_of_the_rule(turns):
     path = [0.0, *map(float, turns), *[float(turns[-1])] * (40 - len(turns))]
     assert branch_starts(np.asarray(path)).tolist() == slow_starts(path)
 
 
-@pytest.mark.parametrize("plane", PLANES, ids=lambda plane: str(plane.levels))
-def test_the_weight_between_two_positions_is_twice_the_everett_function(plane, x64):
-    rng = np.random.default_rng(1)
+def test_the_weight_between_two_positions_is_twice_the_everett_function(x64):
+    plane, rng = PLANE, np.random.default_rng(1)
     weights = rng.uniform(0, 1, plane.cells)
     upper = np.concatenate([rng.uniform(0, plane.levels, 40), [plane.levels] * 3, [1.5, 1, 0]])
     lower = np.minimum(upper, np.append(rng.uniform(0, plane.levels, 40), [0, 1, 99, 1, 1, 0]))
@@ -86,69 +79,56 @@ def test_turning_points_leave_the_named_memory_behind(plane, hysteron, initial, 
 
 
 @pytest.mark.parametrize("hysteron", ["relay", "ramp"])
-@pytest.mark.parametrize("kind", sorted(paths(0)))
 @pytest.mark.parametrize(
     ("initial", "precision"),
     [*((initial, "float64") for initial in INITIAL), ("low", "float32")],
     indirect=["precision"],
 )
-def test_the_output_along_branches_is_that_of_all_states(
-    kind, initial, hysteron, precision, tolerance
-):
-    for seed, plane in enumerate(PLANES if precision == "float64" else PLANES[2:]):
-        x = paths(seed)[kind].astype(precision)
-        weights = np.random.default_rng(4).uniform(0, 1, plane.cells).astype(precision)
-        dense = simulate(plane, weights, x, hysteron, initial, form="dense")
-        event = simulate(plane, weights, x, hysteron, initial, form="event")
+def test_the_output_along_branches_is_that_of_all_states(initial, hysteron, precision, tolerance):
+    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells).astype(precision)
+    for kind in ("rests", "decay", "mixed"):
+        x = paths(1)[kind].astype(precision)
+        states = np.asarray(hysteron_states(PLANE, x, initial, hysteron))
+        dense = simulate(PLANE, weights, x, hysteron, initial, form="dense")
+        event = simulate(PLANE, weights, x, hysteron, initial, form="event")
         assert event.dtype == precision
-        np.testing.assert_allclose(event, dense, rtol=0, atol=20 * tolerance)
-        np.testing.assert_array_equal(simulate(plane, weights, x, hysteron, initial), event)
+        np.testing.assert_allclose(dense, states @ weights, rtol=0, atol=20 * tolerance)
+        np.testing.assert_allclose(event, dense, rtol=0, atol=20 * tolerance, err_msg=kind)
 
 
 @pytest.mark.parametrize("hysteron", ["relay", "ramp"])
-@pytest.mark.parametrize("initial", INITIAL)
-def test_a_start_on_a_threshold_leaves_the_states_there_as_they_were(hysteron, initial, x64):
-    plane = PLANES[1]
-    weights = np.random.default_rng(4).uniform(0, 1, plane.cells)
-    for threshold in plane.thresholds:
-        for then in (-0.3, 0.3):
-            x = np.array([threshold, threshold, threshold + then, threshold - 2 * then])
-            dense = simulate(plane, weights, x, hysteron, initial, form="dense")
-            event = simulate(plane, weights, x, hysteron, initial, form="event")
-            traced = jax.jit(
-                lambda x, plane=plane: simulate(plane, weights, x, hysteron, initial, form="event")
-            )
-            np.testing.assert_allclose(event, dense, atol=1e-13)
-            np.testing.assert_allclose(traced(x), dense, atol=1e-13)
+def test_a_start_on_a_threshold_leaves_the_states_there_as_they_were(hysteron, x64):
+    weights = np.random.default_rng(4).uniform(0, 1, PLANE.cells)
+    for initial in INITIAL[1:]:
+        traced = jax.jit(
+            lambda x, initial=initial: simulate(PLANE, weights, x, hysteron, initial, "event")
+        )
+        for threshold in PLANE.thresholds[::2]:
+            for then in (-0.3, 0.3):
+                x = np.array([threshold, threshold, threshold + then, threshold - 2 * then])
+                dense = simulate(PLANE, weights, x, hysteron, initial, form="dense")
+                event = simulate(PLANE, weights, x, hysteron, initial, form="event")
+                np.testing.assert_allclose(event, dense, atol=1e-13)
+                np.testing.assert_allclose(traced(x), dense, atol=1e-13)
 
 
 @pytest.mark.parametrize("hysteron", ["relay", "ramp"])
-def test_a_batch_of_inputs_without_values_has_the_outputs_of_each(hysteron, precision, tolerance):
-    plane = PLANES[2]
-    batch = np.stack([x for seed in range(3) for x in paths(seed).values()]).astype(precision)
+def test_a_batch_of_inputs_without_values_has_the_outputs_of_each(hysteron, x64):
+    plane = PLANE
+    batch = np.stack([*paths(0).values()])
     batch[1] = 3.5  # at rest on a threshold
-    weights = np.random.default_rng(4).uniform(0, 1, (len(batch), plane.cells)).astype(precision)
+    weights = np.random.default_rng(4).uniform(0, 1, (len(batch), plane.cells))
     together = jax.jit(jax.vmap(lambda w, x: simulate(plane, w, x, hysteron, form="event")))
     expected = [
         simulate(plane, w, x, hysteron, form="dense") for w, x in zip(weights, batch, strict=True)
     ]
-    np.testing.assert_allclose(together(weights, batch), expected, rtol=0, atol=20 * tolerance)
+    np.testing.assert_allclose(together(weights, batch), expected, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
-def test_the_gradient_in_the_weights_is_that_of_their_sums(hysteron, x64):
-    plane, x = PLANES[2], paths(5)["walk"]
-    weights = np.random.default_rng(4).uniform(0, 1, plane.cells)
-    got = jax.grad(lambda w: jnp.sum(simulate(plane, w, x, hysteron, form="event") ** 2))(weights)
-    states = np.asarray(hysteron_states(plane, x, "low", hysteron))
-    np.testing.assert_allclose(got, 2 * states.T @ (states @ weights), rtol=1e-11)
-
-
-@pytest.mark.parametrize("initial", INITIAL)
-def test_derivatives_in_the_input_are_differences_of_outputs(initial, x64):
-    plane, rng = PLANES[2], np.random.default_rng(4)
+def test_derivatives_in_the_input_are_differences_of_outputs(x64):
+    initial, plane, rng = "demagnetised", PLANE, np.random.default_rng(4)
     weights, direction = rng.uniform(0, 1, plane.cells), rng.normal(size=SAMPLES)
-    for kind in ("jumps", "walk"):
+    for kind in ("jumps",):
         x = paths(5)[kind]
 
         def output(x):
@@ -164,8 +144,3 @@ def test_derivatives_in_the_input_are_differences_of_outputs(initial, x64):
         cotangent = rng.normal(size=SAMPLES)
         backward = jax.vjp(output, x)[1](cotangent)[0]
         assert float(backward @ direction) == pytest.approx(float(cotangent @ forward), rel=1e-9)
-
-
-def test_an_unknown_memory_is_named():
-    with pytest.raises(InputError, match="the initial memory is 'middle'"):
-        output_along_branches(PLANES[0], np.ones(3), np.zeros(1), initial="middle")

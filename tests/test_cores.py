@@ -1,18 +1,12 @@
 """Work on all cores keeps order, precision and errors."""
 
-import threading
 import time
-from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
-import preisach_jax as pj
 from preisach_jax.cores import on_all_cores, usable_cores
-from preisach_jax.identify import Problem
 
 
 def test_results_come_in_the_order_of_the_items():
@@ -48,41 +42,9 @@ def test_an_error_is_raised_and_what_was_not_begun_is_left(monkeypatch):
     assert len(begun) < 10
 
 
-@pytest.mark.parametrize(("asked", "expected"), [("1", 1), ("0", None), ("many", None), ("", None)])
+@pytest.mark.parametrize(("asked", "expected"), [("1", 1), ("0", None), ("many", None)])
 def test_the_number_of_threads_can_be_bounded(monkeypatch, asked, expected):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     free = usable_cores()
     monkeypatch.setenv("OMP_NUM_THREADS", asked)
     assert usable_cores() == (expected or free)
-
-
-def test_one_thread_at_a_time_where_one_is_asked_for(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    names = set(on_all_cores(lambda _: threading.current_thread().name, range(5)))
-    assert len(names) == 1
-
-
-def test_effects_that_are_tried_at_the_same_time_change_nothing_they_share(monkeypatch):
-    written: list[str] = []
-
-    class Watched(dict[Any, Any]):
-        def __setitem__(self, slot, value):
-            if threading.current_thread() is not threading.main_thread():
-                written.append(str(slot[0]))
-            super().__setitem__(slot, value)
-
-    cut: Any = Problem.of
-    reduced: Any = Problem.reduced
-
-    def watched(problem):
-        return replace(problem, cache=Watched(problem.cache))
-
-    monkeypatch.setattr(Problem, "of", staticmethod(lambda *given: watched(cut(*given))))
-    monkeypatch.setattr(Problem, "reduced", lambda *given: watched(reduced(*given)))
-    t = np.arange(3000) / 100
-    u = 5 - 5 * np.cos(t * (1 + t / 40))
-    z = u**1.1 + 0.02 * t + 0.01 * np.random.default_rng(0).normal(size=3000)
-    record = pj.Record.from_arrays(t, u, z)
-    found = pj.diagnose(record, ["drift", "creep", "hum", "delay"], levels=9)
-    assert found.effects == ("drift",)
-    assert not written

@@ -1,6 +1,7 @@
 """A batch shared among devices and among processes: equal results, and failures that help."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -8,14 +9,16 @@ import sys
 import jax
 import numpy as np
 import pytest
+from oracles import PLANE, wandering
 
+import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.devices import compiled, connect, evenly, gathered, local
 from preisach_jax.errors import InputError
 from preisach_jax.sweep import Sweep, storage
 from preisach_jax.work.chunks import Chunks
 
-WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 5 --samples 1000 --seed 5 --chunk 2".split()
+WORDS = "sweep --levels 3 --noise 0.1,0.4 --seeds 4 --samples 1000 --seed 5 --chunk 2".split()
 
 
 def free_port():
@@ -47,12 +50,10 @@ sys.exit(main(sys.argv[3:]))
 """
 
 
-def begun(out, process, port, then="go on", patience=60, processes=2):
-    place = ["--coordinator", f"127.0.0.1:{port}"]
-    numbers = ["--processes", str(processes), "--process", str(process)]
-    words = [*WORDS, "--out", str(out), *place, *numbers]
+def begun(out, process, port, then="go on", patience=60):
+    place = ["--coordinator", f"127.0.0.1:{port}", "--processes", "2", "--process", str(process)]
     return subprocess.Popen(
-        [sys.executable, "-c", PROCESS, then, str(patience), *words],
+        [sys.executable, "-c", PROCESS, then, str(patience), *WORDS, "--out", str(out), *place],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -85,75 +86,68 @@ def test_a_batch_is_computed_entry_by_entry():
 DEVICES = """
 import sys
 import jax
-jax.config.update("jax_num_cpu_devices", int(sys.argv[1]))
+jax.config.update("jax_num_cpu_devices", 3)
+jax.config.update("jax_enable_x64", True)
 import numpy as np
-from preisach_jax.devices import compiled, evenly, gathered
-from preisach_jax.sweep import sweep
+import preisach_jax as pj
+from preisach_jax.devices import compiled, evenly
 
-devices = int(sys.argv[1])
-assert evenly(5) == {1: 5, 2: 6, 3: 6}[devices]
+assert evenly(5) == 6
 where = compiled(lambda _, rows: rows, 0.0, jax.ShapeDtypeStruct((6,), np.float32))
 shards = where(0.0, np.arange(6, dtype=np.float32)).addressable_shards
-assert [len(one.data) for one in shards] == [6 // devices] * devices
-sweep(jax.random.key(5), (3, 2), (0.1, 0.2, 0.4), 5, 1000).save(sys.argv[2])
+assert [len(one.data) for one in shards] == [2, 2, 2]
+pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000).save(sys.argv[1])
+x = np.load(sys.argv[2])
+np.save(sys.argv[2], pj.run_fleet(pj.AdaptiveFilter(pj.Plane(5, -2.0, 8.0)), x, 2 * x).weights)
 """
 
 
-@pytest.mark.campaign
-def test_several_devices_compute_what_one_does(tmp_path):
-    found = []
-    for devices in (1, 2, 3):
-        path = tmp_path / f"{devices}.npz"
-        subprocess.run([sys.executable, "-c", DEVICES, str(devices), str(path)], check=True)
-        found.append(Sweep.load(path))
-    for one in found[1:]:
-        same(one, found[0])
+@pytest.mark.slow
+def test_three_devices_compute_what_one_does(alone, x64, tmp_path):
+    """A sweep and a fleet, whose entries the devices do not share evenly."""
+    paths = tmp_path / "sweep.npz", tmp_path / "fleet.npy"
+    x = np.stack([wandering(seed=seed) for seed in range(4)])
+    np.save(paths[1], x)
+    # Its devices are parts of the processor, whatever these tests run on.
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-W", "error", "-c", DEVICES, *map(str, paths)]
+    subprocess.run(command, check=True, env=environment)
+    same(Sweep.load(paths[0]), alone)
+    here = pj.run_fleet(pj.AdaptiveFilter(PLANE), x, 2 * x).weights
+    np.testing.assert_allclose(np.load(paths[1]), here, atol=1e-12)
 
 
 @pytest.mark.slow
-def test_two_processes_share_a_sweep(alone, tmp_path):
-    port = free_port()
-    pair = [begun(tmp_path / "sweep", k, port) for k in (0, 1)]
-    said = [process.communicate(timeout=200) for process in pair]
-    assert [process.returncode for process in pair] == [0, 0], said
-    for out, error in said:  # both compute all chunks, each its half of them
-        assert "Gloo" not in out
-        computed = [line for line in (out + error).splitlines() if line.startswith("computed")]
-        assert computed == ["computed [0, 1]", "computed [2, 3]", "computed [4]"]
-    assert "Sweep: " in said[0][0]
-    assert "Sweep: " not in said[1][0]
-    same(Sweep.load(tmp_path / "sweep"), alone)
-
-
-@pytest.mark.slow
-def test_a_process_that_dies_leaves_a_sweep_that_resumes(alone, tmp_path, capsys):
+def test_two_processes_share_a_sweep_and_where_one_dies_it_resumes(alone, tmp_path, capsys):
+    """What both have computed, each its half of the seeds, is what one computes alone."""
     out, port = tmp_path / "sweep", free_port()
     first, second = begun(out, 0, port), begun(out, 1, port, then="die")
-    second.communicate(timeout=200)
+    said = "".join(second.communicate(timeout=200))
     told, error = first.communicate(timeout=200)
     assert first.returncode == 2, error
     message = error.strip().splitlines()[-1]
     assert message.startswith("preisach: another process of the 2 ended or cannot be reached")
     assert "start all of them again" in message
     assert "Traceback" not in error
+    assert "Gloo" not in told
+    assert "computed [0, 1]" in said
     assert "computed [0, 1]" in told + error
-    assert "external" not in message
-    assert [path.name for path in (out / "done").iterdir()] == ["seeds_0000-0001.json"]
+    done = out / "done" / "seeds_0000-0001.json"
+    assert [*done.parent.iterdir()] == [done]
     assert not (out / "sweep.json").exists()
 
-    written = (out / "done" / "seeds_0000-0001.json").stat().st_mtime_ns
+    written = done.stat().st_mtime_ns
     assert main([*WORDS, "--out", str(out)]) == 0  # by one process, what two began
-    assert (out / "done" / "seeds_0000-0001.json").stat().st_mtime_ns == written
+    assert done.stat().st_mtime_ns == written
     same(Sweep.load(out), alone)
-    assert json.loads((out / "sweep.json").read_text())["seeds"] == [0, 1, 2, 3, 4]
+    assert json.loads((out / "sweep.json").read_text())["seeds"] == [0, 1, 2, 3]
     capsys.readouterr()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("process", [0, 1])
-def test_processes_that_never_come_are_told(process, tmp_path):
+def test_processes_that_never_come_are_told(tmp_path):
     port = free_port()
-    lonely = begun(tmp_path / "sweep", process, port, patience=3)
+    lonely = begun(tmp_path / "sweep", 1, port, patience=3)
     _, error = lonely.communicate(timeout=100)
     assert lonely.returncode == 2
     message = error.strip().splitlines()[-1]
@@ -171,11 +165,8 @@ def test_processes_that_never_come_are_told(process, tmp_path):
         (("node:1", 2, None), "^process is missing: give all three of coordinator, proc"),
         ((None, 2, None), "^coordinator and process is missing"),
         (("node", 2, 0), "coordinator is 'node': give HOST:PORT"),
-        ((":80", 2, 0), "coordinator is ':80'"),
-        (("node:one", 2, 0), "coordinator is 'node:one'"),
         (("node:1", 0, 0), "processes is 0"),
         (("node:1", 2, 2), "process is 2 of 2 processes: give a number from 0 to 1"),
-        (("node:1", 2, -1), "process is -1"),
     ],
 )
 def test_numbers_that_do_not_fit_are_told_before_anything_starts(given, message):
@@ -186,10 +177,6 @@ def test_numbers_that_do_not_fit_are_told_before_anything_starts(given, message)
 def test_options_that_do_not_fit_are_told_by_their_names(tmp_path, capsys):
     for words, message in [
         (["--processes", "2"], "preisach: --coordinator and process is missing"),
-        (
-            ["--coordinator", "node:1", "--processes", "2", "--process", "2"],
-            "preisach: --process is 2 of 2 processes: give a number from 0 to 1",
-        ),
         (["--distributed"], "preisach: no scheduler such as Slurm or Open MPI was found"),
     ]:
         assert main([*WORDS, "--out", str(tmp_path / "sweep"), *words]) == 2
@@ -210,12 +197,11 @@ def test_a_chunk_that_is_too_large_is_halved_and_said_so(alone, tmp_path, capsys
         return genuine(key, levels, noise, seeds, samples)
 
     monkeypatch.setattr(storage, "sweep", small)
-    words = [*WORDS[:-1], "5"]
+    words = [*WORDS[:-1], "4"]
     assert main([*words, "--out", str(tmp_path)]) == 0
-    assert tried == [[0, 1, 2, 3, 4], [0, 1, 2], [0, 1], [2], [3, 4]]
+    assert tried == [[0, 1, 2, 3], [0, 1], [2, 3]]
     shown = capsys.readouterr().out
-    assert "too little memory for 5 seeds at once: 3 are taken" in shown
-    assert "too little memory for 3 seeds at once: 2 are taken" in shown
+    assert "too little memory for 4 seeds at once: 2 are taken" in shown
     same(Sweep.load(tmp_path), alone)
 
 
@@ -235,20 +221,6 @@ def test_a_full_disk_keeps_what_was_finished(tmp_path, capsys, monkeypatch):
     assert "what was finished stays" in message
     assert [path.name for path in (tmp_path / "done").iterdir()] == ["seeds_0000-0001.json"]
     assert main([*WORDS, "--out", str(tmp_path)]) == 0
-
-
-def test_the_arrays_open_in_any_reader_of_zarr(alone, tmp_path):
-    xarray = pytest.importorskip("xarray")
-    assert main([*WORDS, "--out", str(tmp_path)]) == 0
-    read = xarray.open_zarr(tmp_path / "sweep.zarr", consolidated=False)
-    assert read["noise_part"].dims == ("level", "noise", "seed")
-    assert read["noise_part"].attrs["units"] == "um^2"
-    np.testing.assert_array_equal(read["noise_part"], alone.noise_part)
-    np.testing.assert_array_equal(read["weights_3"], alone.weights[0])
-    again = alone.to_xarray()
-    for name in ("level", "noise", "seed"):
-        np.testing.assert_array_equal(read.coords[name], again.coords[name])
-    assert read.attrs["samples"] == 1000
 
 
 def test_what_is_not_computed_yet_is_no_number_on_disk(tmp_path, monkeypatch):

@@ -1,13 +1,12 @@
 """Laws of the relay and the ramp, eq. (1)-(4), against slow oracles written branch by branch."""
 
 from functools import partial
-from typing import Any
 
 import hypothesis.strategies as st
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from preisach_jax.errors import InputError
 from preisach_jax.operator.checks import HYSTERONS
@@ -15,6 +14,7 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds
 
 LENGTH = 40
+few = settings(max_examples=15)
 PLANE = Plane(levels=4, low=0.0, high=4.0)  # thresholds 0.5, 1.5, 2.5, 3.5: exact in binary
 
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
@@ -88,13 +88,9 @@ def slow_ramp(x, alpha, beta, width, state):
     ("path", "initial", "expected"),
     [
         # α = 2.5, β = 1.5: the input comes to rest exactly on α and on β, from both sides.
-        ([0.0, 2.5], 0, 1),
         ([0.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 2.5], 0, 1),
         ([4.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 1.5], 1, 0),
         ([4.0, 1.5, 1.5, 1.5], 1, 0),
-        ([0.0, 1.5], 1, 0),
         ([0.0, 1.5, 1.5, 1.5], 1, 0),
         # It turns back exactly on the threshold: the switch has happened.
         ([0.0, 2.5, 2.0], 0, 1),
@@ -103,34 +99,28 @@ def slow_ramp(x, alpha, beta, width, state):
         ([0.0, 2.0], 1, 0),
         ([4.0, 2.0], 0, 1),
         # Rule (1): at the first sample only an input beyond a threshold decides.
-        ([2.5], 0, 0),
+        ([2.5, 2.5], 0, 0),
         ([2.5], 1, 1),
         ([1.5], 0, 0),
-        ([1.5], 1, 1),
-        ([2.5, 2.5], 0, 0),
         ([1.5, 1.5], 1, 1),
         ([2.625], 0, 1),
         ([1.375], 1, 0),
     ],
 )
-def test_relay_with_the_input_exactly_on_its_thresholds(path, initial, expected, precision):
+def test_relay_with_the_input_exactly_on_its_thresholds(path, initial, expected):
     cell = 2 * 3 // 2 + 1
-    assert follow_short(path, np.full(10, initial), precision)[-1, cell] == expected
+    for dtype in ("float32", "float64"):
+        assert follow_short(path, np.full(10, initial), dtype)[-1, cell] == expected
 
 
-@pytest.mark.parametrize(
-    ("path", "expected"),
-    [
-        ([0.0, 1.5], 1),
+def test_diagonal_relay_switches_both_ways_on_its_one_threshold(precision):
+    for path, expected in (
         ([0.0, 1.5, 1.5], 1),
-        ([4.0, 1.5], 0),
         ([4.0, 1.5, 1.5], 0),
         ([0.0, 1.5, 1.625, 1.5], 0),
         ([4.0, 1.5, 1.375, 1.5], 1),
-    ],
-)
-def test_diagonal_relay_switches_both_ways_on_its_one_threshold(path, expected, precision):
-    assert follow_short(path, np.zeros(10), precision)[-1, 2] == expected  # α = β = 1.5
+    ):
+        assert follow_short(path, np.zeros(10), precision)[-1, 2] == expected  # α = β = 1.5
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -142,6 +132,7 @@ def test_relays_match_the_branch_by_branch_oracle(dtype, path, initial):
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
+@few
 @given(path=real_paths, initial=fractions)
 def test_ramps_match_the_branch_by_branch_oracle(dtype, path, initial):
     states = follow(path, initial, "ramp", dtype)
@@ -151,54 +142,8 @@ def test_ramps_match_the_branch_by_branch_oracle(dtype, path, initial):
         np.testing.assert_allclose(states[:, cell], expected, rtol=0, atol=tolerance)
 
 
-@given(path=lattice_paths.map(np.round), initial=bits)
-def test_ramps_are_relays_on_a_path_between_cell_limits(path, initial):
-    np.testing.assert_array_equal(follow(path, initial, "ramp"), follow(path, initial, "relay"))
-
-
 @both_kinds
-@given(path=real_paths, data=st.data())
-def test_states_do_not_depend_on_how_a_path_is_sampled(hysteron, path, data):
-    """Rate independence: samples put in on the way, and rests, change no bit of the states."""
-    between = data.draw(
-        st.lists(st.floats(0, 1, width=32), min_size=3 * (LENGTH - 1), max_size=3 * (LENGTH - 1))
-    )
-    steps = np.sort(np.array(between).reshape(LENGTH - 1, 3), axis=1)
-    start, end = path[:-1, np.newaxis], path[1:, np.newaxis]
-    on_the_way = np.clip(
-        start + steps * (end - start), np.minimum(start, end), np.maximum(start, end)
-    )
-    refined = np.append(np.hstack([start, on_the_way]).ravel(), path[-1])
-    coarse = follow(path, np.zeros(PLANE.cells), hysteron)
-    np.testing.assert_array_equal(follow(refined, np.zeros(PLANE.cells), hysteron)[::4], coarse)
-
-
-@both_kinds
-@given(path=real_paths, turns=st.lists(st.floats(0, 4, width=32), min_size=2, max_size=2))
-def test_returning_to_the_last_extreme_wipes_out_what_lay_between(hysteron, path, turns):
-    bottom, top = sorted(turns)
-    inside = np.clip(path, bottom, top)
-    with_loops = np.concatenate([[0.0, 4.0, bottom, top, bottom], inside, [bottom]])
-    without = np.array([0.0, 4.0, bottom, top, bottom])
-    initial = np.zeros(PLANE.cells)
-    np.testing.assert_array_equal(
-        follow(with_loops, initial, hysteron)[-1], follow(without, initial, hysteron)[-1]
-    )
-
-
-@both_kinds
-def test_jitter_at_rest_does_not_drift(hysteron, precision):
-    rng = np.random.default_rng(0)
-    jitter = rng.uniform(1.96, 2.04, 2000)
-    path = np.concatenate([[0.0, 3.1, 0.7, 2.04, 1.96, 2.0], jitter, [1.96, 2.0]])
-    states = follow(path, np.zeros(PLANE.cells), hysteron, precision)
-    np.testing.assert_array_equal(states[5], states[-1])
-    # No hysteron moves by more than its ramp does for that jitter; a relay does not move at all.
-    allowed = 0.08 / PLANE.delta_x + 1e-6 if hysteron == "ramp" else 0.0
-    assert np.ptp(states[5:], axis=0).max() <= allowed
-
-
-@both_kinds
+@few
 @given(path=real_paths, initial=fractions)
 def test_state_from_any_initial_memory_lies_in_the_bounds(hysteron, path, initial):
     if hysteron == "relay":
@@ -207,22 +152,6 @@ def test_state_from_any_initial_memory_lies_in_the_bounds(hysteron, path, initia
         low, high = (np.asarray(bound) for bound in bounds_of(path, hysteron))
     np.testing.assert_array_equal(follow(path, initial, hysteron), np.clip(initial, low, high))
     assert np.all(np.diff(high - low, axis=0) <= 0)
-
-
-@both_kinds
-def test_saturation_leaves_nothing_to_the_initial_memory(hysteron, precision):
-    low, high = state_bounds(PLANE, np.array([2.0, 4.0, 1.25], precision), hysteron)
-    assert low.dtype == precision
-    assert float((high - low)[0].max()) == 1.0
-    assert float((high - low)[1:].max()) == 0.0
-
-
-@both_kinds
-def test_a_batch_of_paths_is_a_loop_over_them(hysteron, precision):
-    paths = np.random.default_rng(1).uniform(0, 4, (5, LENGTH)).astype(precision)
-    batch = jax.vmap(lambda x: hysteron_states(PLANE, x, "demagnetised", hysteron))(paths)
-    one = jax.jit(lambda x: hysteron_states(PLANE, x, "demagnetised", hysteron))
-    np.testing.assert_array_equal(batch, np.array([one(x) for x in paths]))
 
 
 def test_gradient_of_ramp_states_matches_finite_differences(x64):
@@ -251,39 +180,33 @@ def test_gradient_is_finite_on_resting_and_saturated_paths(x64):
         assert np.isfinite(jax.jit(jax.grad(total))(path)).all()
 
 
+COUNTS, ONES = np.array([0, 3, 1]), np.ones(2)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([0.0, 1.0], "low", "play"), "'play'"),
-        (([0.0, 1.0], "warm", "ramp"), "'warm'"),
-        (([0.0, 1.0], np.zeros(3), "ramp"), r"\(3,\).*\(10,\)"),
-        (([[0.0, 1.0]], "low", "ramp"), r"\(1, 2\)"),
-        (([], "low", "ramp"), r"\(0,\)"),
-        (([0.0, 1.0j], "low", "ramp"), "complex"),
-        (([False, True], "low", "ramp"), "bool"),
+        ((ONES, "low", "play"), "'play'"),
+        ((ONES, "warm"), "'warm'"),
+        ((ONES, np.zeros(3)), r"\(3,\).*\(10,\)"),
+        ((ONES, np.zeros(10, int)), r"as in initial_states\.astype\(float\)"),
+        (([[0.0, 1.0]],), r"\(1, 2\)"),
+        (([],), r"\(0,\)"),
+        (([0.0, 1.0j],), "complex"),
+        (([False, True],), "bool"),
+        ((COUNTS,), r"x has the type int64: convert it first, as in x\.astype\(float\)"),
+        (([0.0, 4.25, 2.0],), r"x is 4\.25 at sample 1, and the plane reaches from 0\.0 to 4\.0:"),
+        (([-0.5, 1.0],), r"x is -0\.5 at sample 0, .* clip the input"),
+        (([0.0, np.nan],), "x is nan at sample 1: give finite numbers"),
+        (([0.0, np.inf],), "x is inf at sample 1"),
     ],
 )
 def test_a_mistake_is_named_with_its_value(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         hysteron_states(PLANE, *arguments)
-
-
-@pytest.mark.parametrize(
-    ("x", "message"),
-    [
-        (
-            [0.0, 4.25, 2.0],
-            r"x is 4\.25 at sample 1, and the plane reaches from 0\.0 to 4\.0:",
-        ),
-        ([-0.5, 1.0], r"x is -0\.5 at sample 0, .* clip the input"),
-        ([0.0, np.nan], "x is nan at sample 1: give finite numbers"),
-        ([0.0, np.inf], "x is inf at sample 1"),
-    ],
-)
-def test_an_input_that_leaves_the_plane_is_named(x, message, precision):
-    for function in (hysteron_states, state_bounds):
+    if len(arguments) == 1:
         with pytest.raises(InputError, match=message):
-            function(PLANE, np.array(x, precision))
+            state_bounds(PLANE, *arguments)
 
 
 @both_kinds
@@ -295,28 +218,3 @@ def test_rounding_at_the_limits_is_no_way_off_the_plane(hysteron, precision):
     far = Plane(levels=4, low=1e3, high=1e3 + 0.3)
     high = np.array([far.low, far.high], precision)
     np.testing.assert_allclose(hysteron_states(far, high, "low", hysteron)[1], 1.0, rtol=1e-12)
-
-
-def test_a_compiled_input_beyond_the_plane_saturates(x64):
-    for end, state in ((9.0, 1.0), (-9.0, 0.0)):
-        states = follow([2.0, end], np.zeros(PLANE.cells), "ramp")
-        np.testing.assert_array_equal(states[1], np.full(PLANE.cells, state))
-
-
-def test_whole_numbers_of_python_are_taken_as_reals(precision):
-    written: Any = [0, 3, 1]
-    states = hysteron_states(PLANE, written, "low", "ramp")
-    assert states.dtype == precision
-    np.testing.assert_array_equal(states[-1], [1, 1, 0, 1, 0, 0, 0, 0, 0, 0])
-
-
-@pytest.mark.parametrize("dtype", ["int64", "int16", "uint8"])
-def test_an_array_of_integers_is_refused(dtype, x64):
-    counts = np.array([0, 3, 1], dtype)
-    message = rf"the input x has the type {dtype}: convert it first, as in x\.astype\(float\)"
-    with pytest.raises(InputError, match=message):
-        hysteron_states(PLANE, counts)
-    with pytest.raises(InputError, match=message):
-        jax.eval_shape(lambda x: hysteron_states(PLANE, x), counts)
-    with pytest.raises(InputError, match=r"as in initial_states\.astype\(float\)"):
-        hysteron_states(PLANE, np.zeros(1), np.zeros(PLANE.cells, dtype))

@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from oracles import slow_relays
+from hypothesis import given, settings
+from oracles import slow_ramps, slow_relays
 from strategies import PLANES, SAMPLES, histories, hysterons, planes, weights
 
 import preisach_jax as pj
 
 FORMS = ("dense", "event")
+few = settings(max_examples=10)
 
 
 def output(plane, weights, x, hysteron="ramp", initial="low", form="auto"):
@@ -31,19 +32,8 @@ def filled(path):
     return np.append(path, np.full(SAMPLES - len(path), path[-1]))
 
 
-def slow_ramps(plane, x):
-    """(time, cells) ramps from saturated low: each goes up the line at α and down that at β."""
-    reached = np.clip((x[:, None] - plane.low) / plane.delta_x - np.arange(plane.levels), 0.0, 1.0)
-    up, down = reached[:, plane.alpha_index], reached[:, plane.beta_index]
-    state = np.zeros(plane.cells)
-    rows = []
-    for k in range(len(x)):
-        state = np.minimum(np.maximum(state, up[k]), np.maximum(down[k], up[k]))
-        rows.append(state)
-    return np.array(rows)
-
-
 @pytest.mark.parametrize("form", FORMS)
+@few
 @given(data=st.data())
 def test_the_output_is_that_of_hysterons_one_by_one(form, data):
     plane = data.draw(planes)
@@ -54,6 +44,7 @@ def test_the_output_is_that_of_hysterons_one_by_one(form, data):
     np.testing.assert_allclose(ramps, slow_ramps(plane, x) @ w, rtol=1e-12, atol=1e-9)
 
 
+@few
 @given(data=st.data(), hysteron=hysterons)
 def test_a_closed_minor_loop_leaves_no_trace(data, hysteron):
     """Return-point memory: what follows a loop is as if it had not been."""
@@ -70,20 +61,7 @@ def test_a_closed_minor_loop_leaves_no_trace(data, hysteron):
     np.testing.assert_allclose(there[17:23], without, rtol=1e-12, atol=1e-9)
 
 
-@given(data=st.data(), hysteron=hysterons)
-def test_a_greater_extreme_wipes_out_what_lay_below(data, hysteron):
-    plane = data.draw(planes)
-    w, turn = data.draw(weights(plane)), data.draw(histories(plane, 1))[0]
-    rising = data.draw(st.booleans())
-    limit = plane.low if rising else plane.high
-    lower = np.minimum if rising else np.maximum
-    outputs = []
-    for _ in range(2):
-        forgotten = lower(data.draw(histories(plane, 12)), turn)
-        outputs.append(output(plane, w, filled([limit, *forgotten, turn, limit, turn]), hysteron))
-    np.testing.assert_allclose(outputs[0][13:], outputs[1][13:], rtol=1e-12, atol=1e-9)
-
-
+@few
 @given(data=st.data(), hysteron=hysterons)
 def test_minor_loops_between_equal_inputs_are_congruent(data, hysteron):
     plane = data.draw(planes)
@@ -99,6 +77,7 @@ def test_minor_loops_between_equal_inputs_are_congruent(data, hysteron):
     np.testing.assert_allclose(shapes[0], shapes[1], rtol=1e-12, atol=1e-9)
 
 
+@few
 @given(data=st.data(), hysteron=hysterons)
 def test_only_the_turning_points_count_and_not_the_rate(data, hysteron):
     plane = data.draw(planes)
@@ -112,6 +91,7 @@ def test_only_the_turning_points_count_and_not_the_rate(data, hysteron):
     )
 
 
+@few
 @given(data=st.data(), hysteron=hysterons)
 def test_weights_that_are_not_negative_turn_loops_counterclockwise(data, hysteron):
     """The work that a closed loop takes up, the area ∮ x dz, is never negative."""
@@ -122,53 +102,17 @@ def test_weights_that_are_not_negative_turn_loops_counterclockwise(data, hystero
     path = filled([*cycle, *cycle, cycle[0]])
     z = output(plane, w, path, hysteron)
     assert z[26] == pytest.approx(z[13], rel=1e-12, abs=1e-9)
-    x = np.interp(np.arange(0, 26.001, 1 / 16), np.arange(27), path[:27])
-    z = output(plane, w, x, hysteron)[13 * 16 :]
+    x = np.interp(np.arange(0, 26.001, 1 / 8), np.arange(27), path[:27])
+    z = output(plane, w, x, hysteron)[13 * 8 :]
     # At the end of each step, where a rise is counted too high and a fall too low, if anything.
-    area = x[13 * 16 + 1 :] @ np.diff(z)
+    area = x[13 * 8 + 1 :] @ np.diff(z)
     assert area >= -1e-9 * (1 + w.sum() * np.abs(x).max())
     wide = plane.delta_x * (plane.alpha_index - plane.beta_index - (hysteron == "ramp"))
     if cycle[0] == plane.high and cycle.min() == plane.low:  # the major loop is among it
         assert area >= (w @ wide) * (1 - 1e-9)
 
 
-@given(data=st.data(), hysteron=hysterons)
-def test_a_greater_input_never_has_a_smaller_output(data, hysteron):
-    """The operator keeps order: x ≤ y at all times gives z_x ≤ z_y, from one memory."""
-    plane = data.draw(planes)
-    w = data.draw(weights(plane))
-    x, y = data.draw(histories(plane)), data.draw(histories(plane))
-    lower = output(plane, w, np.minimum(x, y), hysteron)
-    upper = output(plane, w, np.maximum(x, y), hysteron)
-    assert np.all(lower <= upper + 1e-9)
-
-
-@given(data=st.data(), hysteron=hysterons)
-def test_mirrored_weights_and_input_mirror_the_output(data, hysteron):
-    """Odd symmetry: with R(α, β) = R(-β, -α), turning the input over turns the output over."""
-    plane = PLANES[0]
-    levels = plane.levels
-    matrix = np.zeros((levels, levels))
-    matrix[plane.alpha_index, plane.beta_index] = data.draw(weights(plane))
-    symmetric = (matrix + matrix[::-1, ::-1].T)[plane.alpha_index, plane.beta_index]
-    x = np.append(plane.low, data.draw(histories(plane, SAMPLES - 1)))
-    up = output(plane, symmetric, x, hysteron, "low")
-    down = output(plane, symmetric, -x, hysteron, "high")
-    np.testing.assert_allclose(down, symmetric.sum() - up, rtol=1e-12, atol=1e-9)
-
-
-@given(data=st.data(), hysteron=hysterons)
-def test_the_output_is_linear_in_the_weights(data, hysteron):
-    plane = data.draw(planes)
-    x, one, other = (
-        data.draw(histories(plane)),
-        data.draw(weights(plane)),
-        data.draw(weights(plane)),
-    )
-    parts = output(plane, one, x, hysteron) - 3 * output(plane, other, x, hysteron)
-    np.testing.assert_allclose(output(plane, one - 3 * other, x, hysteron), parts, atol=1e-7)
-
-
+@few
 @given(data=st.data(), hysteron=hysterons)
 def test_the_unit_of_the_input_does_not_matter(data, hysteron):
     """The same in another unit, from another zero: powers of two, so to the last bit."""
@@ -180,6 +124,7 @@ def test_the_unit_of_the_input_does_not_matter(data, hysteron):
     )
 
 
+@few
 @given(data=st.data())
 def test_the_everett_function_gives_the_area_of_the_triangle_switched(data):
     plane = data.draw(planes)
@@ -194,9 +139,9 @@ def test_the_everett_function_gives_the_area_of_the_triangle_switched(data):
     assert everett == pytest.approx(w @ (before - after) / 2, rel=1e-12, abs=1e-9)
 
 
-@pytest.mark.parametrize("sampling", ["event", "sample"])
-@given(data=st.data(), hysteron=hysterons)
-def test_a_filter_that_knows_the_weights_keeps_them(sampling, data, hysteron):
+@few
+@given(data=st.data(), hysteron=hysterons, sampling=st.sampled_from(["event", "sample"]))
+def test_a_filter_that_knows_the_weights_keeps_them(data, hysteron, sampling):
     """Without noise the true weights are a fixed point of the recursion, whatever the history."""
     plane = data.draw(planes)
     x, w = data.draw(histories(plane)), data.draw(weights(plane))

@@ -1,6 +1,5 @@
 """The plane's grid, quantiser, Everett function and initial memory."""
 
-import equinox as eqx
 import hypothesis.strategies as st
 import jax
 import numpy as np
@@ -9,50 +8,29 @@ from hypothesis import given
 
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.simulation import simulate
 from preisach_jax.operator.states import hysteron_states
 
 quantise = jax.jit(Plane.quantise)
 everett_of = jax.jit(Plane.everett)
-# Compiled, they take an input beyond the plane: the hysterons saturate.
-states_of = eqx.filter_jit(hysteron_states)
-simulated = eqx.filter_jit(simulate)
 
 
-@pytest.mark.parametrize(("levels", "cells"), [(2, 3), (9, 45), (37, 703), (75, 2850)])
-def test_cells_are_counted_with_the_diagonal(levels, cells):
-    plane = Plane(levels=levels, low=0.0, high=75.0)
-    assert plane.cells == cells == len(plane.alpha) == len(plane.beta)
-    assert np.sum(plane.alpha == plane.beta) == levels
-    assert np.all(plane.alpha >= plane.beta)
-
-
-def test_thresholds_are_the_centres_of_range_over_n():
-    plane = Plane(levels=5, low=-1.0, high=9.0)
+def test_cells_are_ordered_by_row_with_the_diagonal_and_thresholds_lie_in_their_middles():
+    plane = Plane(levels=6, low=-1.0, high=11.0)
     assert plane.delta_x == 2.0
-    np.testing.assert_allclose(plane.thresholds, [0.0, 2.0, 4.0, 6.0, 8.0], atol=1e-15)
-
-
-def test_flat_order_of_the_cells():
-    plane = Plane(levels=6, low=0.0, high=6.0)
-    flat = 0
-    for i in range(6):
-        for j in range(i + 1):
-            assert flat == i * (i + 1) // 2 + j
-            assert (plane.alpha_index[flat], plane.beta_index[flat]) == (i, j)
-            assert plane.alpha[flat] == i + 0.5
-            assert plane.beta[flat] == j + 0.5
-            flat += 1
-    assert flat == plane.cells
+    assert plane.cells == len(plane.alpha) == len(plane.beta) == 21
+    np.testing.assert_array_equal(plane.thresholds, [0, 2, 4, 6, 8, 10])
+    order = [(i, j) for i in range(6) for j in range(i + 1)]
+    np.testing.assert_array_equal(np.stack([plane.alpha_index, plane.beta_index], 1), order)
+    np.testing.assert_array_equal(np.stack([plane.alpha, plane.beta], 1), 2 * np.array(order))
 
 
 @pytest.mark.parametrize("hysteron", HYSTERONS)
-@pytest.mark.parametrize("limits", [(0.0, 75.0), (-1e-3, 7e-4), (1e3 + 0.1, 1e3 + 7.3)])
-def test_all_are_off_at_low_and_on_at_high(hysteron, limits, precision):
-    low, high = np.asarray(limits, precision)
-    plane = Plane(levels=37, low=low, high=high)
-    states = states_of(plane, np.array([low, high, low]), np.zeros(plane.cells), hysteron)
-    np.testing.assert_array_equal(states.sum(axis=1), [0, plane.cells, 0])
+def test_all_are_off_at_low_and_on_at_high(hysteron, precision):
+    for limits in ((0.0, 75.0), (-1e-3, 7e-4), (1e3 + 0.1, 1e3 + 7.3)):
+        low, high = np.asarray(limits, precision)
+        plane = Plane(levels=37, low=low, high=high)
+        states = hysteron_states(plane, np.array([low, high, low]), "low", hysteron)
+        np.testing.assert_array_equal(states.sum(axis=1), [0, plane.cells, 0])
 
 
 def slow_quantiser(x, thresholds):
@@ -74,32 +52,12 @@ def test_quantiser_counts_thresholds_by_direction(dtype, quarters):
     assert levels.tolist() == slow_quantiser(path, plane.thresholds)
 
 
-@given(quarters=st.lists(st.integers(-2, 18), min_size=30, max_size=30))
-def test_quantiser_is_the_sum_of_the_relays_on_the_diagonal(quarters):
-    plane = Plane(levels=4, low=0.0, high=4.0)
-    path = np.append(0.0, np.array(quarters) / 4)
-    diagonal = plane.alpha_index == plane.beta_index
-    relays = simulated(plane, diagonal.astype(float), path, "relay")
-    np.testing.assert_array_equal(quantise(plane, path), relays)
-
-
 def test_matrix_shows_each_cell_at_its_indices():
     plane = Plane(levels=7, low=0.0, high=1.0)
     values = np.random.default_rng(0).normal(size=plane.cells)
     matrix = plane.matrix(values)
     np.testing.assert_array_equal(matrix[plane.alpha_index, plane.beta_index], values)
     np.testing.assert_array_equal(np.isnan(matrix), np.triu(np.ones((7, 7), bool), 1))
-
-
-@given(turns=st.tuples(st.floats(-1, 6), st.floats(-1, 6)))
-def test_everett_function_is_half_the_fall_of_the_simulated_output(turns):
-    plane = Plane(levels=5, low=0.0, high=5.0)
-    weights = np.random.default_rng(3).uniform(-1, 2, plane.cells)
-    alpha, beta = turns
-    with jax.enable_x64(True):
-        z = np.asarray(simulated(plane, weights, np.array([0.0, alpha, min(alpha, beta)]), "ramp"))
-        everett = everett_of(plane, weights, alpha, beta)
-    np.testing.assert_allclose(everett, (z[1] - z[2]) / 2, atol=1e-13)
 
 
 def test_everett_function_is_half_the_weight_of_the_triangle(precision, tolerance):
@@ -116,45 +74,28 @@ def test_everett_function_is_half_the_weight_of_the_triangle(precision, toleranc
             np.testing.assert_allclose(everett[row, column], expected, rtol=tolerance)
 
 
-def test_everett_function_predicts_every_minor_branch(x64):
-    """Congruency: on any history, the branch between two turning points has the Everett shape."""
-    plane = Plane(levels=9, low=0.0, high=9.0)
-    weights = np.random.default_rng(5).uniform(size=plane.cells)
-    falling = np.linspace(6.3, 2.2, 30)
-    rising = falling[::-1]
-    for history in ([0.0], [0.0, 9.0, 0.4], [0.0, 8.1, 1.7, 7.7, 2.0]):
-        path = np.concatenate([history, falling, rising])
-        z = np.asarray(simulate(plane, weights, path))[len(history) :]
-        fall = 2 * np.asarray(everett_of(plane, weights, falling[0], falling))
-        np.testing.assert_allclose(z[0] - z[:30], fall, atol=1e-12)
-        climb = 2 * np.asarray(everett_of(plane, weights, rising, rising[0]))
-        np.testing.assert_allclose(z[30:] - z[30], climb, atol=1e-12)
-
-
-@pytest.mark.parametrize("hysteron", HYSTERONS)
-@pytest.mark.parametrize("levels", [6, 7])
-def test_demagnetised_memory_is_what_a_decaying_input_leaves(hysteron, levels, x64):
+@pytest.mark.parametrize(("levels", "hysteron"), [(5, "relay"), (6, "relay"), (5, "ramp")])
+def test_demagnetised_memory_is_what_a_decaying_input_leaves(levels, hysteron, x64):
     plane = Plane(levels=levels, low=-1.0, high=3.0)
-    cycles = 4000
-    amplitude = np.linspace(2.2, 0.0, 2 * cycles)
+    cycles = 1500
+    amplitude = np.linspace(2.0, 0.0, 2 * cycles)
     path = 1.0 + amplitude * np.where(np.arange(2 * cycles) % 2 == 0, 1.0, -1.0)
-    left = np.asarray(states_of(plane, path, "low", hysteron))[-1]
+    left = np.asarray(hysteron_states(plane, path, "low", hysteron))[-1]
     named = np.asarray(plane.initial_states("demagnetised", 1.0, hysteron))
     on_the_line = plane.alpha_index + plane.beta_index + 1 == levels
     # A relay on the line goes with the last extreme; a ramp settles half on.
     decided = ~on_the_line if hysteron == "relay" else np.ones(plane.cells, bool)
-    np.testing.assert_allclose(named[decided], left[decided], atol=2e-3)
+    np.testing.assert_allclose(named[decided], left[decided], atol=4e-3)
     assert np.all(named[on_the_line] == (0.5 if hysteron == "ramp" else 0.0))
 
 
-@pytest.mark.parametrize("hysteron", HYSTERONS)
 @pytest.mark.parametrize("kind", ["low", "high", "demagnetised"])
-def test_initial_memory_agrees_with_the_first_input(kind, hysteron, precision):
+def test_initial_memory_agrees_with_the_first_input(kind, precision):
     plane = Plane(levels=8, low=0.0, high=8.0)
     x0 = np.asarray(4.75, precision)
-    states = plane.initial_states(kind, x0, hysteron)
+    states = plane.initial_states(kind, x0, "ramp")
     assert states.dtype == precision
-    np.testing.assert_array_equal(states_of(plane, x0[None], states, hysteron)[0], states)
+    np.testing.assert_array_equal(hysteron_states(plane, x0[None], states, "ramp")[0], states)
     states = np.asarray(states)
     assert np.all(states[plane.alpha_index < 4] == 1)
     assert np.all(states[plane.beta_index > 4] == 0)
@@ -165,33 +106,14 @@ def test_initial_memory_agrees_with_the_first_input(kind, hysteron, precision):
         assert 0 < float(states[free].sum()) < free.sum()
 
 
-def test_equal_planes_share_one_compilation():
-    traced = []
-
-    @jax.jit
-    def count(plane, x):
-        traced.append(plane)
-        return plane.quantise(x).sum()
-
-    x = np.linspace(0.0, 3.0, 7)
-    count(Plane(levels=3, low=0, high=3), x)
-    count(Plane(levels=3, low=0.0, high=3.0), x)
-    assert len(traced) == 1
-    assert not jax.tree.leaves(traced[0])
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ((1, 0.0, 1.0), "levels is 1: give a whole number of at least 2"),
-        ((0, 0.0, 1.0), "levels is 0"),
         ((2.0, 0.0, 1.0), r"levels is 2\.0: give a whole number of at least 2"),
         (("two", 0.0, 1.0), "levels is 'two': give a whole number of at least 2"),
-        ((-3, 0.0, 1.0), "levels is -3"),
         ((5, "low", 1.0), "a limit of the plane is 'low': give a number"),
-        ((5, 0.0, None), "a limit of the plane is None: give a number"),
         ((5, 1.0, 1.0), r"low is 1\.0 and high is 1\.0"),
-        ((5, 2.0, -1.0), r"low is 2\.0 and high is -1\.0"),
         ((5, float("nan"), 1.0), "low is nan"),
         ((5, 0.0, float("inf")), "high is inf"),
     ],
@@ -203,13 +125,12 @@ def test_a_bad_plane_is_named_with_its_value(arguments, message):
 
 def test_wrong_shapes_and_names_are_named():
     plane = Plane(levels=3, low=0.0, high=1.0)
-    with pytest.raises(ValueError, match=r"values has the shape \(4,\).*\(6,\)"):
-        plane.matrix(np.zeros(4))
-    with pytest.raises(ValueError, match=r"weights has the shape \(5,\).*\(6,\)"):
-        plane.everett(np.zeros(5), 1.0, 0.0)
-    with pytest.raises(ValueError, match="'free'"):
-        plane.initial_states("free", 0.0)
-    with pytest.raises(ValueError, match="'soft'"):
-        plane.initial_states("low", 0.0, "soft")
-    with pytest.raises(ValueError, match=r"\(1, 2\)"):
-        plane.quantise(np.zeros((1, 2)))
+    for call, message in (
+        (lambda: plane.matrix(np.zeros(4)), r"values has the shape \(4,\).*\(6,\)"),
+        (lambda: plane.everett(np.zeros(5), 1.0, 0.0), r"weights has the shape \(5,\).*\(6,\)"),
+        (lambda: plane.initial_states("free", 0.0), "'free'"),  # pyright: ignore
+        (lambda: plane.initial_states("low", 0.0, "soft"), "'soft'"),  # pyright: ignore
+        (lambda: plane.quantise(np.zeros((1, 2))), r"\(1, 2\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()

@@ -1,10 +1,11 @@
 """Recursive least squares against the batch problem that it claims to solve, and the comparison."""
 
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
 import pytest
+from oracles import PLANE, SAMPLES, slow_states, wandering
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
@@ -13,15 +14,10 @@ from preisach_jax.filter.least_squares import RecursiveLeastSquares
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
-from preisach_jax.operator.states import hysteron_states
 from preisach_jax.plant import make_stage
 from preisach_jax.signals import bernoulli_ramp
 
-PLANE = Plane(levels=6, low=0.0, high=6.0)
-SAMPLES = 800
-
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
-states_of = jax.jit(hysteron_states, static_argnames=("initial_states", "hysteron"))
 pytestmark = pytest.mark.usefixtures("x64")
 
 
@@ -32,22 +28,11 @@ def x64():
         yield
 
 
-def wandering(samples=SAMPLES, high=6.0, seed=1, speed=0.37):
-    """Ramps between random turning points."""
-    rng = np.random.default_rng(seed)
-    path, goal = [0.0], high
-    while len(path) < samples:
-        path.append(path[-1] + np.clip(goal - path[-1], -speed, speed))
-        if path[-1] == goal:
-            goal = rng.uniform(0, high)
-    return np.array(path)
-
-
 def record(hysteron, seed=0, noise=0.1, samples=SAMPLES):
     """Input, states along it, true weights, and a noisy output with an offset and gaps."""
     rng = np.random.default_rng(seed)
-    x = wandering(samples, seed=seed + 1)
-    states = np.asarray(states_of(PLANE, x, "low", hysteron))
+    x = wandering(samples=samples, seed=seed + 1)
+    states = slow_states(PLANE, x, hysteron)
     truth = rng.uniform(0.1, 1.0, PLANE.cells)
     z = 50.0 + states @ truth + rng.normal(0, noise, samples)
     z[5:][rng.random(samples - 5) < 0.2] = np.nan
@@ -82,14 +67,15 @@ def batch(states, z, events, forgetting, start, variance):
     return information, np.linalg.solve(information, right), strengths
 
 
-@both_kinds
-@pytest.mark.parametrize("forgetting", [1.0, 0.995, 0.9])
+@pytest.mark.parametrize(
+    ("hysteron", "forgetting"), [("relay", 0.995), ("ramp", 1.0), ("ramp", 0.9)]
+)
 def test_the_estimates_are_those_of_the_batch(hysteron, forgetting):
     x, z, states, _ = record(hysteron)
     start = np.random.default_rng(3).uniform(0, 1, PLANE.cells)
     result = RecursiveLeastSquares(PLANE, hysteron, forgetting, start, 30.0).run(x, z)
     events = events_of(states, z)
-    assert len(events) > 100
+    assert len(events) > 50
     information, expected, strengths = batch(states, z, events, forgetting, start, 30.0)
     np.testing.assert_allclose(result.weights, expected[:-1], rtol=1e-9, atol=1e-10)
     assert float(result.offset) == pytest.approx(expected[-1], rel=1e-10)
@@ -122,12 +108,10 @@ def test_the_rows_are_those_before_each_update(hysteron):
                 assert float(result.error[k]) == pytest.approx(z[k] - output, abs=1e-8)
 
 
-@both_kinds
-@pytest.mark.parametrize("missing", [0, 7])
-def test_steps_and_runs_continue_each_other(hysteron, missing):
-    x, z, _, _ = record(hysteron)
-    z[:missing] = np.nan
-    filt = RecursiveLeastSquares(PLANE, hysteron, 0.99)
+def test_steps_and_runs_continue_each_other():
+    x, z, _, _ = record("ramp")
+    z[:7] = np.nan
+    filt = RecursiveLeastSquares(PLANE, "ramp", 0.99)
     whole = filt.run(x, z)
     step = jax.jit(RecursiveLeastSquares.step)
     state, rows = filt.init(x[0], z[0]), []
@@ -143,51 +127,26 @@ def test_steps_and_runs_continue_each_other(hysteron, missing):
     assert int(rest.state.turn) == int(whole.state.turn)
 
 
-@both_kinds
-def test_any_constant_in_the_output_goes_to_the_offset(hysteron):
-    x, z, _, _ = record(hysteron)
-    filt = RecursiveLeastSquares(PLANE, hysteron)
-    plain, shifted = filt.run(x, z), filt.run(x, z - 1000)
-    np.testing.assert_allclose(shifted.weights, plain.weights, atol=1e-9)
-    assert float(shifted.offset) == pytest.approx(float(plain.offset) - 1000, abs=1e-8)
-
-
-@both_kinds
-def test_the_truth_is_found_in_one_short_record(hysteron):
+def test_the_truth_and_any_constant_are_found_in_one_short_record():
     """Without noise the weak prior is all that is left; the adaptive filter is far from there."""
-    x, _, states, truth = record(hysteron)
+    x, _, states, truth = record("ramp")
     z = 7.0 + states @ truth
-    result = RecursiveLeastSquares(PLANE, hysteron, initial_variance=1e8).run(x, z)
+    result = RecursiveLeastSquares(PLANE, "ramp", initial_variance=1e8).run(x, z)
     np.testing.assert_allclose(result.weights, truth, atol=1e-5)
     assert float(result.offset) == pytest.approx(7.0, abs=1e-5)
-    slow = AdaptiveFilter(PLANE, hysteron).run(x, z)
+    slow = AdaptiveFilter(PLANE, "ramp").run(x, z)
     assert np.linalg.norm(slow.weights - truth) > 1e3 * np.linalg.norm(result.weights - truth)
 
 
-@both_kinds
-def test_nothing_is_learnt_where_nothing_moves(hysteron):
-    x, z, _, _ = record(hysteron)
-    filt = RecursiveLeastSquares(PLANE, hysteron, 0.9)
-    moved = filt.run(x, z)
-    noise = np.random.default_rng(5).normal(size=SAMPLES)
-    rested = filt.run(np.full(SAMPLES, x[-1]), noise, moved.state)
-    # What moved since the last event may make the first sample one.
-    assert np.count_nonzero(rested.switched) <= 1
-    again = filt.run(np.full(SAMPLES, x[-1]), noise, rested.state)
-    np.testing.assert_array_equal(again.weights, rested.weights)
-    np.testing.assert_array_equal(again.state.covariance, rested.state.covariance)
-
-
-@both_kinds
-def test_forgetting_does_not_wind_up_cells_that_are_not_visited(hysteron):
-    """Bare forgetting would multiply their variance by λ⁻ⁿ, here above 10¹⁵."""
+def test_forgetting_does_not_wind_up_cells_that_are_not_visited():
+    """Bare forgetting would multiply their variance by λ⁻ⁿ, here above 10⁷."""
     x = wandering(high=3.0, seed=7, speed=1.3)
-    states = np.asarray(states_of(PLANE, x, "low", hysteron))
+    states = slow_states(PLANE, x, "ramp")
     truth = np.random.default_rng(8).uniform(0.1, 1.0, PLANE.cells)
     forgetting, variance = 0.9, 50.0
-    filt = RecursiveLeastSquares(PLANE, hysteron, forgetting, 0.3, variance)
+    filt = RecursiveLeastSquares(PLANE, "ramp", forgetting, 0.3, variance)
     result = filt.run(x, states @ truth)
-    assert forgetting ** -np.count_nonzero(result.switched) > 1e15
+    assert forgetting ** -np.count_nonzero(result.switched) > 1e7
     covariance = np.asarray(result.state.covariance)
     visited = np.ptp(states, axis=0) > 0
     variances = np.diag(covariance)[:-1]
@@ -196,31 +155,6 @@ def test_forgetting_does_not_wind_up_cells_that_are_not_visited(hysteron):
     # What was not seen stays as it was.
     np.testing.assert_allclose(result.weights[~visited], 0.3, atol=1e-12)
     assert variances[~visited].min() >= variance / 2
-
-
-def test_forgetting_follows_weights_that_change():
-    x, _, states, truth = record("ramp")
-    z = states @ truth
-    z[400:] = states[400:] @ (truth[::-1])
-    left = [
-        np.sqrt(np.mean(RecursiveLeastSquares(PLANE, "ramp", lam).run(x, z).error[-150:] ** 2))
-        for lam in (1.0, 0.95)
-    ]
-    assert left[1] < 0.2 * left[0]
-
-
-def test_a_batch_of_outputs_and_settings_is_a_loop_over_them():
-    x, z, _, _ = record("ramp", samples=200)
-    outputs = np.array([z, z + np.cos(x), np.where(np.arange(200) < 9, np.nan, z)])
-    batch = outputs, np.array([1.0, 0.99, 0.9]), np.array([1.0, 10.0, 100.0])
-
-    @jax.jit
-    def weights(z, forgetting, variance):
-        return RecursiveLeastSquares(PLANE, "ramp", forgetting, 1e-9, variance).run(x, z).weights
-
-    loop = np.array([weights(*settings) for settings in zip(*batch, strict=True)])
-    np.testing.assert_allclose(jax.vmap(weights)(*batch), loop, atol=1e-10)
-    assert np.abs(np.diff(loop, axis=0)).max(axis=1).min() > 1e-3
 
 
 def test_single_precision_is_refused_and_raised_where_it_can_be():
@@ -234,55 +168,41 @@ def test_single_precision_is_refused_and_raised_where_it_can_be():
                 call()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("play",), "'play'"),
-        (("relay", 1.01), r"forgetting is 1\.01: with 21 cells give a number from 0\.6449"),
-        (("relay", 0.5), r"forgetting is 0\.5: .* to 1"),
-        (("relay", np.nan), "forgetting is nan"),
-        (("relay", np.ones(2)), r"forgetting has the shape \(2,\)"),
-        (("relay", 1.0, np.zeros(4)), r"initial_weight has the shape \(4,\): .*\(21,\)"),
-        (("relay", 1.0, np.inf), "initial_weight is inf"),
-        (("relay", 1.0, 0.0, 0.0), r"initial_variance is 0\.0: give a number above 0"),
-        (("relay", 1.0, 0.0, np.inf), "initial_variance is inf"),
-        (("relay", "x"), "forgetting is 'x': give one number"),
-        (("relay", 1.0, "x"), r"initial_weight is 'x': give one number or \(21,\)"),
-        (("relay", 1.0, 0.0, None), "initial_variance is None: give one number"),
-    ],
-)
-def test_a_mistake_in_the_settings_is_named_with_its_value(arguments, message):
-    with pytest.raises(InputError, match=message):
-        RecursiveLeastSquares(PLANE, *arguments)
-
-
-def test_a_mistake_in_a_record_is_named_with_its_value():
-    filt = RecursiveLeastSquares(PLANE)
-    reals = np.arange(7.0)
+def test_mistakes_are_named_with_their_values():
+    filt, reals, anything = RecursiveLeastSquares(PLANE), np.arange(7.0), cast(Any, 5)
     other = RecursiveLeastSquares(Plane(levels=3, low=0.0, high=1.0)).init(0.0, 0.0)
-    with pytest.raises(InputError, match=r"x is 6\.5 at sample 2, and the plane reaches"):
-        filt.run(np.array([0.0, 3.0, 6.5]), np.zeros(3))
-    with pytest.raises(InputError, match=r"\(7,\).*\(3,\)"):
-        filt.run(reals, np.zeros(3))
-    with pytest.raises(InputError, match="z is inf: give NaN"):
-        filt.run(reals[:1], np.array([np.inf]))
-    with pytest.raises(InputError, match="z has the type int64"):
-        filt.run(reals, np.arange(7))
-    with pytest.raises(InputError, match=r"\(6,\).*\(21,\)"):
-        filt.run(reals, reals, other)
-    anything: Any = 5
-    with pytest.raises(InputError, match="the state is int: give a LeastSquaresState"):
-        filt.run(reals, reals, anything)
-    with pytest.raises(InputError, match="the plane is 5: give a Plane"):
-        RecursiveLeastSquares(anything)
-    with pytest.raises(InputError, match="the plane is 5: give a Plane"):
-        compare_recursions(anything, reals, reals, reals, reals)
+
+    def of(*arguments: Any):
+        return lambda: RecursiveLeastSquares(PLANE, *arguments)
+
+    for call, message in (
+        (of("play"), "'play'"),
+        (of("relay", 1.01), r"forgetting is 1\.01: with 15 cells give a number from 0"),
+        (of("relay", np.ones(2)), r"forgetting has the shape \(2,\)"),
+        (of("relay", 1.0, np.zeros(4)), r"initial_weight has the shape \(4,\): .*\(15,\)"),
+        (of("relay", 1.0, "x"), r"initial_weight is 'x': give one number or \(15,\)"),
+        (of("relay", 1.0, 0.0, 0.0), r"initial_variance is 0\.0: give a number above 0"),
+        (of("relay", 1.0, 0.0, None), "initial_variance is None: give one number"),
+        (lambda: filt.run(2 * reals, reals), "x is 10 at sample 5, and the plane reaches"),
+        (lambda: filt.run(reals, np.zeros(3)), r"\(7,\).*\(3,\)"),
+        (lambda: filt.run(reals[:1], np.array([np.inf])), "z is inf: give NaN"),
+        (lambda: filt.run(reals, np.arange(7)), "z has the type int64"),
+        (lambda: filt.run(reals, reals, other), r"\(6,\).*\(15,\)"),
+        (lambda: filt.run(reals, reals, anything), "the state is int: give a LeastSquaresState"),
+        (lambda: RecursiveLeastSquares(anything), "the plane is 5: give a Plane"),
+        (
+            lambda: compare_recursions(anything, reals, reals, reals, reals),
+            "the plane is 5: give a Plane",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
 
 
 def test_least_squares_replays_what_one_pass_of_the_filter_does_not():
     """On a smooth stage that is no grid, with noise; the rows are what the runs give by hand."""
-    plane, stage = Plane(levels=12, low=0.0, high=75.0), make_stage(seed=2)
-    x, new = (np.asarray(bernoulli_ramp(jax.random.key(k), 8000, 2000.0)) for k in (1, 2))
+    plane, stage = Plane(levels=9, low=0.0, high=75.0), make_stage(seed=2)
+    x, new = (np.asarray(bernoulli_ramp(jax.random.key(k), 3000, 1000.0)) for k in (1, 2))
     z, new_z = stage.hysteresis(x), 3.0 + stage.hysteresis(new)
     z = z + np.random.default_rng(0).normal(0, 0.5, len(z))
     rows = compare_recursions(plane, x, z, new, new_z, "ramp", (1, 2), (0.5,), (1.0,))
@@ -298,6 +218,6 @@ def test_least_squares_replays_what_one_pass_of_the_filter_does_not():
     assert best.replay < 0.2 * min(one.replay, two.replay)
     result = AdaptiveFilter(plane, "ramp", step_size=0.5).run(x, z)
     left = new_z - np.asarray(simulate(plane, result.weights, new))
-    late = np.asarray(result.error)[4000:][np.asarray(result.switched)[4000:] > 0]
+    late = np.asarray(result.error)[1500:][np.asarray(result.switched)[1500:] > 0]
     assert half.replay == pytest.approx(np.std(left) / np.ptp(new_z))
     assert half.error == pytest.approx(np.sqrt(np.mean(late**2)) / np.ptp(new_z))

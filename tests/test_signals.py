@@ -48,18 +48,7 @@ def test_every_signal_keeps_its_range_and_is_the_same_in_both_precisions(name):
     assert np.ptp(double) > 40.0
 
 
-def test_signals_can_be_compiled_and_batched():
-    keys = jax.random.split(jax.random.key(0), 3)
-
-    def draw(key):
-        return signals.bernoulli_ramp(key, N, RATE)
-
-    batch = jax.jit(jax.vmap(draw))(keys)
-    for key, row in zip(keys, batch, strict=True):
-        np.testing.assert_allclose(row, draw(key), rtol=0, atol=1e-4)
-
-
-def test_triangle_against_its_corners(precision):
+def test_triangle_against_its_corners():
     t = np.arange(N) / RATE
     cycles = 3.0 * t % 1.0
     expected = np.interp(cycles, [0.0, 0.5, 1.0], [10.0, 30.0, 10.0])
@@ -67,12 +56,7 @@ def test_triangle_against_its_corners(precision):
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-4)
 
 
-def test_triangle_repeats_exactly(precision):
-    u = np.asarray(signals.triangle(N, RATE, 2.5))
-    np.testing.assert_array_equal(u[:800], u[-800:])
-
-
-def test_decaying_triangles_shrink_at_constant_slope(precision):
+def test_decaying_triangles_shrink_at_constant_slope():
     u = np.asarray(signals.decaying_triangles(N, RATE, 300.0, 10, 0.0, 75.0, 30.0), float)
     turns = u[corners(u)]
     assert np.all(np.diff(np.abs(turns - 30.0)[::2]) < 0.0)
@@ -84,7 +68,7 @@ def test_decaying_triangles_shrink_at_constant_slope(precision):
     assert np.mean(np.isclose(speed, 300.0, rtol=0.02) | (speed < 0.02)) > 0.99
 
 
-def test_staircase_against_a_loop(precision):
+def test_staircase_against_a_loop():
     hold = 100
     levels = [*range(5), *range(5, 0, -1)] * 4
     expected = np.repeat(15.0 * np.array(levels), hold)
@@ -92,14 +76,14 @@ def test_staircase_against_a_loop(precision):
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5)
 
 
-def test_chirp_against_scipy(precision):
+def test_chirp_against_scipy(x64):
     t = np.arange(N) / RATE
     expected = 40.0 + 5.0 * oracle.chirp(t, 0.5, 2.0, 60.0, phi=-90)
     got = signals.chirp(N, RATE, 0.5, 60.0, 40.0, 5.0)
-    np.testing.assert_allclose(got, expected, rtol=0, atol=2e-2 if precision == "float32" else 1e-8)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-8)
 
 
-def test_multisine_has_its_lines_and_no_others(precision):
+def test_multisine_has_its_lines_and_no_others():
     lines = (3, 7, 20, 151)
     u = signals.multisine(jax.random.key(2), N, lines, 30.0, 12.0)
     spectrum = np.abs(np.fft.rfft(np.asarray(u, float) - 30.0))
@@ -138,7 +122,7 @@ def test_bernoulli_turning_points_spread_over_the_range():
     assert len(np.unique(np.round(turns, 1))) > 25  # a lattice would show a few
 
 
-def test_random_steps_hold(precision):
+def test_random_steps_hold():
     u = np.asarray(signals.random_steps(jax.random.key(0), N, 1000.0, 0.11, 5.0, 9.0))
     blocks = u[: 36 * 110].reshape(36, 110)
     np.testing.assert_array_equal(blocks, np.broadcast_to(blocks[:, :1], blocks.shape))
@@ -179,18 +163,14 @@ def test_diagnostic_record_has_rates_holds_and_a_vibration(diagnostic):
     assert len(corners(part)) > 40
 
 
-def test_diagnostic_record_has_equal_minor_loops_on_both_branches(diagnostic):
+def test_diagnostic_record_fills_the_plane_and_has_equal_minor_loops_on_both_branches(diagnostic):
     turns = diagnostic[corners(diagnostic)]
+    filled, _ = np.histogram(turns, np.linspace(0.0, 75.0, 13))
+    assert np.all(filled >= 3)
     swing = np.diff(turns)
     for sign in (1.0, -1.0):
         starts = turns[:-1][np.isclose(swing, sign * 12.0, atol=0.2)]
         assert len(np.unique(np.round(starts / 5.0))) >= 5
-
-
-def test_diagnostic_record_fills_the_plane(diagnostic):
-    turns = diagnostic[corners(diagnostic)]
-    filled, _ = np.histogram(turns, np.linspace(0.0, 75.0, 13))
-    assert np.all(filled >= 3)
 
 
 def test_diagnostic_record_stretches_to_duration_and_range(diagnostic):
@@ -203,22 +183,15 @@ def test_diagnostic_record_stretches_to_duration_and_range(diagnostic):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: signals.triangle(10, 0.0, 1.0), "rate_hz is 0.0"),
         (lambda: signals.triangle(0, 1.0, 0.5), "samples is 0"),
-        (lambda: signals.triangle(9.5, 1.0, 0.5), "samples is 9.5"),  # pyright: ignore
         (lambda: signals.triangle(9, 1.0, 0.6), "frequency_hz is 0.6"),
-        (lambda: signals.triangle(9, 1.0, 0.5, 0.0, np.inf), "both finite"),
-        (lambda: signals.staircase(9, 1.0, 1.0, steps=2.5), "steps is 2.5"),  # pyright: ignore
         (lambda: signals.multisine(jax.random.key(0), 64, lines=(3.5,)), "whole numbers"),  # pyright: ignore
         (lambda: signals.multisine(jax.random.key(0), 64, lines=(3, 3)), "only once"),
         (lambda: signals.bernoulli_ramp(0, 9, 1.0), "key is 0: make one"),  # pyright: ignore
         (lambda: signals.triangle(10, 1.0, 0.5, 5.0, 5.0), "low must be below high"),
         (lambda: signals.decaying_triangles(10, 1.0, 1.0, centre=80.0), "centre is 80.0"),
-        (lambda: signals.staircase(10, 1.0, -1.0), "hold_s is -1.0"),
         (lambda: signals.chirp(10, 100.0, 1.0, 50.0), "high_hz is 50.0"),
         (lambda: signals.multisine(jax.random.key(0), 10, (5,)), "lines are"),
-        (lambda: signals.multisine(jax.random.key(0), 10, ()), "lines are"),
-        (lambda: signals.bernoulli_ramp(jax.random.key(0), 10, 1.0, slope=-1.0), "slope is -1.0"),
         (lambda: signals.random_steps(jax.random.key(0), 10, 1.0, 0.0), "hold_s is 0.0"),
         (lambda: signals.diagnostic_record(1.0, 1000.0), "too few"),
     ],

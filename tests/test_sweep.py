@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
 import sys
 from typing import Any
 
@@ -11,13 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import preisach_jax
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.sweep import (
-    INITIAL_WEIGHT_UM,
     Sweep,
     fit_power_law,
     merge,
@@ -30,19 +27,15 @@ from preisach_jax.theory import largest_slope
 from preisach_jax.work.manifest import made_with
 
 # One setting for most tests, so that little has to be compiled.
-LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1500, 2
-FIRST = 300
+LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
+FIRST = 200
 SETTINGS = (LEVELS, NOISE, SEEDS, SAMPLES)
+KEY, ONES = jax.random.key(7), np.ones(2)
 
 
 @pytest.fixture(scope="module")
-def key():
-    return jax.random.key(7)
-
-
-@pytest.fixture(scope="module")
-def whole(key):
-    return sweep(key, *SETTINGS)
+def whole():
+    return sweep(KEY, *SETTINGS)
 
 
 def plane_of(levels):
@@ -89,11 +82,10 @@ def outputs(plane, drawn, noise):
     return [np.asarray(drawn.record.stroke_um), clean, *noisy]
 
 
-@pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("n", range(len(LEVELS)))
-def test_a_sweep_is_the_filter_run_one_by_one(n, seed, key, whole, x64):
-    plane = plane_of(LEVELS[n])
-    drawn = realisation(key, seed, SAMPLES, len(NOISE))
+def test_a_sweep_is_the_filter_run_one_by_one(n, whole, x64):
+    plane, seed = plane_of(LEVELS[n]), 3
+    drawn = realisation(KEY, seed, SAMPLES, len(NOISE))
     x, truth = np.asarray(drawn.record.input_v), true_weights(plane)
     filt, paths = AdaptiveFilter(plane), []
     for lane, z in enumerate(outputs(plane, drawn, NOISE)):
@@ -117,106 +109,66 @@ def test_a_sweep_is_the_filter_run_one_by_one(n, seed, key, whole, x64):
         np.testing.assert_allclose(whole.noise_part[n, lane, seed], added, rtol=1e-8)
 
 
-def test_labels_and_the_slope_are_those_of_the_records(key, whole, x64):
+def test_the_noise_power_is_that_of_the_greatest_slope_of_all_records(whole, x64):
     slopes = []
     for seed in range(SEEDS):
-        record = realisation(key, seed, SAMPLES, len(NOISE)).record
+        record = realisation(KEY, seed, SAMPLES, len(NOISE)).record
         slopes.append(largest_slope(record.input_v, record.stroke_um))
-    np.testing.assert_allclose(whole.slope, max(slopes), rtol=1e-9)
-    assert (whole.first, whole.samples) == (FIRST, SAMPLES)
-    assert whole.levels.tolist() == list(LEVELS)
-    assert whole.noise_um.tolist() == list(NOISE)
-    assert whole.seeds.tolist() == [0, 1, 2, 3]
-    assert [rows.shape for rows in whole.weights] == [(4, 4, 15), (4, 4, 6)]
-    np.testing.assert_array_equal(whole.cells, [15, 6])
-    np.testing.assert_array_equal(whole.delta_x, [15.0, 25.0])
-    np.testing.assert_allclose(whole.noise_power, whole.slope**2 * np.array([15, 25]) ** 2 / 12)
+    power = max(slopes) ** 2 * np.array([15, 25]) ** 2 / 12
+    np.testing.assert_allclose(whole.noise_power, power, rtol=1e-9)
 
 
-def test_noise_has_unit_variance_and_its_own_draw_for_each_power_and_seed(key, x64):
-    drawn = [np.asarray(realisation(key, seed, 3000, 2).noise) for seed in range(2)]
-    columns = np.concatenate(drawn, axis=1)
-    covariance = np.cov(columns.T)
-    np.testing.assert_allclose(covariance, np.eye(4), atol=0.1)  # four standard errors
-
-
-def test_the_known_truth_is_the_density_of_its_docstring():
-    plane = plane_of(4)
-    density = [
-        np.exp(-4 * (a - b) / 75) * (1 + (a + b) / 150)
-        for a, b in zip(plane.alpha, plane.beta, strict=True)
-    ]
-    expected = 30 * np.array(density) / np.sum(density)
-    np.testing.assert_allclose(true_weights(plane, 30.0), expected, rtol=1e-13)
-    assert np.all(expected > 1000 * INITIAL_WEIGHT_UM)
-
-
-# How it is computed
-
-
-def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(key, whole):
-    parts = [sweep(key, LEVELS, NOISE, numbers, SAMPLES) for numbers in ([0, 1], range(2, 4))]
+def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(whole):
+    parts = [sweep(KEY, LEVELS, NOISE, numbers, SAMPLES) for numbers in ([0, 1], range(2, 4))]
     joined = merge(parts)
     check_same(joined, whole)
-    assert joined.compile_s == parts[0].compile_s + parts[1].compile_s
-    assert joined.run_s == parts[0].run_s + parts[1].run_s
     swapped = merge(parts[::-1])
     assert swapped.seeds.tolist() == [2, 3, 0, 1]
     np.testing.assert_array_equal(swapped.noise_part[:, :, 0], whole.noise_part[:, :, 2])
+    with pytest.raises(InputError, match=r"samples is 1000 .* 2000"):
+        merge([whole, dataclasses.replace(whole, samples=2000)])
 
 
-def test_parts_of_different_sweeps_do_not_join(whole):
-    other = dataclasses.replace(whole, samples=2000)
-    with pytest.raises(InputError, match=r"samples is 1500 .* 2000"):
-        merge([whole, other])
-
-
-def test_other_numbers_of_the_same_shape_compile_nothing(key, whole, compilations):
-    sweep(key, *SETTINGS)
+def test_other_numbers_of_the_same_shape_compile_nothing(whole, compilations):
+    sweep(KEY, *SETTINGS)
     others = []
     again = jax.random.key(8), LEVELS, (0.1, 0.2), [5, 6, 7, 9], SAMPLES
     assert not compilations(lambda: others.append(sweep(*again)))
     (other,) = others
-    assert other.compile_s < 0.1 * other.run_s
     assert not np.array_equal(other.events, whole.events)
-
-
-def test_the_name_in_the_package_is_the_function_whatever_is_imported():
-    code = (
-        "import importlib, preisach_jax.sweep.storage, preisach_jax as pj\n"
-        "importlib.import_module('preisach_jax.sweep.result')\n"
-        "from preisach_jax.sweep import storage\n"
-        "assert callable(pj.sweep) and pj.sweep is storage.sweep"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert preisach_jax.sweep is sweep
-    assert preisach_jax.Sweep is Sweep
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"levels": (5, 1)}, "levels holds 1: give a whole number of at least 2"),
-        ({"levels": ()}, "levels is empty"),
         ({"levels": (5, 5)}, "levels holds .5, 5.: name each only once"),
-        ({"levels": (2.5,)}, "levels holds 2.5: give a whole number"),
         ({"noise": (-0.1,)}, "noise holds -0.1: give standard deviations above 0"),
         ({"noise": (0.0,)}, "noise holds 0.0: .* without noise is always computed"),
-        ({"noise": (float("nan"),)}, "noise holds nan"),
-        ({"noise": ()}, "noise is empty"),
-        ({"noise": (0.1, 0.1)}, "noise holds .0.1, 0.1.: name each only once"),
         ({"seeds": 0}, "seeds is 0: give a whole number of at least 1"),
-        ({"seeds": []}, "seeds is empty"),
         ({"seeds": [1, -1]}, "seeds holds -1: give a whole number of at least 0"),
-        ({"seeds": [1, 1]}, "seeds holds .1, 1.: name each only once"),
         ({"samples": 999}, "samples is 999: give a whole number of at least 1000"),
-        ({"samples": 2000.5}, "samples is 2000.5: give a whole number"),
     ],
 )
-def test_bad_settings_are_refused(change, message, key):
+def test_bad_settings_are_refused(change, message):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES} | change
     with pytest.raises(InputError, match=message):
-        sweep(key, **settings)
+        sweep(KEY, **settings)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: fit_power_law(ONES, -ONES), r"fitted to -1\.0: give positive"),
+        (lambda: fit_power_law(ONES, ONES), "2 points in 1 rows: give at least two more"),
+        (lambda: storage.sweep_to_folder("new", KEY, chunk=0), "chunk is 0: give a whole number"),
+        (lambda: sweep(0, *SETTINGS), r"make one by jax\.random\.key"),  # pyright: ignore
+        (lambda: sweep(np.zeros(3, np.uint32), *SETTINGS), "make one by"),  # pyright: ignore
+    ],
+)
+def test_what_cannot_be_used_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
 
 
 # What it found
@@ -237,19 +189,6 @@ def test_averages_over_all_seeds(whole):
     np.testing.assert_allclose(whole.coefficient_error, stats.sem(ratio, axis=1), rtol=1e-12)
 
 
-def test_one_row_of_a_power_law_is_scipys_regression():
-    rng = np.random.default_rng(0)
-    x = np.geomspace(0.1, 30.0, 9)
-    y = 2.5 * x**1.3 * np.exp(rng.normal(0.0, 0.2, 9))
-    expected: Any = stats.linregress(np.log(x), np.log(y))
-    law = fit_power_law(x, y)
-    np.testing.assert_allclose(law.value, expected.slope, rtol=1e-12)
-    half = stats.t.ppf(0.975, 7) * expected.stderr
-    np.testing.assert_allclose([law.low, law.high], expected.slope + half * np.array([-1, 1]))
-    np.testing.assert_allclose(law.r_squared, expected.rvalue**2, rtol=1e-12)
-    np.testing.assert_allclose(law.correlation, np.corrcoef(x, y)[0, 1], rtol=1e-12)
-
-
 def test_rows_of_a_power_law_share_the_exponent_and_have_their_own_constants():
     rng = np.random.default_rng(1)
     x = np.geomspace(0.1, 30.0, 18).reshape(3, 6)
@@ -262,14 +201,6 @@ def test_rows_of_a_power_law_share_the_exponent_and_have_their_own_constants():
     law = fit_power_law(x, y)
     np.testing.assert_allclose(law[:3], solution[0] + half * np.array([0, -1, 1]), rtol=1e-10)
     assert law.correlation == min(np.corrcoef(*row)[0, 1] for row in zip(x, y, strict=True))
-
-
-def test_power_laws_without_points_enough_or_positive_are_refused(whole):
-    with pytest.raises(InputError, match=r"fitted to -1\.0: give positive"):
-        fit_power_law(np.array([1.0, 2.0, 3.0]), np.array([1.0, -1.0, 3.0]))
-    with pytest.raises(InputError, match="2 points in 1 rows: give at least two more"):
-        fit_power_law(np.array([1.0, 2.0]), np.array([1.0, 2.0]))
-    assert whole.exponents() == {}
 
 
 def test_exponents_are_those_of_the_points(whole):
@@ -291,30 +222,12 @@ def test_exponents_are_those_of_the_points(whole):
     np.testing.assert_allclose(three.coefficient, [3.0, 2.0, 1.0], rtol=1e-12)
 
 
-def test_json_has_a_row_for_each_level(whole):
-    content = json.loads(json.dumps(whole.to_json(), allow_nan=False))
-    assert [(row["levels"], row["cells"]) for row in content["rows"]] == [(5, 15), (3, 6)]
-    for n, row in enumerate(content["rows"]):
-        assert row["noise_power"] == whole.noise_power[n]
-        assert row["auxiliary_norm"] == whole.auxiliary_norm()[n]
-        assert row["noise_part"] == whole.noise_part[n].mean(axis=1).tolist()
-    assert content["residual_interval"] == [FIRST, SAMPLES]
-    assert content["exponent"] == {}
-
-
 def test_xarray_has_named_axes_and_units(whole, monkeypatch):
     pytest.importorskip("xarray")
     dataset = whole.to_xarray()
-    assert dict(dataset.sizes) == {"level": 2, "noise": 2, "seed": 4}
     one = dataset["noise_part"].sel(level=3, noise=0.5, seed=2)
     assert float(one) == whole.noise_part[1, 1, 2]
-    units = {name: dataset[name].attrs["units"] for name in dataset.data_vars}
-    assert units == {
-        "events": "1", "output_error": "um", "weight_error_squared": "um^2",
-        "bias_squared": "um^2", "noise_part": "um^2",
-    }  # fmt: skip
-    assert dataset["noise"].attrs["units"] == "um"
-    assert dataset.attrs["slope_um_per_V"] == whole.slope
+    assert one.attrs["units"] == "um^2"
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match=r"pip install 'preisach_jax\[xarray\]'"):
         whole.to_xarray()
@@ -323,32 +236,17 @@ def test_xarray_has_named_axes_and_units(whole, monkeypatch):
 # Files
 
 
-def test_what_is_saved_is_read_back(whole, tmp_path):
-    whole.save(tmp_path / "sweep.npz")
-    loaded = Sweep.load(tmp_path / "sweep.npz")
-    check_same(loaded, whole)
-    assert (loaded.compile_s, loaded.run_s) == (whole.compile_s, whole.run_s)
-    assert [path.name for path in tmp_path.iterdir()] == ["sweep.npz"]
-
-
-def with_entries(content, offset, value):
-    """An archive whose table of contents says something else of each file at a byte."""
-    begin, *entries = content.split(b"PK\x01\x02")
-    change = offset - 4  # behind the mark of the entry
-    changed = [entry[:change] + bytes([value]) + entry[change + 1 :] for entry in entries]
-    return b"PK\x01\x02".join([begin, *changed])
-
-
-def test_files_that_hold_no_whole_sweep_are_refused(whole, tmp_path):
+def test_what_is_saved_is_read_back_and_what_is_damaged_refused(whole, tmp_path):
     path = tmp_path / "sweep.npz"
     with pytest.raises(InputError, match=r"sweep\.npz does not exist"):
         Sweep.load(path)
     whole.save(path)
+    check_same(Sweep.load(path), whole)
+    assert [*tmp_path.iterdir()] == [path]
     content = path.read_bytes()
     middle = len(content) // 2
     flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-    locked, packed = (with_entries(content, *field) for field in ((8, 1), (10, 99)))
-    for damaged in (b"", content[:-1], content[:middle], flipped, b"no sweep", locked, packed):
+    for damaged in (b"", content[:-1], flipped, b"no sweep"):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="cannot be read as a sweep"):
             Sweep.load(path)
@@ -358,7 +256,7 @@ def chunk_names(folder):
     return sorted(path.name for path in (folder / "done").iterdir())
 
 
-def run_to(folder, key, **changes):
+def run_to(folder, key=KEY, **changes):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES}
     return storage.sweep_to_folder(folder, key, **({**settings, "chunk": CHUNK} | changes))
 
@@ -376,58 +274,35 @@ def computed(monkeypatch):
     return seen
 
 
-def test_a_folder_holds_the_sweep(key, whole, tmp_path, computed):
+def test_a_folder_holds_the_sweep(whole, tmp_path, computed):
     shown = []
-    found = run_to(tmp_path / "new", key, progress=lambda *now: shown.append(now))
+    found = run_to(tmp_path / "new", progress=lambda *now: shown.append(now))
     assert found is not None
     check_same(found, whole, rtol=1e-12)
-    check_same(storage.load_folder(tmp_path / "new"), whole, rtol=1e-12)
+    check_same(Sweep.load(tmp_path / "new"), whole, rtol=1e-12)
     assert computed == [[0, 1], [2, 3]]
     assert shown == [("chunk 1 of 2", 0.0), ("chunk 2 of 2", 0.5)]
     assert chunk_names(tmp_path / "new") == ["seeds_0000-0001.json", "seeds_0002-0003.json"]
     content = json.loads((tmp_path / "new" / "sweep.json").read_text())
     assert content == json.loads(json.dumps(found.to_json()))
-    parts = [json.loads(path.read_text()) for path in (tmp_path / "new" / "done").iterdir()]
-    assert found.run_s == pytest.approx(sum(part["run_s"] for part in parts))
-    assert found.compile_s == pytest.approx(sum(part["compile_s"] for part in parts))
-
-
-def test_a_sweep_that_is_whole_is_not_repeated_unless_restarted(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
+    # It is not repeated unless restarted, and not trusted without its manifest.
+    run_to(tmp_path / "new")
     assert computed == [[0, 1], [2, 3]]
-    run_to(tmp_path, key, resume=False)
-    assert computed == [[0, 1], [2, 3]] * 2
+    (tmp_path / "new" / "manifest.json").unlink()
+    run_to(tmp_path / "new")
+    run_to(tmp_path / "new", resume=False)
+    assert computed == [[0, 1], [2, 3]] * 3
+    with pytest.raises(InputError, match="is no archive of arrays"):
+        Sweep.load(tmp_path / "new" / "sweep.json")
 
 
-def test_an_interrupted_sweep_goes_on_to_the_same_numbers(key, whole, tmp_path, monkeypatch):
-    calls = []
-
-    def interrupted(*arguments):
-        calls.append(arguments[3])
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return sweep(*arguments)
-
-    monkeypatch.setattr(storage, "sweep", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_to(tmp_path, key)
-    assert chunk_names(tmp_path) == ["seeds_0000-0001.json"]
-    assert not (tmp_path / "sweep.json").exists()
-    with pytest.raises(InputError, match="1 of 2 chunks of the sweep are missing; finish it"):
-        storage.load_folder(tmp_path)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
-    assert calls == [[0, 1], [2, 3], [2, 3]]
-
-
-def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
+def test_broken_chunks_are_computed_again_and_told(whole, tmp_path, computed):
+    run_to(tmp_path)
     first, second = (tmp_path / "done" / name for name in chunk_names(tmp_path))
     rows = tmp_path / "sweep.zarr" / "noise_part" / "c" / "0" / "0" / "0"
     for path, content in [
         (first, first.read_bytes()[:-100]),
         (first, second.read_bytes()),
-        (rows, b"no rows"),
         (rows, rows.with_name("1").read_bytes()),
         (rows, None),
     ]:
@@ -437,121 +312,54 @@ def test_broken_chunks_are_computed_again_and_told(key, whole, tmp_path, compute
         else:
             path.write_bytes(content)
         notes = []
-        check_same(run_to(tmp_path, key, announce=notes.append), whole, rtol=1e-12)
+        check_same(run_to(tmp_path, announce=notes.append), whole, rtol=1e-12)
         assert computed == [[0, 1]]
         assert len(notes) == 1
         assert notes[0].startswith(f"computed again: {first} or its part of sweep.zarr cannot be")
 
 
-def test_more_seeds_continue_a_sweep(key, whole, tmp_path, computed):
-    run_to(tmp_path, key, seeds=3)
-    check_same(run_to(tmp_path, key), whole, rtol=1e-12)
+def test_more_seeds_continue_a_sweep(whole, tmp_path, computed):
+    run_to(tmp_path, seeds=3)
+    check_same(run_to(tmp_path), whole, rtol=1e-12)
     # The chunk of the third seed alone is not whole any more.
     assert computed == [[0, 1], [2], [2, 3]]
     check_same(storage.load_folder(tmp_path), whole, rtol=1e-12)
     with pytest.raises(InputError, match="seeds 0,1,2,3 and not 0,1,2"):
-        run_to(tmp_path, key, seeds=3)
+        run_to(tmp_path, seeds=3)
 
 
 @pytest.mark.parametrize(
-    ("seed", "change", "message"),
+    ("settings", "content", "message"),
     [
-        (9, {}, "with key 0,7 and not 0,9: choose another folder with --out, or .*--restart"),
-        (7, {"levels": (5,)}, "levels 5,3 and not 5:"),
-        (7, {"noise": (0.05, 0.6)}, "noise 0.05,0.5 and not 0.05,0.6:"),
-        (7, {"seeds": range(9, 49)}, r"seeds 0,1,2,3 and not 9 \.\.\. 48 \(40 values\):"),
-        (7, {"samples": 1501, "chunk": 1}, "samples 1500 and not 1501, chunk 2 and not 1:"),
+        ({"key": jax.random.key(9)}, {}, "with key 0,7 and not 0,9: choose another.*--restart"),
+        ({"seeds": range(9, 49)}, {}, r"seeds 0,1,2,3 and not 9 \.\.\. 48 \(40 values\):"),
+        ({"samples": 1001, "chunk": 1}, {}, "samples 1000 and not 1001, chunk 2 and not 1:"),
+        ({}, {"made_with": {"jax": "0.1"}}, "jax 0.1 and not"),
+        ({}, {"format": 3}, "has the format 3, and 2 is the newest"),
+        ({}, {"settings": {}}, "cannot be read as the manifest"),
+        ({}, {"work": "fleet"}, "holds a fleet and no sweep"),
     ],
 )
-def test_a_folder_of_other_settings_is_left_alone(seed, change, message, tmp_path, monkeypatch):
-    settings = storage.sweep_settings(jax.random.key(7), *SETTINGS, CHUNK)
-    content = {"format": 2, "settings": settings, "made_with": made_with()}
-    (tmp_path / "manifest.json").write_text(json.dumps(content))
-    monkeypatch.delattr(storage, "sweep")  # nothing must be computed
+def test_a_folder_of_other_settings_or_another_version_is_left_alone(
+    settings, content, message, tmp_path, computed
+):
+    own = storage.sweep_settings(KEY, *SETTINGS, CHUNK)
+    whole = {"format": 2, "work": "sweep", "settings": own, "made_with": made_with()}
+    if "made_with" in content:
+        content = {"made_with": made_with() | content["made_with"]}
+    written = json.dumps(whole | content)
+    (tmp_path / "manifest.json").write_text(written)
     with pytest.raises(InputError, match=message):
-        run_to(tmp_path, jax.random.key(seed), **change)
-    assert json.loads((tmp_path / "manifest.json").read_text()) == content
-
-
-def test_a_folder_of_another_version_or_without_a_sound_manifest(key, tmp_path, computed):
-    settings = storage.sweep_settings(key, *SETTINGS, CHUNK)
-    versions = made_with()
-    whole = {"format": 2, "work": "sweep", "settings": settings, "made_with": versions}
-    broken = {
-        "jax 0.1 and not": whole | {"made_with": versions | {"jax": "0.1"}},
-        "has the format 3, and 2 is the newest": whole | {"format": 3},
-        "cannot be read as the manifest": {"format": 2, "settings": {}, "made_with": versions},
-        "choose another folder": [],
-        "holds a fleet and no sweep": whole | {"work": "fleet"},
-    }
-    for message, content in broken.items():
-        (tmp_path / "manifest.json").write_text(json.dumps(content))
-        with pytest.raises(InputError, match=message):
-            run_to(tmp_path, key)
+        run_to(tmp_path, **settings)
+    assert (tmp_path / "manifest.json").read_text() == written
     assert not computed
-    run_to(tmp_path, key, resume=False)
-    assert json.loads((tmp_path / "manifest.json").read_text()) == whole
     with pytest.raises(InputError, match=r"there is no manifest\.json; give a folder"):
         storage.load_folder(tmp_path / "done")
 
 
-def test_chunks_without_a_manifest_are_not_trusted(key, tmp_path, computed):
-    run_to(tmp_path, key)
-    (tmp_path / "manifest.json").unlink()
-    computed.clear()
-    run_to(tmp_path, key)
-    assert computed == [[0, 1], [2, 3]]
-
-
-def test_a_chunk_holds_at_least_one_seed(key, tmp_path):
-    for chunk in (0, 2.5):
-        message = f"chunk is {chunk}: give a whole number of at least 1"
-        with pytest.raises(InputError, match=message):
-            run_to(tmp_path / "new", key, chunk=chunk)
-    assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_is_loaded_like_a_file(key, whole, tmp_path, computed):
-    run_to(tmp_path, key)
-    check_same(Sweep.load(tmp_path), whole, rtol=1e-12)
-    with pytest.raises(InputError, match="is no archive of arrays"):
-        Sweep.load(tmp_path / "sweep.json")
-
-
-def test_one_number_has_no_standard_error(whole):
-    # 15 cells, and about as many events: the initial error is not gone.
-    assert whole.unsettled.tolist() == (whole.events.min(axis=1) < [15, 6]).tolist()
-    alone = dataclasses.replace(
-        whole, noise_um=whole.noise_um[:1], seeds=whole.seeds[:1], noise_part=np.ones((2, 1, 1))
-    )
-    assert np.isnan(alone.coefficient_error).all()
-    assert repr(alone) == "Sweep(levels=[5, 3], noise_um=[0.05], seeds=[0], samples=1500)"
-
-
-@pytest.mark.parametrize("wrong", [0, "key", np.zeros(3, np.uint32)])
-def test_what_is_no_key_is_refused(wrong):
-    with pytest.raises(InputError, match=r"make one by jax\.random\.key"):
-        sweep(wrong, *SETTINGS)
-
-
-SHARED = """
-import jax, sys
-jax.config.update("jax_num_cpu_devices", 2)
-from preisach_jax.sweep import sweep
-sweep(jax.random.key(7), (5, 3), (0.05, 0.5), 4, 1500).save(sys.argv[1])
-assert len(jax.devices()) == 2
-"""
-
-
-def test_devices_share_the_seeds_and_change_nothing(whole, tmp_path):
-    path = tmp_path / "shared.npz"
-    subprocess.run([sys.executable, "-W", "error", "-c", SHARED, str(path)], check=True)
-    check_same(Sweep.load(path), whole, rtol=1e-12)
-
-
 # Last, as it compiles anew what all tests above share.
-def test_the_precision_of_the_caller_does_not_matter(key, whole, x64):
+def test_the_precision_of_the_caller_does_not_matter(whole, x64):
     for cache in ("_compiled_draw", "_compiled_identify"):
         getattr(sys.modules[sweep.__module__], cache).cache_clear()
-    check_same(sweep(key, *SETTINGS), whole)
+    check_same(sweep(KEY, *SETTINGS), whole)
     assert {rows.dtype.name for rows in whole.weights} == {"float64"}

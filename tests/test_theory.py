@@ -4,15 +4,12 @@ import math
 from fractions import Fraction
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import slow_relays
+from oracles import slow_relays, wandering
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.events import switching_events
-from preisach_jax.operator.learning import adapt_over_events
 from preisach_jax.operator.plane import Plane
 from preisach_jax.theory import (
     auxiliary_norm,
@@ -38,11 +35,6 @@ from preisach_jax.theory import (
     switching_sum_bound,
 )
 
-LARGE = [
-    pytest.param(19, "jumps", marks=pytest.mark.slow),
-    pytest.param(37, "ramps", marks=pytest.mark.slow),
-]
-
 
 def plane_of(levels):
     return Plane(levels=levels, low=0.0, high=float(levels))
@@ -53,12 +45,7 @@ def path(kind, levels, samples, seed=0):
     rng = np.random.default_rng(seed)
     if kind == "jumps":
         return np.append(0.0, rng.uniform(0, levels, samples - 1))
-    found, goal = [0.0], float(levels)
-    while len(found) < samples:
-        found.append(found[-1] + np.clip(goal - found[-1], -0.37, 0.37))
-        if found[-1] == goal:
-            goal = rng.uniform(0, levels)
-    return np.array(found)
+    return wandering(plane_of(levels), samples, seed)
 
 
 def switching(plane, x):
@@ -101,35 +88,31 @@ def test_the_measured_output_is_the_weight_of_the_relays_that_are_on_and_noise(x
     relays = slow_relays(plane, x)
     expected = [weights[on == 1].sum() + n for on, n in zip(relays, noise, strict=True)]
     np.testing.assert_allclose(measured_output(plane, weights, x, noise), expected, rtol=1e-13)
+    np.testing.assert_allclose(noise_power(noise), np.vdot(noise, noise) / 60, rtol=1e-13)
     with pytest.raises(InputError, match=r"noise has the shape \(59,\) and x \(60,\)"):
         measured_output(plane, weights, x, noise[1:])
-
-
-def test_the_power_of_noise_is_its_mean_square():
-    noise = np.random.default_rng(1).normal(0, 3, 1000)
-    np.testing.assert_allclose(noise_power(noise), np.vdot(noise, noise) / 1000, rtol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["ramps", "jumps"])
 def test_the_squared_error_follows_its_identity_at_every_event(kind, precision, tolerance):
     """Eq. (15) along runs with noise."""
-    plane, rng = plane_of(6), np.random.default_rng(2)
-    x = path(kind, 6, 300)
+    plane, rng = plane_of(5), np.random.default_rng(2)
+    x = path(kind, 5, 400)
     truth, start = rng.uniform(0, 1, (2, plane.cells))
-    noise = rng.normal(0, 0.3, 300).astype(precision)
+    noise = rng.normal(0, 0.3, 400).astype(precision)
     errors, s, nu = noisy_run(plane, x, truth, noise, start)
     before, after = squared(errors[:-1]), squared(errors[1:])
     sums = np.sum(s * errors[:-1], axis=1)
     found = next_squared_error(before, sums, squared(s), nu)
     assert np.max(np.abs(after - before)) > 0.1
-    assert (np.abs(s).sum(axis=1).max() > 6) == (kind == "jumps")
+    assert (np.abs(s).sum(axis=1).max() > 5) == (kind == "jumps")
     np.testing.assert_allclose(found, after, atol=5 * tolerance)
 
 
 # Bounds, eq. (16)-(25)
 
 
-@pytest.mark.parametrize("levels", [2, 3, 4])
+@pytest.mark.parametrize("levels", [2, 4])
 def test_every_triangle_is_created_and_all_relays_end_off(levels):
     plane = plane_of(levels)
     x = every_triangle(plane)
@@ -143,14 +126,13 @@ def test_every_triangle_is_created_and_all_relays_end_off(levels):
         assert frozenset(np.flatnonzero(triangle)) in switched
 
 
-@pytest.mark.parametrize("levels", [2, 3, 4])
-@pytest.mark.parametrize("sigma", [0.0, 0.01, 1.0])
+@pytest.mark.parametrize(("levels", "sigma"), [(2, 0.0), (4, 0.0), (4, 1.0)])
 def test_a_period_with_every_triangle_is_within_its_bounds(levels, sigma, x64):
     """Eq. (16) and (17), for several draws."""
     plane = plane_of(levels)
     x = every_triangle(plane)
     T = len(x) - 1
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         truth, start = rng.uniform(0, 1, (2, plane.cells))
         errors, s, nu = noisy_run(plane, x, truth, rng.normal(0, sigma, T + 1), start)
@@ -167,7 +149,7 @@ def test_a_period_with_every_triangle_is_within_its_bounds(levels, sigma, x64):
         assert squared(errors[-1]) <= upper
 
 
-@pytest.mark.parametrize("levels", [2, 3, 4])
+@pytest.mark.parametrize("levels", [2, 4])
 def test_the_expected_error_is_within_its_bounds_after_every_period(levels):
     """Eq. (19)-(21) against the exact moments."""
     plane, periods, W = plane_of(levels), 12, 0.3
@@ -187,10 +169,7 @@ def test_the_expected_error_is_within_its_bounds_after_every_period(levels):
     assert np.all(np.diff(moments.mean_squared[T - 1 :: T]) < 0)
 
 
-CASES = [(1, 2), (7, 2), (15, 3), (26, 4), (300, 37)]
-
-
-@pytest.mark.parametrize(("T", "N"), CASES)
+@pytest.mark.parametrize(("T", "N"), [(1, 2), (15, 3), (300, 37)])
 def test_the_constants_are_those_of_the_paper(T, N):
     C, D = Fraction(1, 16 * N * (N * T + 2) ** 2), Fraction(T**2 * N**2)  # (24)
     q, B = 1 - C, D + T  # (18)
@@ -208,13 +187,6 @@ def test_the_constants_are_those_of_the_paper(T, N):
     np.testing.assert_allclose(expected_error(2.0, 0.5, T, N, periods=3), three, rtol=1e-9)
 
 
-def test_bounds_over_periods_cover_the_recursion_of_one():
-    bound, W = 5.0, 1e-6
-    for period in range(1, 40):
-        bound = expected_error(bound, W, 7, 2)
-        assert bound <= expected_error(5.0, W, 7, 2, period) * (1 + 1e-12)
-
-
 def test_random_periods_enter_by_their_means():
     """Eq. (22) and (23)."""
     T, N, W, start = np.array([7, 9, 20]), 2, 0.1, 3.0
@@ -224,14 +196,6 @@ def test_random_periods_enter_by_their_means():
     np.testing.assert_allclose(residual_error_bound(W, T, N), long_run, rtol=1e-12)
     expected = (1 - C) ** 5 * start + long_run
     np.testing.assert_allclose(expected_error(start, W, T, N, periods=5), expected, rtol=1e-10)
-
-
-def test_constants_have_the_common_shape():
-    T, N = np.array([[7], [15]]), np.array([2, 3, 4])
-    for bound in (contraction_bound, noise_gain_bound, residual_ratio_bound):
-        table = bound(T, N)
-        assert table.shape == (2, 3)
-        assert table[1, 2] == bound(15, 4)
 
 
 ONE, UP = np.array([1.0]), np.array([0.0, 2.0])
@@ -254,6 +218,9 @@ ONE, UP = np.array([1.0]), np.array([0.0, 2.0])
         (lambda: largest_slope(UP, ONE), r"shape \(2,\) and z \(1,\)"),
         (lambda: largest_slope(0 * UP, UP), "x crosses no two lines"),
         (lambda: check_bound(1), "levels is 1"),
+        (lambda: check_bound(2, periods=0), "periods is 0"),
+        (lambda: noise_coefficient(plane_of(2), UP[[0, 1, 1]], 1, 9), "last is 9: give at most 3"),
+        (lambda: average_over_samples(UP, np.array([3, 0]), 3, 5), "not in order"),
     ],
 )
 def test_what_cannot_be_used_is_refused(call, message):
@@ -265,32 +232,13 @@ def test_what_cannot_be_used_is_refused(call, message):
 
 
 def test_the_largest_slope_of_known_curves():
-    time = np.linspace(0, 6 * np.pi, 20_001)
-    x = 40 + 35 * np.sin(time)
-    for z, steepest in [
-        (2.5 * x, 2.5),
-        (-1.5 * x, -1.5),
-        (10 * np.tanh((x - 40) / 10), 1.0),
-        (2.5 * x + 5 * np.cos(time), None),  # a loop, vertical at its ends
-    ]:
-        found = largest_slope(x, z)
-        if steepest is None:
-            assert 2.5 < found < 4
-        else:
-            np.testing.assert_allclose(found, steepest, rtol=0.01)
+    x = 40 + 35 * np.sin(np.linspace(0, 6 * np.pi, 20_001))
+    for z, steepest in [(2.5 * x, 2.5), (-1.5 * x, -1.5), (10 * np.tanh((x - 40) / 10), 1.0)]:
+        np.testing.assert_allclose(largest_slope(x, z), steepest, rtol=0.01)
     # Between lines 2 % apart, z = x² on [0, 1] is steepest from 0.98 to 1.
     ramp = np.linspace(0, 1, 10_001)
     np.testing.assert_allclose(largest_slope(ramp, ramp**2), 1.98, atol=0.001)
     np.testing.assert_allclose(largest_slope(ramp, ramp**2, span=0.1), 1.9, atol=0.001)
-
-
-def test_noise_changes_the_largest_slope_by_its_share_of_a_line_only():
-    rng = np.random.default_rng(0)
-    x = 37.5 - 37.5 * np.cos(np.linspace(0, 40, 50_000))
-    sigma, span = 0.002, 1.5
-    found = largest_slope(x, 2.53 * x + rng.normal(0, sigma, x.shape), span)
-    # Two samples' noise over a line, the largest of some hundred lines.
-    assert 0 < found - 2.53 < 5 * math.sqrt(2) * sigma / span
 
 
 def test_quantisation_and_averages_are_their_closed_forms():
@@ -327,9 +275,8 @@ def dense_moments(plane, x, start, W):
     return np.array(rows).T, mean[:-1], covariance[:-1, :-1]
 
 
-@pytest.mark.parametrize("kind", ["ramps", "jumps"])
-@pytest.mark.parametrize("levels", [2, 7])
-def test_moments_are_those_of_the_dense_recursion(kind, levels, x64):
+@pytest.mark.parametrize(("levels", "kind"), [(2, "jumps"), (5, "ramps"), (5, "jumps")])
+def test_moments_are_those_of_the_dense_recursion(levels, kind, x64):
     plane, W = plane_of(levels), 0.3
     x = path(kind, levels, 250)
     start = np.random.default_rng(0).uniform(-1, 1, plane.cells)
@@ -340,68 +287,6 @@ def test_moments_are_those_of_the_dense_recursion(kind, levels, x64):
     np.testing.assert_allclose(found.variance, variance, rtol=1e-10)
     np.testing.assert_allclose(found.mean, mean, atol=1e-12)
     np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
-
-
-def test_moments_of_the_mean_and_of_the_noise_do_not_mix(x64):
-    plane, x = plane_of(5), path("jumps", 5, 150)
-    start = np.random.default_rng(1).uniform(-1, 1, plane.cells)
-    shown = []
-    both = propagate_error(plane, x, start, 0.5, progress=lambda *now: shown.append(now))
-    quiet, alone = propagate_error(plane, x, start, 0.0), propagate_error(plane, x, 0.0)
-    assert not np.any(quiet.variance)
-    assert not np.any(alone.mean_squared)
-    np.testing.assert_allclose(both.variance, 0.5 * alone.variance, rtol=1e-12)
-    np.testing.assert_array_equal(both.mean_squared, quiet.mean_squared)
-    # Without noise the error is no chance at all.
-    errors, _, _ = noisy_run(plane, x, -start, np.zeros(150), np.zeros(plane.cells))
-    np.testing.assert_allclose(quiet.mean_squared, squared(errors[1:]), rtol=1e-10)
-    assert shown[0] == ("covariance of 15 weights", 0.0)
-
-
-def simulated_squared_errors(plane, x, truth, start, sigma, draws, stretches):
-    """‖E‖² at the ends of stretches of events, (stretches, draws), by the filter's recursion."""
-    found = switching_events(plane, x)
-    _, signs = switching(plane, x)
-    rng = np.random.default_rng(3)
-    noise = rng.normal(0, sigma, (len(signs) + 1, draws))
-    rises = (signs @ truth)[:, np.newaxis] + np.diff(noise, axis=0)
-    weights = jnp.asarray(np.broadcast_to(start[:, np.newaxis], (plane.cells, draws)))
-    run, rows = jax.jit(adapt_over_events), []
-    length = len(signs) // stretches
-    for begin in range(0, length * stretches, length):
-        part = jax.tree.map(lambda leaf, at=begin: leaf[at : at + length], found)
-        weights, _ = run(plane, part, rises[begin : begin + length], weights)
-        rows.append(squared((np.asarray(weights) - truth[:, np.newaxis]).T))
-    return np.array(rows), length
-
-
-@pytest.mark.parametrize(("levels", "kind"), [(9, "jumps"), (13, "ramps"), *LARGE])
-def test_moments_are_those_of_many_runs_with_noise(levels, kind, x64):
-    plane, sigma, draws = plane_of(levels), 0.2, 2048 if levels < 19 else 512
-    x = path(kind, levels, 1200 if kind == "ramps" else 400)
-    rng = np.random.default_rng(0)
-    truth = rng.uniform(0, 1, plane.cells)
-    start = truth + rng.normal(0, sigma / 2, plane.cells)
-    simulated, length = simulated_squared_errors(plane, x, truth, start, sigma, draws, 6)
-    moments = propagate_error(plane, x, start - truth, sigma**2)
-    exact = (moments.mean_squared + moments.variance)[length - 1 :: length][:6]
-    assert np.all(moments.variance[length - 1 :] > 0.1 * moments.mean_squared[length - 1 :])
-    mean, error = simulated.mean(axis=1), simulated.std(axis=1, ddof=1) / math.sqrt(draws)
-    assert np.all(error < 0.0075 * mean)  # so that 3 % are four standard errors
-    np.testing.assert_allclose(mean, exact, rtol=0.03)
-    assert np.all(np.abs(mean - exact) < 4 * error)
-
-
-def test_an_average_over_samples_repeats_each_value_until_the_next_event():
-    rng = np.random.default_rng(0)
-    sample = np.array([2, 3, 7, 11, 30])
-    values = rng.normal(size=(5, 3))
-    course = np.repeat(values, np.diff(np.append(sample, 41)), axis=0)  # samples 2 ... 40
-    for first, last in [(2, 41), (3, 8), (9, 10), (31, 40), (2, 3)]:
-        expected = course[first - 2 : last - 2].mean(axis=0)
-        found = average_over_samples(values, sample, first, last)
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
-    assert isinstance(float(average_over_samples(values[:, 0], sample, 2, 9)), float)
 
 
 def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
@@ -416,9 +301,9 @@ def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
     assert shown[0] == (f"covariance of {plane.cells} weights", 0.0)
 
 
-@pytest.mark.parametrize("levels", [2, 4])
-def test_the_bound_is_compared_on_the_input_that_it_asks_for(levels):
-    plane, periods = plane_of(levels), 5
+def test_the_bound_is_compared_on_the_input_that_it_asks_for():
+    levels, periods = 4, 5
+    plane = plane_of(levels)
     once = every_triangle(plane)
     x = np.append(once[:1], np.tile(once[1:], periods))
     (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
@@ -429,13 +314,3 @@ def test_the_bound_is_compared_on_the_input_that_it_asks_for(levels):
     np.testing.assert_allclose(check.ratio, variance[-1], rtol=1e-10)
     np.testing.assert_allclose(check.orders, math.log10(bound / variance[-1]), rtol=1e-10)
     assert check.ratio < check.bound
-
-
-def test_what_cannot_be_averaged_is_refused():
-    plane = Plane(levels=2, low=0.0, high=2.0)
-    with pytest.raises(ValueError, match="last is 9: give at most 3"):
-        noise_coefficient(plane, np.array([0.0, 2.0, 2.0]), first=1, last=9)
-    with pytest.raises(ValueError, match="not in order"):
-        average_over_samples(np.array([1.0, 2.0]), np.array([3, 0]), 3, 5)
-    with pytest.raises(ValueError, match="periods is 0"):
-        check_bound(2, periods=0)

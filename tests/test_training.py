@@ -21,11 +21,11 @@ from preisach_jax.fit import (
     trained,
     with_effect,
 )
-from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken, with_leaves
+from preisach_jax.fit.gradient import Course, leaves_of, with_leaves
 from preisach_jax.identify import VALIDATION, Problem, evaluate
 
 TRAINED = importlib.import_module("preisach_jax.fit.training").TRAINED
-LEVELS, SAMPLES, NOISE = 7, 1000, 0.01
+LEVELS, SAMPLES, NOISE = 9, 1000, 0.01
 ADAM = optax.adam(1e-2)
 
 
@@ -51,43 +51,6 @@ class Warp(pj.InputEffect):
         return signal + jax.vmap(self.net)(rate_of(signal, time)) - self.net(jnp.zeros(()))
 
 
-class Widening(pj.HysteresisEffect):
-    net: eqx.nn.MLP
-    name = "widening"
-
-    def __init__(self, seed=0):
-        self.net = network(seed)
-
-    def widening(self, path, time):
-        return 0.3 * (1 + jax.vmap(self.net)(path / 5))
-
-
-class Factor(pj.WeightEffect):
-    net: eqx.nn.MLP
-    name = "factor"
-
-    def __init__(self, seed=0):
-        self.net = network(seed)
-
-    def factor(self, signals):
-        return 1 + 0.2 * jax.vmap(self.net)(signals.time)
-
-
-class Lag(pj.OutputEffect):
-    net: eqx.nn.MLP
-    name = "lag"
-
-    def __init__(self, seed=0):
-        self.net = network(seed)
-
-    def init(self, first):
-        return first
-
-    def step(self, state, value, dt):
-        state = state + (value - state) * jax.nn.sigmoid(self.net(100 * dt))
-        return state, state
-
-
 class Product(pj.AddedEffect):
     """What is added as a function of place and rate."""
 
@@ -103,16 +66,6 @@ class Product(pj.AddedEffect):
     def columns(self, signals):
         rate = rate_of(signals.input, signals.time)
         return jax.vmap(self.net)(jnp.stack([(signals.input - 5) / 5, rate], axis=1))[:, None]
-
-
-class Rooted(Product):
-    name = "rooted"
-
-    def __init__(self):
-        super().__init__()
-
-    def columns(self, signals):
-        return jnp.sqrt(jnp.abs(0 * super().columns(signals))) + signals.time[:, None]
 
 
 def played(seed=2):
@@ -132,10 +85,9 @@ def through_play(u, radius=0.5):
     return output
 
 
-def recorded(law: Any = 0.0, drive=None):
+def recorded(law: Any = 0.0):
     time, u = played()
-    noise = NOISE * np.random.default_rng(5).normal(size=SAMPLES)
-    output = through_play(u if drive is None else drive) + law + noise
+    output = through_play(u) + law + NOISE * np.random.default_rng(5).normal(size=SAMPLES)
     return pj.Record.from_arrays(time, u, output, units={"input": "V", "output": "um"})
 
 
@@ -156,9 +108,7 @@ def fitted(hidden):
     return pj.fit(hidden[0], [Product()], LEVELS, optimiser=ADAM, training_steps=800)
 
 
-@pytest.mark.parametrize(
-    "kind", [Warp, pytest.param(Widening, marks=pytest.mark.slow), Factor, Lag, Product]
-)
+@pytest.mark.parametrize("kind", [Warp, Product])
 def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind):
     record = recorded()
     with double_precision():
@@ -183,7 +133,7 @@ def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind)
             return evaluate(problem, chain, point.values, strength, point, TRAINED).objective
 
         largest = max(float(jnp.abs(each).max()) for each in found)
-        for array in (0, 2, 4):
+        for array in (0, 4):
             place = np.unravel_index(int(jnp.argmax(jnp.abs(found[array]))), found[array].shape)
             h = 1e-4
             slope = (objective(array, place, h) - objective(array, place, -h)) / (2 * h)
@@ -192,7 +142,10 @@ def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind)
 
 def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
     record, law = hidden
-    plain, clean = pj.fit(record, levels=LEVELS), pj.fit(recorded(), levels=LEVELS)
+    plain, clean = (pj.fit(each, [Product()], LEVELS) for each in (record, recorded()))
+    # Without an optimiser arrays stay as they are.
+    assert plain.training is None
+    assert eqx.tree_equal(plain.model.effects[0], Product())
     assert plain.rms_validation > 3 * clean.rms_validation
     assert fitted.rms_validation < 1.6 * clean.rms_validation
     assert fitted.residual == pytest.approx(record.output - fitted.prediction)
@@ -212,54 +165,6 @@ def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
     assert 0 < fitted.training.best_step <= fitted.training.steps <= 800
     assert fitted.training.numbers == 12 * 3 + 12 * 13 + 13
     assert "numbers trained" in fitted.summary()
-
-
-def test_the_input_is_learned_through_the_operator():
-    shift = 0.4 * np.tanh(3 * rated())
-    record = recorded(drive=played()[1] + shift)
-    plain = pj.fit(record, levels=LEVELS)
-    found = pj.fit(record, [Warp()], LEVELS, optimiser=ADAM, training_steps=250)
-    assert found.rms_validation < 0.2 * plain.rms_validation
-    (effect,) = found.model.effects
-    assert isinstance(effect, Warp)
-    rates = jnp.linspace(-0.5, 0.5, 21)
-    learned = np.asarray(jax.vmap(effect.net)(rates)) - float(effect.net(jnp.zeros(())))
-    assert np.corrcoef(learned, np.tanh(3 * np.asarray(rates)))[0, 1] > 0.98
-
-
-@pytest.mark.slow
-def test_parameters_of_the_library_are_refined_beside():
-    time, u = played()
-    output = through_play(u) + 0.15 * np.sin(1.2 * (u - 5)) * rated() + 0.05 * time
-    noise = NOISE * np.random.default_rng(5).normal(size=SAMPLES)
-    record = pj.Record.from_arrays(time, u, output + noise)
-    found = pj.fit(record, ["drift", Product()], LEVELS, optimiser=ADAM, training_steps=300)
-    without = pj.fit(record, ["drift"], LEVELS)
-    assert found.effects == ("drift", "product")
-    assert found.rms_validation < 0.6 * without.rms_validation
-
-
-def test_the_same_arrays_lead_to_the_same_fit_and_nothing_is_compiled_anew(hidden, fitted):
-    told = []
-    size = steps_taken._cached._cache_size()  # pyright: ignore
-    again = pj.fit(
-        hidden[0], [Product()], LEVELS, optimiser=optax.adam(1e-2), training_steps=800,
-        progress=lambda text, done: told.append((text, done)),
-    )  # fmt: skip
-    np.testing.assert_array_equal(again.prediction, fitted.prediction)
-    assert again.training == fitted.training
-    assert steps_taken._cached._cache_size() == size  # pyright: ignore
-    assert any(text.startswith("training product, step ") for text, _ in told)
-    assert all(0 <= done <= 1 for _, done in told)
-
-
-def test_optimisers_that_compute_the_same_are_one():
-    leaves = {"mine": jnp.ones(3)}
-    one, same, other = (
-        optax.with_extra_args_support(optax.adam(rate)) for rate in (0.01, 0.01, 0.02)
-    )
-    assert shared(same, leaves) is shared(one, leaves)
-    assert shared(other, leaves) is not shared(one, leaves)
 
 
 def test_the_rows_held_out_do_not_steer_the_training(hidden):
@@ -294,8 +199,6 @@ def test_a_trained_model_is_saved_and_read(hidden, fitted, tmp_path):
     again = pj.Model.load(path, effects=[Product(seed=7)])
     record = hidden[0]
     np.testing.assert_array_equal(again.predict(record).output, fitted.model.predict(record).output)
-    more = pj.fit(record, again.effects, LEVELS, optimiser=ADAM, training_steps=25)
-    assert more.rms_validation < 1.2 * fitted.rms_validation
 
     class Small(Product):
         def __init__(self):
@@ -315,11 +218,6 @@ def test_a_trained_model_is_saved_and_read(hidden, fitted, tmp_path):
         ([], {"optimiser": ADAM}, r"no effect \(effects: none\)"),
         ([Warp()], {"training_steps": 5}, "nothing is trained without an optimiser"),
         ([Warp()], {"optimiser": ADAM, "training_steps": 0}, "training_steps is 0: give"),
-        (
-            [Rooted()],
-            {"optimiser": ADAM},
-            r"the effect 'rooted', \.net\.layers\[0\]\.weight: the gradient is not finite at step",
-        ),
         (
             [Product()],
             {"optimiser": optax.sgd(float("inf"))},
@@ -343,34 +241,3 @@ def test_what_was_found_before_a_training_diverged_is_kept(hidden):
     assert re.search(r"diverges at step 15\d.*what was found at step \d+ is kept", training.ended)
     assert training.rms_after < training.rms_before
     assert np.isfinite(found.prediction).all()
-
-
-def test_without_an_optimiser_arrays_stay_as_they_are(hidden):
-    effect = Product()
-    found = pj.fit(hidden[0], [effect], LEVELS)
-    assert found.training is None
-    for one, two in zip(
-        jax.tree.leaves(eqx.filter(effect, eqx.is_array)),
-        jax.tree.leaves(eqx.filter(found.model.effects[0], eqx.is_array)),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(one, two)
-
-
-@pytest.mark.slow
-def test_several_records_train_one_effect(hidden):
-    record, _ = hidden
-    half = SAMPLES // 2
-    parts = [
-        pj.Record.from_arrays(record.time[rows], record.input[rows], record.output[rows])
-        for rows in (slice(0, half), slice(half, None))
-    ]
-    plain = pj.fit(parts, levels=LEVELS)
-    found = pj.fit(parts, [Product()], LEVELS, optimiser=ADAM, training_steps=300)
-    assert found.rms_validation < 0.7 * plain.rms_validation
-
-
-def test_a_trained_effect_is_compared_with_those_of_the_library(hidden, fitted):
-    found = pj.diagnose(hidden[0], [*fitted.model.effects, "drift"], levels=LEVELS)
-    assert found.effects == ("product",)
-    assert found.verdict == "explained"

@@ -1,16 +1,13 @@
 """Records from and to data frames, datasets and simulated responses."""
 
-import json
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drivable import EFFECTS, model_of
 from scipy.signal import lsim
 
 from preisach_jax.errors import InputError
-from preisach_jax.model import Model
 from preisach_jax.record import Record
 
 pd = pytest.importorskip("pandas")
@@ -236,12 +233,3 @@ def test_a_response_of_scipy_takes_its_input_beside():
 def test_responses_that_are_no_record(response, options, expected):
     with pytest.raises(InputError, match=expected):
         Record.from_response(response, **options)
-
-
-# Models as JSON
-
-
-def test_a_model_goes_through_json():
-    model = model_of(EFFECTS["creep"])
-    for content in (model.to_json(), json.loads(json.dumps(model.to_json()))):
-        assert Model.from_json(content).to_json() == model.to_json()

@@ -1,12 +1,24 @@
 """A drive that was found for a course gives it back, through every effect and in all limits."""
 
+import functools
 import re
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
+from drivable import (
+    EFFECTS,
+    GOOD,
+    PLANE,
+    RATE,
+    UNITS,
+    course,
+    model_of,
+    played,
+    reading_of,
+    resting_output,
+)
 from scipy import signal
 
 import preisach_jax as pj
@@ -17,7 +29,6 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.quantity import quantity
 
 REACHED = 1.96 * GOOD
@@ -37,8 +48,7 @@ def slow_ramps(path, weights):
     return np.array(output)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("memory", [0.0, 0.4])
+@pytest.mark.parametrize(("sign", "memory"), [(1, 0.4), (-1, 0.0)])
 def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     model = model_of(sign=sign, memory=memory)
     rng = np.random.default_rng(5)
@@ -59,9 +69,8 @@ def test_the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one
     model, rng = model_of(record=record), np.random.default_rng(6)
     z = 1.5 + rng.uniform(2, 18, 30)
     t = np.arange(len(z)) / RATE
-    past = record
-    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=past)
-    whole = np.concatenate([past.input, found.drive])
+    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=record)
+    whole = np.concatenate([record.input, found.drive])
     given = slow_ramps(whole, model.weights)[-len(z) :]
     np.testing.assert_allclose(1.5 + given, z, atol=1e-10)
 
@@ -96,11 +105,15 @@ def test_a_course_comes_back_through_every_effect(name):
     assert error.max() < REACHED
     assert np.sqrt(np.mean(error**2)) < GOOD / 4
     # Without the effect in the inverse the same course is missed.
-    plain = pj.compensate(model_of(), wanted).drive
-    t = model.origin.stop_s + (1 + np.arange(len(plain))) / RATE
-    missed = model.predict(pj.Record.from_arrays(t, plain, plain)).output - wanted.output
     if name != "slew_limit":  # which does nothing to a drive as slow as this one
-        assert np.abs(missed).max() > 5 * GOOD
+        assert np.abs(reading_of(model, without_effects()) - wanted.output).max() > 5 * GOOD
+
+
+@functools.cache
+def without_effects():
+    """The drive of the operator alone for a course that begins near where the others do."""
+    model = model_of()
+    return pj.compensate(model, course(model)).drive
 
 
 def test_several_effects_are_inverted_together_beside_an_auxiliary_column():
@@ -133,23 +146,16 @@ def test_limits_and_slew_are_kept_and_rows_that_they_cost_are_told():
     assert f"{off.sum():,} of {len(off):,} rows" in found.notes[0]
 
 
-def test_beyond_the_stroke_the_drive_stays_at_the_end_and_the_course_is_found_again():
-    model = model_of(EFFECTS["creep"])
+def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached():
+    model = model_of()
     wanted = course(model, height=18.0)
     found = pj.compensate(model, wanted)
     above = wanted.output > 24.0
     assert above.any()
     assert not found.reachable[above].any()
     assert (found.drive[above] == 10.0).all()
-    assert found.reachable.mean() > 0.4
     error = (found.expected - wanted.output)[found.reachable]
     assert np.abs(error).max() <= GOOD
-
-
-def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached():
-    model = model_of()
-    wanted = course(model, height=18.0)
-    found = pj.compensate(model, wanted)
     told, span = found.notes
     assert "cannot be reached" in told
     # Saturated either way, all hysterons are off or on.
@@ -177,12 +183,8 @@ ADVICE = {"raise it", "widen the limits", RANGE, FAST, "begin the course where t
     [
         ((), {"height": 6.0}, {"slew": 5.0}, {"raise it"}),
         (("slew_limit",), {"burst": (6.0, 60.0)}, {}, set()),
-        ((), {"height": 18.0}, {}, {RANGE}),
         ((), {"height": 6.0}, {"limits": (3.0, 7.0)}, {RANGE, "widen the limits"}),
-        (("output_lag",), {"burst": (4.0, 200.0)}, {}, {FAST}),
         (("resonance",), {"jump": 4.0}, {}, {FAST}),
-        (("resonance",), {"away": 3.0}, {}, {"begin the course where the stage is"}),
-        (("resonance",), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
         ((), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
     ],
 )
@@ -206,8 +208,7 @@ def test_advice_fits_the_cause(effects, of, options, advice):
     assert sum(told) == (~found.reachable).sum()
 
 
-@pytest.mark.parametrize("f_hz", [20.0, 90.0])
-@pytest.mark.parametrize("away", [3.0, -6.0])
+@pytest.mark.parametrize(("f_hz", "away"), [(20.0, -6.0), (90.0, 3.0)])
 def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing(f_hz, away):
     zeta, omega = 0.03, 2 * np.pi * f_hz
     model = model_of((Resonance(), {"f_hz": f_hz, "zeta": zeta}, ()))
@@ -230,17 +231,6 @@ def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing(f_hz, away):
     missed = (output - moved.output)[behind:]
     assert np.abs(missed).max() < 4 * REACHED
     assert np.sqrt(np.mean(missed**2)) < REACHED
-
-
-def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():
-    model = model_of(EFFECTS["input_lag"])
-    smooth = course(model)
-    jump = smooth.output + 4.0 * (smooth.time > 0.8)
-    wanted = pj.Record.from_arrays(smooth.time, smooth.input, jump, units=UNITS)
-    found = pj.compensate(model, wanted)
-    assert not found.reachable[799:803].all()
-    assert found.reachable[:700].all()
-    assert found.reachable[950:].all()
 
 
 def test_the_memory_is_that_of_what_was_played_before():
@@ -286,15 +276,14 @@ def test_the_clock_of_the_course_goes_on_where_it_can():
     np.testing.assert_allclose(there.low, prediction.low, atol=1e-9)
 
 
-@pytest.mark.parametrize("step", [0.3, 4.0])
-def test_a_course_at_another_rate_is_followed_and_told(step):
+def test_a_course_at_another_rate_is_followed_and_told():
     model = model_of(EFFECTS["creep"])
-    t = np.arange(300) * step / RATE
+    t = np.arange(300) * 4.0 / RATE
     rest = resting_output(model)[0]
     wanted = pj.Record.from_arrays(t, 0 * t, rest + 3 * (1 - np.cos(2 * np.pi * t / t[-1])))
     found = pj.compensate(model, wanted)
     assert found.reachable.mean() > 0.98
-    assert any(f"{step:.3g} times" in note for note in found.notes)
+    assert any("4 times" in note for note in found.notes)
 
 
 def test_steps_of_converters_are_left_out_by_name_and_figure():
@@ -415,22 +404,3 @@ def test_from_an_end_of_its_range_the_drive_leaves_where_the_course_does():
     assert u[-1] == PLANE.low
     assert found.drive[0] < PLANE.low + 0.5
     assert found.reachable.all()
-
-
-def test_what_goes_with_the_speed_of_the_drive_is_allowed_for():
-    with jax.enable_x64(True):
-        model = model_of((Viscosity(), {"tau_s": 0.003}, (2e-3,)))
-        wanted = course(model)
-        found = pj.compensate(model, wanted)
-        without = pj.compensate(model_of(), wanted)
-        missed = model.predict(
-            pj.Record.from_arrays(
-                model.origin.stop_s + wanted.time + 1 / RATE,
-                without.drive,
-                without.drive,
-                units=UNITS,
-            )
-        )
-    assert found.reachable.all()
-    np.testing.assert_allclose(found.expected, wanted.output, atol=2 * GOOD)
-    assert np.abs(missed.output - wanted.output).max() > 5 * GOOD

@@ -4,7 +4,6 @@ import functools
 import re
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from drivable import (
@@ -22,10 +21,8 @@ from drivable import (
 from scipy import signal
 
 import preisach_jax as pj
-from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
 from preisach_jax.compensation.straight import tracking
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.resonance import Resonance
@@ -62,17 +59,10 @@ def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     assert "the drive jumps there in its first row" in note
     np.testing.assert_allclose(found.expected, z, atol=1e-11)
     assert np.ptp(found.drive[100:150]) < 1e-12
-
-
-def test_the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one_by_one():
-    record = played(0.8)
-    model, rng = model_of(record=record), np.random.default_rng(6)
-    z = 1.5 + rng.uniform(2, 18, 30)
-    t = np.arange(len(z)) / RATE
-    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=record)
-    whole = np.concatenate([record.input, found.drive])
-    given = slow_ramps(whole, model.weights)[-len(z) :]
-    np.testing.assert_allclose(1.5 + given, z, atol=1e-10)
+    if memory == 0.0:
+        whole = np.concatenate([model.origin.history[1], found.drive[:30]])
+        given = slow_ramps(whole, model.weights)[-30:]
+        np.testing.assert_allclose(1.5 + given, z[:30], atol=1e-10)
 
 
 def test_relays_come_as_near_as_their_steps_are():
@@ -83,16 +73,6 @@ def test_relays_come_as_near_as_their_steps_are():
     rows = np.bincount(PLANE.alpha_index, model.weights)
     assert missed.max() < rows.max()
     assert np.median(missed) < rows.max() / 4
-    # No other place between two thresholds would have been nearer in the first rows.
-    with jax.enable_x64(True):
-        for k in (100, 200, 300):
-            before = np.concatenate([played().input, found.drive[:k]])
-            others = [
-                1.5
-                + np.asarray(pj.simulate(PLANE, model.weights, np.append(before, x), "relay"))[-1]
-                for x in np.linspace(0, 10, 12)
-            ]
-            assert missed[k] <= np.abs(others - wanted.output[k]).min() + 1e-9
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -249,16 +229,6 @@ def test_the_memory_is_that_of_what_was_played_before():
         np.testing.assert_allclose(expected, wanted.output, atol=1e-9)
 
 
-def test_an_unknown_memory_widens_the_band_as_in_a_prediction():
-    model = model_of()
-    t = np.arange(100) / RATE
-    small = pj.Record.from_arrays(t, 5 + np.sin(9 * t), 0 * t)
-    found = pj.compensate(model, course(model, begin=11.0, height=1.0), after=small)
-    width = found.high - found.low
-    assert width[0] > 4 * GOOD
-    assert (np.diff(width) <= 1e-12).all()
-
-
 def test_the_clock_of_the_course_goes_on_where_it_can():
     model = model_of(EFFECTS["drift"], EFFECTS["hum"])
     wanted = course(model)
@@ -324,38 +294,6 @@ def test_bad_courses_are_refused_in_one_line(change, message):
     assert "\n" not in str(refusal.value)
 
 
-def test_an_auxiliary_column_is_asked_for_by_name():
-    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
-    model = model_of(load, record=played(load_N=2.0))
-    wanted = course(model_of())
-    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
-        pj.compensate(model, wanted)
-    loaded = course(model, load_N=2.0)
-    with pytest.raises(pj.InputError, match=r"stage\.csv: the model needs the auxiliary column"):
-        pj.compensate(model, loaded, after=played())
-
-
-def test_a_branch_is_inverted_as_bisection_does_it():
-    """The found position is that of a bisection through the slow operator."""
-    model, rng = model_of(), np.random.default_rng(3)
-    path = rng.uniform(0, 10, 12)
-    with jax.enable_x64(True):
-        operator = Operator.of(PLANE, model.weights, 0 * model.weights, False, False)
-        past = jnp.asarray(path / PLANE.delta_x)
-        state = follow(operator, past, 0 * past)
-        for aim in rng.uniform(0, 20, 2):
-            one = jnp.array([aim])
-            free = Bounds(0 * one, 0 * one + 11, one + jnp.inf, one * jnp.nan)
-            (position,), (output,) = inverse(operator, state, one, 0 * one, free)
-            low, high = 0.0, 10.0
-            for _ in range(34):
-                middle = (low + high) / 2
-                given = slow_ramps(np.append(path, middle), model.weights)[-1]
-                low, high = (middle, high) if given < aim else (low, middle)
-            assert abs(position * PLANE.delta_x - low) < 1e-9
-            assert abs(output - aim) < 1e-12
-
-
 def test_the_straight_line_beside_a_drive_is_the_best_one_played_through_the_model():
     model = model_of()
     wanted = course(model)
@@ -387,20 +325,3 @@ def test_work_on_a_drive_ends_when_its_progress_raises():
     with pytest.raises(KeyboardInterrupt):
         pj.compensate(model, course(model), progress=stop)
     assert told == [0.0]
-
-
-def test_from_an_end_of_its_range_the_drive_leaves_where_the_course_does():
-    # Creep makes the linear inverse ask for too little at first, and so hold the drive at its end.
-    with jax.enable_x64(True):
-        effect = Creep(tau_s=(0.5, 20.0))
-        values = {"c_1": 0.1, "c_2": 0.6}
-        record = played()
-        rows = np.clip(np.arange(len(record.time)) / len(record.time) * 1.3, 0, 1)
-        u = record.input * (1 - rows**8)
-        ended = pj.Record.from_arrays(record.time, u, 2 * u, units=UNITS, name="stage.csv")
-        model = model_of((effect, values, (0.0, 0.0)), record=ended)
-        wanted = course(model, height=7.0)
-        found = pj.compensate(model, wanted)
-    assert u[-1] == PLANE.low
-    assert found.drive[0] < PLANE.low + 0.5
-    assert found.reachable.all()

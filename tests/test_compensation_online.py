@@ -54,12 +54,6 @@ def test_for_hysteresis_alone_it_is_the_drive_of_the_whole_course():
     np.testing.assert_allclose(driven(pj.OnlineInverse(model, RATE), wanted), whole, atol=1e-9)
 
 
-def test_effects_that_would_look_ahead_are_named():
-    model = model_of(EFFECTS["delay"], EFFECTS["operator_creep"], EFFECTS["reptation"])
-    left = pj.OnlineInverse(model, RATE).left_out
-    assert sorted(left) == ["delay", "operator_creep", "reptation"]
-
-
 def test_limits_are_kept_and_what_they_cost_is_told():
     model = model_of()
     inverse = pj.OnlineInverse(model, RATE, (4.0, 6.0), slew=50.0)
@@ -166,22 +160,28 @@ def test_a_bad_sample_is_refused_and_the_state_is_as_before(sample, message):
     assert inverse(5.0) == other(5.0)
 
 
-def test_bad_options_are_refused():
-    model = model_of()
-    bad: tuple[tuple[dict[str, Any], str], ...] = (
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"rate_hz": RATE, "step_size": 2.0}, "step_size is 2"),
-        ({"rate_hz": RATE, "follow_s": 0.0}, "follow_s is 0"),
         ({"rate_hz": RATE, "limits": (2.0, 1.0)}, "lower one first"),
-    )
-    for options, message in bad:
-        with pytest.raises(pj.InputError, match=message):
-            pj.OnlineInverse(model, **options)
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(pj.InputError, match=message):
+        pj.OnlineInverse(model_of(), **options)
+
+
+def test_an_auxiliary_column_is_asked_for_by_name():
     load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
-    inverse = pj.OnlineInverse(model_of(load, record=played(load_N=2.0)), RATE)
+    model = model_of(load, record=played(load_N=2.0))
+    inverse = pj.OnlineInverse(model, RATE)
     with pytest.raises(pj.InputError, match="auxiliary column 'load_N'"):
         inverse(5.0)
     assert math.isfinite(inverse(5.0, aux={"load_N": 2.0}))
+    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
+        pj.compensate(model, course(model_of()))
 
 
 def test_a_simulated_stage_reads_what_the_model_predicts():

@@ -28,13 +28,13 @@ from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import InputError
 from preisach_jax.export import export_c
-from preisach_jax.export.c import c_comment, files, sums_below
+from preisach_jax.export.c import c_comment, files
 from preisach_jax.export.description import describe
 from preisach_jax.export.laws import LAWS
 from preisach_jax.export.stepper import advance, start
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.model import Model, exactly_summable
+from preisach_jax.model import Model
 
 pytestmark = needs_compiler
 
@@ -148,16 +148,6 @@ def test_a_speed_that_looks_ahead_in_predict_is_causal_here(tmp_path):
     expected = predicted(model, slow)
     missed = np.abs(compiled_again(compiled, slow) - expected)[1:]
     assert missed.max() < 1e-3 * np.ptp(expected)
-
-
-def test_float_is_within_its_rounding(tmp_path):
-    model = drawn(["creep", "aux:load_N", "drift", "delay", "slew_limit", "reptation", "hum"])
-    u = course(4).astype(np.float32).astype(float)
-    aux = [each.astype(np.float32).astype(float) for each in columns(model, len(u))]
-    expected = predicted(model, u, aux)
-    found = Compiled(model, tmp_path, "-DPREISACH_FLOAT")(u, aux)
-    assert np.abs(found - expected).max() < 1e-5 * np.ptp(expected)
-    assert np.abs(found - expected).max() > 1e-9  # it is float
 
 
 def test_nested_loops_inside_one_cell_are_remembered_in_a_state_of_fixed_size(tmp_path):
@@ -277,19 +267,6 @@ def learning(compiled, stage):
     return [replayed(each) for each in (weights[0], weights[-1])], errors
 
 
-@pytest.mark.parametrize(("f_hz", "zeta"), [(5.0, 0.2), (60.0, 0.02)])
-def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
-    """Whatever the mode and the rate, errors of weights and readings fall, eq. (9)."""
-    model = drawn(["resonance", "delay"])
-    mode = {"resonance": {"f_hz": f_hz, "zeta": zeta}}
-    model = replace(model, values={**model.values, **mode})
-    compiled = Compiled(model, tmp_path, rate_hz=2000.0)
-    replayed, weights = learning(compiled, other_stage(compiled))
-    assert np.all(np.diff(weights) <= 1e-12)
-    assert weights[-1] < 0.98 * weights[0]
-    assert replayed[-1] < 0.9 * replayed[0]
-
-
 @pytest.mark.parametrize(
     "name",
     ["creep", "delay", "resonance", "output_lag", "slew_limit", "moving", "ripples", "rate_smooth"],
@@ -311,21 +288,6 @@ def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp
     replayed, errors = learning(compiled, stage)
     assert errors[-1] < 0.8 * errors[0]
     assert replayed[-1] < 0.5 * replayed[0]
-
-
-def test_learning_begun_late_or_broken_off_stays_bounded(tmp_path):
-    """Steps without learning before and between, and readings that are missing."""
-    compiled = Compiled(drawn(["creep", "resonance", "delay"]), tmp_path)
-    stage, errors = other_stage(compiled), []
-    for k in range(8):
-        u = wild(600, k)
-        z = stage(u)
-        if k % 2:
-            compiled.adapt(u, np.where(np.arange(len(u)) % 50 < 20, np.nan, z))
-        else:
-            compiled(u)
-        errors.append(np.linalg.norm(compiled.weights - stage.weights))
-    assert errors[-1] < 0.95 * errors[0]
 
 
 def test_learnt_weights_are_put_back(tmp_path):
@@ -383,19 +345,6 @@ def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["rate_hz"] == 1000.0
 
 
-def test_without_learning_the_tables_are_constant(tmp_path):
-    model = drawn(["rate_corners"])
-    for name, text in files(model).items():
-        (tmp_path / name).write_text(text)
-    subprocess.run(
-        [GCC, *STRICT, "-DPREISACH_NO_ADAPT", "-o", "test", "preisach_test.c", "preisach_model.c",
-         "-lm"], cwd=tmp_path, check=True,
-    )  # fmt: skip
-    done = subprocess.run([tmp_path / "test"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert int(done.stdout.split()[0]) < 8 * 150
-
-
 class Own(AddedEffect):
     """An effect that no template knows."""
 
@@ -446,13 +395,3 @@ def test_an_effect_can_be_left_out(tmp_path):
 
 def test_texts_of_a_record_end_no_comment():
     assert c_comment("a */ b /* c \\ µ\n") == "a _/ b /_ c _ u_"
-
-
-def test_sums_of_weights_that_can_be_summed_exactly():
-    weights = np.random.default_rng(0).uniform(0.0, 1.0, 703)
-    exact = exactly_summable(weights)
-    np.testing.assert_allclose(exact, weights, rtol=0, atol=1e-12)
-    orders = [np.random.default_rng(seed).permutation(703) for seed in range(20)]
-    assert len({float(np.cumsum(exact[order])[-1]) for order in orders}) == 1
-    assert len({float(np.cumsum(weights[order])[-1]) for order in orders}) > 1
-    assert sums_below(exact, 37)[-1] == exact.sum()

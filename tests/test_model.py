@@ -24,11 +24,11 @@ from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.model.band import Band, Course, Others
-from preisach_jax.model.spread import few_rows, spread_of
+from preisach_jax.model.spread import spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.record.course import reversals, time_since_reversal
+from preisach_jax.record.course import time_since_reversal
 
 RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
@@ -117,8 +117,7 @@ def test_a_model_reads_back_to_the_last_bit(tmp_path, rich):
 
 
 def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
-    budgeted = plain.with_budget(0.02, float("nan"))
-    budgeted.save(tmp_path / "model.json")
+    plain.with_budget(0.02, float("nan")).save(tmp_path / "model.json")
 
     def refuse(constant):
         raise AssertionError(f"{constant} is no JSON")
@@ -126,17 +125,10 @@ def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
     text = (tmp_path / "model.json").read_text(encoding="utf-8")
     content = json.loads(text, parse_constant=refuse)
     assert content["format_version"] == FORMAT_VERSION
-    assert content["library_version"]
-    assert content["levels"] == 9
-    assert len(content["weights"]) == 45
+    assert (len(content["weights"]), content["levels"], content["noise"]) == (45, 9, 0.02)
     assert (content["low"], content["high"]) == (record.input.min(), record.input.max())
-    assert content["columns"] == {"time": "time", "input": "input", "output": "output", "aux": []}
     assert content["units"] == {"time": "s", "input": "V", "output": "um"}
-    assert content["identification"]["record"] == "stage.csv"
     assert content["identification"]["sha256"] == record.sha256
-    assert content["sampling"] == {"step_s": pytest.approx(1 / RATE), "rows": len(record)}
-    assert content["noise"] == 0.02
-    assert content["discretisation"] is None
 
 
 def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch):
@@ -152,11 +144,6 @@ def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch)
         plain.save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_place_that_does_not_exist_is_named(tmp_path, plain):
-    with pytest.raises(pj.InputError, match=r"nowhere.model\.json: there is no folder"):
-        plain.save(tmp_path / "nowhere" / "model.json")
 
 
 def refused(path, **options):
@@ -212,37 +199,6 @@ def test_other_versions_are_refused(tmp_path, content, found):
     assert "9.9.9" in message
 
 
-@pytest.mark.parametrize("key", ["weights", "effects", "identification", "discretisation"])
-def test_a_missing_entry_is_named(tmp_path, content, key):
-    del content[key]
-    message = refused(write(tmp_path / "model.json", content))
-    assert f"({key} is missing: expected it beside" in message
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("weights", [1.0, 2.0]),
-        ("weights", [[1.0] * 45]),
-        ("weights", [float("nan")] * 45),
-        ("levels", 8),
-        ("low", 99.0),
-        ("high", None),
-        ("hysteron", "slope"),
-        ("effects", [{"name": "magic", "settings": {}, "parameters": {}}]),
-        ("effects", [3]),
-        ("columns", {}),
-        ("identification", "stage.csv"),
-    ],
-)
-def test_damaged_entries_are_refused(tmp_path, content, key, value):
-    content[key] = value
-    message = refused(write(tmp_path / "model.json", content))
-    assert (
-        "damaged" in message or repr(key) in message or f"{key} is" in message or "magic" in message
-    )
-
-
 class Leak(AddedEffect):
     name = "leak"
     share: float = 1.0
@@ -269,15 +225,6 @@ def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
 
 
 # --- predicting ---
-
-
-def test_the_record_itself_is_predicted_as_it_was_fitted(plain, record):
-    got = plain.predict(without_output(record))
-    np.testing.assert_array_equal(got.output, plain.simulate(record))
-    np.testing.assert_array_equal(got.time, record.time)
-    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(record))
-    np.testing.assert_allclose((got.high + got.low) / 2, got.output)
-    assert np.sqrt(np.mean((got.output - record.output) ** 2)) < 1.2 * plain.rms_validation
 
 
 def test_a_record_that_begins_with_it_goes_on(plain, record):
@@ -359,11 +306,6 @@ def test_input_beyond_the_plane_is_refused(plain, record):
     assert "\n" not in message
 
 
-def test_noise_on_the_input_may_leave_the_plane_a_little(plain, record):
-    path = record.input + 0.3
-    assert np.isfinite(plain.predict(without_output(record, input=path)).output).all()
-
-
 def test_a_missing_auxiliary_column_is_named(rich):
     record, model = rich
     with pytest.raises(pj.InputError, match=r"new.csv.*'load_N'.*--aux load_N"):
@@ -390,16 +332,6 @@ def test_lags_and_creep_go_on_in_a_continuation(rich):
     # Without the clock, the memory is unknown.
     lost = model.predict(without_output(record, **arrays | {"time": time + 1000.0}))
     assert np.max(lost.high - lost.low - (alone.high - alone.low)) > 0.01 * np.ptp(expected)
-
-
-def test_a_clock_that_was_set_back_starts_drift_anew(rich):
-    record, model = rich
-    gap = {"input": np.append(37.0, record.input[1:])}  # not the record that was fitted
-    now, before = (
-        model.predict(without_output(record, time=record.time + shift, **gap))
-        for shift in (0.0, -1000.0)
-    )
-    np.testing.assert_allclose(before.output, now.output, atol=1e-6)
 
 
 def test_a_short_record_is_fitted():
@@ -474,13 +406,6 @@ def test_the_law_finds_what_the_variance_goes_with():
             assert 0.93 < np.mean(np.abs(fresh[third == k]) <= half[third == k]) < 0.97
 
 
-def test_slices_of_few_rows_have_the_width_of_all():
-    record = wandering(200)
-    residual = np.random.default_rng(0).normal(size=200)
-    band = Band.calibrated(Course.of(record), residual, np.zeros((200, 2)), 1.0, 0.0, NO_OTHERS)
-    assert np.ptp(band.half) == 0
-
-
 def test_no_band_is_narrower_than_the_noise():
     record = wandering(2000)
     course, none = Course.of(record), np.zeros((2000, 2))
@@ -533,35 +458,21 @@ def test_a_wander_goes_on_as_it_went_and_another_record_has_another():
     assert not unforeseen(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
 
 
-def test_long_records_are_thinned_without_losing_a_turn():
-    record = wandering(30000)
-    kept = few_rows(record)
-    assert len(kept) == 8000
-    assert set(reversals(record.input, 0.002 * np.ptp(record.input))) <= set(kept.tolist())
-    assert (kept[0], kept[-1]) == (0, 29999)
-
-
 def test_a_band_comes_back_from_its_file(plain, record):
-    again = Model.from_json(json.loads(json.dumps(plain.to_json())))
-    np.testing.assert_array_equal(again.half_width(record), plain.half_width(record))
-    for key, wrong, said in (
-        ("weights", ["1"], "band.others.weights is a list of 1: expected 28, as many as offset"),
-        ("weights", ["1 x"] * 28, r"band.others.weights\[0\] is '1 x': expected a text of whole"),
-        ("added", [[1.0]] * 28, r"band.others.added\[0\] is a list of 1: expected 0"),
+    content = json.loads(json.dumps(plain.to_json()))
+    np.testing.assert_array_equal(
+        Model.from_json(content).half_width(record), plain.half_width(record)
+    )
+    for inside, key, wrong, said in (
+        (content["band"]["others"], "weights", ["1"], "others.weights is a list of 1: expected 28"),
+        (content["band"]["others"], "weights", ["1 x"] * 28, r"others.weights\[0\] is '1 x'"),
+        (content["band"], "half", [0.1] * 4, "band.half is a list of 4: expected 9"),
     ):
-        content = plain.to_json()
-        content["band"]["others"][key] = wrong
+        right, inside[key] = inside[key], wrong
         with pytest.raises(pj.InputError, match=said):
             Model.from_json(content)
-
-
-def test_a_file_without_a_band_has_that_of_the_whole(plain, record):
-    content = plain.to_json()
+        inside[key] = right
     del content["band"]
     np.testing.assert_array_equal(
         Model.from_json(content).half_width(record), 1.96 * plain.rms_validation
     )
-    content = plain.to_json()
-    content["band"]["half"] = content["band"]["half"][:4]
-    with pytest.raises(pj.InputError, match=r"band.half is a list of 4: expected 9"):
-        Model.from_json(content)

@@ -1,6 +1,5 @@
 """Records: what is read is what was written, in every format and dialect."""
 
-import csv
 import hashlib
 import importlib.resources
 
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import MIN_MEASURED, Channel, Record
+from preisach_jax.record import Channel, Record
 from preisach_jax.record.units import is_known_unit, split_unit
 
 K = 60
@@ -122,21 +121,6 @@ def test_bundled_measurement():
     assert not any("guessed from" in note for note in said)
 
 
-def test_bundled_measurement_agrees_with_an_independent_conversion(shared_data):
-    with importlib.resources.as_file(bundled()) as path:
-        record = Record.load(path)
-    with open(shared_data / "forc_agm_pmagpy.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    # the conversion prints seven digits
-    t, x, z = (np.array([float(row[name] or "nan") for row in rows]) for name in "txz")
-    np.testing.assert_allclose(record.time, t, rtol=5.1e-7)
-    np.testing.assert_allclose(record.input, x, rtol=1e-14)
-    np.testing.assert_allclose(record.output, z, rtol=1e-14)
-    converted = Record.load(shared_data / "forc_agm_pmagpy.csv")
-    np.testing.assert_array_equal(converted.output, z)
-    assert converted.initial_memory == "free"
-
-
 # --- delimiter-separated text ---------------------------------------------------------------------
 
 finite = st.floats(min_value=-1e9, max_value=1e9, allow_nan=False, width=64)
@@ -182,50 +166,6 @@ def test_every_dialect_gives_back_the_values_to_the_last_bit(tmp_path, dialect):
         np.testing.assert_array_equal(read, written)
     assert [record.channels[c].unit for c in ("time", "input")] == ["s", "V"]
     assert [record.channels[c].name for c in ("time", "input", "output")] == list(names)
-
-
-def test_lines_before_the_names_and_a_line_of_units(tmp_path):
-    path = write_csv(tmp_path / "logger.csv", delimiter=";")
-    names, *data = path.read_text().splitlines()
-    path.write_text("\n".join(["Logger 12", "Operator: me", names, "s;V;µm", *data]))
-    said = []
-    record = Record.load(path, announce=said.append)
-    np.testing.assert_array_equal(record.input, signals()[1])
-    assert (record.input_unit, record.output_unit) == ("V", "µm")
-    assert any("2 line(s) before the names" in note for note in said)
-
-
-def test_a_delimiter_at_the_end_of_every_row_and_rows_of_nothing_else(tmp_path):
-    path = write_csv(tmp_path / "trailing.csv")
-    names, *data = path.read_text().splitlines()
-    path.write_text("\n".join([names, *(f"{line}," for line in data), ",,,", ",,,"]))
-    np.testing.assert_array_equal(Record.load(path).output, signals()[2])
-
-
-def test_a_file_without_names_is_read_by_position(tmp_path):
-    path = tmp_path / "bare.txt"
-    np.savetxt(path, np.column_stack(signals()), fmt="%.17g")
-    record = Record.load(path, time="1", input="2", output="3")
-    np.testing.assert_array_equal(record.output, signals()[2])
-
-
-def test_a_single_column_with_a_rate(tmp_path):
-    path = tmp_path / "one.csv"
-    path.write_text("u_V\n0,5\n1,5\n0,25\n")
-    record = Record.load(path, input="u_V", rate=10.0, need_output=False)
-    np.testing.assert_array_equal(record.input, [0.5, 1.5, 0.25])
-    np.testing.assert_array_equal(record.time, [0.0, 0.1, 0.2])
-
-
-def test_empty_output_cells_belong_to_the_history_of_the_input(tmp_path):
-    path = write_csv(tmp_path / "gaps.csv")
-    lines = path.read_text().splitlines()
-    for row, cell in ((3, ""), (5, "  "), (7, "nan"), (9, "NaN")):
-        lines[row] = ",".join([*lines[row].split(",")[:2], cell])
-    path.write_text("\n".join(lines))
-    record = Record.load(path)
-    np.testing.assert_array_equal(np.flatnonzero(~record.measured), [2, 4, 6, 8])
-    assert np.all(np.isfinite(record.input))
 
 
 # --- other formats --------------------------------------------------------------------------------
@@ -287,27 +227,6 @@ def test_time_is_in_seconds_and_kept_as_in_the_file(tmp_path, name, unit, second
     np.testing.assert_allclose(record.time, values * seconds, rtol=1e-15)
     np.testing.assert_array_equal(record.time_values, values)
     assert record.channels["time"] == Channel(name, unit)
-
-
-def test_days_are_seconds_where_they_are_named_and_a_column_t_d_is_none(tmp_path):
-    rows = "".join(f"{k / 86400},{k % 7},{k % 5}\n" for k in range(60))
-    (tmp_path / "f.csv").write_text("t [d],u_V,z_um\n" + rows)
-    assert Record.load(tmp_path / "f.csv").step_s == pytest.approx(1.0)
-    (tmp_path / "g.csv").write_text("t_d,u_V,z_um\n" + rows)  # d for desired, perhaps
-    told = Record.load(tmp_path / "g.csv", time="t_d", units={"time": "days"})
-    assert told.step_s == pytest.approx(1.0)
-    assert split_unit("t_d") == ("t_d", "")
-
-
-def test_units_that_are_told_come_before_those_in_names(tmp_path):
-    path = write_csv(tmp_path / "r.csv", ("t", "u_V", "z"))
-    said = []
-    record = Record.load(
-        path, units={"time": "ms", "u_V": "kV", "output": "nm"}, announce=said.append
-    )
-    assert record.duration_s == pytest.approx(0.59e-3)
-    assert (record.input_unit, record.output_unit) == ("kV", "nm")
-    assert not any("seconds" in note for note in said)
 
 
 def test_a_unit_that_nobody_knows_is_kept_and_told(tmp_path):
@@ -373,16 +292,6 @@ def test_only_what_is_not_told_is_guessed(tmp_path):
     (guess,) = [note for note in said if "guessed from" in note]
     assert guess.endswith("time t, output z")
     np.testing.assert_array_equal(record.aux["u"], u)
-
-
-def test_texts_and_constants_are_never_guessed(tmp_path):
-    t, u, z = signals()
-    path = tmp_path / "r.csv"
-    rows = [f"{a},{b},5.0,here,{c}" for a, b, c in zip(t, u, z, strict=True)]
-    path.write_text("\n".join(["t,u,x,output,z", *rows]))
-    record = Record.load(path)
-    assert record.channels["input"].name == "u"
-    assert record.channels["output"].name == "z"
 
 
 # --- prediction: the input alone ------------------------------------------------------------------
@@ -462,12 +371,6 @@ def test_the_initial_memory_that_is_told_counts(tmp_path, memory):
     path = write_csv(tmp_path / "r.csv")
     assert Record.load(path, initial_memory=memory).initial_memory == memory
     assert Record.load(path).initial_memory == "free"
-
-
-def test_a_record_of_the_least_length_is_accepted():
-    record_of(MIN_MEASURED).check_identifiable()
-    with pytest.raises(InputError, match=f"{MIN_MEASURED - 1} measured samples"):
-        record_of(MIN_MEASURED - 1).check_identifiable()
 
 
 def test_a_record_or_several_in_place_of_arrays_is_told():

@@ -75,13 +75,6 @@ def test_rows_are_those_of_the_file_whatever_comments_and_blanks_stand_before(tm
     assert f"row {expected}:" in refusal(path)
 
 
-def test_a_bad_cell_in_a_column_with_decimal_commas(tmp_path):
-    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
-    rows[16][1] = "1.23,5"
-    message = refusal(write(tmp_path / "stage.csv", rows, ";"), **COLUMNS)
-    assert "column u_V, row 17: '1.23,5' is not a number" in message
-
-
 def test_a_missing_file_names_one_of_a_similar_name(tmp_path):
     write(tmp_path / "stage_01.csv", rows_of_text())
     message = refusal(tmp_path / "stage_02.csv")
@@ -176,13 +169,6 @@ def test_rows_of_unequal_length(tmp_path):
     assert "row 21: 4 field(s)" in refusal(write(tmp_path / "long.csv", rows))
 
 
-def test_decimal_commas_between_commas_cannot_be_told_apart(tmp_path):
-    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
-    message = refusal(write(tmp_path / "stage.csv", rows))
-    assert "decimal signs" in message
-    assert "; or tabs" in message
-
-
 # --- columns --------------------------------------------------------------------------------------
 
 
@@ -221,17 +207,6 @@ def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
     assert all(part in message for part in expected), message
 
 
-def test_a_time_column_of_text_says_so(tmp_path):
-    rows = rows_of_text()
-    rows = [["Zeit", *rows[0][1:]], *([f"step {k}", *r[1:]] for k, r in enumerate(rows[1:]))]
-    path = write(tmp_path / "stage.csv", rows)
-    assert "(Zeit is text)" in refusal(path)
-    assert "column Zeit, row 2: 'step 0' is not a number (and 59 more)" in refusal(
-        path, time="Zeit"
-    )
-    assert len(Record.load(path, rate=1.0)) == K
-
-
 # --- what cannot be identified --------------------------------------------------------------------
 
 
@@ -247,17 +222,6 @@ def test_a_column_that_says_nothing(tmp_path, column, name, cell, expected):
         message = refusal(write(tmp_path / "stage.csv", rows), **options)
         assert name in message
         assert expected in message
-
-
-def test_an_auxiliary_column_with_a_hole(tmp_path):
-    rows = [[*row, str(k)] for k, row in enumerate(rows_of_text())]
-    rows[0][3], rows[30][3] = "load_N", ""
-    message = refusal(write(tmp_path / "stage.csv", rows), aux=["load_N"])
-    assert "column load_N, row 31" in message
-    for row in rows[1:]:  # a diagnosis sets a constant one aside and goes on
-        row[3] = "3"
-    record = Record.load(write(tmp_path / "stage.csv", rows), aux=["load_N"])
-    assert set(record.aux["load_N"]) == {3.0}
 
 
 def test_too_few_samples(tmp_path):

@@ -41,14 +41,6 @@ def from_file(tmp_path):
     return Record.load(path, time="t_ms", **told)
 
 
-def since_1970(tmp_path):
-    """A record whose times are too great for the small steps between them."""
-    path = tmp_path / "epoch.csv"
-    rows = [f"170929440{k // 10}.{k % 10}01,{k % 9},{k % 8}" for k in range(K)]
-    path.write_text("\n".join(["timestamp,u_V,z_um", *rows]) + "\n")
-    return Record.load(path)
-
-
 def assert_same(found, record):
     """The same to the last bit: values, units, auxiliary columns, what is known of the start."""
     assert found.sha256 == record.sha256
@@ -65,7 +57,7 @@ def assert_same(found, record):
 # pandas
 
 
-@pytest.mark.parametrize("make", [lambda _: sample(), from_file, since_1970])
+@pytest.mark.parametrize("make", [lambda _: sample(), from_file])
 def test_a_frame_and_a_dataset_give_the_record_back(make, tmp_path):
     record = make(tmp_path)
     notes = []
@@ -75,28 +67,6 @@ def test_a_frame_and_a_dataset_give_the_record_back(make, tmp_path):
     assert dataset["time"].attrs["units"] == "s"
     np.testing.assert_array_equal(dataset["time"], record.time)
     assert_same(Record.from_xarray(dataset), record)
-
-
-def test_columns_of_a_frame_are_guessed_as_those_of_a_file(tmp_path):
-    frame = pd.DataFrame({"t_ms": 1000 * TIME, "u_V": DRIVE, "z_um": STROKE, "note": "warm"})
-    path = tmp_path / "stage.csv"
-    frame.to_csv(path, index=False)
-    told = {"frame": [], "file": []}
-    found = Record.from_pandas(frame, announce=told["frame"].append)
-    expected = Record.load(path, announce=told["file"].append)
-    assert found.sha256 == expected.sha256
-    assert found.channels == expected.channels
-    assert told["frame"] == [note.replace(str(path), "frame") for note in told["file"]]
-
-
-def test_columns_and_units_that_are_told_come_before_those_of_to_pandas():
-    record = sample()
-    frame = record.to_pandas().rename(columns={"input": "drive"})
-    told = {"input": "load N", "aux": ["drive"], "units": {"output": "nm"}}
-    found = Record.from_pandas(frame, **told)
-    np.testing.assert_array_equal(found.input, LOAD)
-    np.testing.assert_array_equal(found.aux["drive"], DRIVE)
-    assert (found.input_unit, found.output_unit) == ("N", "nm")
 
 
 @pytest.mark.parametrize(
@@ -114,14 +84,6 @@ def test_the_index_may_be_the_time(index):
     record = Record.from_pandas(frame)
     np.testing.assert_array_equal(record.time, np.arange(K) * 25 / 1000)
     np.testing.assert_array_equal(record.input, DRIVE)
-
-
-def test_an_index_that_counts_rows_is_no_column():
-    frame = pd.DataFrame({"u_V": DRIVE, "z_um": STROKE})[20:]
-    record = Record.from_pandas(frame, rate=50.0)
-    np.testing.assert_array_equal(record.time, np.arange(60) / 50)
-    with pytest.raises(InputError, match="the columns are u_V, z_um"):
-        Record.from_pandas(frame)
 
 
 def test_missing_values_of_pandas_are_empty_cells():

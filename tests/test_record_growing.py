@@ -1,13 +1,8 @@
 """Texts that end within a row, as a file does that a logger is still writing."""
 
-import io
-import threading
-
 import numpy as np
-import pandas as pd
 import pytest
 from drivable import model_of
-from scipy.io import savemat
 
 from preisach_jax.cli import main
 from preisach_jax.errors import InputError
@@ -88,57 +83,10 @@ def test_a_last_line_that_ends_within_a_number_is_left_out(tmp_path, cell):
     np.testing.assert_array_equal(record.output, OUTPUT[:-1])
 
 
-@pytest.mark.parametrize(("cell", "value"), [("4", 4.0), (".5", 0.5), ("4e1", 40.0), ("", np.nan)])
-def test_a_last_line_that_looks_complete_stays(tmp_path, cell, value):
-    record = loaded(tmp_path / "log.csv", with_last(f"5.9,2.5,{cell}"))
-    assert record.torn_row is None
-    assert len(record) == ROWS
-    np.testing.assert_equal(record.output[-1], value)
-
-
-def test_numbers_that_all_end_in_a_point_are_whole(tmp_path):
-    content = "t_s,u_V,z_um\n" + "\n".join(f"{k}.,{k % 7}.,{k % 5}." for k in range(ROWS))
-    record = loaded(tmp_path / "log.csv", content)
-    assert record.torn_row is None
-    assert record.output[-1] == (ROWS - 1) % 5
-
-
 @pytest.mark.parametrize("end", ["\r\n", "\n# stopped"])
 def test_a_short_row_that_has_its_line_end_is_refused(tmp_path, end):
     with pytest.raises(InputError, match=rf"row {ROWS + 1}: 2 field\(s\) where the names are 3"):
         loaded(tmp_path / "log.csv", with_last("5.9,2.5" + end))
-
-
-def test_a_record_that_is_used_further_remembers_it(tmp_path):
-    record = loaded(tmp_path / "log.csv", with_last("5.9,2"))
-    left = record.without(np.arange(ROWS - 1) == 7)
-    assert left.torn_row == ROWS + 1
-    assert TOLD in record._repr_html_()
-
-
-def test_a_file_that_grows_while_it_is_read_gives_its_beginning(tmp_path):
-    path, content = tmp_path / "log.csv", text()
-    written = content.index("\n", len(content) // 2) + 1
-    path.write_text(content[:written])
-    stopped = threading.Event()
-
-    def log():
-        with path.open("a") as file:
-            for sign in content[written:]:
-                file.write(sign)
-                file.flush()
-        stopped.set()
-
-    logger = threading.Thread(target=log)
-    logger.start()
-    lengths = []
-    while not stopped.is_set():
-        record = Record.load(path, need_output=False)
-        lengths.append(len(record))
-        np.testing.assert_array_equal(record.input, INPUT[: len(record)])
-    logger.join()
-    assert lengths == sorted(lengths)
-    assert len(Record.load(path)) == ROWS
 
 
 def test_the_command_line_tells_it(tmp_path, capsys):
@@ -152,22 +100,3 @@ def test_the_command_line_tells_it(tmp_path, capsys):
     assert len(out.read_text().splitlines()) == 3
     assert main([*words, "--json"]) == 0
     assert told in capsys.readouterr().err.splitlines()
-
-
-@pytest.mark.parametrize("kind", ["npz", "mat", "parquet"])
-def test_a_container_that_is_cut_short_is_refused(tmp_path, kind):
-    columns = {"t_s": TIME, "u_V": INPUT, "z_um": OUTPUT}
-    whole, path = io.BytesIO(), tmp_path / f"log.{kind}"
-    if kind == "npz":
-        np.savez(whole, **columns)
-    elif kind == "mat":
-        savemat(whole, columns)
-    else:
-        pd.DataFrame(columns).to_parquet(whole)
-    content = whole.getvalue()
-    path.write_bytes(content)
-    assert len(Record.load(path)) == ROWS
-    for stop in np.linspace(10, len(content) - 1, 8).astype(int):
-        path.write_bytes(content[:stop])
-        with pytest.raises(InputError):
-            Record.load(path)

@@ -32,7 +32,7 @@ def test_the_response_is_that_of_predict(control):
 
 def test_it_can_be_connected(control):
     """An integrator closes the loop around it: the output comes to what is wanted."""
-    model = drawn([], levels=5)
+    model = drawn([])
     stage = model.to_control(name="stage")
     gain = 0.2
     controller = control.NonlinearIOSystem(

@@ -542,6 +542,7 @@ REFUSED = {
         zipped(**{f"run_{k}.csv": CSV for k in range(9)}), refused=("holds 9 files", "unpack it")
     ),
     "bomb.csv.gz": Case(BOMB, refused=("unpack to", "no record is compressed so far")),
+    "bomb.zip": Case(zipped(a__csv=b"0,0,0\n" * 20_000_000), refused=("no record is compressed",)),
     "bomb.xlsx": Case(
         zipped(**{"[Content_Types].xml": b" " * 100_000_000}), refused=("no record is compressed",)
     ),

@@ -19,6 +19,7 @@ from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
+from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.model import Model, Origin, ParameterEstimate
 from preisach_jax.operator.plane import Plane
 
@@ -86,6 +87,12 @@ def resting_output(model, **aux):
     return model.predict(pj.Record.from_arrays(t, u, u, aux=columns, units=UNITS)).output
 
 
+def reading_of(model, drive):
+    """What `predict` says of a drive that goes on from the record of the fit."""
+    t = model.origin.stop_s + (1 + np.arange(len(drive))) / RATE
+    return model.predict(pj.Record.from_arrays(t, drive, drive, units=UNITS)).output
+
+
 def course(model, seconds=1.0, height=5.0, begin=None, **aux):
     """A smooth course of loops that begins at rest where the stage is."""
     t = np.arange(round(seconds * RATE)) / RATE
@@ -119,5 +126,6 @@ EFFECTS = {
     "ageing": (Ageing(horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
     "operator_creep": (OperatorCreep(range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
     "reptation": (Reptation(10.0), {"path": 30.0}, (0.05,) * len(Reptation().coefficients())),
+    "viscosity": (Viscosity(), {"tau_s": 0.003}, (2e-3,)),
     "output_nonlinearity": (OutputNonlinearity(1.5, 20.0), {}, (0.3, -0.2)),
 }

@@ -1,5 +1,6 @@
 """Models of every effect with drawn parameters, and their C code, compiled and called."""
 
+import copy
 import ctypes
 import itertools
 import shutil
@@ -62,8 +63,6 @@ void put_weights(preisach_state *s, const double *w)
     for (i = 0; i < PREISACH_CELLS; i++) own[i] = (preisach_real)w[i];
     preisach_set_weights(s, own);
 }
-double output_of_state(const preisach_state *s);
-double output_of_state(const preisach_state *s) { return (double)s->output; }
 long refused(const preisach_state *s);
 long refused(const preisach_state *s) { return (long)s->refused; }
 void weights(const preisach_state *s, double *w);
@@ -139,10 +138,9 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1):
             own["coefficient"] = 0.3
     weights = polarity * rng.uniform(0.0, 0.1, plane.cells)
     added = []
-    for effect_name, parameter in chain.coefficients:
+    for _, parameter in chain.coefficients:
         size = 0.02 if "ripple" not in parameter.name else 0.0003
         added.append(rng.uniform(-size, size) if parameter.amount else 5.0)
-        del effect_name
     aux = [effect.column for effect in effects if isinstance(effect, Auxiliary)]
     record = Record.from_arrays(time, u, z, aux={name: smooth(len(u), 7) for name in aux})
     parameters = {effect.name: {} for effect in effects}
@@ -174,7 +172,6 @@ FORMS = {
     "input_filter": lambda survey: InputLag(STEP_S / 4, 1.0, of_samples=True),
     "output_filter": lambda survey: OutputLag(STEP_S / 4, 1.0, of_samples=True),
     "aux:load_N": lambda survey: Auxiliary("load_N", "N", STEP_S / 10, 1.0),
-    "aux:heat": lambda survey: Auxiliary("heat", "K", STEP_S / 10, 1.0),
 }
 
 
@@ -200,19 +197,25 @@ class Compiled:
         (self.folder / "runner.c").write_text(RUNNER.replace(" AUX", aux))
         # Of two libraries of one name the second would be the first.
         library = self.folder / f"model_{next(NUMBERS)}.so"
-        # -O1 compiles in half the time of -O2
         done = subprocess.run(
-            [GCC, *STRICT, "-O1", "-fPIC", "-shared", *options, "preisach_model.c", "runner.c",
+            [GCC, *STRICT, "-O0", "-fPIC", "-shared", *options, "preisach_model.c", "runner.c",
              "-o", str(library), "-lm"],
             cwd=self.folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr[:3000]
         self.library = ctypes.CDLL(str(library))
         self.library.size_of_state.restype = ctypes.c_size_t
-        self.library.output_of_state.restype = ctypes.c_double
         self.library.refused.restype = ctypes.c_long
         self.state = ctypes.create_string_buffer(self.library.size_of_state())
         self.begin()
+
+    def with_weights(self, weights):
+        """The same code, as another stage: with weights of its own and a state that begins."""
+        other = copy.copy(self)
+        other.state = ctypes.create_string_buffer(self.library.size_of_state())
+        other.begin()
+        other.put_weights(weights)
+        return other
 
     def begin(self):
         self.library.begin(self.state)

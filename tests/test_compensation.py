@@ -3,21 +3,28 @@
 import re
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
+from drivable import (
+    EFFECTS,
+    GOOD,
+    PLANE,
+    RATE,
+    UNITS,
+    course,
+    model_of,
+    played,
+    reading_of,
+    resting_output,
+)
 from scipy import signal
 
 import preisach_jax as pj
-from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
 from preisach_jax.compensation.straight import tracking
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.quantity import quantity
 
 REACHED = 1.96 * GOOD
@@ -37,8 +44,7 @@ def slow_ramps(path, weights):
     return np.array(output)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("memory", [0.0, 0.4])
+@pytest.mark.parametrize(("sign", "memory"), [(1, 0.4), (-1, 0.0)])
 def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     model = model_of(sign=sign, memory=memory)
     rng = np.random.default_rng(5)
@@ -52,18 +58,10 @@ def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     assert "the drive jumps there in its first row" in note
     np.testing.assert_allclose(found.expected, z, atol=1e-11)
     assert np.ptp(found.drive[100:150]) < 1e-12
-
-
-def test_the_drive_gives_the_course_in_an_operator_that_keeps_every_hysteron_one_by_one():
-    record = played(0.8)
-    model, rng = model_of(record=record), np.random.default_rng(6)
-    z = 1.5 + rng.uniform(2, 18, 30)
-    t = np.arange(len(z)) / RATE
-    past = record
-    found = pj.compensate(model, pj.Record.from_arrays(t, 0 * t, z), after=past)
-    whole = np.concatenate([past.input, found.drive])
-    given = slow_ramps(whole, model.weights)[-len(z) :]
-    np.testing.assert_allclose(1.5 + given, z, atol=1e-10)
+    if memory == 0.0:
+        whole = np.concatenate([model.origin.history[1], found.drive[:30]])
+        given = slow_ramps(whole, model.weights)[-30:]
+        np.testing.assert_allclose(1.5 + given, z[:30], atol=1e-10)
 
 
 def test_relays_come_as_near_as_their_steps_are():
@@ -74,16 +72,6 @@ def test_relays_come_as_near_as_their_steps_are():
     rows = np.bincount(PLANE.alpha_index, model.weights)
     assert missed.max() < rows.max()
     assert np.median(missed) < rows.max() / 4
-    # No other place between two thresholds would have been nearer in the first rows.
-    with jax.enable_x64(True):
-        for k in (100, 200, 300):
-            before = np.concatenate([played().input, found.drive[:k]])
-            others = [
-                1.5
-                + np.asarray(pj.simulate(PLANE, model.weights, np.append(before, x), "relay"))[-1]
-                for x in np.linspace(0, 10, 12)
-            ]
-            assert missed[k] <= np.abs(others - wanted.output[k]).min() + 1e-9
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -96,11 +84,9 @@ def test_a_course_comes_back_through_every_effect(name):
     assert error.max() < REACHED
     assert np.sqrt(np.mean(error**2)) < GOOD / 4
     # Without the effect in the inverse the same course is missed.
-    plain = pj.compensate(model_of(), wanted).drive
-    t = model.origin.stop_s + (1 + np.arange(len(plain))) / RATE
-    missed = model.predict(pj.Record.from_arrays(t, plain, plain)).output - wanted.output
     if name != "slew_limit":  # which does nothing to a drive as slow as this one
-        assert np.abs(missed).max() > 5 * GOOD
+        plain = pj.compensate(model_of(), wanted).drive
+        assert np.abs(reading_of(model, plain) - wanted.output).max() > 5 * GOOD
 
 
 def test_several_effects_are_inverted_together_beside_an_auxiliary_column():
@@ -133,23 +119,16 @@ def test_limits_and_slew_are_kept_and_rows_that_they_cost_are_told():
     assert f"{off.sum():,} of {len(off):,} rows" in found.notes[0]
 
 
-def test_beyond_the_stroke_the_drive_stays_at_the_end_and_the_course_is_found_again():
-    model = model_of(EFFECTS["creep"])
+def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached():
+    model = model_of()
     wanted = course(model, height=18.0)
     found = pj.compensate(model, wanted)
     above = wanted.output > 24.0
     assert above.any()
     assert not found.reachable[above].any()
     assert (found.drive[above] == 10.0).all()
-    assert found.reachable.mean() > 0.4
     error = (found.expected - wanted.output)[found.reachable]
     assert np.abs(error).max() <= GOOD
-
-
-def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached():
-    model = model_of()
-    wanted = course(model, height=18.0)
-    found = pj.compensate(model, wanted)
     told, span = found.notes
     assert "cannot be reached" in told
     # Saturated either way, all hysterons are off or on.
@@ -177,12 +156,8 @@ ADVICE = {"raise it", "widen the limits", RANGE, FAST, "begin the course where t
     [
         ((), {"height": 6.0}, {"slew": 5.0}, {"raise it"}),
         (("slew_limit",), {"burst": (6.0, 60.0)}, {}, set()),
-        ((), {"height": 18.0}, {}, {RANGE}),
         ((), {"height": 6.0}, {"limits": (3.0, 7.0)}, {RANGE, "widen the limits"}),
-        (("output_lag",), {"burst": (4.0, 200.0)}, {}, {FAST}),
         (("resonance",), {"jump": 4.0}, {}, {FAST}),
-        (("resonance",), {"away": 3.0}, {}, {"begin the course where the stage is"}),
-        (("resonance",), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
         ((), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
     ],
 )
@@ -206,8 +181,7 @@ def test_advice_fits_the_cause(effects, of, options, advice):
     assert sum(told) == (~found.reachable).sum()
 
 
-@pytest.mark.parametrize("f_hz", [20.0, 90.0])
-@pytest.mark.parametrize("away", [3.0, -6.0])
+@pytest.mark.parametrize(("f_hz", "away"), [(20.0, -6.0), (90.0, 3.0)])
 def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing(f_hz, away):
     zeta, omega = 0.03, 2 * np.pi * f_hz
     model = model_of((Resonance(), {"f_hz": f_hz, "zeta": zeta}, ()))
@@ -232,17 +206,6 @@ def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing(f_hz, away):
     assert np.sqrt(np.mean(missed**2)) < REACHED
 
 
-def test_a_jump_is_missed_for_as_long_as_an_effect_lasts():
-    model = model_of(EFFECTS["input_lag"])
-    smooth = course(model)
-    jump = smooth.output + 4.0 * (smooth.time > 0.8)
-    wanted = pj.Record.from_arrays(smooth.time, smooth.input, jump, units=UNITS)
-    found = pj.compensate(model, wanted)
-    assert not found.reachable[799:803].all()
-    assert found.reachable[:700].all()
-    assert found.reachable[950:].all()
-
-
 def test_the_memory_is_that_of_what_was_played_before():
     model = model_of()
     wanted = course(model, begin=13.0)
@@ -257,16 +220,6 @@ def test_the_memory_is_that_of_what_was_played_before():
         # The other record has been to the upper end, so that nothing of its start is left.
         expected = 1.5 + np.asarray(given)[-len(found.drive) :]
         np.testing.assert_allclose(expected, wanted.output, atol=1e-9)
-
-
-def test_an_unknown_memory_widens_the_band_as_in_a_prediction():
-    model = model_of()
-    t = np.arange(100) / RATE
-    small = pj.Record.from_arrays(t, 5 + np.sin(9 * t), 0 * t)
-    found = pj.compensate(model, course(model, begin=11.0, height=1.0), after=small)
-    width = found.high - found.low
-    assert width[0] > 4 * GOOD
-    assert (np.diff(width) <= 1e-12).all()
 
 
 def test_the_clock_of_the_course_goes_on_where_it_can():
@@ -286,15 +239,14 @@ def test_the_clock_of_the_course_goes_on_where_it_can():
     np.testing.assert_allclose(there.low, prediction.low, atol=1e-9)
 
 
-@pytest.mark.parametrize("step", [0.3, 4.0])
-def test_a_course_at_another_rate_is_followed_and_told(step):
+def test_a_course_at_another_rate_is_followed_and_told():
     model = model_of(EFFECTS["creep"])
-    t = np.arange(300) * step / RATE
+    t = np.arange(300) * 4.0 / RATE
     rest = resting_output(model)[0]
     wanted = pj.Record.from_arrays(t, 0 * t, rest + 3 * (1 - np.cos(2 * np.pi * t / t[-1])))
     found = pj.compensate(model, wanted)
     assert found.reachable.mean() > 0.98
-    assert any(f"{step:.3g} times" in note for note in found.notes)
+    assert any("4 times" in note for note in found.notes)
 
 
 def test_steps_of_converters_are_left_out_by_name_and_figure():
@@ -335,38 +287,6 @@ def test_bad_courses_are_refused_in_one_line(change, message):
     assert "\n" not in str(refusal.value)
 
 
-def test_an_auxiliary_column_is_asked_for_by_name():
-    load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
-    model = model_of(load, record=played(load_N=2.0))
-    wanted = course(model_of())
-    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
-        pj.compensate(model, wanted)
-    loaded = course(model, load_N=2.0)
-    with pytest.raises(pj.InputError, match=r"stage\.csv: the model needs the auxiliary column"):
-        pj.compensate(model, loaded, after=played())
-
-
-def test_a_branch_is_inverted_as_bisection_does_it():
-    """The found position is that of a bisection through the slow operator."""
-    model, rng = model_of(), np.random.default_rng(3)
-    path = rng.uniform(0, 10, 12)
-    with jax.enable_x64(True):
-        operator = Operator.of(PLANE, model.weights, 0 * model.weights, False, False)
-        past = jnp.asarray(path / PLANE.delta_x)
-        state = follow(operator, past, 0 * past)
-        for aim in rng.uniform(0, 20, 2):
-            one = jnp.array([aim])
-            free = Bounds(0 * one, 0 * one + 11, one + jnp.inf, one * jnp.nan)
-            (position,), (output,) = inverse(operator, state, one, 0 * one, free)
-            low, high = 0.0, 10.0
-            for _ in range(34):
-                middle = (low + high) / 2
-                given = slow_ramps(np.append(path, middle), model.weights)[-1]
-                low, high = (middle, high) if given < aim else (low, middle)
-            assert abs(position * PLANE.delta_x - low) < 1e-9
-            assert abs(output - aim) < 1e-12
-
-
 def test_the_straight_line_beside_a_drive_is_the_best_one_played_through_the_model():
     model = model_of()
     wanted = course(model)
@@ -398,39 +318,3 @@ def test_work_on_a_drive_ends_when_its_progress_raises():
     with pytest.raises(KeyboardInterrupt):
         pj.compensate(model, course(model), progress=stop)
     assert told == [0.0]
-
-
-def test_from_an_end_of_its_range_the_drive_leaves_where_the_course_does():
-    # Creep makes the linear inverse ask for too little at first, and so hold the drive at its end.
-    with jax.enable_x64(True):
-        effect = Creep(tau_s=(0.5, 20.0))
-        values = {"c_1": 0.1, "c_2": 0.6}
-        record = played()
-        rows = np.clip(np.arange(len(record.time)) / len(record.time) * 1.3, 0, 1)
-        u = record.input * (1 - rows**8)
-        ended = pj.Record.from_arrays(record.time, u, 2 * u, units=UNITS, name="stage.csv")
-        model = model_of((effect, values, (0.0, 0.0)), record=ended)
-        wanted = course(model, height=7.0)
-        found = pj.compensate(model, wanted)
-    assert u[-1] == PLANE.low
-    assert found.drive[0] < PLANE.low + 0.5
-    assert found.reachable.all()
-
-
-def test_what_goes_with_the_speed_of_the_drive_is_allowed_for():
-    with jax.enable_x64(True):
-        model = model_of((Viscosity(), {"tau_s": 0.003}, (2e-3,)))
-        wanted = course(model)
-        found = pj.compensate(model, wanted)
-        without = pj.compensate(model_of(), wanted)
-        missed = model.predict(
-            pj.Record.from_arrays(
-                model.origin.stop_s + wanted.time + 1 / RATE,
-                without.drive,
-                without.drive,
-                units=UNITS,
-            )
-        )
-    assert found.reachable.all()
-    np.testing.assert_allclose(found.expected, wanted.output, atol=2 * GOOD)
-    assert np.abs(missed.output - wanted.output).max() > 5 * GOOD

@@ -7,14 +7,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drivable import EFFECTS, GOOD, PLANE, RATE, UNITS, course, model_of, played, resting_output
+from drivable import (
+    EFFECTS,
+    GOOD,
+    PLANE,
+    RATE,
+    course,
+    model_of,
+    played,
+    reading_of,
+    resting_output,
+)
 
 import preisach_jax as pj
 from preisach_jax.compensation.causal import check_causal
 from preisach_jax.compensation.loop import ProportionalIntegral, simulated_stage
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.delay import Delay
-from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.resonance import Resonance
 
 
@@ -22,26 +30,25 @@ def driven(inverse, wanted):
     return np.array([inverse(z) for z in wanted.output.tolist()])
 
 
-def reading_of(model, drive):
-    """What `predict` says of a drive that goes on from the record of the fit."""
-    t = model.origin.stop_s + (1 + np.arange(len(drive))) / RATE
-    return model.predict(pj.Record.from_arrays(t, drive, drive, units=UNITS)).output
+LED = {
+    "creep drift moving output_nonlinearity": 0.0,
+    "hum ageing eddy_currents": 0.0,
+    "input_lag": 5.0,
+    "resonance": 3.0,
+    "rate_dependence": 20.0,
+}
+"""Errors in held-out ones that a causal lead may leave on this course; elsewhere it is exact."""
 
 
-EXACT = ("creep", "drift", "hum", "ageing", "moving", "eddy_currents", "output_nonlinearity")
-LED = {"input_lag": 5.0, "output_lag": 5.0, "resonance": 3.0, "rate_dependence": 20.0}
-"""Errors in held-out ones that a causal lead may leave on this course."""
-
-
-@pytest.mark.parametrize("name", [*EXACT, *LED])
-def test_the_drive_of_one_sample_after_the_other_gives_the_course(name):
-    model = model_of(EFFECTS[name])
+@pytest.mark.parametrize("names", LED)
+def test_the_drive_of_one_sample_after_the_other_gives_the_course(names):
+    model = model_of(*(EFFECTS[name] for name in names.split()))
     wanted = course(model)
     inverse = pj.OnlineInverse(model, RATE)
     assert inverse.left_out == ()
     drive = driven(inverse, wanted)
     error = np.abs(reading_of(model, drive) - wanted.output)[50:]
-    assert error.max() < (1e-9 if name in EXACT else LED[name] * GOOD)
+    assert error.max() < max(1e-9, LED[names] * GOOD)
 
 
 def test_for_hysteresis_alone_it_is_the_drive_of_the_whole_course():
@@ -49,12 +56,6 @@ def test_for_hysteresis_alone_it_is_the_drive_of_the_whole_course():
     wanted = course(model)
     whole = pj.compensate(model, wanted).drive
     np.testing.assert_allclose(driven(pj.OnlineInverse(model, RATE), wanted), whole, atol=1e-9)
-
-
-def test_effects_that_would_look_ahead_are_named():
-    model = model_of(EFFECTS["delay"], EFFECTS["operator_creep"], EFFECTS["reptation"])
-    left = pj.OnlineInverse(model, RATE).left_out
-    assert sorted(left) == ["delay", "operator_creep", "reptation"]
 
 
 def test_limits_are_kept_and_what_they_cost_is_told():
@@ -88,70 +89,38 @@ def test_a_saved_inverse_goes_on_as_it_would_have(tmp_path):
         pj.OnlineInverse.load(tmp_path / "half.npz")
 
 
-def test_with_a_measured_output_it_learns_the_stage_that_there_is():
-    """The stage has other weights than the model, and its zero drifts away."""
-    model, rng = model_of(), np.random.default_rng(4)
-    weights = model.weights * np.exp(0.15 * rng.normal(size=model.plane.cells))
-    alpha, beta = (np.array(index) for index in (PLANE.alpha_index, PLANE.beta_index))
-
-    def moved(states, drive):
-        on, off = (np.clip(drive / PLANE.delta_x - edge, 0.0, 1.0) for edge in (alpha, beta))
-        return np.minimum(off, np.maximum(states, on))
-
-    before = np.zeros(PLANE.cells)
-    for drive in played().input:
-        before = moved(before, drive)
-    z = 11 + 6 * np.sin(2 * np.pi * 4 * np.arange(1500) / RATE)
-
-    def errors(learns):
-        inverse = pj.OnlineInverse(model, RATE, step_size=0.3, follow_s=0.02)
-        states, reading, missed = before, math.nan, []
-        for k, wanted in enumerate(z.tolist()):
-            states = moved(states, inverse(wanted, reading if learns else math.nan))
-            reading = 1.5 + float(weights @ states) + 0.0002 * k
-            missed.append(reading - wanted)
-        return np.array(missed[-500:])
-
-    learnt, blind = errors(True), errors(False)
-    assert np.sqrt(np.mean(learnt**2)) < 0.3 * np.sqrt(np.mean(blind**2))
-
-
 def mode(f_hz, zeta):
     return (Resonance(), {"f_hz": f_hz, "zeta": zeta}, ())
 
 
 LEARNT = {
-    "hysteresis alone": (RATE, ()),
-    "mode of 20 Hz": (RATE, (mode(20.0, 0.02),)),
-    "mode of 90 Hz": (RATE, (mode(90.0, 0.02),)),
-    "mode of 300 Hz": (RATE, (mode(300.0, 0.02),)),
-    "mode at a low rate": (400.0, (mode(60.0, 0.05),)),
-    "mode that is left out": (RATE, (mode(430.0, 0.02),)),
-    "lag of the sensor": (RATE, ((OutputLag(), {"tau_s": 0.01}, ()),)),
-    "delay": (RATE, ((Delay(), {"delay_s": 0.0033}, ()),)),
+    "mode of 90 Hz": (mode(90.0, 0.02),),
+    "mode that is left out": (mode(430.0, 0.02),),
+    "delay": (EFFECTS["delay"],),
     "all together": (
-        RATE,
-        (EFFECTS["creep"], mode(90.0, 0.02), EFFECTS["moving"], EFFECTS["output_nonlinearity"]),
+        EFFECTS["creep"],
+        mode(60.0, 0.05),
+        EFFECTS["output_lag"],
+        EFFECTS["output_nonlinearity"],
     ),
 }
 
 
 @pytest.mark.parametrize("name", LEARNT)
 def test_with_readings_the_error_falls_and_the_weights_stay_bounded(name):
-    rate, effects = LEARNT[name]
-    model, rng = model_of(*effects), np.random.default_rng(4)
+    model, rng = model_of(*LEARNT[name]), np.random.default_rng(4)
     weights = model.weights * np.exp(0.15 * rng.normal(size=PLANE.cells))
     stage_of = replace(model, coefficients=replace(model.coefficients, weights=weights))
-    late = model.values.get("delay", {"delay_s": 0.0})["delay_s"] * rate
-    t = np.arange(round(rate)) / rate
+    late = model.values.get("delay", {"delay_s": 0.0})["delay_s"] * RATE
+    t = np.arange(round(RATE)) / RATE
     blend = np.clip(t / 0.25, 0, 1)
     blend = blend**2 * (3 - 2 * blend)
     begin = resting_output(model)[-1]
     z = begin + (11 + 6 * np.sin(2 * np.pi * 4 * t) - begin) * blend
 
     def run(learns):
-        inverse = pj.OnlineInverse(model, rate, step_size=0.5, follow_s=0.1)
-        stage, outputs, reading, drives = simulated_stage(stage_of, rate), [], math.nan, []
+        inverse = pj.OnlineInverse(model, RATE, step_size=0.5, follow_s=0.1)
+        stage, outputs, reading, drives = simulated_stage(stage_of, RATE), [], math.nan, []
         for k, wanted in enumerate(z.tolist()):
             drives.append(inverse(wanted, reading if learns else math.nan))
             outputs.append(stage(drives[-1], {}))
@@ -167,10 +136,10 @@ def test_with_readings_the_error_falls_and_the_weights_stay_bounded(name):
 
 
 def test_what_is_not_led_is_named():
-    for name in ("mode that is left out", "delay"):
-        rate, effects = LEARNT[name]
-        inverse = pj.OnlineInverse(model_of(*effects), rate)
-        assert inverse.left_out == (effects[0][0].name,)
+    for names in (("delay",), ("operator_creep", "reptation")):
+        inverse = pj.OnlineInverse(model_of(*(EFFECTS[name] for name in names)), RATE)
+        assert sorted(inverse.left_out) == sorted(names)
+    assert pj.OnlineInverse(model_of(mode(430.0, 0.02)), RATE).left_out == ("resonance",)
 
 
 def test_readings_of_another_stage_leave_the_weights_in_bounds():
@@ -184,36 +153,39 @@ def test_readings_of_another_stage_leave_the_weights_in_bounds():
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda inverse: inverse(math.nan), "wanted output is nan"),
-        (lambda inverse: inverse(5.0, math.inf), "measured output is inf"),
-    ],
+    ("sample", "message"),
+    [((math.nan,), "wanted output is nan"), ((5.0, math.inf), "measured output is inf")],
 )
-def test_a_bad_sample_is_refused_and_the_state_is_as_before(call, message):
+def test_a_bad_sample_is_refused_and_the_state_is_as_before(sample, message):
     model = model_of(EFFECTS["creep"])
     inverse, other = (pj.OnlineInverse(model, RATE) for _ in range(2))
     with pytest.raises(pj.InputError, match=message):
-        call(inverse)
+        inverse(*sample)
     assert inverse(5.0) == other(5.0)
 
 
-def test_bad_options_are_refused():
-    model = model_of()
-    bad: tuple[tuple[dict[str, Any], str], ...] = (
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"rate_hz": RATE, "step_size": 2.0}, "step_size is 2"),
-        ({"rate_hz": RATE, "follow_s": 0.0}, "follow_s is 0"),
         ({"rate_hz": RATE, "limits": (2.0, 1.0)}, "lower one first"),
-    )
-    for options, message in bad:
-        with pytest.raises(pj.InputError, match=message):
-            pj.OnlineInverse(model, **options)
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(pj.InputError, match=message):
+        pj.OnlineInverse(model_of(), **options)
+
+
+def test_an_auxiliary_column_is_asked_for_by_name():
     load = (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.01}, (0.2,))
-    inverse = pj.OnlineInverse(model_of(load, record=played(load_N=2.0)), RATE)
+    model = model_of(load, record=played(load_N=2.0))
+    inverse = pj.OnlineInverse(model, RATE)
     with pytest.raises(pj.InputError, match="auxiliary column 'load_N'"):
         inverse(5.0)
     assert math.isfinite(inverse(5.0, aux={"load_N": 2.0}))
+    with pytest.raises(pj.InputError, match="needs the auxiliary column 'load_N'"):
+        pj.compensate(model, course(model_of()))
 
 
 def test_a_simulated_stage_reads_what_the_model_predicts():
@@ -228,12 +200,6 @@ def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control(
     wanted = course(model, seconds=0.6)
     alone = pj.simulate_loop(model, wanted)
     errors = list(alone.errors(0.1).values())
-    assert list(alone.readings) == [
-        "no compensation",
-        "affine map",
-        "hysteresis only",
-        "all effects",
-    ]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1e-9
     controlled = pj.simulate_loop(
@@ -241,9 +207,6 @@ def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control(
     ).errors(0.1)
     assert controlled["no compensation"] < errors[0] / 2
     assert controlled["hysteresis only"] < errors[2] / 2
-    figure = alone.plot()
-    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert len(texts) == 4
 
 
 def test_a_system_of_python_control_closes_the_loop():
@@ -261,17 +224,10 @@ def test_a_system_of_python_control_closes_the_loop():
         np.testing.assert_allclose(theirs.readings[name], reading, atol=1e-9)
 
 
-class SelfHeating(pj.WeightEffect):
-    """A stroke that grows with the square of the input."""
-
-    name = "self_heating"
-    gain: float = pj.parameter("1", 0.0, 1.0)
-
-    def factor(self, signals):
-        return 1 + self.gain * signals.input**2
-
-
 def test_what_scales_by_the_input_is_not_followed_from_sample_to_sample():
+    class SelfHeating(pj.WeightEffect):
+        name = "self_heating"
+
     model: Any = SimpleNamespace(effects=(SelfHeating(),))
     with pytest.raises(pj.InputError, match="'self_heating' cannot be followed"):
         check_causal(model)

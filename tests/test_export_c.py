@@ -28,13 +28,13 @@ from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import InputError
 from preisach_jax.export import export_c
-from preisach_jax.export.c import c_comment, files, sums_below
+from preisach_jax.export.c import c_comment, files
 from preisach_jax.export.description import describe
 from preisach_jax.export.laws import LAWS
 from preisach_jax.export.stepper import advance, start
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.model import Model, exactly_summable
+from preisach_jax.model import Model
 
 pytestmark = needs_compiler
 
@@ -61,8 +61,7 @@ EVERYTHING = [
     for name in TOGETHER[2]
     if name not in ("output_quantisation", "input_lag", "input_filter", "eddy_currents")
 ]
-CHAINS = [[], ["creep", "output_lag"], ["delay", "hum"], ["reptation", "drift_waves"], EVERYTHING]
-JUMPING = [["input_quantisation"], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
+CHAINS = [[], ["output_quantisation", "creep"], ["rate_corners", "moving"], EVERYTHING]
 
 
 def ident(names):
@@ -78,28 +77,30 @@ def first_of(names):
     return int(any(name.startswith("rate") for name in names))
 
 
-@pytest.mark.parametrize("names", CHAINS + JUMPING, ids=ident)
+def course(seed=1):
+    """An input that moves in all ways, and then smoothly."""
+    return np.concatenate([wild(300, seed), smooth(100, seed + 1)])
+
+
+@pytest.mark.parametrize("names", CHAINS, ids=ident)
 def test_the_output_is_that_of_predict(names, tmp_path):
-    for hysteron in ("ramp", "relay") if names in ([], JUMPING[0], JUMPING[2]) else ("ramp",):
-        model = drawn(names, seed=len(names), hysteron=hysteron)
-        compiled = Compiled(model, tmp_path)
-        u = np.concatenate([wild(1500, 1), smooth(500, 2)])
+    for hysteron in ("ramp", "relay") if names == [] else ("ramp",):
+        model, u = drawn(names, seed=len(names), hysteron=hysteron), course()
         aux = columns(model, len(u))
         expected = predicted(model, u, aux)[first_of(names) :]
-        found = compiled(u, aux)[first_of(names) :]
+        found = Compiled(model, tmp_path)(u, aux)[first_of(names) :]
         assert np.ptp(expected) > 0.1
         if hysteron == "relay":
             assert np.array_equal(found, expected)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.ptp(expected))
 
 
-@pytest.mark.parametrize("names", [[], ["creep", "moving", "drift"]], ids=ident)
-def test_an_output_that_falls_as_the_input_rises(names, tmp_path):
-    model = drawn(names, polarity=-1)
-    compiled, u = Compiled(model, tmp_path), wild(1000, 3)
+def test_an_output_that_falls_as_the_input_rises(tmp_path):
+    model = drawn(["creep", "moving", "drift"], polarity=-1)
+    compiled, u = Compiled(model, tmp_path), course(3)
     expected = predicted(model, u)
     np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12 * np.ptp(expected))
-    wanted = compiled_again(compiled, smooth(500, 4, LOW + 1, HIGH - 1))
+    wanted = compiled_again(compiled, smooth(400, 4, LOW + 1, HIGH - 1))
     drive = compiled.inverse(wanted)
     np.testing.assert_allclose(predicted(model, drive), wanted, rtol=0, atol=1e-12)
 
@@ -117,22 +118,21 @@ def test_weights_of_both_signs_are_predicted_and_learnt_and_not_inverted(tmp_pat
     signs = np.where(np.arange(model.plane.cells) % 3 == 0, -1.0, 1.0)
     own = replace(model.coefficients, weights=signs * model.weights, memory=0 * model.weights)
     model = replace(model, chain=replace(model.chain, signed=True), coefficients=own)
-    compiled = Compiled(model, tmp_path)
-    u = np.concatenate([wild(1500, 1), smooth(500, 2)])
+    compiled, u = Compiled(model, tmp_path), course()
     expected = predicted(model, u)
     np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12 * np.ptp(expected))
     # From the model with all signs turned, the readings lead back to weights of both signs.
-    other = Compiled(replace(model, coefficients=replace(own, weights=-own.weights)), tmp_path)
+    other = compiled.with_weights(-own.weights)
+    u = wild(2000)
+    readings = compiled_again(compiled, u)
     for _ in range(10):
-        other.adapt(u, expected)
+        other.adapt(u, readings)
     assert np.corrcoef(other.weights, own.weights)[0, 1] > 0.5
     assert other.weights.min() < 0 < other.weights.max()
     written = files(model)
     assert "preisach_inverse_step(" not in written["preisach_model.c"]
     assert "weights have both signs" in written["README.md"]
-    export_c(model, tmp_path / "code")
-    made = subprocess.run(["make", "-C", tmp_path / "code"], capture_output=True, text=True)
-    assert made.returncode == 0, made.stdout + made.stderr
+    self_tested(model, tmp_path)
 
 
 def test_a_speed_that_looks_ahead_in_predict_is_causal_here(tmp_path):
@@ -144,21 +144,10 @@ def test_a_speed_that_looks_ahead_in_predict_is_causal_here(tmp_path):
         state, output = advance(described, state, np.array([value]))
         oracle.append(output)
     np.testing.assert_allclose(compiled(u), oracle, rtol=0, atol=1e-12)
-    slow = smooth(1500, 3)
+    slow = smooth(400, 3)
     expected = predicted(model, slow)
     missed = np.abs(compiled_again(compiled, slow) - expected)[1:]
     assert missed.max() < 1e-3 * np.ptp(expected)
-
-
-def test_float_is_within_its_rounding(tmp_path):
-    names = ["creep", "aux:load_N", "drift", "delay", "slew_limit", "reptation", "hum"]
-    model = drawn(names, levels=20)
-    u = np.concatenate([wild(1500, 4), smooth(500, 5)]).astype(np.float32).astype(float)
-    aux = [each.astype(np.float32).astype(float) for each in columns(model, len(u))]
-    expected = predicted(model, u, aux)
-    found = Compiled(model, tmp_path, "-DPREISACH_FLOAT")(u, aux)
-    assert np.abs(found - expected).max() < 1e-5 * np.ptp(expected)
-    assert np.abs(found - expected).max() > 1e-9  # it is float
 
 
 def test_nested_loops_inside_one_cell_are_remembered_in_a_state_of_fixed_size(tmp_path):
@@ -172,19 +161,11 @@ def test_nested_loops_inside_one_cell_are_remembered_in_a_state_of_fixed_size(tm
     np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["creep", "drift", "aux:load_N", "output_nonlinearity"],
-        ["moving", "ageing", "operator_creep"],
-    ],
-    ids=ident,
-)
-def test_the_inverse_drives_the_model_along_what_is_wanted(names, tmp_path):
-    model = drawn(names)
+def test_the_inverse_drives_the_model_along_what_is_wanted(tmp_path):
+    model = drawn(["drift", "aux:load_N", "ageing", "operator_creep", "output_nonlinearity"])
     compiled = Compiled(model, tmp_path)
-    aux = columns(model, 800)
-    wanted = compiled_again(compiled, smooth(800, 3, LOW + 1, HIGH - 1), aux)
+    aux = columns(model, 400)
+    wanted = compiled_again(compiled, smooth(400, 3, LOW + 1, HIGH - 1), aux)
     drive = compiled.inverse(wanted, aux)
     np.testing.assert_allclose(predicted(model, drive, aux), wanted, rtol=0, atol=1e-11)
 
@@ -193,12 +174,11 @@ def test_the_inverse_drives_the_model_along_what_is_wanted(names, tmp_path):
 def test_the_inverse_leads_lags_and_keeps_to_the_plane(kind, tmp_path):
     model = drawn([f"input_{kind}", f"output_{kind}"])
     compiled = Compiled(model, tmp_path)
-    t = np.arange(2000) * STEP_S
+    t = np.arange(400) * STEP_S
     wanted = 0.25 + float(model.weights.sum()) * (0.5 - 0.3 * np.cos(2 * np.pi * t))
     drive = compiled.inverse(wanted)
     missed = np.abs(predicted(model, drive) - wanted)[100:]
-    unled = np.abs(predicted(model, Compiled(drawn([]), tmp_path).inverse(wanted)) - wanted)[100:]
-    assert missed.max() < 5e-3 * np.ptp(wanted) < unled.max()
+    assert missed.max() < 5e-3 * np.ptp(wanted)
     compiled.begin()
     beyond = compiled.inverse(np.where(t % 0.4 < 0.2, 1e6, -1e6))
     assert beyond.min() == LOW
@@ -209,7 +189,7 @@ def test_the_inverse_leads_lags_and_keeps_to_the_plane(kind, tmp_path):
 def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
     with jax.enable_x64(True):
         model, true = (drawn([], seed, hysteron=hysteron) for seed in (0, 1))
-        u = np.concatenate([[LOW], wild(1200, 3)])  # from saturated low nothing is unknown
+        u = np.concatenate([[LOW], wild(399, 3)])  # from saturated low nothing is unknown
         z = predicted(true, u).copy()
         z[40:60] = np.nan
         filt = AdaptiveFilter(model.plane, hysteron, initial_weight=model.weights, nonnegative=True)
@@ -222,24 +202,24 @@ def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
         assert np.abs(compiled.weights - model.weights).max() > 0.01
 
 
-def self_tested(model, folder):
-    """What the self test prints, built for addresses and arithmetic that are watched over."""
+def self_tested(model, folder, precision="-DPREISACH_DOUBLE"):
+    """Run the self test, built for addresses and arithmetic that are watched over."""
     for name, text in files(model).items():
         (folder / name).write_text(text)
-    for precision in ("-DPREISACH_DOUBLE", "-DPREISACH_FLOAT"):
-        watched = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
-        words = [GCC, *STRICT, *watched, "-o", "program", "preisach_test.c", "preisach_model.c"]
-        built = subprocess.run([*words, "-lm"], cwd=folder, capture_output=True, text=True)
-        assert built.returncode == 0, built.stderr[:2000]
-        done = subprocess.run([folder / "program"], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr[:2000]
-        yield done.stdout
+    watched = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
+    words = [GCC, *STRICT, *watched, "-o", "program", "preisach_test.c", "preisach_model.c"]
+    built = subprocess.run([*words, "-lm"], cwd=folder, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr[:2000]
+    done = subprocess.run([folder / "program"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr[:2000]
+    assert "learning another stage" in done.stdout
 
 
-@pytest.mark.parametrize("names", [[], *([name] for name in KINDS), *TOGETHER], ids=ident)
-def test_the_self_test_passes_for_each_effect_and_each_two_together(names, tmp_path):
-    for printed in self_tested(drawn(names, seed=2), tmp_path):
-        assert "learning another stage" in printed
+@pytest.mark.parametrize("names", TOGETHER, ids=range(8))
+def test_the_self_test_passes_for_each_two_effects_together(names, tmp_path):
+    self_tested(drawn(names, seed=2), tmp_path)
+    if names in (TOGETHER[0], TOGETHER[7]):
+        self_tested(drawn(names, seed=2), tmp_path, "-DPREISACH_FLOAT")
 
 
 def test_each_two_effects_are_together_in_a_chain():
@@ -258,100 +238,56 @@ def test_each_two_effects_are_together_in_a_chain():
     }
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("first", KINDS)
-def test_the_self_test_passes_for_each_two_effects_alone(first, tmp_path):
-    for second in KINDS[: KINDS.index(first)]:
-        if not any({first, second} <= set(forms) for forms in VARIED.values()):
-            list(self_tested(drawn([first, second], seed=2), tmp_path))
-
-
-@pytest.mark.parametrize("zeta", [0.02, 0.2])
-@pytest.mark.parametrize("f_hz", [5.0, 60.0, 300.0])
-def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
-    """Whatever the mode and the rate, errors of weights and readings fall, eq. (9)."""
-    model = drawn(["resonance", "delay"])
-    mode = {"resonance": {"f_hz": f_hz, "zeta": zeta}}
-    model = replace(model, values={**model.values, **mode})
-    replayed, weights = learning(model, tmp_path, rate_hz=2000.0)
-    assert np.all(np.diff(weights) <= 1e-12)
-    assert weights[-1] < 0.98 * weights[0]
-    assert replayed[-1] < 0.9 * replayed[0]
-
-
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def other_stage(model):
+def other_stage(compiled):
     """A stage with other weights."""
+    model = compiled.model
     scale = np.random.default_rng(1).uniform(0.5, 1.5, model.plane.cells)
-    own = replace(model.coefficients, weights=model.weights * scale, memory=0 * model.weights)
-    return replace(model, coefficients=own)
+    return compiled.with_weights(model.weights * scale)
 
 
-def learning(model, folder, rate_hz=None, before=None):
-    """Another stage is learnt; errors of the weights on the way, and of a replay before and after.
-
-    `before` has input and readings that are learnt first, of no stage.
-    """
-    true = other_stage(model)
-    stage, compiled = (Compiled(each, folder, rate_hz=rate_hz) for each in (true, model))
+def learning(compiled, stage):
+    """The stage is learnt; errors of the weights on the way, and of a replay before and after."""
 
     def replayed(weights):
         u = smooth(800, 8)
-        aux = columns(model, len(u))
-        compiled.begin()
-        compiled.put_weights(weights)
-        return rms(compiled(u, aux) - compiled_again(stage, u, aux))
+        aux = columns(compiled.model, len(u))
+        return rms(compiled.with_weights(weights)(u, aux) - stage.with_weights(true)(u, aux))
 
-    if before is not None:
-        aux = columns(model, len(before[0]))
-        compiled.adapt(before[0], before[1], aux)
-        stage(before[0], aux)
-    weights = [compiled.weights]
+    true, weights = stage.weights, [compiled.weights]
     for k in range(4):
         u = wild(800, k)
-        aux = columns(model, len(u))
+        aux = columns(compiled.model, len(u))
         compiled.adapt(u, stage(u, aux), aux)
         weights.append(compiled.weights)
-    errors = np.linalg.norm(np.array(weights) - true.weights, axis=1)
+    errors = np.linalg.norm(np.array(weights) - true, axis=1)
     return [replayed(each) for each in (weights[0], weights[-1])], errors
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    ["creep", "delay", "resonance", "output_lag", "slew_limit", "moving", "ripples", "rate_smooth"],
+)
 def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp_path):
     """Readings of no stage at all: noise, jumps and holds within three strokes."""
     polarity = (-1) ** KINDS.index(name)
     model = drawn([name], polarity=polarity)
     compiled = Compiled(model, tmp_path)
-    u = wild(1500, 5)
-    aux, rng = columns(model, len(u)), np.random.default_rng(6)
+    stage = other_stage(compiled)
+    u, rng = wild(1500, 5), np.random.default_rng(6)
     stroke = np.abs(model.weights).sum()
     z = 3 * stroke * rng.uniform(-1, 1, len(u)) * (rng.random(len(u)) < 0.5)
-    out = compiled.adapt(u, z, aux)
+    out = compiled.adapt(u, z)
     assert np.all((polarity * compiled.weights >= 0) & (polarity * compiled.weights <= 2 * stroke))
     assert np.all(np.isfinite(out))
     # What they have made of the weights is unlearnt, and the stage is learnt, eq. (9).
-    replayed, errors = learning(model, tmp_path, before=(u, z))
+    stage(u)
+    replayed, errors = learning(compiled, stage)
     assert errors[-1] < 0.8 * errors[0]
     assert replayed[-1] < 0.5 * replayed[0]
-
-
-def test_learning_begun_late_or_broken_off_stays_bounded(tmp_path):
-    """Steps without learning before and between, and readings that are missing."""
-    model = drawn(["creep", "resonance", "delay"])
-    true, compiled = other_stage(model), Compiled(model, tmp_path)
-    stage, errors = Compiled(true, tmp_path), []
-    for k in range(8):
-        u = wild(600, k)
-        z = stage(u)
-        if k % 2:
-            compiled.adapt(u, np.where(np.arange(len(u)) % 50 < 20, np.nan, z))
-        else:
-            compiled(u)
-        errors.append(np.linalg.norm(compiled.weights - true.weights))
-    assert errors[-1] < 0.95 * errors[0]
 
 
 def test_learnt_weights_are_put_back(tmp_path):
@@ -360,101 +296,37 @@ def test_learnt_weights_are_put_back(tmp_path):
     z = 1.2 * compiled_again(compiled, u)
     compiled.adapt(u, z)
     kept = compiled.weights
-    compiled.begin()
-    compiled.put_weights(kept)
     own = replace(model.coefficients, weights=kept, memory=0 * kept)
     expected = Compiled(replace(model, coefficients=own), tmp_path)(u)
-    np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(compiled.with_weights(kept)(u), expected, rtol=0, atol=1e-12)
 
 
-FUZZ = """
-#include "preisach_model.h"
-#include <math.h>
-#include <stdio.h>
-static preisach_state s;
-static preisach_state stage; /* it gets the same inputs, learns nothing, and is what is read */
-static unsigned long random_state = 1;
-static double uniform(void)
-{
-    random_state = (random_state * 1103515245ul + 12345ul) & 0x7ffffffful;
-    return (double)random_state / 2147483648.0;
-}
-static double odd(void)
-{
-    double r = uniform();
-    if (r < 0.03) return NAN;
-    if (r < 0.06) return INFINITY;
-    if (r < 0.09) return -1e300;
-    if (r < 0.12) return 1e-310;
-    if (r < 0.5) return -2.0 + 10.0 * uniform();
-    return 3.0 + 0.01 * uniform();
-}
-/* What the stage reads, or no reading at all. */
-static double reading(void)
-{
-    double z = odd();
-    return fabs(z) < 100.0 ? (double)stage.output : z;
-}
-int main(void)
-{
-    long k;
-    preisach_init(&s);
-    preisach_init(&stage);
-    for (k = 0; k < 8000; k++) {
-        double r = uniform();
-        preisach_real u = (preisach_real)(r < 0.75 ? odd() : r < 0.8 ? NAN : odd());
-        preisach_real out;
-        if (r < 0.8) {
-            (void)preisach_step(&stage, u AUX);
-            out = preisach_step(&s, u AUX);
-        } else if (r < 0.95) {
-            out = preisach_inverse_step(&s, u AUX);
-            (void)preisach_step(&stage, out AUX);
-        } else {
-            (void)preisach_step(&stage, u AUX);
-            out = preisach_adapt_step(&s, u AUX, (preisach_real)reading());
-        }
-        if (!(fabs((double)out) < 1e4) || s.count > PREISACH_CORNERS || s.refused == 0) {
-            printf("%ld %g %d\\n", k, (double)out, s.count);
-            if (k > 100) return 1;
-        }
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.parametrize("names", [["rate_smooth", "eddy_currents", "delay", "ripples"]], ids=ident)
 @pytest.mark.parametrize("precision", ["-DPREISACH_DOUBLE", "-DPREISACH_FLOAT"])
-def test_sanitizers_find_nothing_in_a_fuzzed_run(names, precision, tmp_path):
-    model = drawn(names)
-    for name, text in files(model).items():
-        (tmp_path / name).write_text(text)
-    (tmp_path / "fuzz.c").write_text(FUZZ.replace(" AUX", ""))
-    flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", precision]
-    built = subprocess.run(
-        [GCC, "-std=c99", *flags, "-o", "program", "fuzz.c", "preisach_model.c", "-lm"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert built.returncode == 0, built.stderr[:2000]
-    done = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-500:] + done.stderr[:2000]
+def test_nonsense_of_every_kind_leaves_the_outputs_bounded(precision, tmp_path):
+    """Steps, inverse steps and learning in turn; undefined arithmetic would end the process."""
+    model = drawn(["rate_smooth", "eddy_currents", "delay", "ripples"])
+    compiled = Compiled(model, tmp_path, "-fsanitize=undefined", "-fno-sanitize-recover", precision)
+    stage, rng = compiled.with_weights(model.weights), np.random.default_rng(0)
+    for k in range(200):
+        u = rng.choice([np.nan, np.inf, -1e300, 1e-310, 3.0, *rng.uniform(-2, 8, 10)], 40)
+        if k % 3 == 0:
+            out = compiled(u)
+            stage(u)
+        elif k % 3 == 1:
+            out = compiled.inverse(u)
+            stage(out)
+        else:
+            z = stage(u)
+            out = compiled.adapt(u, np.where(np.abs(u) < 7, z, u))
+        assert np.all(np.abs(out) < 1e4)
+    assert compiled.library.refused(compiled.state) > 0
 
 
 def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
-    model = drawn(["creep", "aux:load_N"], levels=6)
+    model = drawn(["creep", "aux:load_N"], levels=5)
     model.save(tmp_path / "model.json")
     out = tmp_path / "controller"
-    words = [
-        "export",
-        str(tmp_path / "model.json"),
-        "--to",
-        "c",
-        "--out",
-        str(out),
-        "--rate",
-        "1000",
-    ]
+    words = f"export {tmp_path}/model.json --to c --out {out} --rate 1000".split()
     assert run(words) == 0
     assert "self test" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == [
@@ -471,19 +343,6 @@ def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
     assert "FAILED" in made.stdout
     assert run([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rate_hz"] == 1000.0
-
-
-def test_without_learning_the_tables_are_constant(tmp_path):
-    model = drawn(["rate_corners"])
-    for name, text in files(model).items():
-        (tmp_path / name).write_text(text)
-    subprocess.run(
-        [GCC, *STRICT, "-DPREISACH_NO_ADAPT", "-o", "test", "preisach_test.c", "preisach_model.c",
-         "-lm"], cwd=tmp_path, check=True,
-    )  # fmt: skip
-    done = subprocess.run([tmp_path / "test"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert int(done.stdout.split()[0]) < 8 * 150
 
 
 class Own(AddedEffect):
@@ -527,25 +386,12 @@ def test_what_cannot_be_exported_is_told_in_one_line(tmp_path, capsys):
 
 
 def test_an_effect_can_be_left_out(tmp_path):
-    model, names = drawn(["creep", "aux:load_N", "drift"]), ["aux:load_N"]
+    model, u, aux = drawn(["creep", "aux:load_N", "drift"]), wild(300, 1), [smooth(300, 2)]
     compiled = Compiled(model, tmp_path, without=["creep", "drift"])
     assert "creep" not in compiled.texts["preisach_model.c"].replace("creep is", "")
-    u, aux = wild(300, 1), [smooth(300, 2)]
-    alone = compiled(u, aux)
-    both = Compiled(model, tmp_path, without=names)(u, aux)
-    assert np.abs(alone - both).max() > 1e-3
-    assert np.abs(alone - compiled_again(compiled, u, [0 * aux[0]])).max() > 1e-4
+    alone = compiled_again(compiled, u, aux)
+    assert np.abs(alone - compiled(u, [0 * aux[0]])).max() > 1e-4
 
 
 def test_texts_of_a_record_end_no_comment():
     assert c_comment("a */ b /* c \\ µ\n") == "a _/ b /_ c _ u_"
-
-
-def test_sums_of_weights_that_can_be_summed_exactly():
-    weights = np.random.default_rng(0).uniform(0.0, 1.0, 703)
-    exact = exactly_summable(weights)
-    np.testing.assert_allclose(exact, weights, rtol=0, atol=1e-12)
-    orders = [np.random.default_rng(seed).permutation(703) for seed in range(20)]
-    assert len({float(np.cumsum(exact[order])[-1]) for order in orders}) == 1
-    assert len({float(np.cumsum(weights[order])[-1]) for order in orders}) > 1
-    assert sums_below(exact, 37)[-1] == exact.sum()

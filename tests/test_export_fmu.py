@@ -6,7 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from exported import GCC, HIGH, LOW, STEP_S, STRICT, drawn, needs_compiler, predicted, smooth, wild
+from exported import GCC, STEP_S, STRICT, drawn, needs_compiler, predicted, smooth, wild
 
 from preisach_jax.errors import InputError
 from preisach_jax.export import export_fmu
@@ -25,7 +25,7 @@ SAMPLES = 300
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
     """An FMU, the course of its inputs and what `predict` says to it."""
-    model = drawn(["creep", "delay", "hum", "moving", "aux:load_N"], levels=7)
+    model = drawn(["creep", "delay", "hum", "moving", "aux:load_N"], levels=5)
     [path] = export_fmu(model, tmp_path_factory.mktemp("fmu"))
     u, load = wild(SAMPLES, 2), smooth(SAMPLES, 5, 0.0, 1.0)
     return model, path, u, load, predicted(model, u, [load])
@@ -90,7 +90,7 @@ def test_fmpy_reports_no_problem(case):
     assert "sources/buildDescription.xml" in names
 
 
-@pytest.mark.parametrize("parts", [1, 2, 4])
+@pytest.mark.parametrize("parts", [1, 4])
 def test_simulated_by_fmpy_it_is_predict(case, parts):
     """What FMPy records at the end of a step is the output at the inputs of its beginning."""
     _, path, u, load, expected = case
@@ -105,36 +105,25 @@ def test_simulated_by_fmpy_it_is_predict(case, parts):
     assert found[0] == pytest.approx(expected[0], abs=1e-12)
 
 
-@pytest.mark.parametrize("parts", [1, 3])
-def test_a_master_that_sets_the_inputs_reads_the_output_at_them(case, instance, parts):
+def test_a_master_that_sets_the_inputs_reads_the_output_at_them(case, instance):
     _, _, u, load, expected = case
     found = []
     for k in range(SAMPLES):
         instance.set(u[k], load[k])
         found.append(instance.output())
         assert instance.output() == found[-1]  # asking changes nothing
-        instance.step(k, parts)
+        instance.step(k, parts=3)
         assert instance.output() == found[-1]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.ptp(expected))
 
 
-def test_a_step_over_several_samples_holds_the_inputs(case, instance):
-    model, _, u, load, _ = case
-    instance.set(u[5], load[5])
-    instance.fmu.doStep(0.0, 6 * STEP_S)
-    expected = predicted(model, np.full(6, u[5]), [np.full(6, load[5])])[-1]
-    assert instance.output() == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize("serialized", [False, True])
-def test_a_state_in_mid_course_is_come_back_to(case, instance, serialized):
+def test_a_state_in_mid_course_is_come_back_to(case, instance):
     _, _, u, load, expected = case
     state = None
     for k in range(200):
         if k == 120:
             state = instance.fmu.getFMUState()
-            if serialized:
-                state = instance.fmu.deserializeFMUState(instance.fmu.serializeFMUState(state))
+            state = instance.fmu.deserializeFMUState(instance.fmu.serializeFMUState(state))
         instance.set(u[k], load[k])
         instance.step(k)
     instance.fmu.setFMUState(state)
@@ -176,10 +165,3 @@ def test_without_a_compiler_the_remedy_is_told(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"there is no C compiler .* --to c"):
         export_fmu(drawn([]), tmp_path / "none")
     assert not (tmp_path / "none").exists()
-
-
-def test_inputs_beyond_the_range_are_those_at_its_limit(case, instance):
-    instance.set(1e9, 0.0)
-    high = instance.output()
-    instance.set(HIGH + 0.01 * (HIGH - LOW), 0.0)
-    assert instance.output() == high

@@ -3,7 +3,6 @@
 Text files are typed after the manuals named beside them, binary ones are written by the libraries.
 """
 
-import bz2
 import datetime
 import gzip
 import io
@@ -19,7 +18,6 @@ import pytest
 from scipy.io import savemat
 
 import preisach_jax as pj
-from preisach_jax.cli import main
 
 K = 120
 T = np.arange(K) / 100
@@ -75,19 +73,6 @@ Vertical Position,0,0
 Label,,
 TIME,CH1,CH2
 """
-# 4/5/6 Series MSO Help, Tektronix.
-TEKTRONIX_MSO5 = """Model,MSO58
-Label,CH1,CH2
-Waveform Type,ANALOG,ANALOG
-Horizontal Units,s,s
-Sample Interval,1.0E-02,1.0E-02
-Record Length,120,120
-Zero Index,0,0
-Vertical Units,V,V
-,,
-Labels,,
-TIME,CH1,CH2
-"""
 # TDS1000 and TDS2000 Series User Manual, Tektronix: settings in the first three columns.
 TDS_SETTINGS = """Record Length,1.200000e+02,
 Sample Interval,1.000000e-02,
@@ -121,9 +106,6 @@ def tds(lines=K):
 RIGOL_E = "X,CH1,CH2,\nSecond,Volt,Volt,\n"
 # MSO1000Z/DS1000Z Series User's Guide, Rigol.
 RIGOL_Z = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-6.000000e-01,1.000000e-02\n"
-# MSO5000 Series User Guide, Rigol.
-RIGOL_5 = "Time(s),CH1(V),CH2(V),t0 = -6.000000e-01, tInc = 1.000000e-02,\n"
-RIGOL_5_SHORT = "CH1(V),CH2(V),t0 =-6.000000e-01s, tInc = 1.000000e-02,\n"
 # InfiniiVision 3000 X-Series User's Guide, Keysight: three header rows with segments.
 KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n"
 # Infiniium Oscilloscopes Programmer's Reference, Keysight: CSV and TSV Header Format.
@@ -157,17 +139,6 @@ Time,Ampl,Ampl1
 """
 # PicoScope 6 User's Guide, Pico Technology: text formats.
 PICO = "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n"
-# SDS1000X-E User Manual, Siglent.
-SIGLENT = """Record Length,Analog:120
-Sample Interval,Analog:0.01
-Vertical Units,CH1:V CH2:V
-Vertical Scale,CH1:1.00 CH2:2.00
-Horizontal Units,s
-Horizontal Scale,0.1
-Model Number,SDS1204X-E
-Source,CH1,CH2
-Second,Volt,Volt
-"""
 # As files of an SDS1104X-U begin in public repositories, units apart: the columns have one name.
 SIGLENT_VALUES = """Record Length,Analog:120
 Sample Interval,Analog:0.01
@@ -179,14 +150,6 @@ Horizontal Scale,0.1
 Model Number,SDS1104X-U
 Source,CH1,CH2
 Second,Value,Value
-"""
-# As github.com/MartinCowen/SigFyCSV shows for one channel of an SDS1104X-E: no units, no sources.
-SIGLENT_RATE = """Record Length,Analog:120
-Sample Rate,100.0
-Vertical Scale,CH1: 1.00 CH2: 2.00
-Vertical Offset,CH1:0.00000 CH2:0.00000
-Horizontal Scale, 0.100000000
-Second,Volt,Volt
 """
 # RTM20 User Manual, Rohde & Schwarz: the first line has units and the names of the waveforms.
 ROHDE = "in s,C1 in V,C2 in V\n"
@@ -205,11 +168,10 @@ HIOKI = """"COMMENT","8807 MEM DATA"
 # --- LabVIEW: Specification for the LabVIEW Measurement File (.lvm), National Instruments ---
 
 
-def lvm(columns, x_columns, heads, names, sep="\t", decimal=".", repeat=1):
-    word = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[sep]
+def lvm(columns, x_columns, heads, names, repeat=1):
     top = [
         ["LabVIEW Measurement"], ["Writer_Version", "2"], ["Reader_Version", "2"],
-        ["Separator", word], ["Decimal_Separator", decimal], ["Multi_Headings", "Yes"],
+        ["Separator", "Tab"], ["Decimal_Separator", "."], ["Multi_Headings", "Yes"],
         ["X_Columns", x_columns], ["Time_Pref", "Relative"], ["Operator", "lab"],
         ["Date", "2024/03/01"], ["Time", "12:00:00.1234567891234"], ["***End_of_Header***"], [],
     ]  # fmt: skip
@@ -217,18 +179,18 @@ def lvm(columns, x_columns, heads, names, sep="\t", decimal=".", repeat=1):
     for k in range(repeat):
         stamp = ["Time", *[f"12:00:{2 * k:02d}.123456789123"] * 2]
         head = [["Channels", "2"], *heads, stamp, ["***End_of_Header***"], names]
-        segments += [sep.join(line) for line in head] + [columns.rstrip("\n"), ""]
-    return "\n".join([sep.join([*line, ""]) for line in top] + segments)
+        segments += ["\t".join(line) for line in head] + [columns.rstrip("\n"), ""]
+    return "\n".join(["\t".join([*line, ""]) for line in top] + segments)
 
 
-def heads(step="1.000000E-2", start="0.0000000000000000E+0", samples=K, second=None):
+def heads(step="1.000000E-2", start="0.0000000000000000E+0"):
     return [
-        ["Samples", str(samples), str(samples if second is None else K // 2)],
+        ["Samples", str(K), str(K)],
         ["Date", "2024/03/01", "2024/03/01"],
         ["Y_Unit_Label", "Volts", "um"],
         ["X_Dimension", "Time", "Time"],
         ["X0", start, start],
-        ["Delta_X", step, second or step],
+        ["Delta_X", step, step],
     ]
 
 
@@ -237,22 +199,12 @@ LVM_ONE = lvm(rows(T, U, Z, sep="\t"), "One", heads(), NAMES)
 LVM_NO = lvm(
     "".join(f"\t{u:.9g}\t{z:.9g}\n" for u, z in zip(U, Z, strict=True)), "No", heads(), NAMES
 )
-LVM_GERMAN = lvm(rows(T, U, Z, sep="\t", decimal=","), "One",
-                 heads("1,000000E-2", "0,0E+0"), NAMES, decimal=",")  # fmt: skip
-LVM_MULTI = lvm(
-    rows(T, U, T, Z, sep=","), "Multi", heads(), ["X_Value", "drive", "X_Value", "sensor"], sep=","
-)
-LVM_RATES = lvm(
-    "".join(f"\t{u:.9g}\t" + (f"{Z[2 * k]:.9g}" if k < K // 2 else "") + "\n"
-            for k, u in enumerate(U)),
-    "No", heads(second="2.000000E-2"), NAMES,
-)  # fmt: skip
 LVM_SEGMENTS = lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), "One", heads(), NAMES, repeat=2)
 
 # --- workbooks ---
 
 
-def workbook(*sheets, engine="xlsxbook"):
+def workbook(*sheets):
     def write(path):
         from openpyxl import Workbook
 
@@ -295,11 +247,11 @@ def protected(path):
 # --- HDF5, MATLAB, TDMS, NumPy, Arrow ---
 
 
-def hdf5(build, **options):
+def hdf5(build):
     def write(path):
         import h5py
 
-        with h5py.File(path, "w", **options) as file:
+        with h5py.File(path, "w") as file:
             build(file)
 
     return write
@@ -319,18 +271,6 @@ def with_rate(file):
     file["sensor"].attrs.update(unit="um", sample_rate=100.0)
 
 
-def two_rates(file):
-    file["drive"], file["sensor"] = U, Z[::2]
-    file["drive"].attrs.update(unit="V", dt=0.01)
-    file["sensor"].attrs.update(unit="um", dt=0.02)
-
-
-def compound(file):
-    table = np.zeros(K, dtype=[("t_s", "f8"), ("u_V", "f4"), ("z_um", "f8")])
-    table["t_s"], table["u_V"], table["z_um"] = T, U, Z
-    file["table"] = table
-
-
 def matlab_73(path):
     """As MATLAB writes -v7.3: a block of 512 bytes before the HDF5, matrices transposed."""
     import h5py
@@ -345,7 +285,7 @@ def matlab_73(path):
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
-def tdms(*channels, stamp=True):
+def tdms(*channels):
     def write(path):
         from nptdms import ChannelObject, TdmsWriter
 
@@ -364,11 +304,6 @@ def wave(step, unit):
 
 
 TDMS_ONE = tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z, wave(0.01, "um")))
-
-
-def tdms_with_broken_index(path):
-    TDMS_ONE(path)
-    path.with_suffix(".tdms_index").write_bytes(b"TDSh" + bytes(range(200)))
 
 
 def broken_tdms(path):
@@ -392,12 +327,6 @@ def saved(array):
     return file.getvalue()
 
 
-def savez(**arrays):
-    file = io.BytesIO()
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
-
-
 def zipped(**members):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -407,7 +336,6 @@ def zipped(**members):
 
 
 CSV = "t_s,u_V,z_um\n" + rows(T, U, Z)
-GERMAN = "Zeit [s];Spannung [V];Weg [µm]\n" + rows(T, U, Z, sep=";", decimal=",")
 LONG_HEADER = "".join(f"# line {k} of a long protocol\nNote {k}: text\n" for k in range(300))
 
 
@@ -451,81 +379,33 @@ SIGNALS = [
 ]
 
 
-def times_of_day():
-    return "Time;u_V;z_um\n" + "".join(
-        f"23:59:59.{10 * k:03d};{u:.9g};{z:.9g}\n"
-        if k < 100 else f"00:00:00.{10 * (k - 100):03d};{u:.9g};{z:.9g}\n"
-        for k, (u, z) in enumerate(zip(U, Z, strict=True))
-    )  # fmt: skip
-
-
 OPENED = {
     "tektronix_mso.csv": Case(TEKTRONIX_MSO + rows(T, U, Z), CHANNELS),
-    "tektronix_mso_crlf.csv": Case((TEKTRONIX_MSO + rows(T, U, Z)).replace("\n", "\r\n"), CHANNELS),
-    "tektronix_mso5.csv": Case(TEKTRONIX_MSO5 + rows(T, U, Z), CHANNELS),
     "rigol_ds1000e.csv": Case(RIGOL_E + rows(T, U, Z, end=","), CHANNELS, units=("V", "V")),
     "rigol_ds1000z.csv": Case(
         RIGOL_Z + rows(np.arange(K), U, Z, end=","), {"input": "CH1 (Volt)", "output": "CH2 (Volt)"}
-    ),
-    "rigol_ds1000z_by_number.csv": Case(
-        RIGOL_Z + rows(np.arange(K), U, Z, end=","), {"input": "1", "output": "2"}
-    ),
-    "rigol_mso5000.csv": Case(RIGOL_5 + rows(T, U, Z, end=",,"), SECOND, units=("V", "V")),
-    "rigol_mso5000_short.csv": Case(
-        RIGOL_5_SHORT + rows(U, Z, end=",,"), {"input": "CH1(V)", "output": "CH2(V)"}
     ),
     "keysight_infiniivision.csv": Case(KEYSIGHT + rows(T, U, Z), SECOND, units=("V", "V")),
     "keysight_infiniium.csv": Case(
         INFINIIUM + rows(U, Z), {"input": "Channel 1", "output": "Channel 2"}, units=("V", "V")
     ),
-    "keysight_infiniium_xy.tsv": Case(
-        INFINIIUM.replace(",", "\t") + rows(T, U, Z, sep="\t"),
-        {"input": "Channel 1", "output": "Channel 2"},
-    ),
     "lecroy.csv": Case(LECROY + rows(T, U, Z), {"input": "Ampl", "output": "Ampl1"}),
     "picoscope.csv": Case(PICO + rows(1000 * T, U, Z), SECOND, units=("V", "mV")),
-    "picoscope_by_unit.csv": Case(PICO + rows(1000 * T, U, Z), {"input": "V", "output": "mV"}),
-    "picoscope.txt": Case(
-        PICO.replace(",", "\t") + rows(1000 * T, U, Z, sep="\t"), SECOND, units=("V", "mV")
-    ),
     "picoscope.mat": Case(
         matlab(A=U, B=Z, Tstart=0.0, Tinterval=0.01, Length=float(K)), {"input": "A", "output": "B"}
     ),
-    "siglent.csv": Case(SIGLENT + rows(T, U, Z), SECOND),
-    "siglent_by_name.csv": Case(SIGLENT + rows(T, U, Z), CHANNELS, units=("V", "V")),
     "siglent_values.csv": Case(
         SIGLENT_VALUES + rows(T - 0.6, U, Z), CHANNELS, units=("V", "A")
     ),
-    "siglent_values_by_unit.csv": Case(
-        SIGLENT_VALUES + rows(T - 0.6, U, Z), {"input": "V", "output": "A"}
-    ),
-    "siglent_without_source.csv": Case(
-        SIGLENT_VALUES.replace("Source,CH1,CH2\n", "") + rows(T, U, Z), CHANNELS, units=("V", "A")
-    ),
-    "siglent_commas_at_the_end.csv": Case(
-        SIGLENT_VALUES.replace("\n", ",,,\r\n") + rows(T, U, Z, end=",\r"), CHANNELS,
-        units=("V", "A"),
-    ),
-    "siglent_rate.csv": Case(SIGLENT_RATE + rows(T, U, Z), CHANNELS, units=("V", "V")),
     "rohde_schwarz.csv": Case(ROHDE + rows(T, U, Z), SECOND, units=("V", "V")),
     "hioki.csv": Case(HIOKI + rows(T, U, Z), SECOND),
     "labview.lvm": Case(LVM_ONE, {"input": "drive", "output": "sensor"}, units=("V", "um")),
     "labview_no_x.lvm": Case(LVM_NO, units=("V", "um")),
-    "labview_german.lvm": Case(LVM_GERMAN, units=("V", "um")),
-    "labview_multi.lvm": Case(LVM_MULTI, units=("V", "um")),
-    "labview_rates.lvm": Case(
-        LVM_RATES, units=("V", "um"), told=("interpolated",), samples=K - 1, tolerance=2e-2
-    ),
     "labview.tdms": Case(TDMS_ONE, units=("V", "um"), tolerance=1e-12),
-    "labview_groups.tdms": Case(
-        tdms(("a", "u", U, wave(0.01, "V")), ("b", "z", Z, wave(0.01, "um"))),
-        {"input": "a/u", "output": "b/z"}, tolerance=1e-12,
-    ),
     "labview_rates.tdms": Case(
         tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z[::2], wave(0.02, "um"))),
         told=("sensor (50 Hz) interpolated", "drive (100 Hz)"), samples=K - 1, tolerance=2e-2,
     ),
-    "labview_broken_index.tdms": Case(tdms_with_broken_index, tolerance=1e-12),
     "stage.xlsx": Case(workbook(("Sheet1", HEADED)), tolerance=1e-12),
     "protocol.xlsx": Case(workbook(("Tabelle1", UNITS_ROW)), units=("V", "µm"), tolerance=1e-12),
     "dated.xlsx": Case(workbook(("Sheet1", DATED)), tolerance=1e-12),
@@ -533,56 +413,23 @@ OPENED = {
         workbook(("About", [["Operator", "lab"], ["Rate", 1]]), ("Data", HEADED)),
         told=("of 2 sheets, 'Data' was read",), tolerance=1e-12,
     ),
-    "no_names.xlsx": Case(workbook(("Sheet1", HEADED[1:])), BY_NUMBER, tolerance=1e-12),
     "no_time.xlsx": Case(
         workbook(("Sheet1", [["Sample rate [Hz]", 100], ["u_V", "z_um"], *numbers(U, Z)])),
         told=("Sample rate [Hz]: 10 ms between two rows",), tolerance=1e-12,
     ),
-    "workbook.csv": Case(workbook(("Sheet1", HEADED)), tolerance=1e-12),  # by its beginning
     "own_layout.h5": Case(hdf5(own_layout), units=("V", "um"), tolerance=1e-12),
-    "by_path.h5": Case(
-        hdf5(own_layout), {"input": "run_1/u", "output": "run_1/z"}, tolerance=1e-12
-    ),
     "rate.hdf5": Case(hdf5(with_rate), units=("V", "um"), tolerance=1e-12),
-    "two_rates.h5": Case(
-        hdf5(two_rates), told=("interpolated",), samples=K - 1, tolerance=2e-2, units=("V", "um")
-    ),
-    "compound.h5": Case(hdf5(compound), SECOND, tolerance=1e-6),
     "version_73.mat": Case(matlab_73, tolerance=1e-12),
-    "vectors.mat": Case(matlab(t_s=T, u_V=U, z_um=Z), tolerance=1e-12),
     "structure.mat": Case(
         matlab(run={"t": T, "u": U, "z": Z}), {"input": "run.u", "output": "run.z"}, tolerance=1e-12
     ),
     "matrix.mat": Case(matlab(data=np.column_stack([T, U, Z])), BY_NUMBER, tolerance=1e-12),
-    "matrix_of_rows.mat": Case(
-        matlab(data=np.stack([T, U, Z])), BY_NUMBER, told=("its rows are the channels",),
-        tolerance=1e-12,
-    ),
-    "matrix.npy": Case(saved(np.column_stack([T, U, Z])), BY_NUMBER, tolerance=1e-12),
-    "matrix_with_rate.npy": Case(
-        saved(np.column_stack([U, Z])), {"rate": 100.0, "input": "1", "output": "2"}
-    ),
     "structured.npy": Case(saved(frame().to_records(index=False)), tolerance=1e-12),
-    "arrays.npz": Case(savez(t_s=T, u_V=U, z_um=Z), tolerance=1e-12),
-    "matrix.npz": Case(
-        savez(t=T, both=np.column_stack([U, Z])), {"input": "both 1", "output": "both 2"}
-    ),
     "frame.parquet": Case(lambda path: frame().to_parquet(path), tolerance=1e-12),
     "frame.feather": Case(lambda path: frame().to_feather(path), tolerance=1e-12),
-    "plain.csv": Case(CSV),
     "plain.csv.gz": Case(gzip.compress(CSV.encode())),
     "plain.zip": Case(zipped(plain__csv=CSV)),
-    "frame.feather.gz": Case(lambda path: frame().to_feather(path) or path.write_bytes(
-        gzip.compress(path.read_bytes()))),
-    "labview.lvm.gz": Case(gzip.compress(LVM_ONE.encode()), units=("V", "um")),
-    "mac.zip": Case(zipped(**{"run.csv": CSV, "__MACOSX/._run.csv": "x"})),
-    "utf_16.txt": Case(GERMAN.encode("utf-16"), units=("V", "µm")),
-    "utf_16_without_mark.txt": Case(GERMAN.encode("utf-16-le"), units=("V", "µm")),
-    "latin_1.csv": Case(GERMAN.encode("latin-1"), units=("V", "µm"), told=("Windows-1252",)),
-    "german.csv": Case(GERMAN, units=("V", "µm")),
-    "byte_order_mark.csv": Case("\ufeff" + CSV),
     "long_header.csv": Case(LONG_HEADER + CSV),
-    "long_header_short_table.txt": Case(LONG_HEADER + CSV.replace(",", "\t")),
     "thousands_english.csv": Case(
         thousands_csv(ord(","), ord("."), ",", '"'), told=("between groups",), tolerance=1e-1
     ),
@@ -592,21 +439,9 @@ OPENED = {
     "thousands_swiss.csv": Case(
         thousands_csv(ord("'"), ord("."), ";"), told=("between groups",), tolerance=1e-1
     ),
-    "thousands_si.csv": Case(
-        thousands_csv(0xA0, ord(","), ";"), told=("between groups",), tolerance=1e-1
-    ),
     "rate_in_comment.csv": Case(
         "# Sample rate: 0.1 kHz\nu_V,z_um\n" + rows(U, Z), told=("10 ms between two rows",)
     ),
-    "interval_above.csv": Case(
-        "Logger 7\nSampling interval (ms);10\nChannels;2\nu_V;z_um\n" + rows(U, Z, sep=";"),
-        told=("10 ms between two rows",),
-    ),
-    "rate_german.csv": Case(
-        "Abtastrate;100 Hz\nSpannung [V];Weg [µm]\n" + rows(U, Z, sep=";", decimal=","),
-        told=("Abtastrate: 10 ms",),
-    ),
-    "time_of_day.csv": Case(times_of_day(), told=("run past midnight|behind midnight",)),
     "units_row.csv": Case("t,u,z\ns,V,um\n" + rows(T, U, Z), units=("V", "um")),
     "units_beside_numbers.csv": Case(
         "t,u,z\n" + with_units((1000 * T, U, Z), ("ms", "V", "um")), units=("V", "um"),
@@ -617,28 +452,16 @@ OPENED = {
     ),
     "twelve_hours.csv": Case(twelve_hours()),
     "epoch_ms.csv": Case(counted(1_767_225_600, 10**3), told=("taken as ms",)),
-    "epoch_us.csv": Case(counted(1_767_225_600, 10**6), told=("taken as us",)),
-    "epoch_ns.csv": Case(counted(1_767_225_600, 10**9), told=("taken as ns",)),
-    "spreadsheet_days.csv": Case(
-        "t,u_V,z_um\n" + rows(45000 + T / 86400, U, Z, form="{:.12f}"),
-        {"units": {"time": "d"}, "time": "t", "input": "u_V", "output": "z_um"},
-    ),
     "tab_separated.xls": Case(
         ("Zeit [s]\tSpannung [V]\tWeg [µm]\n" + rows(T, U, Z, sep="\t")).encode("latin-1"),
         units=("V", "µm"),
     ),
-    "arrays.json": Case(json.dumps({"t": T.tolist(), "u": U.tolist(), "z": Z.tolist()})),
     "nested.json": Case(json.dumps({"by": "Ada", "run": SIGNALS}), tolerance=1e-12),
-    "rows.json": Case(
-        json.dumps(np.column_stack([T, U, Z]).tolist()), BY_NUMBER, tolerance=1e-12
-    ),
     "lines.jsonl": Case("".join(json.dumps(each) + "\n" for each in SIGNALS), tolerance=1e-12),
     "with_readme.zip": Case(
         zipped(**{"run.csv": CSV, "README.txt": "by Ada", "loop.png": b"\x89PNG"}),
         told=("run.csv was read, and README.txt, loop.png left aside",),
     ),
-    "unit_words.csv": Case("time,drive,sensor\nSeconds,Volts,Micro\n" .replace("Micro", "um")
-                           + rows(T, U, Z), units=("V", "um")),
     "unequal_rates.csv": Case(
         "t_s,u_V,z_um\n" + "".join(
             f"{t:.9g},{u:.9g}," + (f"{z:.9g}" if k % 2 == 0 else "") + "\n"
@@ -665,13 +488,12 @@ def test_opened_right(tmp_path, name):
     record = pj.Record.load(tmp_path / name, announce=told.append, **case.options)
     scale = 1000.0 if "thousands" in name else 1.0
     count = case.samples
-    if "segments" not in name:
-        assert len(record) == count
-        measured = record.measured
-        np.testing.assert_allclose(record.input, scale * U[:count], atol=case.tolerance)
-        np.testing.assert_allclose(
-            record.output[measured], scale * Z[:count][measured], atol=case.tolerance
-        )
+    assert len(record) == count
+    measured = record.measured
+    np.testing.assert_allclose(record.input, scale * U[:count], atol=case.tolerance)
+    np.testing.assert_allclose(
+        record.output[measured], scale * Z[:count][measured], atol=case.tolerance
+    )
     np.testing.assert_allclose(np.diff(record.time), case.step, rtol=1e-4)
     if case.units:
         assert (record.input_unit, record.output_unit) == case.units
@@ -712,30 +534,19 @@ def _spoiled(text, row):
 
 REFUSED = {
     "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
-    "macros_renamed.xlsx": Case(with_macros, refused=("has macros",)),
     "password.xlsx": Case(protected, refused=("protected by a password", "save it without")),
-    "empty.xlsx": Case(workbook(("Sheet1", [])), refused=("no sheet holds a table",)),
-    "text.xlsx": Case(
-        workbook(("Sheet1", [["t_s", "u_V", "z_um"], *[["x", "y", "w"]] * 5])),
-        refused=("t_s", "is text|is not a number"),
-    ),
     "broken.xlsx": Case(b"PK\x03\x04" + bytes(1000), refused=("not a readable workbook", "CSV")),
     "broken.tdms": Case(broken_tdms, refused=("not a readable TDMS", "defragment")),
-    "cut.tdms": Case(b"TDSm" + bytes(20), refused=("TDMS|no channels",)),
-    "cut.h5": Case(b"\x89HDF\r\n\x1a\n" + bytes(300), refused=("not a readable HDF5",)),
     "no_vectors.h5": Case(hdf5(lambda file: file.create_group("a")), refused=("no vectors",)),
     "many.zip": Case(
         zipped(**{f"run_{k}.csv": CSV for k in range(9)}), refused=("holds 9 files", "unpack it")
     ),
-    "none.zip": Case(zipped(), refused=("ZIP|no file|empty",)),
     "bomb.csv.gz": Case(BOMB, refused=("unpack to", "no record is compressed so far")),
     "bomb.zip": Case(zipped(a__csv=b"0,0,0\n" * 20_000_000), refused=("no record is compressed",)),
     "bomb.xlsx": Case(
         zipped(**{"[Content_Types].xml": b" " * 100_000_000}), refused=("no record is compressed",)
     ),
     "twice.csv.gz": Case(gzip.compress(gzip.compress(CSV.encode())), refused=("gzip twice",)),
-    "cut.csv.gz": Case(gzip.compress(CSV.encode())[:200], refused=("not a readable gzip",)),
-    "packed.csv.bz2": Case(bz2.compress(CSV.encode()), refused=("binary", "give a CSV")),
     "two_times.csv": Case(
         "t1_s,u_V,t2_s,z_um\n" + rows(T, U, T + 0.004, Z),
         refused=("t1_s, t2_s could each be the time", "--time"),
@@ -743,6 +554,10 @@ REFUSED = {
     "million_columns.csv": Case(WIDE + "\n" + "1," * 999_999 + "1\n", refused=("1,000,000 col",)),
     "mixed.csv": Case(
         CSV + "broken here,and,there\n" + rows(T + 2, U, Z), refused=("row 122", "remove the row")
+    ),
+    "long.csv": Case(
+        "t_s,u_V,z_um\n" + rows(*np.arange(60_000.0).reshape(3, -1)) + "1,2\n",
+        refused=("row 20002: 2 field(s)",),
     ),
     "two_tables.csv": Case(
         CSV + "\n# run 2\n" + CSV, refused=("row 124: the names stand here again",)
@@ -758,61 +573,16 @@ REFUSED = {
     ),
     "login_page.csv": Case("<!DOCTYPE html><html><body>log in</body></html>\n",
                            refused=("a web page or XML", "save it as CSV")),
-    "web_page.xls": Case("<html><table><tr><td>1</td></tr></table></html>",
-                         refused=("a web page or XML",)),
-    "cut.json": Case('{"t": [0, 1, 2', refused=("not a readable JSON", "as CSV")),
     "deep.json": Case("[" * 100_000, refused=("not a readable JSON",)),
-    "texts.json": Case('{"t": "now", "u": {"v": 3}}', refused=("holds no arrays",)),
-    "ragged.json": Case("[[0, 1], [1]]", refused=("not a readable JSON",)),
-    "mixed_thousands.csv": Case(
-        "t_s;u_V;z_um\n0;1.234,5;1\n1;2.5,1;2\n2;3,5;1\n3;1,5;1\n", refused=("row 3", "'2.5,1'")
-    ),
-    "two_channels_in_volts.csv": Case(
-        TEKTRONIX_MSO.replace("TIME", "Time") + rows(T, U, Z), refused=("--input",)
-    ),
-    "siglent_without_head.csv": Case(
-        SIGLENT_VALUES.replace("Second,Value,Value\n", "") + rows(T, U, Z),
-        refused=("row 1: settings of a Siglent", "save the waveform as CSV again"),
-    ),
-    "siglent_without_names.csv": Case(
-        "Record Length,Analog:120\nSecond,Value,Value\n" + rows(T, U, Z),
-        refused=("row 2: the column name 'Value' stands 2 times",),
-    ),
-    "siglent_short_row.csv": Case(
-        SIGLENT_VALUES + "-0.02,0.1,0.2\n-0.01,0.1\n" + rows(T, U, Z), CHANNELS,
-        refused=("row 12: 2 field(s)",),
-    ),
-    "siglent_text.csv": Case(
-        SIGLENT_VALUES + rows(T, U, Z).replace("0.01,", "0.01,?", 1), CHANNELS,
-        refused=("column CH1, row 12: '?",),
-    ),
     "tds_bad_cell.csv": Case(
         _spoiled(tds(), 51), {"input": "TIME", "output": "CH1", "rate": 100.0}, refused=("row 51",)
     ),
-    "rigol_bad_cell.csv": Case(
-        _spoiled(RIGOL_Z + rows(np.arange(K), U, Z, end=","), 51),
-        {"input": "CH1 (Volt)", "output": "CH2 (Volt)"},
-        refused=("row 51",),
-    ),
-    "infiniium_bad_cell.csv": Case(
-        _spoiled(INFINIIUM + rows(U, Z), 51),
-        {"input": "Channel 1", "output": "Channel 2"},
-        refused=("row 51",),
-    ),
-    "one_channel.csv": Case(tds(), refused=("output", "--output")),
     "picture.npy": Case(saved(np.zeros((50, 50))), refused=("no vectors",)),
-    "objects.npy": Case(lambda path: np.save(path, np.array([{}], object), allow_pickle=True),
-                        refused=("not a readable NPY",)),
     "matrix_unasked.mat": Case(
         matlab(data=np.column_stack([T, U, Z])), refused=("--time 1 --input 2 --output 3",)
     ),
-    "number_beyond.csv": Case(CSV, {"input": "7"}, refused=("no column '7'", "t_s, u_V, z_um")),
-    "unit_of_two.csv": Case(
-        "t_s,u_V,v_V,z_um\n" + rows(T, U, U, Z), {"input": "V"}, refused=("u_V, v_V", "unit 'V'")
-    ),
     "no_second_header.lvm": Case("LabVIEW Measurement\t\n***End_of_Header***\n1\t2\n",
                                  refused=("no second ***End_of_Header***", "CSV")),
-    "no_rows.lvm": Case(lvm("", "One", heads(), NAMES), refused=("no samples below",)),
     "not_together.tdms": Case(
         tdms(("r", "u", U, wave(0.01, "V")),
              ("r", "z", Z[:50], {**wave(0.02, "um"), "wf_start_offset": 60.0})),
@@ -839,57 +609,25 @@ def test_refused_with_what_leads_on(tmp_path, name):
     assert clock.perf_counter() - begun < 10
 
 
-UNTAKEN = (
-    "password.xlsx", "macros.xlsm", "broken.tdms", "many.zip", "bomb.csv.gz", "two_times.csv",
-    "million_columns.csv", "mixed.csv",
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("name", UNTAKEN)
-def test_the_command_line_refuses_in_one_line_with_2(tmp_path, name, capsys):
-    for needed in ("openpyxl", "nptdms", "python_calamine"):
-        pytest.importorskip(needed)
-    put(tmp_path / name, REFUSED[name].content)
-    report = tmp_path / "report"
-    assert main(["diagnose", str(tmp_path / name), "--report", str(report)]) == 2
-    out, err = capsys.readouterr()
-    # What was guessed is told first, on stdout; the refusal is one line on stderr.
-    assert all("guessed" in line or name in line for line in out.splitlines())
-    assert len(err.splitlines()) == 1
-    assert any(word in err for word in REFUSED[name].refused[0].split("|"))
-    assert not report.exists()
-
-
-def test_there_are_more_than_sixty_kinds():
-    assert len(OPENED) + len(REFUSED) > 60
-
-
 @pytest.mark.parametrize(
-    ("name", "module", "package"),
+    ("name", "module", "package", "content"),
     [
-        ("a.xlsx", "python_calamine", "python-calamine"),
-        ("a.h5", "h5py", "h5py"),
-        ("a.tdms", "nptdms", "npTDMS"),
-        ("a.feather", "pyarrow", "pyarrow"),
-        ("a.parquet", "pyarrow", "pyarrow"),
+        ("a.xlsx", "python_calamine", "python-calamine", workbook(("Sheet1", HEADED))),
+        ("a.h5", "h5py", "h5py", b"\x89HDF\r\n\x1a\n"),
+        ("a.tdms", "nptdms", "npTDMS", b"TDSm"),
+        ("a.parquet", "pyarrow", "pyarrow", b"PAR1"),
     ],
 )
-def test_a_missing_library_is_named_with_the_extra(tmp_path, monkeypatch, name, module, package):
-    contents = {
-        "xlsx": workbook(("Sheet1", HEADED)),
-        "h5": b"\x89HDF\r\n\x1a\n",
-        "tdms": b"TDSm",
-        "feather": b"ARROW1",
-        "parquet": b"PAR1",
-    }
-    put(tmp_path / name, contents[name.split(".")[1]])
+def test_a_missing_library_is_named_with_the_extra(
+    tmp_path, monkeypatch, name, module, package, content
+):
+    put(tmp_path / name, content)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(pj.InputError, match=rf"{package}.*pip install 'preisach_jax\[files\]'"):
         pj.Record.load(tmp_path / name)
 
 
-@pytest.mark.parametrize("end", ["\n", ""])
-@pytest.mark.parametrize("sep", [",", ";", "\t", " "])
+@pytest.mark.parametrize(("sep", "end"), [(",", "\n"), (" ", "")])
 def test_a_long_regular_file_is_read_as_line_by_line(tmp_path, monkeypatch, sep, end):
     from preisach_jax.record import delimited
 
@@ -906,49 +644,16 @@ def test_a_long_regular_file_is_read_as_line_by_line(tmp_path, monkeypatch, sep,
     np.testing.assert_array_equal(fast.rows, slow.rows)
 
 
-@pytest.mark.parametrize(
-    ("row", "expected"),
-    [
-        ("1,2", "row 15001: 2 field(s)"),
-        ("14999,x,3", "row 15001: 'x' is not a number"),
-        ("1,2,3,4", "row 15001: 4 field(s)"),
-    ],
-)
-def test_an_irregular_row_of_a_long_file_is_named(tmp_path, row, expected):
-    lines = CSV.splitlines()[:1] + [f"{k},{k % 7},{k % 5}" for k in range(20_000)]
-    lines[15_000] = row
-    path = tmp_path / "long.csv"
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(pj.InputError) as caught:
-        pj.Record.load(path)
-    assert expected in str(caught.value)
-
-
 def test_a_sheet_is_named_behind_the_workbook(tmp_path):
-    openpyxl = pytest.importorskip("openpyxl")
-    pytest.importorskip("python_calamine")
-    book = openpyxl.Workbook()
-    book.remove(book.worksheets[0])
-    for name, factor in (("Long", 1.0), ("Run 2", 2.0)):
-        sheet = book.create_sheet(name)
-        sheet.append(["t_s", "u_V", "z_um"])
-        for k in range(80 if name == "Long" else 60):
-            sheet.append([k / 10, float(k % 9), factor * (k % 9) ** 2])
-    path = tmp_path / "book.xlsx"
-    book.save(path)
-    notes = []
-    whole = pj.Record.load(path, announce=notes.append)
-    assert len(whole) == 80
+    for needed in ("openpyxl", "python_calamine"):
+        pytest.importorskip(needed)
+    path, notes = tmp_path / "book.xlsx", []
+    workbook(("Long", HEADED), ("Run 2", HEADED[:61]))(path)
+    assert len(pj.Record.load(path, announce=notes.append)) == K
     assert any("Run 2" in note and "book.xlsx#NAME" in note for note in notes)
-    second = pj.Record.load(f"{path}#Run 2")
-    assert len(second) == 60
-    assert second.output.max() == 2 * whole.output.max()
-    with pytest.raises(
-        pj.InputError, match=r"no sheet 'Run 3' with a table; give one of Long, Run 2"
-    ):
+    assert len(pj.Record.load(f"{path}#Run 2")) == 60
+    with pytest.raises(pj.InputError, match=r"no sheet 'Run 3'.*; give one of Long, Run 2"):
         pj.Record.load(f"{path}#Run 3")
-    with pytest.raises(pj.InputError, match="there is no such file"):
-        pj.Record.load(f"{tmp_path / 'other.xlsx'}#Run 2")
     odd = tmp_path / "a#b.csv"  # a mark in any other name is part of it
-    odd.write_text("t_s,u_V,z_um\n" + "".join(f"{k},{k % 7},{k % 7}\n" for k in range(60)))
-    assert len(pj.Record.load(odd)) == 60
+    odd.write_text(CSV)
+    assert len(pj.Record.load(odd)) == K

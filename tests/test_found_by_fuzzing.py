@@ -56,7 +56,7 @@ def refused(path, content=None, **options):
 # --- text ---
 
 
-@pytest.mark.parametrize("sign", [" ", "_", "/ ", " in ", "(", "["])
+@pytest.mark.parametrize("sign", [" ", " in ", "("])
 def test_looking_for_a_unit_takes_no_time_in_a_long_name(tmp_path, sign):
     path = tmp_path / "a.csv"
     assert "a column's name has" in refused(path, f"t,u{sign * 100_000}V,z\n{ROWS}")
@@ -66,50 +66,13 @@ def test_looking_for_a_unit_takes_no_time_in_a_long_name(tmp_path, sign):
 def test_a_field_of_a_megabyte_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     assert "characters" in refused(path, f't,u,"{"z" * 1_000_000}"\n{ROWS}')
-    assert "characters" in refused(path, f"t,u,{'z' * 1_000_000}\n{ROWS}")
     cell = f'0,1,"{"2" * 1_000_000}"\n'
     assert "more than 131,072 characters" in refused(path, f"t,u,z\n{cell}{ROWS}")
-
-
-def test_many_columns_are_refused_soon(tmp_path):
-    wide = ",".join(f"c{k}" for k in range(100_001))
-    message = refused(tmp_path / "a.csv", f"{wide}\n{'1,' * 100_000}1\n")
-    assert "row 1: there are 100,001 columns" in message
-
-
-def test_names_in_messages_are_cut(tmp_path):
-    names = ",".join(f"{k}{'x' * 290}" for k in range(40))
-    assert "there is no row below the names" in refused(tmp_path / "a.csv", f"{names}\n")
-
-
-@pytest.mark.parametrize("digits", [30, 400])
-def test_whole_numbers_beyond_all_floats_are_no_times(tmp_path, digits):
-    rows = "".join(f"{'9' * digits},{k % 7},{k % 5}\n" for k in range(60))
-    message = refused(tmp_path / "a.csv", f"t,u,z\n{rows}", time="t", input="u", output="z")
-    assert "column t, row 2" in message or "column t, row 3" in message
-
-
-def test_times_beyond_all_floats_keep_their_steps(tmp_path):
-    start = 10**22  # more than 64 bits hold
-    rows = "".join(f"{start + k},{k % 7},{k % 5}\n" for k in range(60))
-    (tmp_path / "a.csv").write_text(f"t_ns,u,z\n{rows}")
-    record = pj.Record.load(tmp_path / "a.csv", time="t_ns")
-    np.testing.assert_array_equal(record.time, np.arange(60) / 1e9)
 
 
 def test_quotation_marks_that_join_rows_lose_no_cell_unsaid(tmp_path):
     rows = "".join(f'{k},{k % 7},"a,{k % 5}\n' for k in range(60))
     assert "quotation mark" in refused(tmp_path / "a.csv", f"\t\n0,1,2b\n{rows}")
-
-
-def test_dates_that_no_calendar_has_are_no_times(tmp_path):
-    rows = "".join(f"00/02/2024 10:0{k},{k},{k}\n" for k in range(9))
-    assert "t is text" in refused(tmp_path / "f.csv", "t,u_V,z_um\n" + rows)
-
-
-def test_times_whose_seconds_are_beyond_all_floats_are_refused(tmp_path):
-    message = refused(tmp_path / "a.csv", f"t_h,u,z\n{ROWS}1e308,1,1\n")
-    assert "column t_h, row 62" in message
 
 
 # --- archives of arrays ---
@@ -134,7 +97,7 @@ def npy(shape, descr="<f8", values=b""):
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + values
 
 
-@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
 def test_damaged_compression_is_refused(tmp_path, method):
     content = bytearray(archive(method, t=npy("(60,)", values=np.arange(60.0).tobytes())))
     content[80:160] = bytes(range(80))
@@ -159,52 +122,21 @@ def test_what_a_member_claims_is_not_allocated(tmp_path, claimed):
 
 @pytest.mark.parametrize(
     ("shape", "descr"),
-    [("(10000000000,)", "<U0"), ("(10000000000,)", "|V0"), ("(-1,)", "<f8"), ("(60,)", "|O"),
-     ("(True,)", "<f8"), ("(100000000000000000000,)", "<f8"), ("(" * 300, "<f8"),
-     (f"{'-' * 5000}1", "<f8"), ("(60,)", "x"), ("(60.0,)", "<f8")],
+    [("(10000000000,)", "<U0"), ("(-1,)", "<f8"), ("(60,)", "|O"), ("(True,)", "<f8"),
+     ("(" * 300, "<f8"), (f"{'-' * 5000}1", "<f8"), ("(60,)", "x"), ("(60.0,)", "<f8")],
 )  # fmt: skip
 def test_headers_that_cannot_be_are_refused(tmp_path, shape, descr):
     assert refused(tmp_path / "a.npz", archive(t=npy(shape, descr, bytes(480))))
 
 
 @pytest.mark.parametrize(
-    "times",
-    [
-        np.arange(60).astype("M8[Y]"),
-        np.arange(60).astype("M8[M]"),
-        np.arange(60).astype("M8[10s]"),
-        np.arange(60).astype("m8[W]"),
-        np.arange(60).astype("m8[ps]"),
-        np.arange(60).astype("m8[3h]"),
-    ],
-    ids=str,
+    ("kind", "step_s"),
+    [("M8[10s]", 10.0), ("m8[W]", 604_800.0), ("m8[ps]", 1e-12), ("m8[3h]", 10_800.0)],
 )
-def test_times_in_any_unit_are_read(tmp_path, times):
-    (tmp_path / "a.npz").write_bytes(arrays(t_s=times))
+def test_times_in_any_unit_are_read(tmp_path, kind, step_s):
+    (tmp_path / "a.npz").write_bytes(arrays(t_s=np.arange(60).astype(kind)))
     record = pj.Record.load(tmp_path / "a.npz", time="t_s", input="u_V", output="z_um")
-    days = times.astype("M8[D]") if times.dtype in ("M8[Y]", "M8[M]") else times
-    elapsed = [
-        (when - days[0]).astype("m8[as]" if "ps" in str(times.dtype) else "m8[ns]") for when in days
-    ]
-    unit = np.timedelta64(1, "as" if "ps" in str(times.dtype) else "ns")
-    scale = 1e18 if "ps" in str(times.dtype) else 1e9
-    expected = [float(step / unit) / scale for step in elapsed]
-    np.testing.assert_allclose(record.time - record.time[0], expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("unit", ["m8[Y]", "m8[M]", "m8", "M8", "NaT"])
-def test_durations_without_a_length_are_refused(tmp_path, unit):
-    times = np.full(60, "NaT", "M8") if unit == "NaT" else np.arange(60).astype("i8").view(unit)
-    options = {"time": "t_s", "input": "u_V", "output": "z_um"}
-    assert "column t_s, row 1" in refused(tmp_path / "a.npz", arrays(t_s=times), **options)
-
-
-def test_a_nan_that_signals_is_an_empty_cell(tmp_path):
-    z = columns()["z_um"].copy()
-    z.view(np.uint64)[5] = 0x7FF0000000000001
-    (tmp_path / "a.npz").write_bytes(arrays(z_um=z))
-    record = pj.Record.load(tmp_path / "a.npz")
-    assert np.flatnonzero(~record.measured).tolist() == [5]
+    np.testing.assert_allclose(record.time - record.time[0], step_s * np.arange(60), rtol=1e-14)
 
 
 # --- MATLAB ---
@@ -216,7 +148,7 @@ def matlab(compress=False, **arrays):
     return file.getvalue()
 
 
-@pytest.mark.parametrize("word", [0, 8, 10, 14, 15, 17, 19, 255, 2**31 - 1, 2**32 - 1])
+@pytest.mark.parametrize("word", [0, 10, 14, 15, 255, 2**32 - 1])
 def test_no_word_of_a_variable_ends_the_process(tmp_path, word):
     """In SciPy, a kind of numbers that there is not reads memory that there is not."""
     content = matlab(t=np.arange(6.0), u={"a": np.arange(3.0)})
@@ -242,17 +174,6 @@ def test_a_matlab_file_of_bombs_in_cells_is_refused(tmp_path):
     assert "values or more" in refused(tmp_path / "a.mat", content)
 
 
-def test_structures_in_structures_without_end_are_refused(tmp_path):
-    inside = b""
-    for _ in range(3000):
-        fields = struct.pack("<IIII", 6, 8, 2, 0) + struct.pack("<IIII", 5, 8, 1, 1)
-        fields += struct.pack("<II", 1, 0) + struct.pack("<HHI", 5, 4, 2)
-        fields += struct.pack("<II", 1, 2) + b"a\0" + bytes(6)
-        inside = fields + struct.pack("<II", 14, len(inside)) + inside
-    content = matlab(t=np.arange(60.0)) + struct.pack("<II", 14, len(inside)) + inside
-    assert "not a readable MAT file" in refused(tmp_path / "a.mat", content)
-
-
 # --- Parquet ---
 
 
@@ -267,39 +188,6 @@ def test_a_parquet_file_that_repeats_a_number_without_end_is_refused(tmp_path):
     assert "5e+06 values" in refused(path)
 
 
-def test_a_text_that_a_parquet_file_repeats_is_kept_once(tmp_path):
-    pa = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
-    path, count = tmp_path / "a.parquet", 50_000
-    texts = pa.DictionaryArray.from_arrays(np.zeros(count, np.int8), pa.array(["x" * 100_000]))
-    numbers = pa.DictionaryArray.from_arrays(
-        np.arange(count, dtype=np.int32) % 7, pa.array(np.arange(7.0))
-    )
-    parquet.write_table(pa.table({"note": texts, "u_V": numbers, "z_um": numbers}), path)
-    before = pa.default_memory_pool().max_memory()
-    tracemalloc.start()
-    try:
-        record = pj.Record.load(path, rate=1000.0, input="u_V", output="z_um")
-        _, most = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert len(record) == count
-    # Five gigabytes, were each text one of its own.
-    assert most < MOST_BYTES
-    assert pa.default_memory_pool().max_memory() - before < MOST_BYTES
-
-
-def test_lists_in_a_parquet_file_are_left_aside(tmp_path):
-    pa = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
-    path = tmp_path / "a.parquet"
-    parquet.write_table(pa.table(columns() | {"more": [[1.0]] * 60}), path)
-    assert len(pj.Record.load(path)) == 60
-    assert "it holds lists or structures" in refused(path, aux=("more",))
-
-
 # --- models ---
 
 
@@ -308,8 +196,7 @@ def content():
     return plain_json(model_content())
 
 
-@pytest.mark.parametrize("opening", ["[", '{"a":'])
-@pytest.mark.parametrize("depth", [900, 100_000])
+@pytest.mark.parametrize(("opening", "depth"), [("[", 900), ('{"a":', 100_000)])
 def test_json_that_is_nested_without_end_is_refused(tmp_path, content, opening, depth):
     text = json.dumps(content).replace('"offset": 0.25', f'"offset": {opening * depth}')
     closing = {"[": "]", '{"a":': "1}"}[opening]
@@ -322,55 +209,30 @@ def test_json_that_is_nested_without_end_is_refused(tmp_path, content, opening, 
     ("path", "value", "says"),
     [
         (("levels",), 10**9, "expected as many numbers as 1000000000 levels have cells"),
+        (("hysteron",), "slope", "hysteron is 'slope'"),
+        (("weights",), [1.0, 2.0], "expected as many numbers as 3 levels have cells"),
+        (("effects",), [3], "effects[0] is 3"),
+        (("effects", 0, "name"), "magic", "magic"),
         (("levels",), 3.0, "levels is 3.0: expected a whole number"),
-        (("levels",), True, "levels is true"),
-        (("levels",), -3, "levels is -3"),
         (("format_version",), True, "format version True"),
-        (("low",), 10**400, "low is a number of more than 30 digits"),
-        (("low",), 10.0, "expected a number below high"),
         (("weights", 2), 10**400, "weights[2] is a number of more than 30 digits"),
-        (("weights", 2), True, "weights[2] is true: expected a finite number"),
         (("weights", 2), "1", "weights[2] is '1': expected a finite number"),
-        (("visited", 0), 2, "visited[0] is 2: expected 0 or 1"),
-        (("visited", 0), [], "visited[0] is a list of 0: expected 0 or 1"),
         (("first_run",), [0.0], "first_run is a list of 1: expected two numbers a level, 6"),
-        (("effects", 0, "name"), 3, "effects[0].name is 3: expected a text"),
         (("effects", 0, "name"), "\ud800", "effects[0].name is '\\ud800': expected a text"),
         (("effects", 1, "name"), "input_lag", "effects[1].name is 'input_lag': expected each"),
         (("effects", 0, "settings"), [], "effects[0].settings is a list of 0: expected a table"),
         (("effects", 0, "settings", "x"), 1, "effects[0].settings has 'x': expected one of"),
-        (("effects", 0, "settings", "tau_low_s"), "1", "settings.tau_low_s is '1'"),
-        (("effects", 0, "settings", "tau_low_s"), 99.0, "settings are of no input_lag"),
         (("effects", 0, "settings", "tau_low_s"), -1.0, "settings are of no input_lag"),
         (("effects", 1, "settings", "with_corners"), 1, "with_corners is 1: expected true or"),
         (("effects", 3, "settings", "tau_s"), [], "tau_s is a list of 0: expected a list of"),
-        (("effects", 3, "settings", "tau_s"), 1.0, "tau_s is 1.0: expected a list"),
-        (("effects", 3, "settings", "tau_s", 1), None, "tau_s[1] is null"),
         (("effects", 4, "settings", "waves"), 10**9, "waves is 1000000000: expected a whole"),
-        (("effects", 4, "settings", "waves"), -1, "waves is -1"),
-        (("effects", 4, "settings", "waves"), 9, "parameters.wave_1 is missing"),
-        (("effects", 4, "settings", "horizon_s"), 0.0, "settings are of no drift"),
-        (("effects", 4, "settings", "horizon_s"), 1e308, "effects[4]"),
-        (("effects", 5, "settings", "column"), "x", "effects[5].name is 'aux:load_N'"),
-        (("effects", 6, "settings", "half_waves"), 10**9, "half_waves is 1000000000"),
-        (("effects", 0, "parameters"), [], "effects[0].parameters is a list of 0"),
-        (("effects", 0, "parameters"), {}, "effects[0].parameters.tau_s is missing"),
-        (("effects", 0, "parameters", "tau_s"), 1.0, "parameters.tau_s is 1.0: expected a table"),
         (("effects", 0, "parameters", "tau_s", "value"), 1e9, "tau_s.value is 1000000000.0"),
         (("effects", 0, "parameters", "tau_s", "low"), "0", "tau_s.low is '0'"),
-        (("effects", 0, "parameters", "tau_s", "high"), [], "tau_s.high is a list of 0"),
-        (("columns", "aux"), ["load_N", None], "columns.aux[1] is null: expected a text"),
-        (("columns", "time"), None, "columns.time is null: expected a text"),
         (("units", "input"), 3, "units.input is 3: expected a text"),
-        (("sampling",), None, "sampling is null: expected a table"),
         (("identification", "rows"), -3, "identification.rows is -3"),
         (("identification", "initial_memory"), "warm", "initial_memory is 'warm': expected one"),
-        (("identification", "stop_s"), 0.0, "identification.stop_s is 0.0: expected a time above"),
         (("identification", "history"), [[0.0], [1.0]], "history[0] must be at least two times"),
-        (("identification", "history"), [[0, 1], [0]], "history must be two lists of one length"),
         (("identification", "history", 0, 1), -1.0, "each above the one before"),
-        (("rms_validation",), -1.0, "rms_validation is -1.0: expected a finite number of at least"),
-        (("noise",), -1.0, "noise is -1.0"),
         (("noise",), {}, "noise is a table of 0"),
     ],
     ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else None,

@@ -24,11 +24,11 @@ from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.model.band import Band, Course, Others
-from preisach_jax.model.spread import few_rows, spread_of
+from preisach_jax.model.spread import spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
-from preisach_jax.record.course import reversals, time_since_reversal
+from preisach_jax.record.course import time_since_reversal
 
 RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
@@ -51,7 +51,7 @@ def record():
 
 @pytest.fixture(scope="module")
 def plain(record):
-    return pj.fit(record, levels=12).model
+    return pj.fit(record, levels=9).model
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def rich(record):
     }
     with jax.enable_x64(True), threadpool_limits(1):
         problem = Problem.of(loaded)
-        chain = Chain(plane_of(problem, 4), effects)
+        chain = Chain(plane_of(problem, 5), effects)
         return loaded, finished(problem, evaluate(problem, chain, values, 1e-4), loaded).model
 
 
@@ -108,20 +108,16 @@ def test_a_model_reads_back_to_the_last_bit(tmp_path, rich):
     model.save(path)
     again = Model.load(path)
     assert again.to_json() == model.to_json()
-    for new in (record, without_output(record), later(record, 1000, 2000, 500.0)):
+    for new in (record, later(record, 1000, 1400, 500.0)):
         before, after = model.predict(new), again.predict(new)
         np.testing.assert_array_equal(after.output, before.output)
         np.testing.assert_array_equal(after.low, before.low)
         np.testing.assert_array_equal(after.high, before.high)
-    assert [effect.name for effect in again.effects] == [e.name for e in model.effects]
-    assert again.parameters == model.parameters
-    np.testing.assert_array_equal(again.visited, model.visited)
     assert list(tmp_path.iterdir()) == [path]  # nothing unfinished is left
 
 
 def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
-    budgeted = plain.with_budget(0.02, float("nan"))
-    budgeted.save(tmp_path / "model.json")
+    plain.with_budget(0.02, float("nan")).save(tmp_path / "model.json")
 
     def refuse(constant):
         raise AssertionError(f"{constant} is no JSON")
@@ -129,17 +125,10 @@ def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
     text = (tmp_path / "model.json").read_text(encoding="utf-8")
     content = json.loads(text, parse_constant=refuse)
     assert content["format_version"] == FORMAT_VERSION
-    assert content["library_version"]
-    assert content["levels"] == 12
-    assert len(content["weights"]) == 78
+    assert (len(content["weights"]), content["levels"], content["noise"]) == (45, 9, 0.02)
     assert (content["low"], content["high"]) == (record.input.min(), record.input.max())
-    assert content["columns"] == {"time": "time", "input": "input", "output": "output", "aux": []}
     assert content["units"] == {"time": "s", "input": "V", "output": "um"}
-    assert content["identification"]["record"] == "stage.csv"
     assert content["identification"]["sha256"] == record.sha256
-    assert content["sampling"] == {"step_s": pytest.approx(1 / RATE), "rows": len(record)}
-    assert content["noise"] == 0.02
-    assert content["discretisation"] is None
 
 
 def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch):
@@ -155,11 +144,6 @@ def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch)
         plain.save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_place_that_does_not_exist_is_named(tmp_path, plain):
-    with pytest.raises(pj.InputError, match=r"nowhere.model\.json: there is no folder"):
-        plain.save(tmp_path / "nowhere" / "model.json")
 
 
 def refused(path, **options):
@@ -186,25 +170,17 @@ def write(path, content):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "not valid JSON"),
-        ('{"format": "preisach_jax model", "weights": [1.0, ', "not valid JSON"),
-        ("[1, 2, 3]", "no model of preisach_jax"),
-        ("3", "no model of preisach_jax"),
-        ("null", "no model of preisach_jax"),
-        ('{"verdict": "adequate"}', "no model of preisach_jax"),
-        ('{"format": "preisach_jax model"}', "format version None"),
+        (b"\xff\xfe\x00\x01" * 40, "not valid JSON"),
+        (b'{"format": "preisach_jax model", "weights": [1.0, ', "not valid JSON"),
+        (b"[1, 2, 3]", "no model of preisach_jax"),
+        (b'{"verdict": "adequate"}', "no model of preisach_jax"),
+        (b'{"format": "preisach_jax model"}', "format version None"),
     ],
 )
 def test_files_that_are_no_model_are_refused(tmp_path, text, says):
     path = tmp_path / "broken.json"
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text)
     assert says in refused(path)
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path):
-    path = tmp_path / "model.json"
-    path.write_bytes(b"\xff\xfe\x00\x01" * 40)
-    assert "not valid JSON" in refused(path)
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -213,107 +189,14 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "found", [FORMAT_VERSION + 1, 0, -1, 1.5, True, "1", "2", None, [1], {}, 10**400], ids=repr
+    "found", [FORMAT_VERSION + 1, FORMAT_VERSION - 1, True, "3", 10**400], ids=lambda v: f"{v!r:.9}"
 )
 def test_other_versions_are_refused(tmp_path, content, found):
     content |= {"format_version": found, "library_version": "9.9.9"}
     message = refused(write(tmp_path / "new.json", content))
     assert f"format version {found!r:.20} " in message
-    assert f"reads versions 1 to {FORMAT_VERSION}; install the version that wrote it" in message
+    assert f"reads version {FORMAT_VERSION}; install the version that wrote it" in message
     assert "9.9.9" in message
-
-
-KEYS = (
-    "hysteron levels low high offset weights memory visited effects columns units "
-    "identification rms_validation noise discretisation"
-).split()
-
-
-@pytest.mark.parametrize("key", KEYS)
-def test_a_missing_entry_is_named(tmp_path, content, key):
-    del content[key]
-    message = refused(write(tmp_path / "model.json", content))
-    assert f"({key} is missing: expected it beside" in message
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("weights", [1.0, 2.0]),
-        ("weights", "many"),
-        ("weights", [[1.0] * 78]),
-        ("weights", [float("nan")] * 78),
-        ("weights", [None] * 78),
-        ("weights", [float("inf")] * 78),
-        ("memory", [0.0] * 77),
-        ("visited", []),
-        ("levels", 11),
-        ("levels", 0),
-        ("levels", "twelve"),
-        ("levels", None),
-        ("low", 99.0),
-        ("low", float("nan")),
-        ("high", None),
-        ("high", "high"),
-        ("offset", float("nan")),
-        ("offset", None),
-        ("offset", [1.0]),
-        ("rms_validation", float("nan")),
-        ("rms_validation", "small"),
-        ("noise", "loud"),
-        ("hysteron", "slope"),
-        ("hysteron", None),
-        ("effects", "creep"),
-        ("effects", [{"name": "creep"}]),
-        ("effects", [{"name": "magic", "settings": {}, "parameters": {}}]),
-        ("effects", [3]),
-        ("columns", None),
-        ("columns", {}),
-        ("units", "um"),
-        ("identification", {}),
-        ("identification", "stage.csv"),
-    ],
-)
-def test_damaged_entries_are_refused(tmp_path, content, key, value):
-    content[key] = value
-    message = refused(write(tmp_path / "model.json", content))
-    assert (
-        "damaged" in message or repr(key) in message or f"{key} is" in message or "magic" in message
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("drift", {"value": float("nan")}),
-        ("drift", {"value": None}),
-        ("drift", {"value": "fast"}),
-        ("drift", {"unit": None}),
-        ("creep", {"value": -3.0}),
-    ],
-)
-def test_damaged_parameters_are_refused(tmp_path, rich, name, change):
-    content = json.loads(json.dumps(rich[1].to_json()))
-    effect = next(effect for effect in content["effects"] if effect["name"] == name)
-    first = next(iter(effect["parameters"]))
-    effect["parameters"][first] |= change
-    assert first in refused(write(tmp_path / "model.json", content))
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("rows", "many"),
-        ("inputs_sha256", None),
-        ("history", [[0.0, 1.0]]),
-        ("history", [[0.0, 1.0], [0.0, None]]),
-        ("start_s", None),
-        ("step_s", "short"),
-    ],
-)
-def test_a_damaged_origin_is_refused(tmp_path, content, key, value):
-    content["identification"][key] = value
-    assert "damaged" in refused(write(tmp_path / "model.json", content))
 
 
 class Leak(AddedEffect):
@@ -330,7 +213,7 @@ class Leak(AddedEffect):
 
 
 def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
-    found = pj.fit(record, [Leak(share=0.5)], levels=4)
+    found = pj.fit(record, [Leak(share=0.5)], levels=5)
     path = tmp_path / "model.json"
     found.save(path)
     message = refused(path)
@@ -344,19 +227,9 @@ def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
 # --- predicting ---
 
 
-def test_the_record_itself_is_predicted_as_it_was_fitted(plain, record):
-    got = plain.predict(without_output(record))
-    np.testing.assert_array_equal(got.output, plain.simulate(record))
-    np.testing.assert_array_equal(got.time, record.time)
-    np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(record))
-    np.testing.assert_allclose((got.high + got.low) / 2, got.output)
-    assert np.sqrt(np.mean((got.output - record.output) ** 2)) < 1.2 * plain.rms_validation
-
-
 def test_a_record_that_begins_with_it_goes_on(plain, record):
-    whole = actuator(seconds=6.0)
-    more = world.excitation("rich", 3.0, RATE, 8)
-    time = np.concatenate([whole.time, whole.time[-1] + (1 + np.arange(len(more))) / RATE])
+    more = world.excitation("rich", 0.8, RATE, 8)
+    time = np.concatenate([record.time, record.time[-1] + (1 + np.arange(len(more))) / RATE])
     path = np.concatenate([record.input, more])
     whole = without_output(record, time=time, input=path)
     got = plain.predict(whole)
@@ -365,27 +238,6 @@ def test_a_record_that_begins_with_it_goes_on(plain, record):
     after = (got.output - truth)[len(record) :]
     assert np.sqrt(np.mean(after**2)) < 2 * plain.rms_validation
     np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(whole))
-
-
-@pytest.mark.parametrize("cut", [700, 2100])
-def test_a_direct_continuation_knows_the_history(cut):
-    """Fitted on the first part, asked for the second alone, of which only the clock tells."""
-    record = actuator()
-    first = pj.fit(record.part(0, cut), levels=8).model
-    whole = first.predict(without_output(record.part(0, len(record))))
-    inside = (record.input >= first.plane.low) & (record.input <= first.plane.high)
-    assert inside.all()  # the range was seen, or predict would have refused
-    rest = later(record, cut, len(record))
-    alone = first.predict(rest)
-    gap = alone.output - whole.output[cut:]
-    stroke = np.ptp(record.output)
-    assert np.abs(gap).max() < 0.01 * stroke
-    np.testing.assert_allclose(alone.high - alone.low, 2 * first.half_width(rest))
-    # Without the clock, the memory is unknown.
-    lost = first.predict(later(record, cut, len(record), shift=1000.0))
-    assert np.abs(lost.output - whole.output[cut:]).max() > 5 * np.abs(gap).max() or (
-        record.input[cut] in (record.input.min(), record.input.max())
-    )
 
 
 def from_the_middle(seconds=6.0):
@@ -417,7 +269,7 @@ def _ramps(levels):
     return [np.linspace(a, b, 100) for a, b in pairwise(levels)]
 
 
-@pytest.mark.parametrize("stated", ["low", "high", "demagnetised"])
+@pytest.mark.parametrize("stated", ["low", "demagnetised"])
 def test_stated_memory_is_used(plain, stated):
     new = from_the_middle()
     free = plain.predict(new)
@@ -426,14 +278,11 @@ def test_stated_memory_is_used(plain, stated):
     np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(told))
     expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial=stated)
     np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
-    slack = 1e-6
-    inside = (got.output >= free.low - slack) & (got.output <= free.high + slack)
-    assert inside.all()
-    if stated != "demagnetised":
-        # Saturation is the edge of what unknown memory leaves open.
-        edge = free.low if stated == "low" else free.high
-        rest = plain.half_width(new) * (1 if stated == "low" else -1)
-        np.testing.assert_allclose(got.output, edge + rest, atol=5e-3)
+    assert np.all((got.output >= free.low - 1e-6) & (got.output <= free.high + 1e-6))
+    if stated == "low":  # saturation is the edge of what unknown memory leaves open
+        np.testing.assert_allclose(
+            got.output, free.low + plain.half_width(new), atol=5e-4 * np.ptp(new.input)
+        )
 
 
 def test_the_band_covers_new_records_of_the_same_world(plain):
@@ -457,11 +306,6 @@ def test_input_beyond_the_plane_is_refused(plain, record):
     assert "\n" not in message
 
 
-def test_noise_on_the_input_may_leave_the_plane_a_little(plain, record):
-    path = record.input + 0.3
-    assert np.isfinite(plain.predict(without_output(record, input=path)).output).all()
-
-
 def test_a_missing_auxiliary_column_is_named(rich):
     record, model = rich
     with pytest.raises(pj.InputError, match=r"new.csv.*'load_N'.*--aux load_N"):
@@ -471,7 +315,7 @@ def test_a_missing_auxiliary_column_is_named(rich):
 def test_lags_and_creep_go_on_in_a_continuation(rich):
     """Of the history, the file keeps a thinned course: enough for what effects remember."""
     record, model = rich
-    more = world.excitation("rich", 3.0, RATE, 8)
+    more = world.excitation("rich", 0.8, RATE, 8)
     time = record.time[-1] + (1 + np.arange(len(more))) / RATE
     load = np.full(len(more), record.aux["load_N"][-1])
     arrays = {"time": time, "input": more, "aux": {"load_N": load}}
@@ -485,24 +329,9 @@ def test_lags_and_creep_go_on_in_a_continuation(rich):
     expected = model.predict(without_output(record, **whole)).output[len(record) :]
     np.testing.assert_allclose(alone.output, expected, atol=2e-3 * np.ptp(expected))
     np.testing.assert_allclose(alone.high - alone.low, 2 * model.half_width(rest))
-
-
-def test_a_clock_that_was_set_back_starts_drift_anew(rich):
-    record, model = rich
-    gap = {"input": np.append(37.0, record.input[1:])}  # not the record that was fitted
-    now, before = (
-        model.predict(without_output(record, time=record.time + shift, **gap))
-        for shift in (0.0, -1000.0)
-    )
-    np.testing.assert_allclose(before.output, now.output, atol=1e-6)
-
-
-def test_a_prediction_of_one_sample_and_of_a_rest(plain):
-    one = Record.from_arrays([1e4, 1e4 + 1], [75.0, 75.0], [np.nan, np.nan])
-    got = plain.predict(one)
-    assert got.output[0] == got.output[1]
-    saturated = plain.offset + plain.weights.sum()
-    assert got.output[0] == pytest.approx(saturated, abs=1e-6)
+    # Without the clock, the memory is unknown.
+    lost = model.predict(without_output(record, **arrays | {"time": time + 1000.0}))
+    assert np.max(lost.high - lost.low - (alone.high - alone.low)) > 0.01 * np.ptp(expected)
 
 
 def test_a_short_record_is_fitted():
@@ -510,7 +339,7 @@ def test_a_short_record_is_fitted():
     record = actuator()
     few = np.linspace(0, len(record) - 1, 50).astype(int)
     short = Record.from_arrays(record.time[few], record.input[few], record.output[few])
-    found = pj.fit(short, ("drift",), levels=4)
+    found = pj.fit(short, levels=5)
     assert found.validation.sum() + found.identification.sum() == 50
     assert np.isfinite(found.prediction).all()
     assert found.fit_percent > 80
@@ -577,13 +406,6 @@ def test_the_law_finds_what_the_variance_goes_with():
             assert 0.93 < np.mean(np.abs(fresh[third == k]) <= half[third == k]) < 0.97
 
 
-def test_slices_of_few_rows_have_the_width_of_all():
-    record = wandering(200)
-    residual = np.random.default_rng(0).normal(size=200)
-    band = Band.calibrated(Course.of(record), residual, np.zeros((200, 2)), 1.0, 0.0, NO_OTHERS)
-    assert np.ptp(band.half) == 0
-
-
 def test_no_band_is_narrower_than_the_noise():
     record = wandering(2000)
     course, none = Course.of(record), np.zeros((2000, 2))
@@ -636,40 +458,21 @@ def test_a_wander_goes_on_as_it_went_and_another_record_has_another():
     assert not unforeseen(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
 
 
-def test_long_records_are_thinned_without_losing_a_turn():
-    record = wandering(30000)
-    kept = few_rows(record)
-    assert len(kept) == 8000
-    assert set(reversals(record.input, 0.002 * np.ptp(record.input))) <= set(kept.tolist())
-    assert (kept[0], kept[-1]) == (0, 29999)
-
-
 def test_a_band_comes_back_from_its_file(plain, record):
-    again = Model.from_json(json.loads(json.dumps(plain.to_json())))
-    np.testing.assert_array_equal(again.half_width(record), plain.half_width(record))
-    for key, wrong, said in (
-        ("weights", ["1"], "band.others.weights is a list of 1: expected 28, as many as offset"),
-        ("weights", ["1 x"] * 28, r"band.others.weights\[0\] is '1 x': expected a text of whole"),
-        ("weights", ["9" * 400] * 28, r"band.others.weights\[0\] is .*: expected a text of whole"),
-        ("step", [1.0], "band.others.step is a list of 1: expected 28, as many as offset has"),
-        ("added", [[1.0]] * 28, r"band.others.added\[0\] is a list of 1: expected 0"),
+    content = json.loads(json.dumps(plain.to_json()))
+    np.testing.assert_array_equal(
+        Model.from_json(content).half_width(record), plain.half_width(record)
+    )
+    for inside, key, wrong, said in (
+        (content["band"]["others"], "weights", ["1"], "others.weights is a list of 1: expected 28"),
+        (content["band"]["others"], "weights", ["1 x"] * 28, r"others.weights\[0\] is '1 x'"),
+        (content["band"], "half", [0.1] * 4, "band.half is a list of 4: expected 9"),
     ):
-        content = plain.to_json()
-        content["band"]["others"][key] = wrong
+        right, inside[key] = inside[key], wrong
         with pytest.raises(pj.InputError, match=said):
             Model.from_json(content)
-
-
-def test_a_file_without_a_band_has_that_of_the_whole(plain, record):
-    content = plain.to_json()
-    del content["band"]
-    older = Model.from_json(content)
-    assert older.band is None
-    np.testing.assert_array_equal(older.half_width(record), 1.96 * plain.rms_validation)
-    content = plain.to_json()
-    content["band"] = {"speed": [1.0, 2.0], "since_s": [0.1, 0.2], "half": [0.5] * 9}
-    np.testing.assert_array_equal(Model.from_json(content).half_width(record), 0.5)
-    content = plain.to_json()
-    content["band"]["half"] = content["band"]["half"][:4]
-    with pytest.raises(pj.InputError, match=r"band.half is a list of 4: expected 9"):
-        Model.from_json(content)
+        inside[key] = right
+    content["band"] = None  # of a model that was made without a fit
+    np.testing.assert_array_equal(
+        Model.from_json(content).half_width(record), 1.96 * plain.rms_validation
+    )

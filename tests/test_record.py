@@ -1,9 +1,7 @@
 """Records: what is read is what was written, in every format and dialect."""
 
-import csv
 import hashlib
 import importlib.resources
-import sys
 
 import numpy as np
 import pytest
@@ -12,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import MIN_MEASURED, Channel, Record
-from preisach_jax.record.units import is_known_unit, seconds_per, split_unit
+from preisach_jax.record import Channel, Record
+from preisach_jax.record.units import is_known_unit, split_unit
 
 K = 60
 
@@ -103,13 +101,6 @@ def test_micromag_headers(tmp_path, old, new, expected):
         assert getattr(record, name) == (pytest.approx(value) if name == "duration_s" else value)
 
 
-def test_micromag_without_calibration_points_is_saturated_before_every_curve(tmp_path):
-    path = tmp_path / "two.forc"
-    path.write_text(MICROMAG.replace("HCal", "HNcr"))
-    record = Record.load(path, need_output=False)
-    np.testing.assert_array_equal(record.input, [1.0, 0.801, 1.0, 0.5, 1.0, 0.799, 1.0, 0.3, 0.5])
-
-
 def test_bundled_measurement():
     with importlib.resources.as_file(bundled()) as path:
         said = []
@@ -128,27 +119,6 @@ def test_bundled_measurement():
     assert record.name == "conventional_example.forc"
     assert any("saturation" in note for note in said)
     assert not any("guessed from" in note for note in said)
-
-
-def test_bundled_measurement_agrees_with_an_independent_conversion(shared_data):
-    with importlib.resources.as_file(bundled()) as path:
-        record = Record.load(path)
-    with open(shared_data / "forc_agm_pmagpy.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    # the conversion prints seven digits
-    t, x, z = (np.array([float(row[name] or "nan") for row in rows]) for name in "txz")
-    np.testing.assert_allclose(record.time, t, rtol=5.1e-7)
-    np.testing.assert_allclose(record.input, x, rtol=1e-14)
-    np.testing.assert_allclose(record.output, z, rtol=1e-14)
-    converted = Record.load(shared_data / "forc_agm_pmagpy.csv")
-    np.testing.assert_array_equal(converted.output, z)
-    assert converted.initial_memory == "free"
-
-
-def test_the_licence_lies_beside_the_bundled_measurement():
-    notice = (importlib.resources.files("preisach_jax") / "bundled" / "LICENSE.pmagpy").read_text()
-    assert "PmagPy contributors" in notice
-    assert "Redistribution and use in source and binary forms" in notice
 
 
 # --- delimiter-separated text ---------------------------------------------------------------------
@@ -186,7 +156,7 @@ def dialects(draw):
 
 
 @given(dialects())
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_dialect_gives_back_the_values_to_the_last_bit(tmp_path, dialect):
     text, encoding, columns, names = dialect
     path = tmp_path / "dialect.csv"
@@ -198,97 +168,10 @@ def test_every_dialect_gives_back_the_values_to_the_last_bit(tmp_path, dialect):
     assert [record.channels[c].name for c in ("time", "input", "output")] == list(names)
 
 
-def test_columns_of_text_are_ignored_unless_named(tmp_path):
-    t, u, z = signals()
-    lines = [f'{a},"run, {k}",{b},on,{c}' for k, (a, b, c) in enumerate(zip(t, u, z, strict=True))]
-    path = tmp_path / "texts.csv"
-    path.write_text("\n".join(["t,comment,u,state,z", *lines]))
-    record = Record.load(path)
-    np.testing.assert_array_equal(record.input, u)
-    np.testing.assert_array_equal(record.output, z)
-
-
-@pytest.mark.parametrize("comment", ["# t,u,z", "#t,u,z", "% t,u,z\n# written by a logger"])
-def test_names_in_a_comment_as_numpy_writes_them(tmp_path, comment):
-    path = tmp_path / "savetxt.csv"
-    np.savetxt(path, np.column_stack(signals()), delimiter=",", header="", comments="")
-    path.write_text(f"{comment}\n{path.read_text()}")
-    record = Record.load(path)
-    np.testing.assert_allclose(record.output, signals()[2], rtol=1e-15)
-
-
-def test_lines_before_the_names_and_a_line_of_units(tmp_path):
-    path = write_csv(tmp_path / "logger.csv", delimiter=";")
-    names, *data = path.read_text().splitlines()
-    path.write_text("\n".join(["Logger 12", "Operator: me", names, "s;V;µm", *data]))
-    said = []
-    record = Record.load(path, announce=said.append)
-    np.testing.assert_array_equal(record.input, signals()[1])
-    assert (record.input_unit, record.output_unit) == ("V", "µm")
-    assert any("2 line(s) before the names" in note for note in said)
-
-
-def test_a_delimiter_at_the_end_of_every_row(tmp_path):
-    path = write_csv(tmp_path / "trailing.csv")
-    names, *data = path.read_text().splitlines()
-    path.write_text("\n".join([names, *(f"{line}," for line in data)]))
-    np.testing.assert_array_equal(Record.load(path).output, signals()[2])
-
-
-def test_rows_of_delimiters_only_are_blank(tmp_path):
-    path = write_csv(tmp_path / "sheet.csv")
-    path.write_text(path.read_text() + ",,\n,,\n")
-    assert len(Record.load(path)) == K
-
-
-def test_a_file_without_names_is_read_by_position(tmp_path):
-    path = tmp_path / "bare.txt"
-    np.savetxt(path, np.column_stack(signals()), fmt="%.17g")
-    record = Record.load(path, time="1", input="2", output="3")
-    np.testing.assert_array_equal(record.output, signals()[2])
-
-
-def test_a_single_column_with_a_rate(tmp_path):
-    path = tmp_path / "one.csv"
-    path.write_text("u_V\n0,5\n1,5\n0,25\n")
-    record = Record.load(path, input="u_V", rate=10.0, need_output=False)
-    np.testing.assert_array_equal(record.input, [0.5, 1.5, 0.25])
-    np.testing.assert_array_equal(record.time, [0.0, 0.1, 0.2])
-
-
-def test_empty_output_cells_belong_to_the_history_of_the_input(tmp_path):
-    path = write_csv(tmp_path / "gaps.csv")
-    lines = path.read_text().splitlines()
-    for row, cell in ((3, ""), (5, "  "), (7, "nan"), (9, "NaN")):
-        lines[row] = ",".join([*lines[row].split(",")[:2], cell])
-    path.write_text("\n".join(lines))
-    record = Record.load(path)
-    np.testing.assert_array_equal(np.flatnonzero(~record.measured), [2, 4, 6, 8])
-    assert np.all(np.isfinite(record.input))
-
-
 # --- other formats --------------------------------------------------------------------------------
 
 
-def test_npz_mat_and_csv_hold_the_same_record(tmp_path):
-    t, u, z = signals()
-    z[3] = np.nan
-    np.savez(tmp_path / "r.npz", t=t, u_V=u, z_um=z[:, None], rate=100.0)
-    savemat(tmp_path / "r.mat", {"t": t, "u_V": u, "z_um": z, "note": "a text"})
-    write_csv(tmp_path / "r.csv", ("t", "u_V", "z_um"), (t, u, z))
-    records = [Record.load(tmp_path / f"r.{ending}") for ending in ("npz", "mat", "csv")]
-    assert len({record.sha256 for record in records}) == 1
-    assert {record.output_unit for record in records} == {"um"}
-
-
-def test_fields_of_a_matlab_structure_go_by_their_dotted_names(tmp_path):
-    t, u, z = signals()
-    savemat(tmp_path / "s.mat", {"run": {"t": t, "u": u, "z": z}})
-    record = Record.load(tmp_path / "s.mat", time="run.t", input="run.u", output="run.z")
-    np.testing.assert_array_equal(record.input, u)
-
-
-def test_parquet_holds_the_same_record(tmp_path):
+def test_parquet_npz_mat_and_csv_hold_the_same_record(tmp_path):
     pa = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
@@ -298,18 +181,14 @@ def test_parquet_holds_the_same_record(tmp_path):
     table = pa.table({"t": t, "u_V": u, "z_um": z, "state": ["on"] * K, "stamp": stamps})
     parquet.write_table(table, tmp_path / "r.parquet")
     write_csv(tmp_path / "r.csv", ("t", "u_V", "z_um"), (t, u, z))
-    record = Record.load(tmp_path / "r.parquet", time="t")
-    assert record.sha256 == Record.load(tmp_path / "r.csv").sha256
+    np.savez(tmp_path / "r.npz", t=t, u_V=u, z_um=z[:, None], rate=100.0)
+    savemat(tmp_path / "r.mat", {"t": t, "u_V": u, "z_um": z, "note": "a text"})
+    records = [
+        Record.load(tmp_path / f"r.{end}", time="t") for end in "parquet csv npz mat".split()
+    ]
+    assert len({record.sha256 for record in records}) == 1
     by_stamp = Record.load(tmp_path / "r.parquet", time="stamp", input="u_V", output="z_um")
     np.testing.assert_allclose(by_stamp.time, t, atol=1e-12)
-
-
-def test_parquet_without_pyarrow_names_the_package(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    path = tmp_path / "r.parquet"
-    path.write_bytes(b"PAR1")
-    with pytest.raises(InputError, match=r"r\.parquet.*pyarrow.*pip install"):
-        Record.load(path)
 
 
 # --- units and time -------------------------------------------------------------------------------
@@ -320,19 +199,12 @@ def test_parquet_without_pyarrow_names_the_package(tmp_path, monkeypatch):
     [
         ("u_V", ("u", "V")),
         ("z_um", ("z", "um")),
-        ("t_ms", ("t", "ms")),
-        ("T_MS", ("T", "MS")),
         ("Weg [µm]", ("Weg", "µm")),
-        ("Zeit (ms)", ("Zeit", "ms")),
-        ("Weg in mm", ("Weg", "mm")),
         ("Weg/mm", ("Weg", "mm")),
-        ("H (A/m)", ("H", "A/m")),
         ("H_A_per_m", ("H", "A/m")),
         ("coil_current_A", ("coil_current", "A")),
-        ("curve", ("curve", "")),
         ("u_1", ("u_1", "")),
         ("load_cell", ("load_cell", "")),
-        ("position", ("position", "")),
     ],
 )
 def test_units_in_names(column, expected):
@@ -340,44 +212,21 @@ def test_units_in_names(column, expected):
 
 
 @pytest.mark.parametrize(
-    ("unit", "seconds"),
-    [("s", 1), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("μs", 1e-6), ("min", 60), ("h", 3600)],
+    ("name", "unit", "seconds"),
+    [
+        ("t_ms", "ms", 1e-3),
+        ("Zeit [µs]", "µs", 1e-6),
+        ("time (μs)", "μs", 1e-6),
+        ("t_h", "h", 3600),
+    ],
 )
-@pytest.mark.parametrize("style", ["t_{}", "Zeit [{}]", "time ({})"])
-def test_time_is_in_seconds_and_kept_as_in_the_file(tmp_path, unit, seconds, style):
+def test_time_is_in_seconds_and_kept_as_in_the_file(tmp_path, name, unit, seconds):
     _, u, z = signals()
     values = np.arange(K) * 7.0
-    name = style.format(unit)
     record = Record.load(write_csv(tmp_path / "r.csv", (name, "u", "z"), (values, u, z)))
     np.testing.assert_allclose(record.time, values * seconds, rtol=1e-15)
     np.testing.assert_array_equal(record.time_values, values)
     assert record.channels["time"] == Channel(name, unit)
-
-
-def test_days_are_seconds_where_they_are_named_and_a_column_t_d_is_none(tmp_path):
-    rows = "".join(f"{k / 86400},{k % 7},{k % 5}\n" for k in range(60))
-    (tmp_path / "f.csv").write_text("t [d],u_V,z_um\n" + rows)
-    assert Record.load(tmp_path / "f.csv").step_s == pytest.approx(1.0)
-    (tmp_path / "g.csv").write_text("t_d,u_V,z_um\n" + rows)  # d for desired, perhaps
-    told = Record.load(tmp_path / "g.csv", time="t_d", units={"time": "days"})
-    assert told.step_s == pytest.approx(1.0)
-    assert split_unit("t_d") == ("t_d", "")
-
-
-def test_seven_milliseconds_are_seven_thousandths_to_the_last_bit():
-    multiplier, divisor = seconds_per("ms") or (np.nan, np.nan)
-    assert all(float(k) * multiplier / divisor == k / 1000 for k in range(1000))
-
-
-def test_units_that_are_told_come_before_those_in_names(tmp_path):
-    path = write_csv(tmp_path / "r.csv", ("t", "u_V", "z"))
-    said = []
-    record = Record.load(
-        path, units={"time": "ms", "u_V": "kV", "output": "nm"}, announce=said.append
-    )
-    assert record.duration_s == pytest.approx(0.59e-3)
-    assert (record.input_unit, record.output_unit) == ("kV", "nm")
-    assert not any("seconds" in note for note in said)
 
 
 def test_a_unit_that_nobody_knows_is_kept_and_told(tmp_path):
@@ -390,23 +239,17 @@ def test_a_unit_that_nobody_knows_is_kept_and_told(tmp_path):
     assert "--unit output=UNIT" in note
 
 
-@pytest.mark.parametrize(
-    "unit", ["um", "µm/N", "A·m²", "m/s^2", "kg*m/s2", "counts", "a.u.", "%", "1", "-", "Volts", ""]
-)
+@pytest.mark.parametrize("unit", ["µm/N", "A·m²", "kg*m/s2", "counts", "%", "Volts", ""])
 def test_units_that_are_known(unit):
     assert is_known_unit(unit)
-
-
-@pytest.mark.parametrize("unit", ["parsec", "furlong", "foo/s", "Vm foo", "milimeter"])
-def test_units_that_are_not(unit):
-    assert not is_known_unit(unit)
+    assert not is_known_unit(f"foo{unit}")
+    assert not is_known_unit(f"{unit or 'Vm'} foo")
 
 
 def test_a_rate_takes_the_place_of_time(tmp_path):
     _, u, z = signals()
     record = Record.load(write_csv(tmp_path / "r.csv", ("u", "z"), (u, z)), rate=200.0)
     np.testing.assert_array_equal(record.time, np.arange(K) / 200.0)
-    assert record.channels["time"] == Channel("t", "s")
     with_time = Record.load(write_csv(tmp_path / "r2.csv"), rate=200.0)
     np.testing.assert_array_equal(with_time.time, record.time)
 
@@ -418,19 +261,12 @@ def test_a_rate_takes_the_place_of_time(tmp_path):
     ("names", "roles"),
     [
         ("t x z", "t x z"),
-        ("t x z curve", "t x z"),
         ("t x z u1 u2 y1", "t x z"),
-        ("t x z current_A", "t x z"),
         ("t_s u_V z_um load_N", "t_s u_V z_um"),
         ("z_um u_V t_ms", "t_ms u_V z_um"),
-        ("t u x", "t u x"),
-        ("t x y", "t x y"),
         ("Zeit Spannung Weg", "Zeit Spannung Weg"),
         ("time voltage displacement", "time voltage displacement"),
-        ("time field moment temperature_K", "time field moment"),
-        ("elapsed_s drive_V sensor_V", "elapsed_s drive_V sensor_V"),
         ("clk_s chan1_V chan2_um", "clk_s chan1_V chan2_um"),
-        ("Time input output", "Time input output"),
     ],
 )
 def test_columns_are_guessed_and_announced(tmp_path, names, roles):
@@ -456,16 +292,6 @@ def test_only_what_is_not_told_is_guessed(tmp_path):
     (guess,) = [note for note in said if "guessed from" in note]
     assert guess.endswith("time t, output z")
     np.testing.assert_array_equal(record.aux["u"], u)
-
-
-def test_texts_and_constants_are_never_guessed(tmp_path):
-    t, u, z = signals()
-    path = tmp_path / "r.csv"
-    rows = [f"{a},{b},5.0,here,{c}" for a, b, c in zip(t, u, z, strict=True)]
-    path.write_text("\n".join(["t,u,x,output,z", *rows]))
-    record = Record.load(path)
-    assert record.channels["input"].name == "u"
-    assert record.channels["output"].name == "z"
 
 
 # --- prediction: the input alone ------------------------------------------------------------------
@@ -504,28 +330,11 @@ def test_properties():
     assert (record.input_unit, record.output_unit) == ("V", "um")
 
 
-def test_jitter_is_the_spread_of_the_steps():
-    rng = np.random.default_rng(0)
-    steps = 0.01 * (1 + 0.05 * rng.standard_normal(20_000))
-    t = np.cumsum(steps)
-    record = Record.from_arrays(t, np.sin(t), np.cos(t))
-    assert record.jitter == pytest.approx(0.05, rel=0.03)
-
-
 def test_the_digest_is_that_of_time_input_and_output():
     record = record_of()
     expected = hashlib.sha256(b"".join(v.astype("<f8").tobytes() for v in signals())).hexdigest()
     assert record.sha256 == expected
-    t, u, z = signals()
-    z[7] = np.nan
-    other = z.copy()
-    other[7] = np.float64(np.frombuffer(b"\x01\0\0\0\0\0\xf8\xff", "<f8")[0])
-    assert Record.from_arrays(t, u, z).sha256 == Record.from_arrays(t, u, other).sha256
-    assert Record.from_arrays(t, u, z).sha256 != expected
-
-
-def test_the_inputs_digest_tells_a_continuation():
-    whole, t, u = record_of(), *signals()[:2]
+    whole, t, u = record, *signals()[:2]
     rows = np.column_stack([t, u])[:20].astype("<f8").tobytes()
     assert whole.inputs_digest(20) == hashlib.sha256(rows).hexdigest()
     assert whole.part(0, 30).inputs_digest(20) == whole.inputs_digest(20)
@@ -556,18 +365,12 @@ def test_arrays_are_copies_that_cannot_be_written():
         record.input[0] = 1.0
 
 
-@pytest.mark.parametrize("memory", ["low", "high", "demagnetised", "free"])
+@pytest.mark.parametrize("memory", ["low", "demagnetised"])
 def test_the_initial_memory_that_is_told_counts(tmp_path, memory):
     assert record_of(initial_memory=memory).initial_memory == memory
     path = write_csv(tmp_path / "r.csv")
     assert Record.load(path, initial_memory=memory).initial_memory == memory
     assert Record.load(path).initial_memory == "free"
-
-
-def test_a_record_of_the_least_length_is_accepted():
-    record_of(MIN_MEASURED).check_identifiable()
-    with pytest.raises(InputError, match=f"{MIN_MEASURED - 1} measured samples"):
-        record_of(MIN_MEASURED - 1).check_identifiable()
 
 
 def test_a_record_or_several_in_place_of_arrays_is_told():

@@ -1,6 +1,5 @@
 """Bad records: each is refused with one line that says where, what and how to mend it."""
 
-import re
 import tracemalloc
 
 import numpy as np
@@ -44,16 +43,11 @@ COLUMNS = {"time": "t_s", "input": "u_V", "output": "z_um"}
 BAD_CELLS = [
     (0, 17, "abc", ["column t_s", "row 17", "'abc'", "not a number", "--rate"]),
     (0, 17, "", ["column t_s", "row 17", "empty", "--rate"]),
-    (0, 17, "inf", ["column t_s", "row 17", "inf"]),
     (0, 17, "0.001", ["column t_s", "row 17", "runs backward", "0.001 after 0.14", "--rate"]),
     (0, 17, "0.140", ["column t_s", "row 17", "repeats", "0.14 after 0.14", "--rate"]),
     (1, 17, "abc", ["column u_V", "row 17", "'abc'", "not a number", "correct"]),
     (1, 17, "1_000", ["column u_V", "row 17", "'1_000'", "not a number"]),
-    (1, 17, "True", ["column u_V", "row 17", "'True'", "not a number"]),
-    (1, 17, "1.2.3", ["column u_V", "row 17", "'1.2.3'", "not a number"]),
     (1, 17, "", ["column u_V", "row 17", "empty or NaN", "fill it in"]),
-    (1, 17, "  ", ["column u_V", "row 17", "empty or NaN"]),
-    (1, 17, "NaN", ["column u_V", "row 17", "empty or NaN"]),
     (1, 17, "-inf", ["column u_V", "row 17", "infinite"]),
     (2, 17, "over", ["column z_um", "row 17", "'over'", "not a number", "leave the cell empty"]),
     (2, 17, "inf", ["column z_um", "row 17", "inf", "empty"]),
@@ -61,12 +55,12 @@ BAD_CELLS = [
 
 
 @pytest.mark.parametrize(("column", "row", "cell", "expected"), BAD_CELLS)
-@pytest.mark.parametrize("guess", [False, True], ids=["named", "guessed"])
-def test_a_bad_cell_is_named_with_file_column_and_row(tmp_path, column, row, cell, expected, guess):
+def test_a_bad_cell_is_named_with_file_column_and_row(tmp_path, column, row, cell, expected):
     rows = rows_of_text()
     rows[row - 1][column] = cell
-    message = refusal(write(tmp_path / "stage.csv", rows), **({} if guess else COLUMNS))
-    assert all(part in message for part in expected), message
+    for options in ({}, COLUMNS):  # guessed, named
+        message = refusal(write(tmp_path / "stage.csv", rows), **options)
+        assert all(part in message for part in expected), message
 
 
 def test_rows_are_those_of_the_file_whatever_comments_and_blanks_stand_before(tmp_path):
@@ -81,38 +75,15 @@ def test_rows_are_those_of_the_file_whatever_comments_and_blanks_stand_before(tm
     assert f"row {expected}:" in refusal(path)
 
 
-def test_several_bad_cells_are_counted(tmp_path):
-    rows = rows_of_text()
-    for row in (5, 9, 30):
-        rows[row][1] = "err"
-    assert "row 6: 'err' is not a number (and 2 more)" in refusal(
-        write(tmp_path / "stage.csv", rows), **COLUMNS
-    )
-
-
-def test_a_bad_cell_in_a_column_with_decimal_commas(tmp_path):
-    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
-    rows[16][1] = "1.23,5"
-    message = refusal(write(tmp_path / "stage.csv", rows, ";"), **COLUMNS)
-    assert "column u_V, row 17: '1.23,5' is not a number" in message
-
-
 def test_a_missing_file_names_one_of_a_similar_name(tmp_path):
     write(tmp_path / "stage_01.csv", rows_of_text())
     message = refusal(tmp_path / "stage_02.csv")
     assert "no such file" in message
     assert "stage_01.csv" in message
     assert "no such file" in refusal(tmp_path / "nowhere" / "stage.csv")
-
-
-def test_a_folder_an_empty_file_and_a_binary_file(tmp_path):
     assert "folder" in refusal(tmp_path)
-    empty = tmp_path / "empty.csv"
-    empty.write_bytes(b"")
-    assert "empty" in refusal(empty)
-    binary = tmp_path / "image.csv"
-    binary.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 4)
-    assert "binary" in refusal(binary)
+    (tmp_path / "empty.csv").write_bytes(b"")
+    assert "empty" in refusal(tmp_path / "empty.csv")
 
 
 RANDOM = np.random.default_rng(0).integers(1, 256, 3000, dtype=np.uint8).tobytes()
@@ -121,23 +92,9 @@ RANDOM = np.random.default_rng(0).integers(1, 256, 3000, dtype=np.uint8).tobytes
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (RANDOM, "binary, not text; give"),
+        (RANDOM, "the file is binary, not text; give"),
         (b"\x7fELF\x02\x01\x01" + bytes(9) + RANDOM, "it is a program"),
         (b"\x89PNG\r\n\x1a\n" + RANDOM, "a PNG picture"),
-        (bytes(5000), "binary, not text; give"),
-    ],
-)
-def test_binary_files_are_named_where_they_are_known(tmp_path, content, expected):
-    path = tmp_path / "stage.csv"
-    path.write_bytes(content)
-    message = refusal(path)
-    assert "the file is binary" in message
-    assert expected in message
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
         (b"\x1f\x8b\x08" + RANDOM, "not a readable gzip file"),
         (b"PK\x03\x04" + RANDOM, "not a readable ZIP file"),
         (b"PAR1" + RANDOM, "not a readable Parquet file"),
@@ -148,17 +105,16 @@ def test_binary_files_are_named_where_they_are_known(tmp_path, content, expected
         (b"ARROW1" + RANDOM, "not a readable Feather file"),
     ],
 )
-def test_broken_files_of_a_known_kind_are_named_whatever_their_ending(tmp_path, content, expected):
+def test_binary_files_are_named_by_their_content_whatever_their_ending(tmp_path, content, expected):
     path = tmp_path / "stage.csv"
     path.write_bytes(content)
     assert expected in refusal(path)
 
 
-@pytest.mark.parametrize("head", [b"", b"t_s,u_V,z_um\n0,1,2\n"], ids=["zeros", "text"])
-def test_a_file_of_two_gigabytes_is_refused_without_being_read(tmp_path, head):
+def test_a_file_of_two_gigabytes_is_refused_without_being_read(tmp_path):
     path = tmp_path / "great.csv"
     with path.open("wb") as file:
-        file.write(head or b"\0")
+        file.write(b"t_s,u_V,z_um\n0,1,2\n")
         file.truncate(2**31)  # a hole on the disk: nothing is stored
     tracemalloc.start()
     try:
@@ -176,33 +132,15 @@ def test_a_text_above_the_limit_is_refused_with_its_size(tmp_path, monkeypatch):
     assert "up to 1,000 are read" in message
 
 
-WIDE = {
-    "channel_{}": ("guessed to be the time", {}),
-    "u{}_V": ("could each be the input", {"rate": 1.0}),
-}
-
-
-@pytest.mark.parametrize("name", WIDE)
-def test_ten_thousand_columns_are_refused_and_not_all_listed(tmp_path, name):
-    expected, options = WIDE[name]
-    count = 10_000
-    rows = [[name.format(k) for k in range(count)]]
-    rows += [[f"{row}.5"] * count for row in range(K)]
-    path = write(tmp_path / "wide.csv", rows)
-    with pytest.raises(InputError) as caught:
-        Record.load(path, **options)
-    message = str(caught.value)
-    assert expected in message
-    assert "(10000 in all)" in message
-    assert len(message) < 1000
-
-
-def test_a_record_among_ten_thousand_columns_is_found(tmp_path):
-    rows = [[*row, *["7.5"] * 10_000] for row in rows_of_text()]
-    rows[0][3:] = [f"channel_{k}" for k in range(10_000)]
+def test_a_record_among_two_thousand_columns_is_found_and_not_all_are_listed(tmp_path):
+    rows = [[*row, *["7.5"] * 2_000] for row in rows_of_text()]
+    rows[0][3:] = [f"channel_{k}" for k in range(2_000)]
     path = write(tmp_path / "wide.csv", rows)
     record = Record.load(path)
     np.testing.assert_array_equal(record.input, [float(row[1]) for row in rows[1:]])
+    with pytest.raises(InputError, match=r"'volt'.*\(2003 in all\)") as caught:
+        Record.load(path, input="volt")
+    assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize(
@@ -227,26 +165,8 @@ def test_rows_of_unequal_length(tmp_path):
     rows[20] = rows[20][:2]
     message = refusal(write(tmp_path / "short.csv", rows))
     assert "row 21: 2 field(s) where the names are 3" in message
-    rows = rows_of_text()
-    rows[20].append("7")
+    rows[20] = ["1", "2", "3", "7"]
     assert "row 21: 4 field(s)" in refusal(write(tmp_path / "long.csv", rows))
-    rows = rows_of_text()
-    rows[0] = rows[0][:2]
-    assert "3 field(s) where the names are 2" in refusal(write(tmp_path / "names.csv", rows))
-
-
-def test_decimal_commas_between_commas_cannot_be_told_apart(tmp_path):
-    rows = [[cell.replace(".", ",") for cell in row] for row in rows_of_text()]
-    message = refusal(write(tmp_path / "stage.csv", rows))
-    assert "decimal signs" in message
-    assert "; or tabs" in message
-
-
-def test_a_quotation_mark_that_is_not_closed(tmp_path):
-    rows = [[*row, "ok"] for row in rows_of_text()]
-    rows[0][3] = "note"
-    rows[20][3] = '"begun'
-    assert "quotation mark" in refusal(write(tmp_path / "stage.csv", rows), **COLUMNS)
 
 
 # --- columns --------------------------------------------------------------------------------------
@@ -255,13 +175,10 @@ def test_a_quotation_mark_that_is_not_closed(tmp_path):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"input": "volt"}, ["'volt'", "t_s, u_V, z_um", "--input"]),
         ({"input": "U_v"}, ["'U_v'", "did you mean u_V", "--input"]),
-        ({"output": "z_nm"}, ["'z_nm'", "did you mean z_um", "--output"]),
         ({"time": "time"}, ["'time'", "t_s, u_V, z_um", "--time"]),
         ({"aux": ["load_N"]}, ["'load_N'", "t_s, u_V, z_um", "--aux"]),
         ({"input": "z_um", "output": "z_um"}, ["column z_um", "2 roles"]),
-        ({"aux": ["u_V"], "input": "u_V"}, ["column u_V", "2 roles"]),
         ({"units": {"u": "V"}}, ["'u'", "correct the name"]),
         ({"units": {"time": "V"}}, ["column t_s", "'V' is no unit of time", "s, ms, us"]),
     ],
@@ -277,12 +194,8 @@ def test_wrong_columns(tmp_path, options, expected):
         ("a b c", ["guessed to be the time", "a, b, c", "--time", "--rate"]),
         ("t b c", ["guessed to be the input", "t, b, c", "--input"]),
         ("t u c", ["guessed to be the output", "t, u, c", "--output"]),
-        ("t u y z", ["y, z could each be the output", "--output"]),
         ("t u x z", ["u, x could each be the input", "--input"]),
-        ("t x z u_V ref", ["x, u_V could each be the input", "--input"]),
         ("t time u z", ["t, time could each be the time", "--time"]),
-        ("t_s p_V q_V", ["p_V, q_V could each be the input"]),
-        ("t force_N disp_mm", ["guessed to be the input"]),
     ],
 )
 def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
@@ -294,56 +207,21 @@ def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
     assert all(part in message for part in expected), message
 
 
-def test_a_time_column_of_text_says_so(tmp_path):
-    rows = rows_of_text()
-    rows = [["Zeit", *rows[0][1:]], *([f"step {k}", *r[1:]] for k, r in enumerate(rows[1:]))]
-    path = write(tmp_path / "stage.csv", rows)
-    assert "(Zeit is text)" in refusal(path)
-    assert "column Zeit, row 2: 'step 0' is not a number (and 59 more)" in refusal(
-        path, time="Zeit"
-    )
-    assert len(Record.load(path, rate=1.0)) == K
-
-
 # --- what cannot be identified --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", [{}, COLUMNS], ids=["guessed", "named"])
-def test_a_constant_input(tmp_path, options):
-    rows = [[*row[:1], "0.5", *row[2:]] for row in rows_of_text()]
-    rows[0][1] = "u_V"
-    message = refusal(write(tmp_path / "stage.csv", rows), **options)
-    assert "u_V" in message
-    assert "constant (0.5" in message
-
-
-@pytest.mark.parametrize("options", [{}, COLUMNS], ids=["guessed", "named"])
-def test_an_output_that_is_empty_throughout(tmp_path, options):
-    rows = [[*row[:2], ""] for row in rows_of_text()]
-    rows[0][2] = "z_um"
-    message = refusal(write(tmp_path / "stage.csv", rows), **options)
-    assert "z_um" in message
-    assert "empty" in message
-
-
-def test_a_constant_output_is_refused_and_a_constant_auxiliary_column_is_read(tmp_path):
-    rows = [[*row[:2], "7"] for row in rows_of_text()]
-    rows[0][2] = "z_um"
-    message = refusal(write(tmp_path / "stage.csv", rows), **COLUMNS)
-    assert "column z_um: the output is constant (7 in all 60 measured rows)" in message
-    rows = [[*row, "3"] for row in rows_of_text()]
-    rows[0][3] = "load_N"
-    # A diagnosis sets such a column aside and goes on.
-    stage = write(tmp_path / "stage.csv", rows)
-    record = Record.load(stage, time="t_s", input="u_V", output="z_um", aux=["load_N"])
-    assert set(record.aux["load_N"]) == {3.0}
-
-
-def test_an_auxiliary_column_with_a_hole(tmp_path):
-    rows = [[*row, str(k)] for k, row in enumerate(rows_of_text())]
-    rows[0][3], rows[30][3] = "load_N", ""
-    message = refusal(write(tmp_path / "stage.csv", rows), aux=["load_N"])
-    assert "column load_N, row 31" in message
+@pytest.mark.parametrize(
+    ("column", "name", "cell", "expected"),
+    [(1, "u_V", "0.5", "constant (0.5"), (2, "z_um", "", "empty"), (2, "z_um", "7", "constant (7")],
+)
+def test_a_column_that_says_nothing(tmp_path, column, name, cell, expected):
+    rows = rows_of_text()
+    for row in rows[1:]:
+        row[column] = cell
+    for options in ({}, COLUMNS):  # guessed, named
+        message = refusal(write(tmp_path / "stage.csv", rows), **options)
+        assert name in message
+        assert expected in message
 
 
 def test_too_few_samples(tmp_path):
@@ -358,23 +236,19 @@ def test_too_few_samples(tmp_path):
 # --- options --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [0.0, -5.0, float("nan"), float("inf")])
-def test_a_rate_that_is_none(tmp_path, rate):
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"rate": 0.0}, r"rate is 0\.0"),
+        ({"rate": float("nan")}, "rate is nan"),
+        ({"rate": 10.0, "time": "t_s"}, "not both"),
+        ({"initial_memory": "saturated"}, r"'saturated'.*low, high, demagnetised, free"),
+    ],
+)
+def test_options_that_are_none(tmp_path, options, expected):
     path = write(tmp_path / "stage.csv", rows_of_text())
-    with pytest.raises(InputError, match=re.escape(f"rate is {rate}")):
-        Record.load(path, rate=rate)
-
-
-def test_time_and_rate_together(tmp_path):
-    path = write(tmp_path / "stage.csv", rows_of_text())
-    with pytest.raises(InputError, match="not both"):
-        Record.load(path, rate=10.0, time="t_s")
-
-
-def test_an_unknown_initial_memory(tmp_path):
-    path = write(tmp_path / "stage.csv", rows_of_text())
-    with pytest.raises(InputError, match=r"'saturated'.*low, high, demagnetised, free"):
-        Record.load(path, initial_memory="saturated")
+    with pytest.raises(InputError, match=expected):
+        Record.load(path, **options)
 
 
 # --- other formats --------------------------------------------------------------------------------
@@ -384,11 +258,9 @@ def test_an_unknown_initial_memory(tmp_path):
     ("old", "new", "expected"),
     [
         ("+3.000000E-01,+4", "+x,+4", ["column field", "row 22", "'+x'"]),
-        (",+4.000000E-07", ",--", ["column moment", "row 22", "'--'"]),
         (",+4.000000E-07", "", ["column moment", "row 22", "no moment"]),
         ("NData          = 5", "NData          = 9", ["5 points", "NData = 9", "copy"]),
         ("HSat  ", "Hsomething  ", ["HSat = nothing", "CSV"]),
-        ("Averaging time = +5", "Averaging time = x5", ["Averaging time = x5"]),
         ("First-order reversal curves", "Hysteresis loop", ["row 2", "'Hysteresis loop'"]),
     ],
 )
@@ -398,29 +270,6 @@ def test_broken_micromag_files(tmp_path, old, new, expected):
     path.write_text(MICROMAG.replace(old, new, 1))
     message = refusal(path)
     assert all(part in message for part in expected), message
-
-
-def test_a_micromag_file_without_points(tmp_path):
-    path = tmp_path / "two.forc"
-    path.write_text(MICROMAG[: MICROMAG.index("\n+8.01")].replace("NData", "N"))
-    assert "no points" in refusal(path)
-
-
-def test_broken_containers(tmp_path):
-    for ending, kind in (("npz", "NPZ"), ("mat", "MAT")):
-        path = tmp_path / f"broken.{ending}"
-        path.write_bytes(b"this is no archive at all" * 20)
-        assert f"not a readable {kind} file" in refusal(path)
-    newer = tmp_path / "newer.mat"
-    newer.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF\r\n\x1a\n")
-    assert "-v7" in refusal(newer)
-
-
-def test_a_broken_parquet_file(tmp_path):
-    pytest.importorskip("pyarrow")
-    path = tmp_path / "broken.parquet"
-    path.write_bytes(b"PAR1 and nothing else PAR1")
-    assert "not a readable Parquet file" in refusal(path)
 
 
 def test_containers_without_vectors_of_one_length(tmp_path):
@@ -440,11 +289,8 @@ def test_containers_without_vectors_of_one_length(tmp_path):
     ("change", "expected"),
     [
         ({"input": [1.0, 2.0]}, r"bad, input: it has 2 values and time has 3"),
-        ({"input": [1.0, np.nan, 2.0]}, r"bad, input\[1\]: the value is nan"),
         ({"output": [1.0, np.inf, 2.0]}, r"bad, output\[1\]: the value is inf"),
         ({"time": [0.0, 2.0, 1.0]}, r"bad, time\[2\]: time runs backward, 1 after 2"),
-        ({"time": [0.0, 1.0, 1.0]}, r"bad, time\[2\]: time repeats"),
-        ({"time": [0.0, np.nan, 1.0]}, r"bad, time\[1\]: the value is nan"),
         ({"input": [[1.0], [2.0], [3.0]]}, r"bad, input: an array of shape \(3, 1\)"),
         ({"input": ["a", "b", "c"]}, r"bad, input: .*; give an array of numbers"),
         ({"aux": {"load": [1.0, np.inf, 0.0]}}, r"bad, load\[1\]: the value is inf"),
@@ -457,7 +303,3 @@ def test_bad_arrays(change, expected):
     sound = {"time": [0.0, 1.0, 2.0], "input": [0.0, 1.0, 0.0], "output": [0.0, 1.0, 2.0]}
     with pytest.raises(InputError, match=expected):
         Record.from_arrays(**(sound | change), name="bad")
-
-
-def test_the_message_of_an_input_error_is_one_line():
-    assert str(InputError("value\nwith\r\nbreaks")) == "value with breaks"

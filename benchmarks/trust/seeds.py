@@ -205,12 +205,6 @@ def _model() -> Iterator[bytes]:
     content = plain_json(model_content())
     yield json.dumps(content).encode()
     yield json.dumps(content | {"effects": [], "hysteron": "relay"}, indent=1).encode()
-    del content["first_run"]
-    for effect in content["effects"]:
-        if effect["name"] == "rate_dependence":
-            del effect["settings"]["with_reversible"], effect["settings"]["with_corners"]
-    for version in (1, 2):  # creep has its starts in the latter
-        yield json.dumps(content | {"format_version": version}).encode()
 
 
 SEEDS: dict[str, Callable[[], Iterator[bytes]]] = {

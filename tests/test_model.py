@@ -462,6 +462,12 @@ def test_noise_on_the_input_may_leave_the_plane_a_little(plain, record):
     assert np.isfinite(plain.predict(without_output(record, input=path)).output).all()
 
 
+def test_no_prediction_that_is_not_finite_is_given(plain, record):
+    told = r"sample 1: the model of stage.csv predicts .* \(-inf to inf\).*; fit the model again"
+    with pytest.raises(pj.InputError, match=told):
+        replace(plain, rms_validation=np.inf, band=None).predict(record)
+
+
 def test_a_missing_auxiliary_column_is_named(rich):
     record, model = rich
     with pytest.raises(pj.InputError, match=r"new.csv.*'load_N'.*--aux load_N"):

@@ -38,3 +38,23 @@ def test_arrays_keep_their_unit_their_mask_and_no_complex_half():
     assert np.flatnonzero(~record.measured).tolist() == [7]
     with pytest.raises(InputError, match="complex"):
         Record.from_arrays(np.arange(60.0), U, Z + 0j)
+
+
+@pytest.mark.parametrize("column", ["time", "input", "output", "load"])
+@pytest.mark.parametrize("scale", [1e-300, 1e-162, 1e160, 1e306])
+def test_numbers_that_cannot_be_computed_with_are_refused_in_one_line(tmp_path, column, scale):
+    columns = {"time": np.arange(60.0), "input": U, "output": Z, "load": U * Z}
+    columns[column] = columns[column] * scale
+    path = tmp_path / "a.csv"
+    names, rows = ",".join(columns), np.stack([*columns.values()], axis=1)
+    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=names, comments="")
+    told = rf"column {column}: .* compute with \(.*; give the column in another unit"
+    for make in (
+        lambda: Record.load(
+            path, **{role: role for role in ("time", "input", "output")}, aux=("load",)
+        ),
+        lambda: Record.from_arrays(*[*columns.values()][:3], aux={"load": columns["load"]}),
+    ):
+        with pytest.raises(InputError, match=told) as caught:
+            make().check_identifiable()
+        assert "\n" not in str(caught.value)

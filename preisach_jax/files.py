@@ -63,8 +63,19 @@ def file_name(thing: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", thing)
 
 
-def _is_same(path: Path, other: Path) -> bool:
+def is_same(path: Path, other: Path) -> bool:
+    """Whether two paths lead to the same place, also where links lead nowhere or in a loop."""
     return os.path.realpath(path) == os.path.realpath(other)
+
+
+def check_regular(path: Path, remedy: str) -> None:
+    """Refuse what would be read without end or waited for: a pipe, a device, a folder.
+
+    Raises:
+        InputError: something is there, and it is no file.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: this is a folder, a device or a pipe: {remedy}")
 
 
 def check_folder(folder: Path, read: Iterable[Path] = (), written: Iterable[str] = ()) -> None:
@@ -80,13 +91,15 @@ def check_folder(folder: Path, read: Iterable[Path] = (), written: Iterable[str]
             file that is read would be written over.
     """
     for path in read:
-        if any(_is_same(path, folder / name) for name in written):
+        if any(is_same(path, folder / name) for name in written):
             raise InputError(
                 f"{path}: this file is read, and results in {folder} would replace it; choose "
                 "another folder"
             )
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")
+    if folder.is_symlink() and not folder.exists():
+        raise InputError(f"{folder}: this link leads nowhere; give a folder for the results")
     place = folder
     while not place.exists():
         place = place.parent
@@ -109,14 +122,20 @@ def check_file(path: Path, *read: Path) -> None:
     """
     # A workbook is read as `book.xlsx#sheet`, and a link loop resolves to no path.
     books = [Path(str(other).rpartition("#")[0]) for other in read if "#" in str(other)]
-    if any(_is_same(path, other) for other in (*read, *books)):
+    if any(is_same(path, other) for other in (*read, *books)):
         raise InputError(f"{path}: this file is read, and would be lost; choose another for --out")
     if path.is_dir():
         raise InputError(f"{path}: this is a folder; give the name of a file")
+    _check_no_link(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it, or choose another")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{path}: {path.parent} cannot be written to; choose another place")
+
+
+def _check_no_link(path: Path) -> None:
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise InputError(f"{path} is a link or a device; choose a file to be written")
 
 
 def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
@@ -145,8 +164,7 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
     for path in contents:
         if path.is_dir():
             raise InputError(f"{path} is a folder; choose a file to be written")
-        if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise InputError(f"{path} is a link or a device; choose a file to be written")
+        _check_no_link(path)
     unfinished: dict[Path, Path] = {}
     path = None
     try:
@@ -266,6 +284,7 @@ def read_arrays(
     Raises:
         InputError: if the file is missing, broken, or of a newer format.
     """
+    check_regular(path, remedy)
     try:
         if path.is_file() and not zipfile.is_zipfile(path):
             raise ContentError("it is no archive of arrays")

@@ -471,6 +471,25 @@ def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path)
     assert fifo.is_fifo()
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "look a", "diagnose a --report r", "fleet a ok.json --out f", "predict a ok.json --out p",
+        "predict m.json a --out p", "fit ok.json --out a", "diagnose ok.json --report a",
+        "compare m.json ok.json --report a", "simulate --out a", "simulate --out b --truth a",
+    ],
+)  # fmt: skip
+def test_links_in_a_loop_are_refused_before_the_work(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    Path("ok.json").write_text('{"t": [0, 1, 2], "u": [0, 1, 0], "z": [0, 1, 0]}')
+    Path("a").symlink_to("b")
+    Path("b").symlink_to("a")
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"^preisach: [ab](:| is) .*link", said), said
+    assert said.count("\n") == 1
+
+
 def test_no_command_writes_over_what_it_reads(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     data = '{"t": [0, 1, 2], "u": [0, 1, 0], "z": [0, 1, 0]}'

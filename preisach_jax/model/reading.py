@@ -19,6 +19,7 @@ from preisach_jax.effects import BUILT_IN, library, listed, placeholder
 from preisach_jax.effects.arrays import with_settings
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
+from preisach_jax.files import check_regular
 from preisach_jax.model.band import PARTS, SLICES, Band
 from preisach_jax.model.content import FORMAT, FORMAT_VERSION
 from preisach_jax.model.core import Model
@@ -55,6 +56,7 @@ def load(
 ) -> Model:
     """Read a model from its file; see `Model.load`."""
     path = Path(path)
+    check_regular(path, "give a model file, as 'preisach fit ... --out model.json' writes it")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:

@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, shown
 from preisach_jax.escape import printable
 
 MOST = 1e100
@@ -282,9 +282,7 @@ def _shown(value: Any) -> str:
         return f"a table of {len(cast(Mapping[str, Any], value))}"
     if isinstance(value, list | tuple):
         return f"a list of {len(cast(Sequence[Any], value))}"
-    if isinstance(value, int) and abs(value) >= 10**30:
-        return "a number of more than 30 digits"
     if isinstance(value, int | float):
-        return str(value)
-    shown = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:60]}..."
+        return shown(value)
+    text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."

@@ -96,6 +96,8 @@ def _reader(path: Path, head: bytes) -> Reader | None:
 def _check_file(path: Path, source: str) -> None:
     if path.is_dir():
         raise InputError(f"{source}: this is a folder; give a file in it")
+    if path.is_symlink() and not path.exists():
+        raise InputError(f"{source}: this link leads nowhere; give the file itself")
     if not path.exists():
         raise InputError(f"{source}: there is no such file{_near(path)}; check the path")
     if not path.is_file():

@@ -7,6 +7,7 @@ And the checks of single numbers that all modules share.
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import Any
 
@@ -110,19 +111,37 @@ def require_no_record(name: str, values: Any) -> None:
         )
 
 
-def whole_number(what: str, value: Any, least: int) -> int:
+def shown(value: Any) -> str:
+    """A value for a message, in at most 60 characters.
+
+    Example:
+        >>> shown("creep"), shown(10**5000)
+        ("'creep'", 'a number of more than 30 digits')
+    """
+    if isinstance(value, int) and abs(value) >= 10**30:  # Python refuses to print 4,301 digits
+        return "a number of more than 30 digits"
+    return f"{value!r:.60}"
+
+
+def require_list(what: str, given: Any) -> None:
+    """Refuse one text, of which the letters would be taken, where a list of names is asked for."""
+    if isinstance(given, str):
+        raise InputError(f"{what} is {shown(given)}: give a list of names, as in [{shown(given)}]")
+
+
+def whole_number(what: str, value: Any, least: int, most: float = math.inf) -> int:
     """A whole number as Python's own, or an error that says which ones are taken.
 
     Arguments:
         what: where the value stands, with the verb, as in "levels is" or "seeds holds".
         value: a whole number of Python's or NumPy's; 2.0 is none.
-        least: the least one that is taken.
+        least, most: the least and the greatest one that are taken.
 
     Returns:
         The number.
 
     Raises:
-        InputError: the value is no whole number, or below `least`.
+        InputError: the value is no whole number, or not from `least` to `most`.
 
     Example:
         >>> whole_number("levels is", 37, least=2)
@@ -133,7 +152,8 @@ def whole_number(what: str, value: Any, least: int) -> int:
     except TypeError:
         is_whole = False
     else:
-        is_whole = value >= least
+        is_whole = least <= value <= most
     if not is_whole:
-        raise InputError(f"{what} {value!r}: give a whole number of at least {least}")
+        up_to = "" if most == math.inf else f" and at most {most:,}"
+        raise InputError(f"{what} {shown(value)}: give a whole number of at least {least}{up_to}")
     return value

@@ -124,7 +124,7 @@ def check_output(path: Path, read: Iterable[Path] = (), *, force: bool = False) 
     """
     for other in read:
         book = Path(str(other).rpartition("#")[0] or other)
-        if any(_is_same(path, one) for one in (other, book)):
+        if any(is_same(path, one) for one in (other, book)):
             raise InputError(
                 f"{path}: this file is read, and would be lost; choose another place for results"
             )
@@ -136,8 +136,9 @@ def check_output(path: Path, read: Iterable[Path] = (), *, force: bool = False) 
         )
 
 
-def _is_same(path: Path, other: Path) -> bool:
-    # Real paths, as a link loop resolves to none; names that differ in case may be one file.
+def is_same(path: Path, other: Path) -> bool:
+    """Whether two paths lead to one place, also where links lead nowhere or in a loop."""
+    # Names that differ in case may be one file.
     if os.path.realpath(path) == os.path.realpath(other):
         return True
     return path.exists() and other.exists() and path.samefile(other)
@@ -148,6 +149,16 @@ def _check_plain(path: Path) -> None:
         raise InputError(f"{path} is a folder; choose a file to be written")
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise InputError(f"{path} is a link or a device; choose a file to be written")
+
+
+def check_regular(path: Path, remedy: str) -> None:
+    """Refuse what would be read without end or waited for: a pipe, a device, a folder.
+
+    Raises:
+        InputError: something is there, and it is no file.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: this is a folder, a device or a pipe: {remedy}")
 
 
 def check_folder(
@@ -167,6 +178,8 @@ def check_folder(
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")
+    if folder.is_symlink() and not folder.exists():
+        raise InputError(f"{folder}: this link leads nowhere; give a folder for the results")
     place = folder
     while not place.exists():
         place = place.parent
@@ -347,6 +360,7 @@ def read_arrays(
     Raises:
         InputError: if the file is missing, broken, or of another format.
     """
+    check_regular(path, remedy)
     try:
         if path.is_file() and not zipfile.is_zipfile(path):
             raise ContentError("it is no archive of arrays")

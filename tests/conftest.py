@@ -31,6 +31,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from preisach_jax.record import reading
+from preisach_jax.record.apart import read_here
+
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 # The first example of a test often compiles, so a deadline an example would measure the compiler.
@@ -45,6 +48,14 @@ def pytest_collection_modifyitems(items):
     """Files with slow tests come first: one begun last would keep a worker while others idle."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def files_are_read_in_this_process():
+    """Hundreds of damaged files are read, and a child takes a second; tests of it ask for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reading, "read_apart", read_here)
+        yield
 
 
 MOST_MEMORY = 3 * 2**30

@@ -306,6 +306,12 @@ def test_input_beyond_the_plane_is_refused(plain, record):
     assert "\n" not in message
 
 
+def test_no_prediction_that_is_not_finite_is_given(plain, record):
+    told = r"sample 1: the model of stage.csv predicts .* \(-inf to inf\).*; fit the model again"
+    with pytest.raises(pj.InputError, match=told):
+        replace(plain, rms_validation=np.inf, band=None).predict(record)
+
+
 def test_a_missing_auxiliary_column_is_named(rich):
     record, model = rich
     with pytest.raises(pj.InputError, match=r"new.csv.*'load_N'.*--aux load_N"):

@@ -1,11 +1,17 @@
 """Numbers of files and arrays are kept as they are, and only regular files are read."""
 
 import os
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from preisach_jax import InputError, Record
+from preisach_jax import InputError, Model, OnlineFilter, Plane, Record, Sweep
+from preisach_jax.effects import resolve
+from preisach_jax.fit.start import checked_levels
+from preisach_jax.model import without_effects
+from preisach_jax.plant import simulate_stage
 from preisach_jax.record.reading import read_table
 
 U, Z = np.sin(np.arange(60.0)), np.cos(np.arange(60.0))
@@ -16,6 +22,34 @@ def test_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(InputError, match="pipe"):
         read_table(tmp_path / "pipe.csv")
+
+
+@pytest.mark.parametrize("load", [Model.load, OnlineFilter.load, Sweep.load])
+def test_only_regular_files_are_opened(tmp_path, load):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (Path("/dev/zero"), tmp_path / "pipe"):
+        with pytest.raises(InputError, match=f"^{path}: this is a folder, a device or a pipe: gi"):
+            load(path)
+
+
+@pytest.mark.parametrize("levels", [np.nan, np.inf, "9", 10**5000, -(10**5000)], ids=type)
+def test_levels_that_are_none_are_refused_in_one_line(levels):
+    for make in (lambda: Plane(levels, 0.0, 1.0), lambda: checked_levels(levels)):
+        with pytest.raises(InputError, match=r"^levels is .{3,31}[:;] give an? ") as caught:
+            make()
+        assert len(str(caught.value)) < 120
+
+
+def test_one_name_is_no_list_of_names():
+    for ask in (
+        lambda: resolve("drift", {}),
+        lambda: simulate_stage(1, effects="drift"),
+        lambda: without_effects(cast(Any, None), "drift"),
+    ):
+        with pytest.raises(InputError, match=r"is 'drift': give a list of names"):
+            ask()
+    with pytest.raises(InputError, match="effects holds None, a NoneType"):
+        resolve(cast(Any, [None]), {})
 
 
 @pytest.mark.parametrize("ending", ["npz", "json"])
@@ -38,3 +72,21 @@ def test_arrays_keep_their_unit_their_mask_and_no_complex_half():
     assert np.flatnonzero(~record.measured).tolist() == [7]
     with pytest.raises(InputError, match="complex"):
         Record.from_arrays(np.arange(60.0), U, Z + 0j)
+
+
+@pytest.mark.parametrize("column", ["time", "input", "output", "load"])
+@pytest.mark.parametrize("scale", [1e-300, 1e-162, 1e160, 1e306])
+def test_numbers_that_cannot_be_computed_with_are_refused_in_one_line(tmp_path, column, scale):
+    columns = {"time": np.arange(60.0), "input": U, "output": Z, "load": U * Z}
+    columns[column] = columns[column] * scale
+    path = tmp_path / "a.csv"
+    names, rows = ",".join(columns), np.stack([*columns.values()], axis=1)
+    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=names, comments="")
+    told = rf"column {column}: .* compute with \(.*; give the column in another unit"
+    for make in (
+        lambda: Record.load(path, time="time", input="input", output="output", aux=("load",)),
+        lambda: Record.from_arrays(*[*columns.values()][:3], aux={"load": columns["load"]}),
+    ):
+        with pytest.raises(InputError, match=told) as caught:
+            make().check_identifiable()
+        assert "\n" not in str(caught.value)

@@ -21,6 +21,8 @@ SCALES = {
     "megavolts and nanometres": (1e-6, 1e3, 1.0),
     "metres and microseconds": (1.0, 1e-6, 1e6),
     "an input that falls": (-1.0, 1.0, 1.0),
+    "the greatest and the least": (1e58, 1e-60, 1.0),
+    "the least and the greatest": (1e-60, 1e57, 1e50),
 }
 """Factors on input, output and time."""
 

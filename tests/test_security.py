@@ -199,8 +199,11 @@ def test_no_text_is_run_as_a_program():
         forbidden = {"eval", "exec", "compile", "__import__", "os.system", "os.popen"}
         assert function not in forbidden, f"{path}: {function}"
         if function.startswith("subprocess."):
-            # The C compiler, given as a list of words, which no shell reads.
-            assert (path.name, function) == ("compiler.py", "subprocess.run"), f"{path}: {function}"
+            # The C compiler and the reader of binary files, as lists of words that no shell reads.
+            assert path.name in {"compiler.py", "apart.py"}, f"{path}: {function}"
+            assert function in {"subprocess.run", "subprocess.TimeoutExpired"}, (
+                f"{path}: {function}"
+            )
             assert "shell" not in {keyword.arg for keyword in call.keywords}
         if function in {"np.load", "numpy.load"}:
             options = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
@@ -472,6 +475,25 @@ def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path)
     assert own.read_text() == "new"
     assert foreign.is_symlink()
     assert fifo.is_fifo()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "look a", "diagnose a --report r", "fleet a ok.json --out f", "predict a ok.json --out p",
+        "predict m.json a --out p", "fit ok.json --out a", "diagnose ok.json --report a",
+        "compare m.json ok.json --report a", "simulate --out a", "simulate --out b --truth a",
+    ],
+)  # fmt: skip
+def test_links_in_a_loop_are_refused_before_the_work(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    Path("ok.json").write_text('{"t": [0, 1, 2], "u": [0, 1, 0], "z": [0, 1, 0]}')
+    Path("a").symlink_to("b")
+    Path("b").symlink_to("a")
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"^preisach: [ab](:| is) .*link", said), said
+    assert said.count("\n") == 1
 
 
 def test_a_unit_does_not_break_the_header_of_an_excitation(tmp_path):

@@ -240,13 +240,13 @@ def simulate(
     force: Force = False,
 ) -> dict[str, Any]:
     """Simulate a piezo stage with chosen effects."""
-    from preisach_jax.files import check_file, write_files
+    from preisach_jax.files import check_file, is_same, write_files
     from preisach_jax.plant import simulate_stage
 
     check_file(out, force=force)
     if truth is not None:
         check_file(truth, force=force)
-        if truth.resolve() == out.resolve():
+        if is_same(truth, out):
             raise InputError(f"{out} is both --out and --truth; give two files")
     stage = simulate_stage(seed, seconds, effect_names(effects), rate)
     write_files(stage_files(stage, out, truth))

@@ -81,13 +81,15 @@ def fleet(
 ) -> dict[str, Any] | None:
     """Identify many stages at once by the adaptive filter, each from saturated low."""
     from preisach_jax.devices import disconnect, is_first
-    from preisach_jax.files import write_files
+    from preisach_jax.files import is_same, write_files
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.fleet import fleet_to_folder
     from preisach_jax.operator.plane import Plane
 
     check_work(out, "fleet", "record", data, TABLE, force)
-    if inside := next((path for path in data if path.resolve().parent == out.resolve()), None):
+    if inside := next(
+        (path for path in data if is_same(Path(os.path.realpath(path)).parent, out)), None
+    ):
         raise InputError(
             f"--out is {out}, the folder of {inside}: choose another, or the table of results is "
             "taken for a record later"
@@ -168,7 +170,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
         >>> _names([Path("/home/ada/a/x.csv"), Path("/home/ada/b/x.csv")])
         ['a/x.csv', 'b/x.csv']
     """
-    whole = [path.resolve().parent / path.name for path in paths]
+    whole = [Path(os.path.realpath(path)).parent / path.name for path in paths]
     try:
         common = os.path.commonpath([path.parent for path in whole])
     except ValueError:  # on several drives

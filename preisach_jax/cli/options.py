@@ -153,11 +153,12 @@ def load_all(
     Raises:
         InputError: if one cannot be loaded, or is given twice.
     """
+    from preisach_jax.files import is_same
     from preisach_jax.record import Record
 
     given = [*data, *hold_out]
     for position, path in enumerate(given):
-        if path.resolve() in [other.resolve() for other in given[:position]]:
+        if any(is_same(path, other) for other in given[:position]):
             raise InputError(f"{path}: this record is given twice; give each record once")
     records: list[Record] = []
     for path in given:

@@ -34,7 +34,7 @@ from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.effects.viscosity import Viscosity
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, shown
 
 BUILT_IN: tuple[type[Effect], ...] = (
     Creep,
@@ -152,7 +152,7 @@ def listed(asked: Any) -> list[str | Effect]:
 def _shown(value: Any) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    return f"{value!r:.60}, a {type(value).__name__}"
+    return f"{shown(value)}, a {type(value).__name__}"
 
 
 def resolve(

@@ -8,7 +8,7 @@ import numpy as np
 
 from preisach_jax.chain import Chain
 from preisach_jax.chain.runs import response, signals_of
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, shown
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Found
 from preisach_jax.identify import (
@@ -65,9 +65,13 @@ def checked_levels(levels: int | None) -> int:
     """The number of levels, or an error that says what it may be."""
     if levels is None:
         return DEFAULT_LEVELS
-    if isinstance(levels, bool) or int(levels) != levels or not 2 <= levels <= 200:
-        raise InputError(f"levels is {levels}; give an integer from 2 to 200 (25 is usual)")
-    return int(levels)
+    try:
+        whole = int(levels)
+    except (TypeError, ValueError, OverflowError):  # a text, NaN, infinity
+        whole = 0
+    if isinstance(levels, bool) or whole != levels or not 2 <= whole <= 200:
+        raise InputError(f"levels is {shown(levels)}; give an integer from 2 to 200 (25 is usual)")
+    return whole
 
 
 def plane_of(problem: Problem, levels: int) -> Plane:

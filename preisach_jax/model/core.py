@@ -131,7 +131,8 @@ class Model:
 
         Raises:
             InputError: if the input leaves the range of the plane, an auxiliary column that the
-                model needs is missing, or an initial memory as fitted is asked of another start.
+                model needs is missing, an initial memory as fitted is asked of another start, or
+                what the model gives is not finite.
 
         Example:
             >>> import numpy as np, preisach_jax as pj
@@ -148,6 +149,13 @@ class Model:
         if run is Model._from_middle:
             open_, once = self._open_memory(record), self._switched_once(record)
             low, high = low - open_ + np.minimum(once, 0), high + open_ + np.maximum(once, 0)
+        bad = np.flatnonzero(~(np.isfinite(low) & np.isfinite(high)))
+        if bad.size:
+            raise InputError(
+                f"{record.name}, sample {bad[0] + 1}: the model of {self.origin.record} predicts "
+                f"{output[bad[0]]} ({low[bad[0]]} to {high[bad[0]]}), which is no finite number; "
+                "fit the model again"
+            )
         return Prediction(record.time, output, low, high)
 
     def _moved_from_rest(self, record: Record) -> np.ndarray:

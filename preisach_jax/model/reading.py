@@ -19,6 +19,7 @@ from preisach_jax.effects import BUILT_IN, library, listed, placeholder
 from preisach_jax.effects.arrays import with_settings
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
+from preisach_jax.files import check_regular
 from preisach_jax.model.band import PARTS, SLICES, Band
 from preisach_jax.model.content import FORMAT, FORMAT_VERSION
 from preisach_jax.model.core import Model
@@ -53,6 +54,7 @@ def load(
 ) -> Model:
     """Read a model from its file; see `Model.load`."""
     path = Path(path)
+    check_regular(path, "give a model file, as 'preisach fit ... --out model.json' writes it")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
@@ -112,6 +114,9 @@ def _told_as_damage() -> Generator[None]:
 
 MOST_COLUMNS = 1000
 """Most columns that an effect may have where a file says how many: a built-in one has some ten."""
+
+LEAST = 1e-60
+"""Least span of the input, and least time: what is divided by it stays finite."""
 
 _ESTIMATE = {"value": number(), "low": bound, "high": bound, "unit": text}
 
@@ -196,7 +201,7 @@ _CONTENT = of_keys(
         "effects": list_of({"name": text, "settings": table, "parameters": table_of(_ESTIMATE)}),
         "columns": {"time": text, "input": text, "output": text, "aux": list_of(text)},
         "units": table_of(text),
-        "sampling": {"step_s": number(0.0), "rows": whole(2)},
+        "sampling": {"step_s": number(LEAST), "rows": whole(2)},
         "identification": {
             "record": text,
             "sha256": text,
@@ -204,7 +209,7 @@ _CONTENT = of_keys(
             "inputs_sha256": text,
             "start_s": number(),
             "stop_s": number(),
-            "step_s": number(0.0),
+            "step_s": number(LEAST),
             "initial_memory": one_of(*INITIAL_MEMORIES),
             "history": list_of(numbers, least=2),
         },
@@ -270,6 +275,10 @@ def _check_plane(content: dict[str, Any]) -> None:
             if name == "first_run":
                 expected = f"two numbers a level, {2 * levels}, or none"
             raise InputError(f"{name} is a list of {len(content[name])}: expected {expected}")
+    size = max(abs(content["low"]), abs(content["high"]))
+    least = max(LEAST, levels * float(np.spacing(size)))  # thresholds that differ, and their gap
+    if content["high"] - content["low"] < least:
+        raise refusal(content["high"], "high", f"a number at least {least:.3g} above low")
     for i, visited in enumerate(content["visited"]):
         if visited not in (0, 1):
             raise refusal(visited, f"visited[{i}]", "0 or 1")
@@ -305,14 +314,17 @@ def _effects_from(entries: list[dict[str, Any]], kinds: Sequence[Effect]) -> tup
 
 def _set(pattern: Effect, entry: dict[str, Any], place: str) -> Effect:
     """The effect of a pattern's kind with the settings of a file."""
-    most = MOST_COLUMNS if type(pattern) in BUILT_IN else sys.maxsize
+    is_ours = type(pattern) in BUILT_IN
+    most = MOST_COLUMNS if is_ours else sys.maxsize
     fields = pattern.settings()
     for key in entry["settings"]:
         if key not in fields:
             expected = f"one of {', '.join(fields)}" if fields else "none"
             raise InputError(f"{place}.settings has {key!r:.60}: expected {expected}")
+    # A time of a built-in effect is above zero; what one's own means by its names is not known.
+    least = {key: LEAST if is_ours and key.endswith("_s") else -np.inf for key in fields}
     settings = {
-        key: checked(value, like(fields[key], most), f"{place}.settings.{key}")
+        key: checked(value, like(fields[key], most, least[key]), f"{place}.settings.{key}")
         for key, value in entry["settings"].items()
     }
     try:

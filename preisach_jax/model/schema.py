@@ -25,8 +25,14 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, shown
 from preisach_jax.escape import printable
+
+MOST = 1e100
+"""Greatest size of a number in a file: its square, and sums of such squares, are finite."""
+
+
+_UP_TO = f" (up to {MOST:g} in size)"
 
 
 def checked(value: Any, kind: Any, place: str = "") -> Any:
@@ -90,6 +96,8 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 _EXPECTED = {
     "float_type": "a finite number",
     "finite_number": "a finite number",
+    "greater_than_equal": f"a finite number{_UP_TO}",
+    "less_than_equal": f"a finite number{_UP_TO}",
     "dict_type": "a table",
     "list_type": "a list",
     "string_type": "a text",
@@ -116,11 +124,11 @@ def _from_to(low: float, high: float) -> str:
 
 
 def number(low: float = -math.inf, high: float = math.inf) -> Any:
-    """A finite number from `low` to `high`, as float."""
+    """A number from `low` to `high`, of a size of at most `MOST`, as float."""
     limits = "" if (low, high) == (-math.inf, math.inf) else f" {_from_to(low, high)}"
     return Annotated[
-        float, Strict(), AllowInfNan(False), Field(ge=low, le=high),
-        _expect(f"a finite number{limits}"),
+        float, Strict(), AllowInfNan(False), Field(ge=max(low, -MOST), le=min(high, MOST)),
+        _expect(f"a finite number{limits}{_UP_TO if high >= MOST else ''}"),
     ]  # fmt: skip
 
 
@@ -200,12 +208,12 @@ def list_of(kind: Any, least: int = 0) -> Any:
 
 
 numbers = Annotated[
-    list[Annotated[float, Strict(), AllowInfNan(False)]],
+    list[Annotated[float, Strict(), AllowInfNan(False), Field(ge=-MOST, le=MOST)]],
     Strict(),
     _listed,
     AfterValidator(lambda found: np.array(found, dtype=np.float64)),
 ]
-"""A list of finite numbers, as (count,) float64."""
+"""A list of such numbers, as (count,) float64."""
 
 
 MOST_COUNT = 10**6
@@ -224,26 +232,27 @@ whole_numbers = Annotated[text, AfterValidator(_counts), _expect("a text of whol
 """A text of whole numbers between blanks, as a list: as a list of JSON it is much longer."""
 
 
-def like(pattern: Any, most: int) -> Any:
+def like(pattern: Any, most: int, least: float = -math.inf) -> Any:
     """What is of the kind of a value: a setting of an effect.
 
     Arguments:
         pattern: a value of that kind.
         most: greatest whole number that is taken.
+        least: least number with decimals that is taken.
     """
     if isinstance(pattern, bool):
         return flag
     if isinstance(pattern, int):
         return whole(0, most)
     if isinstance(pattern, float):
-        return number()
+        return number(least)
     if isinstance(pattern, str):
         return text
     numbers_only = isinstance(pattern, tuple) and all(
         isinstance(inner, float) for inner in cast(tuple[Any, ...], pattern)
     )
     if numbers_only:
-        return Annotated[list_of(number(), least=1 if pattern else 0), AfterValidator(tuple)]
+        return Annotated[list_of(number(least), least=1 if pattern else 0), AfterValidator(tuple)]
     return Annotated[Any, AfterValidator(_as_tuple)]
 
 
@@ -273,9 +282,7 @@ def _shown(value: Any) -> str:
         return f"a table of {len(cast(Mapping[str, Any], value))}"
     if isinstance(value, list | tuple):
         return f"a list of {len(cast(Sequence[Any], value))}"
-    if isinstance(value, int) and abs(value) >= 10**30:
-        return "a number of more than 30 digits"
     if isinstance(value, int | float):
-        return str(value)
-    shown = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:60]}..."
+        return shown(value)
+    text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_list
 from preisach_jax.model.core import Model
 
 
@@ -24,6 +24,7 @@ def without_effects(model: Model, without: Sequence[str]) -> Model:
     Raises:
         InputError: if one of the effects is not in the model.
     """
+    require_list("without", without)
     names = [effect.name for effect in model.effects]
     for name in without:
         if name not in names:

@@ -7,18 +7,21 @@ import math
 import equinox as eqx
 import numpy as np
 
-from preisach_jax.errors import InputError, whole_number
+from preisach_jax.errors import InputError, shown, whole_number
+
+MOST_LEVELS = 10_000
+"""Of a plane: it has 50 million hysterons, each with a weight."""
 
 
 def _levels(value: int) -> int:
-    return whole_number("levels is", value, least=2)
+    return whole_number("levels is", value, least=2, most=MOST_LEVELS)
 
 
 def _limit(value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"a limit of the plane is {value!r}: give a number") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"a limit of the plane is {shown(value)}: give a number") from error
 
 
 class Grid(eqx.Module):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_list
 from preisach_jax.plant import machines
 from preisach_jax.plant.stage import RANGE_V
 
@@ -50,8 +50,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
         >>> effect_names(("creep", "aux"))
         ['creep', 'aux:load_N']
     """
-    if isinstance(effects, str):
-        raise InputError(f"effects is {effects!r}: give a list of names, as in ({effects!r},)")
+    require_list("effects", effects)
     names = [machines.SHORT.get(name, name) for name in effects]
     for name in names:
         if name not in EFFECTS:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, require_list
 from preisach_jax.plant.columns import save_columns
 
 LOSSES = ("gain:temp_C", "eddy_currents", "excess_loss")
@@ -164,6 +164,7 @@ def simulate_magnet(
         >>> record.field.shape, record.truth["effects"]
         ((5250,), ['excess_loss'])
     """
+    require_list("effects", effects)
     for name in effects:
         if name not in LOSSES:
             raise InputError(f"the core has no effect {name!r}: choose from {', '.join(LOSSES)}")

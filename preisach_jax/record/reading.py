@@ -9,12 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from preisach_jax.errors import InputError
+from preisach_jax.record.apart import read_apart, read_here
 from preisach_jax.record.delimited import read_delimited
 from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode, is_text
-from preisach_jax.record.readers import BINARY, NPZ, TEXT, WORKBOOK
+from preisach_jax.record.readers import BINARY, HDF5, NPZ, TEXT, WORKBOOK
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
-from preisach_jax.record.readers.workbook import OLE, SHEET, read_workbook
+from preisach_jax.record.readers.workbook import OLE, SHEET
 from preisach_jax.record.spelling import with_plain_numbers
 from preisach_jax.record.table import Table
 
@@ -44,7 +45,7 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
     path, sheet = _without_sheet(Path(path))
     _check_file(path, source)
     if sheet is not None:
-        return read_workbook(path, source.removesuffix(f"{SHEET}{sheet}"), sheet)
+        return read_apart(WORKBOOK, path, source.removesuffix(f"{SHEET}{sheet}"), sheet)
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -75,7 +76,8 @@ def _read(path: Path, head: bytes, source: str) -> Table:
     reader = _reader(path, head)
     if reader is None or reader.read is None:
         return with_plain_numbers(_read_text(path, head, source))
-    return with_plain_numbers(reader.read(path, source))
+    is_foreign = reader.foreign or head[512:].startswith(HDF5.starts)  # MATLAB 7.3 is HDF5
+    return with_plain_numbers((read_apart if is_foreign else read_here)(reader, path, source))
 
 
 def _reader(path: Path, head: bytes) -> Reader | None:
@@ -96,6 +98,8 @@ def _reader(path: Path, head: bytes) -> Reader | None:
 def _check_file(path: Path, source: str) -> None:
     if path.is_dir():
         raise InputError(f"{source}: this is a folder; give a file in it")
+    if path.is_symlink() and not path.exists():
+        raise InputError(f"{source}: this link leads nowhere; give the file itself")
     if not path.exists():
         raise InputError(f"{source}: there is no such file{_near(path)}; check the path")
     if not path.is_file():

@@ -26,6 +26,9 @@ AS_FITTED = "as-fitted"
 """That of the record on which a model was identified, where a model predicts along another one."""
 """What is known of the state at the first sample; `"free"`: nothing, it is identified."""
 
+LEAST, GREATEST = 1e-60, 1e60
+"""Between ranges and values of these sizes, fourth powers, as statistics form them, are numbers."""
+
 _GAP = 5.0  # a step this many times the usual one is a gap
 
 
@@ -87,6 +90,13 @@ class Samples:
             raise InputError(
                 f"initial_memory is {initial_memory!r}; give one of {', '.join(known)}"
             )
+        for role, values in {"time": time, "input": input, "output": output, **aux}.items():
+            beyond = values[np.abs(values) > GREATEST]
+            if beyond.size:
+                raise InputError(
+                    f"{name}, column {channels[role].name}: the value {beyond[0]:g} is too great "
+                    f"to compute with (up to {GREATEST:g}); give the column in another unit"
+                )
         # A NaN has many bit patterns; the digest knows one.
         output = np.where(np.isnan(output), np.nan, output)
         digest = hashlib.sha256()
@@ -398,6 +408,19 @@ class Samples:
                 f"{output}: the output is constant ({value:g} in all {count} measured rows); check "
                 "the sensor and the choice of column"
             )
+        self._check_ranges(source)
+
+    def _check_ranges(self, source: str) -> None:
+        """Refuse ranges, and a time step, that are too small to compute with."""
+        spans = {role: float(np.ptp(values)) for role, values in self.aux.items()}
+        spans |= {"time": self.step_s, "input": self.input_range, "output": self.output_range}
+        for role, span in spans.items():
+            if 0 < span < LEAST:
+                what = "median step" if role == "time" else "range"
+                raise InputError(
+                    f"{source}, column {self.channels[role].name}: its {what}, {span:g}, is too "
+                    f"small to compute with (from {LEAST:g}); give the column in another unit"
+                )
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:

@@ -34,7 +34,8 @@ def read_parquet(path: Path, source: str) -> Table:
     try:
         with parquet.ParquetFile(path) as file:
             about, schema = file.metadata, file.schema_arrow
-        values = about.num_rows * about.num_columns
+        unpacked = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+        values = max(about.num_rows * about.num_columns, unpacked / 8)
         size = path.stat().st_size
         check_unpacked(values, size, source, "compression='none', use_dictionary=False")
         check_names(schema.names, source)
@@ -113,7 +114,12 @@ def _cells(column: pd.Series) -> np.ndarray:
 
 
 PARQUET = Reader(
-    "Parquet", (".parquet", ".pq"), (b"PAR1",), read_parquet, note="names are the columns"
+    "Parquet",
+    (".parquet", ".pq"),
+    (b"PAR1",),
+    read_parquet,
+    note="names are the columns",
+    foreign=True,
 )
 FEATHER = Reader(
     "Feather, Arrow",
@@ -121,4 +127,5 @@ FEATHER = Reader(
     (b"ARROW1", b"FEA1"),
     read_feather,
     note="names are the columns",
+    foreign=True,
 )

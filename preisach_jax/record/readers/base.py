@@ -34,6 +34,7 @@ class Reader:
             then `read_text` reads it.
         read_text: takes the text, with `\\n` as line end, and the file as the user named it.
         note: what the documentation says beside it.
+        foreign: whether a library reads it that is not of Python, and may end its process.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Reader:
     is_text: Callable[[str], bool] | None = None
     read_text: Callable[[str, str], Table] | None = None
     note: str = ""
+    foreign: bool = False
 
 
 def library(module: str, package: str, kind: str, source: str) -> Any:

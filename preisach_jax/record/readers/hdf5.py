@@ -51,7 +51,8 @@ def _read(path: Path, source: str, between: str) -> Table:
     try:
         with h5py.File(path, "r") as file:
             sets = list(_data_sets(file, h5py))
-            values = sum(each.size * len(each.dtype.names or (0,)) for each in sets)
+            values = sum(max(each.size * len(each.dtype.names or (0,)), each.nbytes / 8)
+                         for each in sets)  # fmt: skip
             check_unpacked(values, path.stat().st_size, source, "compression=None")
             arrays: dict[str, np.ndarray] = {}
             units: dict[str, str] = {}
@@ -134,4 +135,5 @@ HDF5 = Reader(
     (b"\x89HDF\r\n\x1a\n",),
     read_hdf5,
     note="data sets by path, `--input group/u`; units and rates from attributes",
+    foreign=True,
 )

@@ -180,4 +180,5 @@ WORKBOOK = Reader(
     (OLE,),
     read_workbook,
     note="the sheet with the most rows; settings above the names and a row of units are understood",
+    foreign=True,
 )

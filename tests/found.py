@@ -1,6 +1,7 @@
 """Records that tests/world.py makes and diagnoses of them, each made once in a process."""
 
 from functools import cache
+from typing import Any
 
 import world
 
@@ -26,7 +27,7 @@ LIKELIEST = {
 
 
 @cache
-def made(effect=None, seed=201, size=None, noise_um=0.1, **options):
+def made(effect=None, seed=201, size=None, noise_um=0.1, **options) -> tuple[dict, Any]:
     """What the world made, a third longer than what is diagnosed, and its name as an effect."""
     size = size or (1.0 if effect in ("slew_limit", "rate_dependence") else 2.0)
     each = world.hidden_record(

@@ -202,6 +202,7 @@ def test_the_picture_has_what_the_form_holds():
     assert axes.get_xlabel() == "rate of the input (V/s)"
     assert axes.get_ylabel() == "mean remainder (nm)"
     assert LABEL in axes.get_title(loc="left")
+    assert form.dependence is not None
     points, line = (np.asarray(each.get_ydata(), dtype=float) for each in axes.lines[1:3])
     np.testing.assert_allclose(points, 1e3 * form.dependence.remainder)
     np.testing.assert_allclose(line, 1e3 * form.dependence.form)
@@ -224,10 +225,6 @@ def test_json_report_and_texts_say_that_it_is_no_cause(tmp_path):
         assert text in page, text
     assert LABEL in found.summary()
     assert LABEL in found._repr_html_()
-    none = make_diagnosis("unexplained", form=SparseForm.none(0.2, "um", "it is a test"))
-    assert tmp_path / "none" / "form.png" not in write_report(none, tmp_path / "none")
-    page = (tmp_path / "none" / "report.html").read_text(encoding="utf-8")
-    assert "No sparse form is offered: it is a test." in page
 
 
 @pytest.mark.parametrize("interrupted", [False, True])

@@ -56,6 +56,8 @@ from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all
 from preisach_jax.identify.regression import solve_nonnegative
 from preisach_jax.record import Record
 
+LEVELS = 9
+
 
 @pytest.fixture(autouse=True)
 def one_thread():
@@ -63,7 +65,7 @@ def one_thread():
         yield
 
 
-def problem_of(effect, seed=3, rate_hz=1000.0, **options):
+def problem_of(effect, seed=3, rate_hz=500.0, **options):
     rec = world.hidden_record(effect, seed, duration_s=6.0, rate_hz=rate_hz, **options)
     return Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"], initial_memory="low"))
 
@@ -73,22 +75,14 @@ def points():
     """A record that drifts: the model without and with the drift."""
     with jax.enable_x64(True), threadpool_limits(1):
         problem = problem_of("drift")
-        base = base_point(problem, 11)
+        base = base_point(problem, LEVELS)
         return problem, base, with_effect(problem, base, Drift(), always=True)
-
-
-# --- the locks ---
-
-
-def test_evidence_above_all_thresholds_opens_the_locks():
-    assert Evidence(LEAST_GAIN, LEAST_Z, 24, LEAST_DELTA_BIC).against == ""
 
 
 @pytest.mark.parametrize(
     ("evidence", "says"),
     [
         (Evidence(0.9 * LEAST_GAIN, 99.0, 24, 1e3), "mean square falls by .* %, less than"),
-        (Evidence(-0.3, 99.0, 24, 1e3), "does not fall"),
         (Evidence(0.0, 99.0, 24, 1e3), "does not fall"),
         (Evidence(0.9 * GREAT_GAIN, LEAST_Z - 0.1, 24, 1e3), "held-out blocks .z = 2.9, below 3"),
         (Evidence(0.5, 1.9, 24, 1e3), "over the 24 held-out blocks .z = 1.9, below 2"),
@@ -102,7 +96,8 @@ def test_each_test_says_why_it_is_not_passed(evidence, says):
     assert re.search(says, evidence.against)
 
 
-def test_two_closed_locks_give_two_reasons():
+def test_open_locks_say_nothing_and_two_closed_ones_give_two_reasons():
+    assert Evidence(LEAST_GAIN, LEAST_Z, 24, LEAST_DELTA_BIC).against == ""
     assert Evidence(0.0, 0.0, 24, 0.0).against.count(";") == 1
     assert Evidence(0.1, 5.0, 24, 50.0).numbers() == {
         "gain": 0.1,
@@ -110,9 +105,6 @@ def test_two_closed_locks_give_two_reasons():
         "blocks": 24,
         "delta_bic": 50.0,
     }
-
-
-# --- their numbers ---
 
 
 def test_residuals_are_in_the_order_of_time(points):
@@ -129,11 +121,8 @@ def test_innovations_are_what_an_autoregression_cannot_foretell(coefficients):
     white = 0.3 * rng.normal(size=20_000)
     residual = np.asarray(signal.lfilter([1.0], [1.0, *[-c for c in coefficients]], white))
     assert innovation_variance(residual) == pytest.approx(0.09, rel=0.03)
-
-
-def test_few_rows_take_few_lags():
-    rng = np.random.default_rng(1)
-    assert 0.2 < innovation_variance(rng.normal(size=60)) < 2.0
+    # Few rows take few lags.
+    assert 0.2 < innovation_variance(residual[:60]) / 0.09 < 2.0
     assert innovation_variance(np.zeros(100)) > 0.0
 
 
@@ -142,9 +131,6 @@ def test_standardised_mean_is_students_t():
     expected = stats.ttest_1samp(values, 0.0)
     assert standardised(values) == pytest.approx(float(getattr(expected, "statistic")))  # noqa: B009
     assert standardised(np.ones(5)) == 0.0
-
-
-def test_ratio_to_nothing_is_one():
     assert simple_ratio(1.0, 4.0) == 0.25
     assert simple_ratio(0.0, 0.0) == 1.0
 
@@ -203,11 +189,10 @@ class Chance(AddedEffect):
         return np.asarray(rng.normal(size=(len(signals.time), 1)))
 
 
-@pytest.mark.parametrize("effect", [Chance(), Drift()])
-def test_nothing_is_named_where_nothing_is_hidden(x64, effect):
-    for seed in (5, 6):
-        problem = problem_of(None, seed)
-        base = base_point(problem, 11)
+def test_nothing_is_named_where_nothing_is_hidden(x64):
+    problem = problem_of(None, 5)
+    base = base_point(problem, LEVELS)
+    for effect in (Chance(), Drift()):
         rich = with_effect(problem, base, effect, always=True)
         assert compare(problem, base, rich).against
 
@@ -227,15 +212,11 @@ def test_parameters_that_are_nothing_are_not_counted(x64):
     assert free_parameters(base_point(problem, 5)) == 0
 
 
-# --- the error budget ---
-
-
-@pytest.mark.parametrize("noise", [0.006, 0.1])
-@pytest.mark.parametrize("effect", [None, "drift"])
+@pytest.mark.parametrize(("effect", "noise"), [(None, 0.006), ("drift", 0.1)])
 def test_noise_is_measured_whatever_is_hidden(x64, noise, effect):
-    problem = problem_of(effect, rate_hz=3000.0, noise_um=noise)
+    problem = problem_of(effect, rate_hz=1500.0, noise_um=noise)
     expected = np.hypot(noise, world.ENCODER_STEP / np.sqrt(12))
-    assert noise_rms(problem, base_point(problem, 11)) == pytest.approx(expected, rel=0.12)
+    assert noise_rms(problem, base_point(problem, LEVELS)) == pytest.approx(expected, rel=0.15)
 
 
 def test_the_step_of_a_converter_is_found():
@@ -248,17 +229,10 @@ def test_the_step_of_a_converter_is_found():
     assert lattice_step(np.round(smooth / fine) * fine) == pytest.approx(fine)
 
 
-def test_a_coarse_converter_is_noise(x64):
-    problem = problem_of(None, noise_um=0.0)
-    output = np.round(problem.record.output / 0.5) * 0.5
-    coarse = Problem.of(replace(problem.record, output=output))
-    assert noise_rms(coarse, base_point(coarse, 9)) >= 0.5 / np.sqrt(12)
-
-
 def test_steps_of_the_input_do_what_rounding_it_does(x64):
     """Against the change of a smooth input's output when it is rounded."""
     problem = problem_of(None, noise_um=0.5)
-    point = base_point(problem, 9)
+    point = base_point(problem, LEVELS)
     assert input_quantisation_rms(problem, point) == 0.0
     smooth = problem.record.input
     step = np.ptp(smooth) / 300
@@ -269,19 +243,19 @@ def test_steps_of_the_input_do_what_rounding_it_does(x64):
     expected = np.sqrt(np.mean((outputs[1] - outputs[0]) ** 2))
     got = input_quantisation_rms(stepped, base_point(stepped, 9))
     assert got == pytest.approx(expected, rel=0.3)
-
-
-def test_steps_of_the_drive_itself_are_no_rounding(x64):
-    problem = problem_of(None, noise_um=0.01)
-    step = np.ptp(problem.record.input) / 4
-    stairs = Problem.of(replace(problem.record, input=np.round(problem.record.input / step) * step))
-    assert input_quantisation_rms(stairs, base_point(problem, 9)) == 0.0
+    # Steps of the drive itself are no rounding, and those of a coarse output are noise.
+    stairs = replace(
+        problem.record, input=np.round(smooth / np.ptp(smooth) * 4) * np.ptp(smooth) / 4
+    )
+    assert input_quantisation_rms(Problem.of(stairs), point) == 0.0
+    output = np.round(problem.record.output / 3) * 3
+    assert noise_rms(Problem.of(replace(problem.record, output=output)), point) >= 3 / np.sqrt(12)
 
 
 @pytest.mark.parametrize("grid", [0.0, 0.01, 99.0])
 def test_squares_of_the_budget_add_up(x64, grid):
     problem = problem_of("drift", noise_um=0.02)
-    fit = finished(problem, base_point(problem, 9), problem.record)
+    fit = finished(problem, base_point(problem, LEVELS), problem.record)
     budget = error_budget(problem, fit, Floor.of(problem, fit), grid)
     assert budget.noise == pytest.approx(noise_rms(problem, fit.point))
     shares = (budget.noise, budget.discretisation, budget.memory, budget.unexplained)
@@ -295,22 +269,23 @@ def test_planes_are_refined_by_half_as_long_as_it_is_cheap():
     assert refined_levels(10_000, 24) == 36
     assert refined_levels(10_000, 40) == MOST_LEVELS
     assert refined_levels(10_000, MOST_LEVELS) is None
-    assert refined_levels(10_000, 80) is None
     assert refined_levels(10_000_000, 24) is None
+    # Nor to more cells than there are rows: 38 levels have 741.
+    assert (refined_levels(740, 25), refined_levels(741, 25)) == (None, 38)
 
 
 def test_discretisation_is_what_a_finer_plane_takes_away(x64):
     """Nothing hidden and no noise: the whole error of a coarse plane is its grid."""
     problem = problem_of(None, noise_um=0.0)
-    coarse = base_point(problem, 6)
-    fine = at_levels(problem, coarse, 18)
+    coarse = base_point(problem, 5)
+    fine = at_levels(problem, coarse, 17)
     error = np.sqrt(coarse.validation_mean_square) * problem.unit
     assert by_another_plane(problem, coarse, fine) == pytest.approx(error, rel=0.15)
 
 
 def test_memory_is_what_the_rows_held_out_would_have_told(x64):
     problem = problem_of(None, noise_um=0.02)
-    point = base_point(problem, 12)
+    point = base_point(problem, LEVELS)
     held_out = problem.fold == FOLDS - 1
     gram, moment = point.equations.system(np.arange(FOLDS), point.strength)
     solution = solve_nonnegative(gram, moment, point.equations.nonnegative)
@@ -326,7 +301,7 @@ def test_memory_is_what_the_rows_held_out_would_have_told(x64):
 
 def test_without_a_finer_plane_a_coarser_one_tells(x64):
     problem = problem_of(None, noise_um=0.0)
-    point = base_point(problem, 9)
+    point = base_point(problem, LEVELS)
     error = np.sqrt(point.validation_mean_square) * problem.unit
     coarser = on_a_coarser_plane(problem, point)
     assert coarser.chain.plane.levels == 6

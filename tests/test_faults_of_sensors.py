@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import world
+from found import LEVELS, found, record_of
 
 import preisach_jax as pj
 from preisach_jax.record.faults import faults
@@ -11,34 +11,25 @@ TIME = np.arange(6000) / 1000
 PATH = 5 - 5 * np.cos(2 * np.pi * TIME * (0.5 + 0.1 * TIME))
 
 
-def noisy(seed=0):
-    """A loop of some width, read with noise."""
-    output, play = np.empty(len(PATH)), PATH[0]
+def play(half):
+    output, at = np.empty(len(PATH)), PATH[0]
     for k, u in enumerate(PATH):
-        play = min(max(play, u - 1), u + 1)
-        output[k] = play + 0.2 * u
-    return output + np.random.default_rng(seed).normal(0, 0.005, len(PATH))
+        output[k] = at = min(max(at, u - half), u + half)
+    return output
 
 
-def record_of(output):
-    return pj.Record.from_arrays(TIME, PATH, output, name="spoiled.csv")
+NOISY = play(1) + 0.2 * PATH + np.random.default_rng(0).normal(0, 0.005, len(PATH))
 
 
-def left_out(record):
-    rows = np.zeros(len(record), bool)
-    for _, start, stop in faults(record):
-        rows[start:stop] = True
-    return rows
-
-
-def kinds(record):
-    return {fault.kind for fault in faults(record)}
+def faults_of(output):
+    return faults(pj.Record.from_arrays(TIME, PATH, output, name="spoiled.csv"))
 
 
 def stuck(output):
-    spoiled = output.copy()
-    spoiled[2100:2400] = spoiled[2099]
-    return spoiled, np.isin(np.arange(len(output)), np.arange(2100, 2400))
+    third = len(output) // 3
+    return np.where(np.arange(len(output)) // third == 1, output[third], output), slice(
+        third + 1, 2 * third
+    )
 
 
 def clipped(output):
@@ -59,10 +50,13 @@ def wrapped(output):
 
 @pytest.mark.parametrize("spoil", [stuck, clipped, clipped_on_both_sides, wrapped])
 def test_exactly_the_rows_that_were_spoiled_are_found(spoil):
-    spoiled, rows = spoil(noisy())
-    record = record_of(spoiled)
-    np.testing.assert_array_equal(left_out(record), rows)
-    assert kinds(record) == {spoil.__name__.split("_")[0]}
+    spoiled, spoiled_rows = spoil(NOISY)
+    expected, rows = np.zeros((2, len(PATH)), bool)
+    expected[spoiled_rows] = True
+    for _, start, stop in faults_of(spoiled):
+        rows[start:stop] = True
+    np.testing.assert_array_equal(rows, expected)
+    assert {fault.kind for fault in faults_of(spoiled)} == {spoil.__name__.split("_")[0]}
 
 
 def relays():
@@ -78,86 +72,51 @@ def relays():
 @pytest.mark.parametrize(
     "output",
     [
-        noisy(),
-        np.round(noisy() / 0.05) * 0.05,  # a coarse converter
-        relays(),
-        (relays() > 5).astype(float),  # one relay: jumps of the whole range
-        np.maximum.accumulate(PATH * (TIME < 2)) + 0.1 * PATH,  # keeps what it has reached
-        np.tanh((noisy() - 6) / 2),  # saturates
-        np.round(50 * np.tanh((noisy() - 6) / 1.5)) / 50,  # and is read in steps
-    ],
-    ids=[
-        "noise",
-        "converter",
-        "relays",
-        "one relay",
-        "maximum",
-        "saturation",
-        "saturation in steps",
+        pytest.param(np.round(NOISY / 0.05) * 0.05, id="a coarse converter"),
+        pytest.param(relays(), id="relays"),
+        pytest.param((relays() > 5).astype(float), id="one relay: jumps of the whole range"),
+        pytest.param(
+            np.maximum.accumulate(PATH * (TIME < 2)) + 0.1 * PATH, id="keeps what it has reached"
+        ),
+        pytest.param(np.round(50 * np.tanh((NOISY - 6) / 1.5)) / 50, id="saturates in steps"),
+        pytest.param(play(2), id="backlash rests where it turns"),
     ],
 )
 def test_what_an_actuator_does_by_itself_is_no_fault(output):
-    assert faults(record_of(output)) == ()
-
-
-def backlash_without_noise():
-    output, play = np.empty(len(PATH)), PATH[0]
-    for k, u in enumerate(PATH):
-        output[k] = play = min(max(play, u - 2), u + 2)
-    return output
-
-
-def test_backlash_rests_where_it_turns():
-    record = record_of(backlash_without_noise())
-    assert np.mean(np.diff(record.output) == 0) > 0.1
-    assert faults(record) == ()
+    assert faults_of(output) == ()
 
 
 @pytest.mark.parametrize("spoil", [stuck, clipped, wrapped])
 def test_no_effect_is_named_for_a_fault_and_the_note_tells_its_rows(spoil):
-    made = world.hidden_record(None, 41, 12.0, 1000.0)
-    record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
-    names = ["creep", "output_nonlinearity", "drift", "output_lag"]
-    sound = pj.diagnose(record, names, levels=13)
-    spoiled, rows = spoil(record.output)
+    record = record_of()
+    spoiled, _ = spoil(record.output)
     changed = pj.Record.from_arrays(record.time, record.input, spoiled)
-    found = pj.diagnose(changed, names, levels=13)
-    assert (found.verdict, found.effects) == (sound.verdict, sound.effects) == ("adequate", ())
-    (note,) = [note for note in found.notes if "were left out: samples" in note]
-    assert f"in {rows.sum():,} samples" in note
+    told = pj.diagnose(changed, ["creep", "drift", "output_lag"], levels=LEVELS)
+    assert (told.verdict, told.effects) == (found().verdict, found().effects) == ("adequate", ())
+    (note,) = [note for note in told.notes if "were left out: samples" in note]
+    assert f"in {sum(fault.stop - fault.start for fault in faults(changed)):,} samples" in note
 
 
 def test_a_record_that_is_clipped_almost_throughout_is_refused_in_one_line():
-    record = record_of(np.minimum(noisy(), np.quantile(noisy(), 0.2)))
+    low = np.minimum(NOISY, np.quantile(NOISY, 0.2))
+    record = pj.Record.from_arrays(TIME, PATH, low, name="spoiled.csv")
     with pytest.raises(pj.InputError, match=r"spoiled.csv, column output: .* clipped in all but"):
         pj.fit(record, levels=5)
 
 
-def test_a_sensor_that_is_stuck_for_a_third_of_the_record_is_seen():
-    output = noisy()
-    third = len(output) // 3
-    output[third : 2 * third] = output[third]
-    (fault,) = faults(record_of(output))
-    assert fault.kind == "stuck"
-    assert (fault.start, fault.stop) == (third + 1, 2 * third)
-
-
 def test_a_sensor_that_never_comes_free_is_seen_if_the_input_moves_by_half_its_range():
-    output = noisy()
-    begin = len(output) - 60
+    begin = len(PATH) - 60
     while np.ptp(PATH[begin:]) < 0.6 * np.ptp(PATH):
         begin -= 1
-    output[begin:] = output[begin]
-    (fault,) = faults(record_of(output))
-    assert (fault.kind, fault.start, fault.stop) == ("stuck", begin + 1, len(output))
+    (fault,) = faults_of(np.where(TIME[begin] > TIME, NOISY, NOISY[begin]))
+    assert (fault.kind, fault.start, fault.stop) == ("stuck", begin + 1, len(PATH))
 
 
 def test_an_output_that_follows_jumps_of_the_input_has_not_wrapped():
     """First-order reversal curves: from saturation straight to a reversal, and slowly back."""
-    turns = np.linspace(-0.6, -1.0, 12)
-    u = np.concatenate([np.linspace(turn, 1.0, 60) for turn in turns])
+    u = np.concatenate([np.linspace(turn, 1.0, 60) for turn in np.linspace(-0.6, -1.0, 12)])
     z = np.tanh(2 * u) * np.linspace(1.0, 0.9, len(u))
-    z += np.random.default_rng(0).normal(0, 1e-3, len(u))
-    assert faults(pj.Record.from_arrays(np.arange(len(u)) / 10.0, u, z)) == ()
-    smooth = np.sin(np.arange(len(u)) / 60.0)
-    assert kinds(pj.Record.from_arrays(np.arange(len(u)) / 10.0, smooth, z)) == {"wrapped"}
+    z, rows = z + np.random.default_rng(0).normal(0, 1e-3, len(u)), np.arange(len(u))
+    assert faults(pj.Record.from_arrays(rows / 10.0, u, z)) == ()
+    smooth = pj.Record.from_arrays(rows / 10.0, np.sin(rows / 60.0), z)
+    assert {fault.kind for fault in faults(smooth)} == {"wrapped"}

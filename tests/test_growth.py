@@ -1,32 +1,39 @@
-"""Terms of an effect: one found beside another effect, and one that has become needless."""
+"""Terms of an effect: found beside another effect, needless by now, and as many as it needs."""
 
 from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
+from found import LEVELS, ROWS
 from test_modes import RATE, drive, lagging, plays, through
 from test_rivals import added
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.growth import in_best_forms, with_larger_beside, without_needless_modes
+from preisach_jax.diagnosis.growth import (
+    grown,
+    in_best_forms,
+    with_larger_beside,
+    without_needless_modes,
+)
 from preisach_jax.diagnosis.step import Named, Step
 from preisach_jax.effects import resolve
-from preisach_jax.effects.cross import Cross
+from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.fit import begun, in_reduced_basis
 from preisach_jax.identify import evaluate
+
+WANDER_HZ = 150.0
 
 
 @pytest.fixture(scope="module")
 def two_modes_behind_a_lag():
     """A step whose one mode is damped until it is about as late as two of them behind a lag."""
-    count, tau_s = 3000, 0.0024
-    u = drive(9, count)
+    tau_s, u = 0.0024, drive(9, ROWS)
     z = through(plays(lagging(u, tau_s)), ((45.0, 0.07, 0.6), (115.0, 0.04, 0.4)))
-    z = z + np.random.default_rng([9, 1]).normal(0, 0.01, count)
+    z = z + np.random.default_rng([9, 1]).normal(0, 0.01, ROWS)
     with jax.enable_x64(True):
-        record, whole, point = begun(pj.Record.from_arrays(np.arange(count) / RATE, u, z), 9)
+        record, whole, point = begun(pj.Record.from_arrays(np.arange(ROWS) / RATE, u, z), LEVELS)
         problem, point = in_reduced_basis(whole, point)
         *lags, resonance = resolve(("input_lag", "delay", "resonance"), {})
         step = added(Step(record, problem, whole, (*lags, resonance), (point,)), resonance)
@@ -74,9 +81,39 @@ def test_what_is_left_of_modes_without_one_of_them():
     assert all(set(start) == {p.name for p in effect.parameters()} for effect, start in left)
     first, second, third = ([s["f_hz"], s["f_2_hz"], s["gain_2"]] for _, s in left)
     assert (first, second, third) == ([50, 90, -0.5], [20, 90, -2], [20, 50, 4])
-    axis = Cross("y", "V", modes=2)
-    own = {"f_hz": 20.0, "zeta": 0.1, "f_2_hz": 50.0, "zeta_2": 0.2}
-    assert [start for _, start in axis.without_each_mode(own)] == [
-        {"f_hz": 50.0, "zeta": 0.2},
-        {"f_hz": 20.0, "zeta": 0.1},
-    ]
+
+
+class SixWaves(Drift):
+    """A wander that is looked for with few waves only."""
+
+    def variants(self, survey):
+        return (replace(self.bound_to(survey), waves=6),)
+
+
+def wandering(turn_s):
+    """A step whose drift has six waves, beside a stage whose zero wanders in ten."""
+    rng = np.random.default_rng(3)
+    time, every = np.arange(ROWS) / WANDER_HZ, round(turn_s * WANDER_HZ)
+    turns = np.arange(0, ROWS + every, every)
+    u = np.interp(np.arange(ROWS), turns, 10.0 * (np.arange(len(turns)) % 2))
+    u = u * (0.7 + 0.3 * np.cos(0.4 * time))
+    phases = 2 * np.pi * rng.uniform(size=10)
+    slow = (0.1 * np.cos(np.pi * k * time / time[-1] + p) for k, p in enumerate(phases, start=1))
+    z = plays(u) + sum(slow) + rng.normal(0, 0.01, ROWS)
+    record, problem, point = begun(pj.Record.from_arrays(time, u, z), LEVELS)
+    return added(Step(record, problem, problem, (SixWaves(),), (point,)), SixWaves())
+
+
+def test_a_wander_gets_the_waves_that_its_first_ones_leave(x64):
+    step = wandering(0.24)
+    larger = grown(step)
+    assert larger is not None
+    assert isinstance(drift := larger.now.chain.effect("drift"), Drift)
+    assert drift.waves == 12
+    assert larger.now.validation_mean_square < 0.9 * step.now.validation_mean_square
+    assert [each.trial.effect for each in larger.named] == [drift]
+
+
+def test_a_wander_gets_no_waves_as_fast_as_the_drive(x64):
+    # Twelve waves in 20 s have periods down to 3.3 s; the drive comes back more seldom.
+    assert grown(wandering(2.5)) is None

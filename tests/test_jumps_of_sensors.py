@@ -1,17 +1,10 @@
 """A sensor that jumps and stays off is told, levelled and named as no effect; a stage that jumps is
 left as it is."""
 
-from types import SimpleNamespace
-from typing import Any, cast
-
 import numpy as np
 import pytest
-import scipy
 
 import preisach_jax as pj
-from preisach_jax.diagnosis import judgement
-from preisach_jax.identify import Problem
-from preisach_jax.present.fit import as_text as fit_text
 from preisach_jax.record.joined import by_run, joined
 from preisach_jax.record.jumps import jumps, wander_rms
 
@@ -58,10 +51,9 @@ def heights_of(record, modelled):
     return {int(row): found[row, 0] for row in np.flatnonzero(found[:, 0])}
 
 
-@pytest.mark.parametrize("misfit", [0.0, 0.02], ids=["the truth", "a poor model"])
-def test_jumps_are_found_at_their_samples_with_their_heights_and_errors(misfit):
+def test_jumps_are_found_at_their_samples_with_their_heights_and_errors():
     record = record_of(jumped(noisy(PLAYS)))
-    found = jumps(record, PLAYS + misfit * (PATH - 5) ** 2)
+    found = jumps(record, PLAYS + 0.02 * (PATH - 5) ** 2)  # a poor model
     assert np.flatnonzero(found[:, 0]).tolist() == list(ROWS)
     off = found[list(ROWS), 0] - HEIGHTS
     assert np.all(np.abs(off) < 3 * NOISE)
@@ -72,13 +64,7 @@ def test_jumps_are_found_at_their_samples_with_their_heights_and_errors(misfit):
     assert sorted(levelled.jumps) == list(ROWS)
 
 
-def test_a_single_jump_is_found_whichever_way_the_output_goes():
-    for row in (2000, 2300, 2600, 2900):
-        record = record_of(jumped(noisy(PLAYS), (row,), (0.08,)))
-        assert list(heights_of(record, PLAYS)) == [row]
-
-
-def test_heights_are_corrected_by_a_better_model():
+def test_heights_of_single_and_joined_records_are_corrected_by_a_better_model():
     record = record_of(jumped(noisy(PLAYS)))
     coarse = np.zeros((len(TIME), 2))
     coarse[list(ROWS)] = np.stack([np.array(HEIGHTS) + 0.01, np.full(6, 0.02)], axis=1)
@@ -87,7 +73,16 @@ def test_heights_are_corrected_by_a_better_model():
     for row, height in zip(ROWS, HEIGHTS, strict=True):
         assert abs(second.jumps[row].height - height) < 1.5 * NOISE
         assert second.jumps[row].error < 0.01
-    assert wander_rms(second) < wander_rms(first)
+    assert 0 == wander_rms(record) < wander_rms(second) < wander_rms(first)
+    worse = second.levelled(jumps(second, PLAYS + 0.3 * (PATH - 5)))
+    assert all(worse.jumps[row].error <= jump.error for row, jump in second.jumps.items())
+    unsure = np.zeros((len(TIME), 2))
+    unsure[len(TIME) // 2] = [1e-9, 0.02]  # a step of unsure height: 0.01 RMS around its mean
+    assert wander_rms(record.levelled(unsure)) == pytest.approx(0.01, rel=1e-3)
+    both = joined([record_of(noisy(PLAYS, 1)), record])
+    both = both.levelled(np.concatenate([np.zeros_like(coarse), coarse]))
+    both = both.levelled(by_run(both, jumps, np.concatenate([PLAYS, PLAYS])))
+    assert both.jumps == {row + len(TIME): jump for row, jump in second.jumps.items()}
 
 
 def relays():
@@ -120,14 +115,13 @@ def test_a_stage_that_jumps_by_itself_is_left_as_it_is(output):
         assert heights_of(record_of(noisy(output())), modelled) == {}
 
 
-@pytest.mark.parametrize("late", [0, 60], ids=["at once", "60 ms late"])
-def test_a_stage_that_answers_steps_of_its_input_does_not_slip(late):
+def test_a_stage_that_answers_steps_of_its_input_late_does_not_slip():
     path = 5 + np.round((PATH - 5) / 0.5) * 0.5 + 0.1 * np.sin(40 * TIME)
-    output = np.concatenate([np.full(late, path[0]), path[: len(path) - late]])
+    output = np.concatenate([np.full(60, path[0]), path[:-60]])
     assert heights_of(record_of(noisy(output), path), np.full(len(TIME), 5.0)) == {}
 
 
-@pytest.mark.parametrize(("late", "noise"), [(0, 0.0), (1, 0.02), (15, 0.02), (0, 0.12)], ids=str)
+@pytest.mark.parametrize(("late", "noise"), [(0, 0.12), (15, 0.02)], ids=str)
 def test_a_load_that_is_recorded_is_no_fault_of_the_sensor(late, noise):
     load = jumped(np.zeros(len(TIME)))
     read = 10 * np.concatenate([np.full(late, load[0]), load[: len(load) - late]])
@@ -145,17 +139,6 @@ def test_jumps_while_the_input_rests_are_found():
     assert list(heights_of(record, stage)) == rows
 
 
-def test_a_diagnosis_of_jumps_beside_a_lag_ends_and_no_height_gets_less_sure():
-    lag = 1 - np.exp(-1 / (0.04 * RATE))
-    late = scipy.signal.lfilter([lag], [1, lag - 1], PLAYS - PLAYS[0]) + PLAYS[0]
-    found = pj.diagnose(record_of(jumped(noisy(late))), ["output_lag"], levels=9)
-    assert found.effects == ("output_lag",)
-    assert len(found.final.record.jumps) >= 4
-    record = found.final.record
-    again = record.levelled(jumps(record, PLAYS + 0.3 * (PATH - 5)))  # a worse model
-    assert all(again.jumps[row].error <= jump.error for row, jump in record.jumps.items())
-
-
 def test_noise_and_gaps_have_no_jumps():
     assert heights_of(record_of(noisy(PLAYS)), PLAYS) == {}
     gone = noisy(PLAYS + 0.1 * (TIME > 6.0))
@@ -163,61 +146,14 @@ def test_noise_and_gaps_have_no_jumps():
     assert heights_of(record_of(gone), PLAYS) == {}
 
 
-def test_each_run_of_a_joined_record_is_levelled_by_itself():
-    first = record_of(jumped(noisy(PLAYS)))
-    fit = pj.fit([first, record_of(noisy(PLAYS, 1))], levels=9)
-    assert set(fit.record.jumps) <= set(ROWS)
-    assert len(fit.record.jumps) >= 4
-    assert "of slips.csv" in fit_text(fit)
-    later = fit.record.output[len(TIME) :]
-    np.testing.assert_array_equal(later, noisy(PLAYS, 1))
-
-
-def test_heights_of_joined_records_are_corrected_as_those_of_single_ones():
-    single = record_of(jumped(noisy(PLAYS)))
-    coarse = np.zeros((len(TIME), 2))
-    coarse[list(ROWS)] = np.stack([np.array(HEIGHTS) + 0.01, np.full(6, 0.02)], axis=1)
-    both = joined([record_of(noisy(PLAYS, 1)), single])
-    first = both.levelled(np.concatenate([np.zeros_like(coarse), coarse]))
-    second = first.levelled(by_run(first, jumps, np.concatenate([PLAYS, PLAYS])))
-    alone = single.levelled(coarse)
-    alone = alone.levelled(jumps(alone, PLAYS))
-    assert second.jumps == {row + len(TIME): jump for row, jump in alone.jumps.items()}
-
-
-def test_nothing_is_named_for_jumps_and_the_note_tells_them():
-    names = ["creep", "drift", "output_lag", "leakage"]
-    found = pj.diagnose(record_of(jumped(noisy(PLAYS))), names, levels=13)
-    assert found.effects == ()
+@pytest.mark.parametrize("drift", [0.0, 0.25])
+def test_nothing_is_named_for_jumps_and_a_true_drift_beside_them_is(drift):
+    drifting = noisy(PLAYS) + drift * (1 - np.exp(-TIME / 4))
+    found = pj.diagnose(record_of(jumped(drifting)), ["drift", "output_lag"], levels=9)
+    assert found.effects == (("drift",) if drift else ())
+    assert len(found.base.record.jumps) == 6
     (note,) = [note for note in found.notes if "jumps" in note]
     assert "6 times" in note
     assert "at sample 5,151" in note
-    sound = pj.diagnose(record_of(noisy(PLAYS)), names, levels=13)
-    assert sound.effects == ()
-    assert found.ladder[-1].rms_validation < 1.3 * sound.ladder[-1].rms_validation
-
-
-def test_what_the_heights_leave_open_is_no_effect_and_a_share_of_the_budget():
-    record = record_of(noisy(PLAYS))
-    open_by = np.zeros((len(TIME), 2))
-    open_by[len(TIME) // 2] = [1e-9, 0.02]  # a step of unsure height: 0.01 RMS around its mean
-    levelled = record.levelled(open_by)
-    assert wander_rms(levelled) == pytest.approx(0.01, rel=1e-3)
-    assert wander_rms(record) == 0
-    problem = Problem.of(levelled)
-    now, less, much = (
-        SimpleNamespace(validation_mean_square=(rms / problem.unit) ** 2)
-        for rms in (0.05, (0.05**2 - 0.019**2) ** 0.5, (0.05**2 - 0.021**2) ** 0.5)
-    )
-    for point, refused in ((less, True), (much, False)):
-        trial = cast(Any, SimpleNamespace(point=point))
-        objection = judgement._too_small(problem, cast(Any, now), trial, 0.0)
-        assert ("jumps of the sensor leave 20 nm open" in objection) == refused
-
-
-def test_a_true_drift_beside_jumps_is_still_named():
-    drifting = noisy(PLAYS) + 0.25 * (1 - np.exp(-TIME / 4))
-    found = pj.diagnose(record_of(jumped(drifting)), ["drift", "output_lag"], levels=13)
-    assert found.effects == ("drift",)
-    assert len(found.base.record.jumps) == 6
-    assert found.budget.jumps >= 0
+    sound = pj.fit(record_of(noisy(PLAYS)), levels=9)
+    assert drift or found.final.rms_validation < 1.3 * sound.rms_validation

@@ -35,16 +35,12 @@ def measured():
     return lambda memory: pj.Record.from_arrays(time, u, relays(u), initial_memory=memory)
 
 
-def test_an_unknown_past_is_told_where_it_hides_a_course_of_time(measured):
-    found = pj.diagnose(measured("free"), ["drift", "ageing"], levels=13)
-    told = [note for note in found.notes if "--initial-memory high" in note]
-    assert len(told) == 1
-    assert f"turns beyond all its values before {CURVES} times" in told[0]
-
-
-def test_an_unknown_past_is_told_by_hand_as_well(measured):
-    by_hand = pj.explore(measured("free"), ["drift", "ageing"], levels=13).conclude()
-    assert [note for note in by_hand.notes if "--initial-memory high" in note]
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_an_unknown_past_is_told_where_it_hides_a_course_of_time(measured, by_hand):
+    asked = (measured("free"), ["drift", "ageing"])
+    found = pj.explore(*asked, levels=9).conclude() if by_hand else pj.diagnose(*asked, levels=9)
+    (told,) = [note for note in found.notes if "--initial-memory high" in note]
+    assert f"turns beyond all its values before {CURVES} times" in told
 
 
 def test_with_a_stated_start_the_course_of_time_is_found(measured):

@@ -68,15 +68,13 @@ def test_bands_hold_99_percent_of_white_noise():
 
 def test_cross_correlation_band_widens_where_both_are_slow():
     rng = np.random.default_rng(6)
-    weights = np.ones(50) / 50
     outside = []
     for _ in range(60):
-        slow = [np.convolve(rng.normal(size=4049), weights, "valid") for _ in range(2)]
-        outside.append(residuals.cross_correlation(*slow, longest=200).outside)
-    white = scipy.stats.norm.ppf(0.995) / np.sqrt(4000)
-    band = residuals.cross_correlation(*slow, longest=200).band
+        slow = [np.convolve(rng.normal(size=4049), np.ones(50) / 50, "valid") for _ in range(2)]
+        found = residuals.cross_correlation(*slow, longest=200)
+        outside.append(found.outside)
     assert np.mean(outside) < 0.05
-    assert band.min() > 3 * white
+    assert found.band.min() > 3 * scipy.stats.norm.ppf(0.995) / np.sqrt(4000)
 
 
 @pytest.mark.parametrize("shift", [-7, 0, 12])
@@ -109,6 +107,8 @@ def test_cumulated_periodogram_agrees_with_scipy():
     np.testing.assert_allclose(found.frequency_hz, frequency[1:])
     np.testing.assert_allclose(found.value, np.cumsum(power[1:]) / power[1:].sum())
     assert found.band == pytest.approx(1.628 / np.sqrt(250), rel=1e-3)
+    with pytest.raises(ValueError, match="at least 5"):
+        residuals.cumulated_periodogram(np.ones(4))
 
 
 def test_cumulated_periodogram_band_is_left_once_in_a_hundred():
@@ -116,11 +116,6 @@ def test_cumulated_periodogram_band_is_left_once_in_a_hundred():
     spectra = [residuals.cumulated_periodogram(rng.normal(size=400)) for _ in range(600)]
     share = np.mean([spectrum.deviation > spectrum.band for spectrum in spectra])
     assert 0.001 < share < 0.025
-
-
-def test_periodogram_of_too_few_samples_is_refused():
-    with pytest.raises(ValueError, match="at least 5"):
-        residuals.cumulated_periodogram(np.ones(4))
 
 
 @given(
@@ -141,9 +136,7 @@ def test_noise_at_rest_does_not_turn_the_input():
     assert since[399] == 0.0
     assert since[-1] == pytest.approx(time[-1] - time[399])
     assert since[200] == pytest.approx(time[200])
-
-
-def test_input_rate_uses_the_actual_steps():
+    # The rate uses the actual steps.
     time = np.array([0.0, 0.1, 0.15, 0.4, 0.5])
     np.testing.assert_allclose(residuals.input_rate(time, 3.0 * time + 1.0), 3.0)
 
@@ -174,9 +167,7 @@ def test_bins_hold_the_quantiles_of_their_points():
     np.testing.assert_allclose(found.median - found.centre, 0.0, atol=0.1)
     np.testing.assert_allclose(found.high - found.median, 1.645, atol=0.15)
     np.testing.assert_allclose(found.median - found.low, 1.645, atol=0.15)
-
-
-def test_bins_of_few_or_equal_points():
+    # Of few or equal points:
     assert residuals.binned(np.ones(5), np.arange(5.0)).centre.size == 0
     equal = residuals.binned(np.ones(50), np.arange(50.0))
     np.testing.assert_array_equal(equal.median, [24.5])

@@ -7,11 +7,8 @@ and each effect integrated by a scheme of its own. Arrays are NumPy, units are s
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import signal, special
@@ -27,11 +24,6 @@ SEEDED = {"world": 1, "excitation": 2, "history": 3, "effect": 4, "noise": 5, "d
 
 def _rng(seed: int, purpose: str) -> np.random.Generator:
     return np.random.default_rng([seed, SEEDED[purpose]])
-
-
-# ---------------------------------------------------------------------------------------------
-# Hysteresis
-# ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -156,11 +148,6 @@ def _skew_normal(x, centre, scale, skew):
     return np.exp(-0.5 * y**2) * special.ndtr(skew * y) * 2 / (scale * np.sqrt(2 * np.pi))
 
 
-# ---------------------------------------------------------------------------------------------
-# Excitation
-# ---------------------------------------------------------------------------------------------
-
-
 def _round(t):
     return np.round(np.asarray(t) / TICK) * TICK
 
@@ -283,12 +270,9 @@ def waveform(kind: str, duration_s: float, seed: int, start: float = 0.0):
     return at
 
 
-def excitation(
-    kind: str, duration_s: float, rate_hz: float, seed: int, start: float = 0.0
-) -> np.ndarray:
+def excitation(kind: str, duration_s: float, rate_hz: float, seed: int, start: float = 0.0):
     """Samples (V) of `waveform` at rate_hz; the same signal at every rate."""
-    count = round(duration_s * rate_hz)
-    return waveform(kind, duration_s, seed, start)(np.arange(count) / rate_hz)
+    return waveform(kind, duration_s, seed, start)(np.arange(round(duration_s * rate_hz)) / rate_hz)
 
 
 def _history(seed: int):
@@ -301,11 +285,6 @@ def _history(seed: int):
     corners = np.array(track.t) * (HISTORY - 0.5) / track.t[-1] - HISTORY
     levels = np.array(track.u)
     return (lambda t: np.interp(t, corners, levels)), float(levels[-1])
-
-
-# ---------------------------------------------------------------------------------------------
-# Effects
-# ---------------------------------------------------------------------------------------------
 
 
 def runge_kutta_lag(before, middle, after, tau, step, start):
@@ -383,16 +362,6 @@ def _stick_slip(rng, h, swing):
     return y
 
 
-def _mode(h, f_hz, zeta, step):
-    """Second-order mode of unit gain at rest, exact for h linear between samples."""
-    w = 2 * np.pi * f_hz
-    mode = (np.array([[0.0, 1.0], [-w * w, -2 * zeta * w]]), np.array([[0.0], [w * w]]))
-    discrete: Any = signal.cont2discrete((*mode, np.eye(1, 2), np.zeros((1, 1))), step, "foh")
-    num, den = signal.ss2tf(*discrete[:4])
-    y, _ = signal.lfilter(num[0], den, h - h[0], zi=np.zeros(2))
-    return y + h[0]
-
-
 def _limited(u, reach):
     """Follows u by no more than `reach` from one instant to the next."""
     place, course = u[0], []
@@ -413,23 +382,6 @@ def _dragged(u, slack):
         place = min(max(place, low), high)
         course.append(place)
     return np.array(course)
-
-
-def _fed_back(world, u, a):
-    """h = hysteresis(u + a h), by repeated substitution into the whole course."""
-    h, moved = world.hysteresis(u), np.inf
-    while moved > 1e-7:
-        after = world.hysteresis(u + a * h)
-        h, moved = after, np.max(np.abs(after - h))
-    return h
-
-
-def _move(world, effect, at, t, step, rng, size, truth):
-    """Output of the hysteresis at the instants t, with the effects on its input and inside it."""
-    if effect == "moving":
-        truth["a_V_per_um"] = a = float(rng.uniform(0.10, 0.18)) * size * TOP / world.stroke
-        return _fed_back(world, at(t), a)
-    return world.hysteresis(_drive(effect, at, t, step, rng, size, truth))
 
 
 def _drive(effect, at, t, step, rng, size, truth):
@@ -488,34 +440,14 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
     if effect == "output_lag":
         truth["tau_s"] = tau = float(rng.uniform(1e-3, 5e-3) * size)
         return ramp_lag(h, tau, step), {}
-    if effect == "output_nonlinearity":
-        share = h / world.stroke
-        truth["amplitude_um"] = 1.5 * swing
-        return h + 1.5 * swing * 4 * share * (1 - share) * (0.4 + share), {}
     if effect == "hum":
         truth.update(f_hz=50.0, amplitude_um=0.17 * size, phase=float(rng.uniform(0, 2 * np.pi)))
         return h + 0.17 * size * np.sin(2 * np.pi * 50.0 * t + truth["phase"]), {}
-    if effect == "resonance":
-        truth.update(f_hz=float(rng.uniform(120.0, 300.0)), zeta=float(rng.uniform(0.01, 0.05)))
-        return _mode(h, truth["f_hz"], truth["zeta"], step), {}
     return h, {}
 
 
-EFFECTS = (
-    "creep",
-    "input_lag",
-    "delay",
-    "drift",
-    "ageing",
-    "aux",
-    "output_lag",
-    "slew_limit",
-    "rate_dependence",
-    "resonance",
-    "hum",
-    "output_nonlinearity",
-    "moving",
-)
+EFFECTS = ("creep", "input_lag", "delay", "drift", "ageing", "aux")
+EFFECTS += ("output_lag", "slew_limit", "rate_dependence", "hum")
 OUTSIDE = ("stick_slip",)
 
 
@@ -553,7 +485,7 @@ def hidden_record(
     lead = round(HISTORY * rate_hz) * fine if unknown_start else 0
     t_in = (np.arange((count - 1) * fine + 1 + lead) - lead) * step
     truth: dict = {"effect": effect, "stroke_um": world.stroke, "seed": seed}
-    h = _move(world, effect, at, t_in, step, rng, size, truth)
+    h = world.hysteresis(_drive(effect, at, t_in, step, rng, size, truth))
     out, aux = _respond(world, effect, h, t_in, step, duration_s, rng, size, truth)
     rows = slice(lead, None, fine)
     clean, t = out[rows], np.arange(count) / rate_hz
@@ -575,14 +507,3 @@ def hidden_record(
         "noise_um": float(np.hypot(noise_um, ENCODER_STEP / np.sqrt(12.0))),
         "truth": truth,
     }
-
-
-def write_csv(path, rec: dict) -> Path:
-    """Writes a record as comma-separated values with the columns t_s, u_V, z_um and the others."""
-    path = Path(path)
-    columns = [rec["t"], rec["x"], rec["z"], *rec["aux"].values()]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["t_s", "u_V", "z_um", *rec["aux"]])
-        writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns, strict=True))
-    return path

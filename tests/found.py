@@ -1,0 +1,55 @@
+"""Records that tests/world.py makes and diagnoses of them, each made once in a process."""
+
+from functools import cache
+from typing import Any
+
+import world
+
+import preisach_jax as pj
+
+ROWS, RATE_HZ, LEVELS = 3000, 500.0, 9  # of all records and planes, so that little is compiled
+UNITS = {"input": "V", "output": "um"}
+LIKELIEST = {
+    None: ("drift", "creep", "output_lag"),
+    "creep": ("drift", "output_lag"),
+    "input_lag": ("delay", "output_lag"),
+    "delay": ("input_lag", "output_lag"),
+    "drift": ("creep", "ageing"),
+    "ageing": ("drift", "creep"),
+    "aux": ("drift", "creep"),
+    "output_lag": ("input_lag", "delay"),
+    "slew_limit": ("input_lag", "delay"),
+    "rate_dependence": ("input_lag", "viscosity"),
+    "hum": ("drift", "resonance"),
+    "stick_slip": ("slew_limit", "drift"),  # is in no library
+}
+"""By what is hidden, the effects that are taken for it most easily."""
+
+
+@cache
+def made(effect=None, seed=201, size=None, noise_um=0.1, **options) -> tuple[dict, Any]:
+    """What the world made, a third longer than what is diagnosed, and its name as an effect."""
+    size = size or (1.0 if effect in ("slew_limit", "rate_dependence") else 2.0)
+    each = world.hidden_record(
+        effect, seed, ROWS / RATE_HZ * 4 / 3, RATE_HZ, size=size, noise_um=noise_um, **options
+    )
+    return each, f"aux:{each['truth']['column']}" if effect == "aux" else effect
+
+
+def whole(effect=None, seed=201, **options):
+    """The record with the quarter that no diagnosis has seen."""
+    each, _ = made(effect, seed, **options)
+    return pj.Record.from_arrays(each["t"], each["x"], each["z"], aux=each["aux"], units=UNITS)
+
+
+def record_of(effect=None, seed=201, **options):
+    """The record that is diagnosed."""
+    return whole(effect, seed, **options).part(0, ROWS)
+
+
+@cache
+def found(effect=None, seed=201, whole_library=False, **options):
+    """The diagnosis of it, by the effect and its likeliest rivals or by the whole library."""
+    own = () if effect in (None, "stick_slip") else (made(effect, seed, **options)[1],)
+    asked = None if whole_library else (*own, *LIKELIEST[effect])
+    return pj.diagnose(record_of(effect, seed, **options), asked, levels=LEVELS)

@@ -1,11 +1,9 @@
 """The page without a browser: what it keeps of a file, what it computes for its views, its jobs."""
 
 import ast
-import html
 import json
 import re
-import subprocess
-import sys
+import runpy
 import threading
 import time
 import zipfile
@@ -32,7 +30,6 @@ from preisach_jax.app.jobs import Job, Working
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import (
     CandidateRow,
-    facts,
     failure,
     ladder,
     order_of,
@@ -41,11 +38,11 @@ from preisach_jax.app.panels import (
     verdict,
 )
 from preisach_jax.app.project import packed, unpacked
-from preisach_jax.app.script import Click, script, without_detours
-from preisach_jax.app.statistics import amplitude_spectrum, drawn_rows, plane_course
+from preisach_jax.app.script import Click, script
+from preisach_jax.app.statistics import amplitude_spectrum, plane_course
 from preisach_jax.app.steps import Walk, repeated, saved, time_line
 from preisach_jax.app.upload import MOST_BYTES, Upload, harmless_name
-from preisach_jax.app.views import AXES, Views
+from preisach_jax.app.views import Views
 from preisach_jax.record import ReadOptions
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -74,9 +71,8 @@ def step():
 class TestUpload:
     @pytest.mark.parametrize(
         "name",
-        ["../../etc/passwd", "..\\..\\boot.ini", "/abs/x.csv", "a\0b.csv", ".csv", "", "x" * 400,
-         "-rf.csv", "Weg über.CSV"],
-    )  # fmt: skip
+        ["../../etc/passwd", "..\\..\\boot.ini", "a\0b.csv", "", "x" * 400, "-rf.csv"],
+    )
     def test_no_name_leaves_the_folder(self, name, tmp_path):
         path = tmp_path / harmless_name(name)
         assert path.resolve().parent == tmp_path.resolve()
@@ -94,23 +90,11 @@ class TestUpload:
         record = upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
         assert record.name == "My stage.csv"
         assert len(record) == 200
-
-    def test_columns_that_do_not_tell_are_asked_for(self):
-        upload = Upload.of("x.csv", csv(header="a,b,c"))
-        assert upload.guess == {"time": None, "input": None, "output": None}
+        upload = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"))
+        assert upload.guess == {"time": "TIME", "input": None, "output": None}
         assert "choose" in upload.question
-        scope = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"))
-        assert scope.guess == {"time": "TIME", "input": None, "output": None}
-        choice: ReadOptions = {
-            "time": None,
-            "input": "b",
-            "output": "c",
-            "rate": 100.0,
-            "units": {"input": "V", "output": "um"},
-        }
-        record = upload.record(choice)
-        assert record.step_s == pytest.approx(0.01)
-        assert record.output_unit == "um"
+        choice: ReadOptions = {"time": None, "input": "CH1", "output": "CH2", "rate": 100.0}
+        assert upload.record(choice).step_s == pytest.approx(0.01)
 
     def test_messages_name_the_file_and_not_where_it_is_kept(self):
         with pytest.raises(pj.InputError, match=r"broken one\.csv, row 3") as caught:
@@ -148,15 +132,6 @@ class TestUpload:
         with pytest.raises(pj.InputError, match="command line"):
             Upload.of("x.csv", Long())
 
-    def test_of_ten_thousand_columns_menus_offer_some_and_those_guessed(self):
-        names = [f"c{k}" for k in range(9_997)] + ["t_s", "u_V", "z_um"]
-        line = b",".join(b"%d" % (k % 7) for k in range(9_997))
-        rows = b"".join(b"%s,%d,%d,%d\n" % (line, k, k % 5, (k % 5) ** 2) for k in range(20))
-        upload = Upload.of("wide.csv", ",".join(names).encode() + b"\n" + rows)
-        offered = upload.offered()
-        assert len(offered) < 600
-        assert {"t_s", "u_V", "z_um"} <= set(offered)
-
 
 class TestTexts:
     def test_nothing_from_a_file_is_taken_for_html(self, step):
@@ -166,13 +141,6 @@ class TestTexts:
         ]  # fmt: skip
         assert all("<img" not in text for text in texts)
         assert all("&lt;img" in text for text in texts[:4])
-
-    def test_the_ladder_says_the_errors_of_the_steps(self, step):
-        text = ladder(step, None)
-        for rung in step.ladder:
-            assert f"{1e3 * rung.rms_validation:.4g} nm" in text
-        assert "+ drift" in text
-        assert "onerror" not in text
 
     def test_every_effect_that_is_left_can_be_added(self, step):
         asked = []
@@ -218,38 +186,28 @@ class TestForm:
 
 
 class TestScript:
-    def test_it_repeats_the_clicks(self, step, tmp_path):
+    def test_it_repeats_the_clicks_and_refuses_another_record(self, tmp_path, monkeypatch, capsys):
         (tmp_path / "stage.csv").write_bytes(csv(400))
         record = pj.Record.load(tmp_path / "stage.csv")
-        now = pj.explore(record, levels=7).add("drift")
+        now = pj.explore(record, levels=5).add("drift")
         clicks = [
-            Click("fit", 7), Click("add", effect="hum"), Click("undo"), Click("add", effect="drift")
+            Click("fit", 5), Click("add", effect="hum"), Click("undo"), Click("add", effect="drift")
         ]  # fmt: skip
         text = script("stage.csv", {"time": "t_s", "input": "u_V", "output": "z_um"}, clicks, now)
         assert "hum" not in text
         (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, tmp_path / "repeat.py"],
-            capture_output=True, text=True, cwd=tmp_path, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        errors = [float(line.split()[-2]) for line in done.stdout.splitlines()]
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("sys.argv", ["repeat.py"])
+        runpy.run_path("repeat.py", run_name="__main__")
+        errors = [float(line.split()[-2]) for line in capsys.readouterr().out.splitlines()]
         assert errors == [rung.rms_validation for rung in now.ladder]
-        model = pj.Model.load(tmp_path / "model.json")
-        assert model.rms_validation == now.fit.model.rms_validation
-
-    def test_it_refuses_another_record(self, step, tmp_path):
+        assert pj.Model.load("model.json").rms_validation == now.fit.model.rms_validation
+        again = repeated(record, [*clicks[:3], clicks[3]], lambda text, done: None)
+        assert again.step.fit.rms_validation == now.fit.rms_validation
         (tmp_path / "other.csv").write_bytes(csv(300))
-        text = script(
-            "stage.csv", {"time": "t_s", "input": "u_V", "output": "z_um"}, [Click("fit", 7)], step
-        )
-        (tmp_path / "repeat.py").write_text(text, encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, tmp_path / "repeat.py", tmp_path / "other.csv"],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 1
-        assert "not the record" in done.stderr
+        monkeypatch.setattr("sys.argv", ["repeat.py", "other.csv"])
+        with pytest.raises(SystemExit, match="not the record"):
+            runpy.run_path("repeat.py", run_name="__main__")
 
     def test_names_stand_in_it_as_text_only(self, step):
         evil = "z'''\"\n__import__('os').system('true')  #"
@@ -269,10 +227,6 @@ class TestScript:
         }
         assert not called & {"__import__", "eval", "exec"}
         assert not any("system" in name for name in called)
-
-    def test_what_was_undone_after_other_things_is_kept(self):
-        clicks = [Click("fit"), Click("undo"), Click("find", 9), Click("undo"), Click("undo")]
-        assert without_detours(clicks) == clicks[2:]
 
 
 class TestJobs:
@@ -295,16 +249,13 @@ class TestJobs:
             job.cancel()
         return job, events, done
 
-    def test_a_result_and_its_progress_arrive(self):
+    def test_a_result_its_progress_and_an_error_arrive(self):
         _, events, done = self.run(lambda progress: progress("half", 0.5) or 42)
         assert done.wait(10)
         assert events == [("half", 0.5), ("done", 42)]
-
-    def test_an_error_arrives(self):
         _, events, done = self.run(lambda progress: 1 / 0)
         assert done.wait(10)
-        assert events[0][0] == "error"
-        assert isinstance(events[0][1], ZeroDivisionError)
+        assert [(kind, type(error)) for kind, error in events] == [("error", ZeroDivisionError)]
 
     def test_a_cancelled_job_ends_at_its_next_word_and_says_nothing(self):
         begun, ended = threading.Event(), threading.Event()
@@ -341,18 +292,6 @@ class TestViews:
         visited = np.asarray(model.visited, dtype=bool)
         assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())
 
-    def test_axes_change_and_steps_go_back(self, step):
-        views = Views(step)
-        for key in AXES:
-            views.show_axis(key)
-            assert views.residual.visible == (key != "frequency")
-            label = (views.spectrum if key == "frequency" else views.residual).xaxis.axis_label
-            assert "(" in label
-        views.show_axis("rate")
-        views.show(step.before)
-        np.testing.assert_array_equal(views.source.data["model"], views.source.data["before"])
-        assert views.residual.xaxis.axis_label == "rate of input (V/s)"
-
     def test_a_branch_departs_from_the_turn_that_was_not_wiped_out(self):
         rng = np.random.default_rng(3)
         u = np.cumsum(rng.normal(size=300))
@@ -369,17 +308,6 @@ class TestViews:
         peak = np.argmax(found["y"])
         assert found["y"][peak] == pytest.approx(0.7, rel=1e-6)
         assert found["x"][peak] == pytest.approx(30)
-
-    def test_of_a_long_record_the_turns_are_drawn(self):
-        count = 250_000
-        t = np.arange(count) / 1e4
-        u = np.sin(2 * np.pi * 20 * t)
-        u[123_457] = 1.5
-        record = pj.Record.from_arrays(t, u, u)
-        rows = drawn_rows(record)
-        assert len(rows) < 110_000
-        assert 123_457 in rows
-        assert np.all(np.diff(rows) > 0)
 
 
 def slow_departures(path):
@@ -429,14 +357,6 @@ def test_a_step_by_hand_is_concluded_honestly(step):
     assert step.before.conclude().verdict == "unexplained"
 
 
-def test_the_package_alone_loads_nothing_of_the_page():
-    code = "import preisach_jax as pj, sys; pj.fit; print(*sorted(sys.modules))"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()  # fmt: skip
-    assert not {"panel", "bokeh", "tornado", "mkdocs", "playwright"} & set(loaded)
-
-
 def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(step):
     page = Page()
     page._go_to(Walk(step, (Click("fit", 9), Click("add", effect="drift"))))
@@ -447,24 +367,21 @@ def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(st
     page.close()
 
 
-@pytest.mark.parametrize("aux", [("load_N",), ("load_N", "temp_C"), ("5", "4")])
-def test_auxiliary_columns_reach_the_page(aux):
+def test_auxiliary_columns_reach_the_page():
     rows = csv(400).decode().splitlines()
     noise = np.random.default_rng(0).normal(size=(len(rows), 2))
     rows = [f"{row},{a},{b}" for row, (a, b) in zip(rows, noise.tolist(), strict=True)]
     rows[0] = "t_s,u_V,z_um,load_N,temp_C"
-    choice: ReadOptions = {**CHOICE, "aux": aux}
+    choice: ReadOptions = {**CHOICE, "aux": ("5", "4")}
     project = packed("loaded.csv", "\n".join(rows).encode(), choice, (), None)
     page = Page()
     page._fit = lambda: None  # what is looked at is of matter here
     page._on_drop("loaded.preisach", project)
-    deadline = time.monotonic() + 120
-    while page._look is None and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(page)
     record, found = page._record, page._look
     assert record is not None
     assert found is not None
-    names = ["load_N", "temp_C"][: len(aux)]
+    names = ["load_N", "temp_C"]
     assert sorted(record.aux) == names
     assert [each.name for each in found.columns if each.role == "aux"] == names
     page.close()
@@ -478,32 +395,18 @@ def wait_for(page, seconds=120):
 
 
 class TestSteps:
-    def test_a_walk_goes_back_and_on(self, step):
+    def test_the_time_line_names_each_step_with_its_error_and_goes_there(self, step):
         walk = Walk(step, (Click("fit", 9), Click("add", effect="drift")))
-        assert walk.step is step
         back = walk.at(0)
         assert back.step is step.before
-        assert [click.what for click in without_detours(back.way)] == ["fit"]
         assert back.at(1).step is step  # what was gone back from is still there
-        on = back.on(step, Click("add", effect="drift"))
-        assert [click.what for click in without_detours(on.way)] == ["fit", "add"]
-
-    def test_the_time_line_names_each_step_with_its_error_and_goes_there(self, step):
         asked = []
-        _, plain, drift = time_line(Walk(step, ()), asked.append)
+        _, plain, drift = time_line(walk, asked.append)
         assert f"{1e3 * step.before.fit.rms_validation:.3g} nm" in plain.label
         assert "+ drift" in drift.label
         assert drift.label.endswith("(shown)")
         plain.clicks += 1
         assert asked == [0]
-
-    def test_clicks_are_repeated_to_the_same_numbers(self, tmp_path):
-        (tmp_path / "stage.csv").write_bytes(csv(400))
-        record = pj.Record.load(tmp_path / "stage.csv")
-        clicks = [Click("fit", 7), Click("add", effect="hum"), Click("undo"), Click("undo")]
-        again = repeated(record, [*clicks, Click("add", effect="drift")], lambda text, done: None)
-        by_hand = pj.explore(record, levels=7).add("drift")
-        assert again.step.fit.rms_validation == by_hand.fit.rms_validation
 
     def test_clicks_that_begin_with_no_fit_are_refused(self, step):
         with pytest.raises(pj.InputError, match="must be a fit"):
@@ -524,9 +427,9 @@ class TestProject:
     clicks = (Click("fit", 9), Click("add", effect="drift"))
 
     def test_it_comes_back_as_it_was_saved(self, step):
-        content = packed("My stage.csv", csv(), CHOICE, self.clicks, step)
+        content = packed("../My stage.csv", csv(), CHOICE, self.clicks, step)
         project = unpacked("x.preisach", content)
-        assert (project.name, project.content) == ("My stage.csv", csv())
+        assert (project.name, project.content) == ("My stage.csv", csv())  # leaves no folder
         assert (project.choice, project.clicks) == (CHOICE, self.clicks)
         assert list(project.errors) == [each.fit.rms_validation for each in step.steps]
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -539,14 +442,9 @@ class TestProject:
         ("change", "expected"),
         [
             ({"format": 99}, "99"),
-            ({"format": True}, "format is true"),
             ({"clicks": [{"what": "exec", "levels": None, "effect": ""}]}, "what is 'exec'"),
             ({"clicks": [{"what": "fit", "levels": "9", "effect": ""}]}, "levels is '9'"),
-            ({"clicks": [{"what": "fit", "levels": 9, "effect": ["hum"]}]}, "effect is a list"),
             ({"errors": ["1.5"]}, "errors"),
-            ({"name": 7}, "name is 7"),
-            ({"record": None}, "record is null"),
-            ({"choice": {**CHOICE, "aux": "abc"}}, "choice.aux is 'abc'"),
             ({"choice": {**CHOICE, "rate": "100"}}, "choice.rate is '100'"),
             ({"choice": {**CHOICE, "units": {"input": 1}}}, "choice.units"),
             ({"record": "record/other.csv"}, "other.csv"),
@@ -580,14 +478,8 @@ class TestProject:
         monkeypatch.setattr("preisach_jax.app.project.MOST_BYTES", len(csv()) - 1)
         with pytest.raises(pj.InputError, match="command line"):
             unpacked("x.preisach", content)
-
-    def test_what_is_no_archive_is_refused(self):
         with pytest.raises(pj.InputError, match="the project file is damaged"):
             unpacked("x.preisach", b"PK not a ZIP")
-
-    def test_a_name_in_it_leaves_no_folder(self, step):
-        content = packed("../../evil.csv", csv(), CHOICE, self.clicks, step)
-        assert unpacked("x.preisach", content).name == "evil.csv"
 
 
 class TestDropper:
@@ -638,14 +530,6 @@ class TestFirstView:
         assert min(abs(time - 10.0) for time in begun) < 0.1
         view.show(Curves.of(pj.Record.from_arrays(t[:500], u[:500], u[:500])))
         assert list(view.spikes["output"].data["x"]) == list(view.rests.data["x0"]) == []
-
-    def test_facts_are_those_of_look(self, step):
-        found = pj.look(step.record)
-        text = facts(found)
-        for name, value in found.rows():
-            assert f">{name}<" in text
-            assert html.escape(value, quote=False) in html.unescape(text).replace("&", "&amp;")
-        assert EVIL not in text
 
 
 class Tab(Document):

@@ -2,8 +2,6 @@
 
 import re
 import shlex
-import subprocess
-import sys
 import threading
 import time
 
@@ -31,7 +29,7 @@ def quiet(text, done):
     """Discarded progress."""
 
 
-def stage(rows=1500):
+def stage(rows=3000):
     """Input and output of a loop with hysteresis, made by a play of one width and its half."""
     t = np.arange(rows) / RATE
     u = 5 - 5 * np.cos(1.3 * t) * (1 - t / 40)
@@ -65,7 +63,7 @@ def step(tmp_path_factory):
     t, u, z = stage()
     z = z + 0.01 * t + 0.005 * np.random.default_rng(5).normal(size=t.size)
     record = pj.Record.from_arrays(t, u, z, units={"input": "V", "output": "um"}, name="<b>")
-    return pj.explore(record, ["drift", "hum"], levels=7).add("drift")
+    return pj.explore(record, ["drift", "hum"], levels=9).add("drift")
 
 
 @pytest.fixture
@@ -115,9 +113,7 @@ class TestCourse:
         ("change", "said"),
         [
             ({"swing": 0.0}, "swing is 0"),
-            ({"frequency": -1.0}, "frequency is -1"),
             ({"periods": np.nan}, "periods is nan"),
-            ({"middle": np.inf}, "middle is inf"),
             ({"frequency": 400.0}, "2.5 rows of 1 ms; give at most 125 Hz"),
             ({"periods": 1e6}, "500,000,000 rows"),
         ],
@@ -132,23 +128,13 @@ class TestCourse:
         time, output = joined(points, 0.25)
         np.testing.assert_allclose(time, 0.25 * np.arange(7))
         np.testing.assert_allclose(output, [1, 2, 3, 3.5, 4, 4.5, 5])
-
-    @pytest.mark.parametrize(
-        ("text", "said"),
-        [
+        for text, said in (
             ("0 1\nx 2", "line 2"),
             ("0 1", "is 1 point;"),
             ("0 1\n0 2", "time 0 s"),
-            ("0 1\n1 nan", "2"),
-        ],
-    )
-    def test_lines_that_are_no_points_are_named(self, text, said):
-        with pytest.raises(pj.InputError, match=said):
-            points_of(text)
-
-    def test_points_a_year_apart_are_refused(self):
-        with pytest.raises(pj.InputError, match="200,000"):
-            joined(points_of("0 1\n3e7 2"), 1e-3)
+        ):
+            with pytest.raises(pj.InputError, match=said):
+                points_of(text)
 
     def test_what_the_stage_does_by_itself_is_what_the_model_predicts(self, step):
         record = step.record
@@ -161,14 +147,11 @@ class TestDrive:
     @pytest.mark.parametrize(
         "options",
         [
-            {},
-            {"header": "t_ms,u_V,z_um"},
-            {"units": {"output": "nm"}},  # though the name of its column says um
-            {"header": "", "time": "1", "input": "2", "output": "3"},
+            {"header": "t_ms,u_V,z_um", "units": {"output": "nm"}},  # though its name says um
             {"header": "t_s,u_V,z_um,load_N", "load": 0.5, "aux": ("load_N",),
              "effects": ("aux:load_N",)},
         ],
-        ids=["plain", "milliseconds", "unit that was told", "no names", "column"],
+        ids=["units", "column"],
     )  # fmt: skip
     def test_it_is_what_the_command_shown_writes(self, options, tmp_path, monkeypatch):
         step = step_of(tmp_path, **options)
@@ -203,19 +186,13 @@ class TestDrive:
         text = outcome(result, step.record)
         assert f"{lost.sum():,} of {len(lost):,} rows cannot be reached" in text
         assert "outcome unmet" in text
-        data = view.figures.rows.data
-        np.testing.assert_allclose(data["drive"], result.found.drive)
-        np.testing.assert_allclose(data["low"], result.found.low)
-
-    def test_the_errors_are_said_beside_those_of_a_straight_line(self, step, view):
-        result = driven(step, view.order(), quiet)
-        text = outcome(result, step.record)
         errors, stroke = result.errors, step.record.output_range
         for value in (errors.compensated, errors.straight):
             assert quantity(value, "um", 3) in text
             assert f"{100 * value / stroke:.2g}\N{NO-BREAK SPACE}%" in text
-        assert errors.straight > 3 * errors.compensated
-        assert "Every row can be reached" in text
+        data = view.figures.rows.data
+        np.testing.assert_allclose(data["drive"], result.found.drive)
+        np.testing.assert_allclose(data["low"], result.found.low)
 
     def test_what_a_file_is_called_stays_text(self, step, view):
         evil = "<img src=x>.csv"
@@ -246,17 +223,13 @@ class TestView:
         rows = order.course().content.decode().splitlines()
         assert len(rows) == 302
         assert rows[51] == "0.5,6.5"
-
-    def test_an_empty_field_is_named_and_nothing_is_driven(self, view, asked):
-        view._shape["swing"].value = None
+        view._points.value = "0 5\n2"
         assert view.order() is None
-        assert "the swing is missing" in view._told.object
-        assert asked == ["changed"]
+        assert "line 2" in view._told.object
 
     @pytest.mark.parametrize(
         ("content", "said"),
         [
-            (b"time,position\n0,1\n0.1,2\n", "position"),
             (b"time,output\n0,1\n0.01,\n0.02,3\n", "wanted output must be"),
             (b"", "empty"),
         ],
@@ -277,13 +250,6 @@ class TestView:
         plain = capsys.readouterr().err.replace(f"{tmp_path}/", "")
         assert " ".join(text.replace("&#39;", "'").split()) in " ".join(plain.split())
 
-    def test_a_butterfly_is_refused_before_anything_is_asked(self, tmp_path):
-        t, u, _ = stage()
-        record = pj.Record.from_arrays(t, u, (u - 5) ** 2 + 0.5 * np.gradient(u))
-        step = pj.explore(record, ["hum"], levels=7)
-        view = DriveView(step, lambda: None, lambda: None)
-        assert "weights of both signs" in view._told.object
-
 
 @pytest.fixture
 def page(step):
@@ -292,7 +258,7 @@ def page(step):
     page._show_pane("Drive")
     assert "Drop a record" in str(page._drive_pane()[0].object)
     page._candidates = step.candidates()
-    page._go_to(Walk(step, (Click("fit", 7), Click("add", effect="drift"))))
+    page._go_to(Walk(step, (Click("fit", 9), Click("add", effect="drift"))))
     assert page._layout.shown.value == "Drive"
     yield page
     page.close()
@@ -364,22 +330,3 @@ class TestPage:
         assert page._layout.message.object == ""
         assert page._walk is walk
         assert page._drive.figures.course.data["x"] is not None
-
-
-def test_reading_a_file_imports_nothing_more_once_the_server_has_loaded_it(tmp_path):
-    t, u, z = stage()
-    path = tmp_path / "stage.csv"
-    np.savetxt(path, np.column_stack([t, u, z]), delimiter=",", header="t_s,u_V,z_um", comments="")
-    code = (
-        "import sys, pathlib\n"
-        "from preisach_jax.app import server\n"
-        "from preisach_jax.app.upload import Upload\n"
-        "from preisach_jax.look import look\n"
-        "server._load(server.READING)\n"
-        "before = set(sys.modules)\n"
-        f"upload = Upload.of('stage.csv', pathlib.Path({str(path)!r}).read_bytes())\n"
-        "look(upload.record({'time': 't_s', 'input': 'u_V', 'output': 'z_um'}))\n"
-        "print(*(m for m in set(sys.modules) - before if not m.startswith('encodings')))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []

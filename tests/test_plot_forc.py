@@ -72,18 +72,6 @@ def test_its_mass_is_the_sum_of_the_weights_that_it_shows():
     assert legend_of(figure) == [f"reversible (Hc = 0), not drawn: {share:.0f} % of the sum"]
 
 
-def test_the_ridge_lies_at_the_known_coercive_field():
-    plane = pj.Plane(levels=40, low=-100.0, high=100.0)
-    coercive, bias = (plane.alpha - plane.beta) / 2, (plane.alpha + plane.beta) / 2
-    weights = np.exp(-(((coercive - 30) / 6) ** 2) - (bias / 15) ** 2)
-    values, at_coercive, at_bias, _ = drawn(plot.forc_diagram(model_of(weights, plane)))
-    top = np.argmax(values)
-    assert at_coercive[top] == pytest.approx(30, abs=plane.delta_x)
-    assert at_bias[top] == pytest.approx(0, abs=plane.delta_x)
-    assert np.average(at_coercive, weights=values) == pytest.approx(30, abs=1)
-    assert np.average(at_bias, weights=values) == pytest.approx(0, abs=1e-9)
-
-
 def test_axes_and_colours_have_units_and_unvisited_cells_are_named():
     plane = pj.Plane(levels=6, low=-60.0, high=60.0)
     visited = np.arange(plane.cells) % 4 > 0

@@ -38,12 +38,6 @@ def test_a_direction_is_named_if_it_has_more_than_its_share(sign, name):
     assert "while the input" not in told(rng.normal(size=len(TIME)))
 
 
-def test_rests_are_a_direction():
-    path = np.interp(TIME, [0, 5, 10, 15, 20], [0, 8, 8, 2, 2])
-    text = told(np.where((TIME > 5) & (TIME < 10), 1.0, 0.1), path)
-    assert "while the input rests (50 % of the samples)" in text
-
-
 def test_the_last_reversal_is_an_axis():
     """Loops of many heights; what fails is what came from one of them."""
     heights = np.array([3, 9, 4, 8, 5, 7, 6, 10, 2, 6.5])

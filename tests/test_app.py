@@ -25,23 +25,22 @@ from panel.io.state import set_curdoc
 from preisach_jax.app import panels
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
-from preisach_jax.app.first import Curves, FirstView, extreme_rows
+from preisach_jax.app.first import Curves, FirstView
 from preisach_jax.app.jobs import Job, Working
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import (
     CandidateRow,
     failure,
     ladder,
-    order_of,
     table,
     told,
     verdict,
 )
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script
-from preisach_jax.app.statistics import amplitude_spectrum, plane_course
+from preisach_jax.app.statistics import amplitude_spectrum
 from preisach_jax.app.steps import Walk, repeated, saved, time_line
-from preisach_jax.app.upload import MOST_BYTES, Upload, harmless_name
+from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
 from preisach_jax.record import ReadOptions
 
@@ -124,14 +123,6 @@ class TestUpload:
         assert unpacked("x.preisach", kept).content == csv()
         page.close()
 
-    def test_a_file_that_is_too_large_is_sent_to_the_command_line(self):
-        class Long(bytes):
-            def __len__(self):
-                return MOST_BYTES + 1
-
-        with pytest.raises(pj.InputError, match="command line"):
-            Upload.of("x.csv", Long())
-
 
 class TestTexts:
     def test_nothing_from_a_file_is_taken_for_html(self, step):
@@ -141,15 +132,6 @@ class TestTexts:
         ]  # fmt: skip
         assert all("<img" not in text for text in texts)
         assert all("&lt;img" in text for text in texts[:4])
-
-    def test_every_effect_that_is_left_can_be_added(self, step):
-        asked = []
-        assert order_of(step, ()) == ["hum"]
-        assert order_of(step.before, ()) == ["drift", "hum"]
-        row = CandidateRow("hum", lambda: asked.append("hum"), lambda *parts: parts)
-        row.show(None, step)
-        row.button.clicks += 1
-        assert asked == ["hum"]
 
     def test_a_row_says_why_and_why_not(self, step):
         drift, hum = step.before.candidates()
@@ -202,7 +184,7 @@ class TestScript:
         errors = [float(line.split()[-2]) for line in capsys.readouterr().out.splitlines()]
         assert errors == [rung.rms_validation for rung in now.ladder]
         assert pj.Model.load("model.json").rms_validation == now.fit.model.rms_validation
-        again = repeated(record, [*clicks[:3], clicks[3]], lambda text, done: None)
+        again = repeated(record, clicks, lambda text, done: None)
         assert again.step.fit.rms_validation == now.fit.rms_validation
         (tmp_path / "other.csv").write_bytes(csv(300))
         monkeypatch.setattr("sys.argv", ["repeat.py", "other.csv"])
@@ -212,21 +194,12 @@ class TestScript:
     def test_names_stand_in_it_as_text_only(self, step):
         evil = "z'''\"\n__import__('os').system('true')  #"
         choice: ReadOptions = {
-            "time": evil,
-            "input": evil,
-            "output": evil,
-            "aux": (evil,),
-            "rate": None,
-            "units": {"input": evil},
-        }
+            "time": evil, "input": evil, "output": evil, "aux": (evil,), "units": {"input": evil}
+        }  # fmt: skip
         text = script(evil, choice, [Click("fit", 9), Click("add", effect=evil)], step)
-        called = {
-            ast.unparse(node.func)
-            for node in ast.walk(ast.parse(text))
-            if isinstance(node, ast.Call)
-        }
-        assert not called & {"__import__", "eval", "exec"}
-        assert not any("system" in name for name in called)
+        calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+        called = " ".join(ast.unparse(node.func) for node in calls)
+        assert not re.search("__import__|eval|exec|system", called)
 
 
 class TestJobs:
@@ -292,15 +265,6 @@ class TestViews:
         visited = np.asarray(model.visited, dtype=bool)
         assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())
 
-    def test_a_branch_departs_from_the_turn_that_was_not_wiped_out(self):
-        rng = np.random.default_rng(3)
-        u = np.cumsum(rng.normal(size=300))
-        record = pj.Record.from_arrays(np.arange(300.0), u, u)
-        position, departure = plane_course(record, 20)
-        assert position.min() == 0
-        assert position.max() == 20
-        np.testing.assert_allclose(departure, slow_departures(position))
-
     def test_the_spectrum_has_the_amplitude_of_a_wave(self):
         t = np.arange(2000) / 200
         record = pj.Record.from_arrays(t, t, t)
@@ -310,35 +274,9 @@ class TestViews:
         assert found["x"][peak] == pytest.approx(30)
 
 
-def slow_departures(path):
-    """For each sample the extreme from which its branch departs, by a stack of the nested ones."""
-    found = [0.0]
-    extremes = [0.0, path[0]] if path[0] > 0 else [0.0]
-    for now in path[1:]:
-        rises = now > extremes[-1]
-        if len(extremes) % 2 == (0 if rises else 1):
-            extremes[-1] = now  # the branch goes on
-        else:
-            extremes.append(now)
-        # The lowest of all is never passed: its branch departs from the highest before it.
-        while (k := len(extremes) - 1) > 2:
-            passed = now >= extremes[k - 2] if k % 2 else now <= extremes[k - 2]
-            if not passed:
-                break
-            del extremes[k - 2 : k]
-        found.append(extremes[-2] if len(extremes) > 1 else extremes[0])
-    return np.array(found)
-
-
 def test_the_export_holds_all_and_agrees(step):
-    files = exports(
-        step,
-        None,
-        "x.csv",
-        {"time": "t", "input": "u", "output": "z"},
-        [Click("fit", 9)],
-        lambda text, done: None,
-    )
+    choice: ReadOptions = {"time": "t", "input": "u", "output": "z"}
+    files = exports(step, None, "x.csv", choice, [Click("fit", 9)], lambda text, done: None)
     assert set(files) == {
         "report.html", "model.json", "diagnosis.json", "figures.zip", "repeat.py"
     }  # fmt: skip
@@ -355,36 +293,6 @@ def test_a_step_by_hand_is_concluded_honestly(step):
     assert any("by hand" in note for note in found.notes)
     assert found.findings[0].rms_after == step.fit.rms_validation
     assert step.before.conclude().verdict == "unexplained"
-
-
-def test_what_can_be_downloaded_stays_when_effects_are_ranked_after_an_export(step):
-    page = Page()
-    page._go_to(Walk(step, (Click("fit", 9), Click("add", effect="drift"))))
-    page._offer({"model.json": b"{}"})  # an export cuts a ranking short, and begins it anew
-    wait_for(page)
-    assert [candidate.effect for candidate in page._candidates] == ["hum"]
-    assert len(page._layout.downloads.objects) == 1
-    page.close()
-
-
-def test_auxiliary_columns_reach_the_page():
-    rows = csv(400).decode().splitlines()
-    noise = np.random.default_rng(0).normal(size=(len(rows), 2))
-    rows = [f"{row},{a},{b}" for row, (a, b) in zip(rows, noise.tolist(), strict=True)]
-    rows[0] = "t_s,u_V,z_um,load_N,temp_C"
-    choice: ReadOptions = {**CHOICE, "aux": ("5", "4")}
-    project = packed("loaded.csv", "\n".join(rows).encode(), choice, (), None)
-    page = Page()
-    page._fit = lambda: None  # what is looked at is of matter here
-    page._on_drop("loaded.preisach", project)
-    wait_for(page)
-    record, found = page._record, page._look
-    assert record is not None
-    assert found is not None
-    names = ["load_N", "temp_C"]
-    assert sorted(record.aux) == names
-    assert [each.name for each in found.columns if each.role == "aux"] == names
-    page.close()
 
 
 def wait_for(page, seconds=120):
@@ -407,10 +315,6 @@ class TestSteps:
         assert drift.label.endswith("(shown)")
         plain.clicks += 1
         assert asked == [0]
-
-    def test_clicks_that_begin_with_no_fit_are_refused(self, step):
-        with pytest.raises(pj.InputError, match="must be a fit"):
-            repeated(step.record, [Click("add", effect="drift")], lambda text, done: None)
 
 
 CHOICE: ReadOptions = {
@@ -504,16 +408,6 @@ class TestDropper:
 
 
 class TestFirstView:
-    def test_of_a_long_record_the_extremes_are_drawn(self):
-        t = np.arange(200_000) / 1e4
-        u = np.sin(2 * np.pi * 20 * t)
-        z = u.copy()
-        u[123_457], z[77_777] = 1.5, -9.0
-        rows = extreme_rows(pj.Record.from_arrays(t, u, z))
-        assert {0, 77_777, 123_457, 199_999} <= set(rows.tolist())
-        assert len(rows) <= 8_002
-        assert np.all(np.diff(rows) > 0)
-
     def test_it_marks_what_a_look_finds(self):
         t = np.arange(3000) / 100
         u = np.abs((t % 4) - 2)
@@ -546,19 +440,6 @@ class Tab(Document):
 
     def add_next_tick_callback(self, callback):
         self.waiting.append(callback)
-
-
-@pytest.mark.parametrize("way", ["_tell", "_hand_over"])
-def test_what_a_job_hands_over_reaches_its_own_tab(way):
-    """Another server of the process may be at work: Bokeh's present document is then another's."""
-    mine, other = Tab(), Tab()
-    with set_curdoc(mine):
-        working = Working(panels.pane(), panels.pane())
-    seen = []
-    getattr(working, way)(lambda: seen.append(pn.state.curdoc))
-    with patch_curdoc(other):
-        mine.waiting.pop()()
-    assert seen == [mine]
 
 
 def test_a_job_works_in_its_own_tab_and_tells_a_closed_one_nothing():

@@ -37,17 +37,6 @@ def rests(u):
     return [(int(a), int(b)) for a, b in pairs if b < len(u) - 1]
 
 
-def turning_points(u):
-    """Levels at which an input turns, rests left out."""
-    moved = u[np.flatnonzero(np.concatenate([[True], np.diff(u) != 0]))]
-    sign = np.sign(np.diff(moved))
-    return moved[np.flatnonzero(sign[1:] != sign[:-1]) + 1]
-
-
-def numbers(text):
-    return [float(word) for word in re.findall(r"-?\d+\.?\d*(?:e[-+]\d+)?", text)]
-
-
 def in_seconds(text):
     """Times such as `53.3 ms` in a text, in s."""
     return [
@@ -88,19 +77,6 @@ def test_holds_span_two_decades_in_both_directions(bounds):
 
 
 @pytest.mark.parametrize("bounds", BOUNDS)
-def test_minor_loops_are_equal_at_five_biases_on_both_branches(bounds):
-    found = drawn("minor_loops", bounds)
-    levels = (turning_points(found.input) - bounds.low) / bounds.span
-    top = int(np.argmax(levels))
-    for branch in (levels[:top], levels[top + 1 :]):
-        lower = np.unique(np.round(np.minimum(branch[::2], branch[1::2]), 6))
-        assert len(lower) == 5
-        assert np.abs(np.diff(branch.reshape(-1, 2)))[:, 0] == pytest.approx(0.15)
-    biases = numbers(found.text.split("begin at ")[1])[:5]
-    np.testing.assert_allclose(biases, bounds.low + lower * bounds.span, rtol=0.006, atol=1e-9)
-
-
-@pytest.mark.parametrize("bounds", BOUNDS)
 def test_the_power_of_the_multisine_lies_in_the_band_that_is_named(bounds):
     found = drawn("multisine", bounds)
     units = {"µHz": 1e-6, "mHz": 1e-3, "Hz": 1.0}
@@ -116,15 +92,6 @@ def test_the_power_of_the_multisine_lies_in_the_band_that_is_named(bounds):
     inside = (frequency > low - edge) & (frequency < high + edge)
     assert power[inside].sum() > 0.99 * power.sum()
     assert high / low > 8
-
-
-@pytest.mark.parametrize("bounds", BOUNDS)
-def test_the_reference_loop_is_repeated_after_a_long_rest(bounds):
-    found = drawn("reference_loops", bounds)
-    ((first, last),) = rests(found.input)
-    assert (last - first) / bounds.seconds > 0.4
-    assert in_seconds(found.text)[0] == pytest.approx((last - first) / bounds.rate_hz, rel=0.01)
-    np.testing.assert_array_equal(found.input[: first + 1], found.input[last : last + first + 1])
 
 
 def test_the_greatest_rate_is_that_of_moves_and_not_of_noise():
@@ -183,24 +150,10 @@ def test_the_plan_separates_what_it_promises_on_an_actuator_that_creeps(plan):
     assert wrong / right > SUFFICIENT
 
 
-def test_equal_models_are_separated_nowhere(rivals):
-    same = pj.design([rivals[1], rivals[1]], 0.01)
-    ratios = [ratio for pairs in same.separations.values() for ratio in pairs.values()]
-    np.testing.assert_allclose(ratios, 1.0)
-    assert not same.sufficient
-    assert "no candidate" in same.why
-    assert list(same.separations["holds"]) == ["drift not drift (2)", "drift (2) not drift"]
-
-
-def test_duration_and_rate_limit_are_kept(rivals):
+def test_without_rivals_the_record_shows_everything(rivals):
     plan = pj.design(rivals[:1], 0.01, seconds=40.0, rate_limit=90.0)
     assert len(plan.time) == 40 * RATE_HZ
     assert np.abs(np.diff(plan.input)).max() * RATE_HZ == pytest.approx(90.0, rel=0.02)
-    assert "40 s at 500 Hz" in plan.text
-
-
-def test_without_rivals_the_record_shows_everything(rivals):
-    plan = pj.design(rivals[:1], 0.01)
     assert (plan.excitation, plan.separations, plan.sufficient) == ("combination", {}, True)
     assert "preisach compare" in plan.text
     unexplained = rivals[1].with_budget(0.006, 0.002)
@@ -210,23 +163,18 @@ def test_without_rivals_the_record_shows_everything(rivals):
     assert "repeats" in plan.why
 
 
-@pytest.fixture(scope="module")
-def loaded(poor):
-    """A model in which a load acts, and nothing else."""
+def test_equal_models_are_separated_nowhere_and_their_columns_are_kept_or_varied(poor, rivals):
     aux = {"load_N": np.sin(poor.time)}
     record = pj.Record.from_arrays(
         poor.time, poor.input, poor.output + aux["load_N"], aux=aux, units=UNITS
     )
-    return pj.fit(record, ("aux:load_N",), levels=5).model
-
-
-def test_a_column_that_all_rivals_use_is_to_be_kept_constant(loaded):
-    plan = pj.design([loaded, loaded], 0.5)
-    assert "Keep load_N constant" in plan.text
-    np.testing.assert_allclose(list(plan.separations["holds"].values()), 1.0)
-
-
-def test_a_column_that_one_rival_uses_has_to_be_varied(loaded, rivals):
+    loaded = pj.fit(record, ("aux:load_N",), levels=5).model
+    same = pj.design([loaded, loaded], 0.5)
+    ratios = [ratio for pairs in same.separations.values() for ratio in pairs.values()]
+    np.testing.assert_allclose(ratios, 1.0)
+    assert not same.sufficient
+    assert "no candidate" in same.why
+    assert "Keep load_N constant" in same.text
     plan = pj.design([rivals[0], loaded], 0.01)
     assert not plan.sufficient
     assert "steps of load_N while the input rests" in plan.text
@@ -261,7 +209,7 @@ def test_numbers_that_cannot_be_used_are_refused(rivals, options, said):
 # The command
 
 
-def write_report(folder, rivals, **changes):
+def write_report(folder, rivals):
     """What the command reads of a report."""
     (folder / "alternatives").mkdir(parents=True)
     names = [model.effects[-1].name for model in rivals]
@@ -270,7 +218,7 @@ def write_report(folder, rivals, **changes):
         "findings": [{"effect": names[0], "family": names}],
         "budget": {"noise": 0.008, "discretisation": 0.006, "unexplained": 0.0, "unit": "um"},
     }
-    (folder / "diagnosis.json").write_text(json.dumps(content | changes))
+    (folder / "diagnosis.json").write_text(json.dumps(content))
     rivals[0].save(folder / "model.json")
     for name, model in zip(names[1:], rivals[1:], strict=True):
         model.save(folder / "alternatives" / f"{name}.json")

@@ -31,10 +31,6 @@ def bars(axes: Any) -> list[Any]:
     return list(axes.patches)
 
 
-def line_colours(axes: Any) -> set[str]:
-    return {to_hex(line.get_color()).upper() for line in axes.lines}
-
-
 def test_waterfall_bars_stand_for_the_held_out_errors(found):
     (axes,) = plot.waterfall(found).axes
     tops = [bar.get_y() + bar.get_height() for bar in bars(axes)]
@@ -47,19 +43,6 @@ def test_waterfall_bars_stand_for_the_held_out_errors(found):
     names = [label.get_text() for label in axes.get_xticklabels()]
     assert names[1:] == ["+ creep", "+ drift"]
     assert "−65 %" in texts(axes.figure)
-
-
-def test_before_and_after_have_the_same_colours_everywhere(found):
-    traces = plot.before_and_after(found)
-    assert list(traces) == ["without effects", "with creep + drift"]
-    figures = [plot.measured_and_model(traces), plot.residuals(traces), plot.residual_tests(traces)]
-    axes = [axes for figure in figures for axes in figure.axes] + plot.loop(traces).axes[1:]
-    assert len(axes) == 12
-    for one in axes:
-        assert {plot.BEFORE, plot.AFTER} <= line_colours(one), one.get_title(loc="left")
-    alone = plot.before_and_after(make_diagnosis("adequate"))
-    assert list(alone) == ["without effects"]
-    assert plot.AFTER not in line_colours(plot.measured_and_model(alone).axes[0])
 
 
 def test_axes_carry_units(found):
@@ -76,24 +59,6 @@ def test_axes_carry_units(found):
     assert figure.axes[1].get_ylabel() == "density (nm/V²)"
 
 
-def test_a_small_residual_is_seen_beside_a_great_one():
-    record = make_record()
-    great, small = make_fit(record, error=40.0), make_fit(record, (Creep(),), error=0.5)
-    figure = plot.residuals({"without effects": great, "with creep": small})
-    for axes in figure.axes:
-        assert axes.get_yscale() == "symlog"
-        bottom, top = axes.get_ylim()
-        # What 95 of 100 small residuals stay within takes a good part of the height.
-        typical = np.nanquantile(np.abs(small.residual), 0.95)
-        ends = axes.transData.transform(
-            [(1.0, typical), (1.0, -typical), (1.0, bottom), (1.0, top)]
-        )
-        assert (ends[0, 1] - ends[1, 1]) / (ends[3, 1] - ends[2, 1]) > 0.2
-    assert "linear within ±1 µm" in figure.axes[0].get_title(loc="left")
-    alike = plot.residuals({"without effects": great, "with creep": great})
-    assert alike.axes[0].get_yscale() == "linear"
-
-
 def test_held_out_blocks_are_shaded():
     fit = make_fit(make_record())
     axes = plot.measured_and_model({"model": fit}).axes[0]
@@ -106,15 +71,6 @@ def test_held_out_blocks_are_shaded():
     for begin, end in shaded:
         inside |= (fit.record.time >= begin) & (fit.record.time <= end)
     np.testing.assert_array_equal(inside & fit.record.measured, fit.validation)
-
-
-def test_the_stretch_shown_is_where_the_error_is_greatest():
-    fit = make_fit(make_record())
-    row = int(np.flatnonzero(fit.validation)[50])
-    fit.residual[row - 3 : row + 3] += 40.0
-    rows = plot.worst_stretch({"model": fit})
-    assert rows.start <= row < rows.stop
-    assert rows.stop - rows.start < 200
 
 
 def test_envelopes_keep_the_extremes():

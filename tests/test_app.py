@@ -25,11 +25,9 @@ from panel.io.state import set_curdoc
 from preisach_jax.app import panels
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
-from preisach_jax.app.first import Curves, FirstView
 from preisach_jax.app.jobs import Job, Working
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import (
-    CandidateRow,
     failure,
     ladder,
     table,
@@ -38,7 +36,6 @@ from preisach_jax.app.panels import (
 )
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script
-from preisach_jax.app.statistics import amplitude_spectrum
 from preisach_jax.app.steps import Walk, repeated, saved, time_line
 from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
@@ -132,18 +129,6 @@ class TestTexts:
         ]  # fmt: skip
         assert all("<img" not in text for text in texts)
         assert all("&lt;img" in text for text in texts[:4])
-
-    def test_a_row_says_why_and_why_not(self, step):
-        drift, hum = step.before.candidates()
-        row = CandidateRow("drift", lambda: None, lambda *parts: parts)
-        row.show(drift, step.before)
-        assert "convincing" in row.text
-        assert f"lowers the held-out mean square by {100 * drift.gain:.1f} %" in row.text
-        left, before = (1e3 * rms for rms in (drift.rms_validation, step.before.fit.rms_validation))
-        assert f"would leave {left:.3g} nm of {before:.3g} nm" in row.text
-        row.show(hum, step.before)
-        assert "convincing" not in row.text
-        assert hum.why_not.split(",")[0].lower() in row.text.lower()
 
 
 class TestForm:
@@ -264,14 +249,6 @@ class TestViews:
         mass = per_shown * np.nansum(views.plane.density.data["value"]) * model.plane.delta_x**2
         visited = np.asarray(model.visited, dtype=bool)
         assert mass == pytest.approx(np.asarray(model.weights)[visited].sum())
-
-    def test_the_spectrum_has_the_amplitude_of_a_wave(self):
-        t = np.arange(2000) / 200
-        record = pj.Record.from_arrays(t, t, t)
-        found = amplitude_spectrum(record, 0.7 * np.sin(2 * np.pi * 30 * t))
-        peak = np.argmax(found["y"])
-        assert found["y"][peak] == pytest.approx(0.7, rel=1e-6)
-        assert found["x"][peak] == pytest.approx(30)
 
 
 def test_the_export_holds_all_and_agrees(step):
@@ -405,25 +382,6 @@ class TestDropper:
         [error] = refused
         assert "great.csv has 10 MB" in str(error)
         assert "preisach diagnose" in str(error)
-
-
-class TestFirstView:
-    def test_it_marks_what_a_look_finds(self):
-        t = np.arange(3000) / 100
-        u = np.abs((t % 4) - 2)
-        u[1000:1200] = u[1000]
-        z = u**1.1
-        z[200] += 30.0
-        record = pj.Record.from_arrays(t, u, z)
-        view, found = FirstView(), pj.look(record)
-        view.show(Curves.of(record))
-        view.mark(found)
-        np.testing.assert_array_equal(view.source.data["output"], z)
-        assert list(view.spikes["output"].data["x"]) == [2.0]
-        begun = view.rests.data["x0"]
-        assert min(abs(time - 10.0) for time in begun) < 0.1
-        view.show(Curves.of(pj.Record.from_arrays(t[:500], u[:500], u[:500])))
-        assert list(view.spikes["output"].data["x"]) == list(view.rests.data["x0"]) == []
 
 
 class Tab(Document):

@@ -13,7 +13,7 @@ from preisach_jax.quantity import quantity
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.course import SHAPES, STEPS, Shape, joined, points_of, resting, shaped
+from preisach_jax.app.course import SHAPES, STEPS, Shape, joined, points_of, shaped
 from preisach_jax.app.drive import DRAWN, FROM_FILE, DriveView
 from preisach_jax.app.driving import driven, outcome, unreached
 from preisach_jax.app.page import Page
@@ -117,12 +117,6 @@ class TestCourse:
         for text, said in (("0 1\nx 2", "line 2"), ("0 1", "1 point;"), ("0 1\n0 2", "time 0 s")):
             with pytest.raises(pj.InputError, match=said):
                 points_of(text)
-
-    def test_what_the_stage_does_by_itself_is_what_the_model_predicts(self, step):
-        record = step.record
-        t = record.time[-1] + record.step_s * np.arange(1, 257)
-        held = pj.Record.from_arrays(t, np.full(256, record.input[-1]), np.full(256, np.nan))
-        np.testing.assert_array_equal(resting(step), step.fit.model.predict(held).output)
 
 
 class TestDrive:
@@ -254,14 +248,3 @@ class TestPage:
             rows = np.genfromtxt(drives[-1].splitlines(), delimiter=b",", skip_header=1)
             np.testing.assert_allclose(rows[:, 1], found.drive, atol=1e-6)
         assert drives[0] != drives[1]
-
-    def test_a_failure_is_one_line_in_the_view_and_takes_nothing_away(self, page):
-        page._drive._limits["low"].value = 90.0
-        walk = page._walk
-        page._drive.find.clicks += 1
-        wait_until(lambda: page._drive._told.object)
-        assert page._drive._told.object.count('role="alert"') == 1
-        assert "give two numbers, the lower one first" in page._drive._told.object
-        assert page._layout.message.object == ""
-        assert page._walk is walk
-        assert page._drive.figures.course.data["x"] is not None

@@ -152,10 +152,3 @@ def test_mistakes_are_one_line_that_names_the_option(words, fragments, tmp_path,
     for fragment in fragments:
         assert fragment in shown.err
     assert not list(tmp_path.iterdir())
-
-
-def test_figures_draws_those_that_are_chosen(tmp_path, capsys):
-    assert main(["figures", "--out", str(tmp_path), "--only", "1,3", "--quick"]) == 0
-    assert str(tmp_path) in capsys.readouterr().out
-    drawn = {path.stem for path in tmp_path.rglob("*.png")}
-    assert drawn == {"figure_01_quick", "figure_03_quick"}

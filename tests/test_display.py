@@ -112,15 +112,6 @@ def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
     )
 
 
-def test_a_diagnosis_that_names_nothing_is_short():
-    found = make_diagnosis("adequate", next_experiment=None, located="")
-    text = shown(found)
-    assert "Nothing is missing (adequate)" in text
-    assert "Record next" not in text
-    assert "What remains" not in text
-    assert repr(found) == "<Diagnosis of stage.csv: adequate; held-out error 600 nm RMS>"
-
-
 def test_names_and_units_of_a_file_are_escaped():
     record, fit = made(name=EVIL, units={"input": EVIL, "output": EVIL})
     found = make_diagnosis(record=make_record(name=EVIL), sentence=EVIL, notes=(EVIL,))

@@ -53,10 +53,6 @@ MINOR = path(
 )
 
 
-def grade(found, effect):
-    return next(each.grade for each in found.prospects if each.effect == effect)
-
-
 def test_planted_rests_are_found_where_they_are():
     found = look(record_of(HOLDS, 1e-3)).excitation.rests
     assert [round(rest.level) for rest in found] == [4, 8, 10, 6, 3, 0]
@@ -131,12 +127,6 @@ def test_what_a_record_can_tell_follows_from_what_it_holds(u, well, not_at_all):
         assert each.grade == "well" or each.remedy or each.effect == "output_nonlinearity"
     # A sound record has no blemish.
     assert not [*found.output_spikes, *found.input_spikes, *found.stuck, *found.clipped]
-
-
-def test_an_auxiliary_column_that_goes_with_the_input_tells_little():
-    load = np.random.default_rng(1).normal(size=len(LOOPS))
-    for values, expected in ((load, "well"), (2 * LOOPS, "poorly"), (0 * load, "not at all")):
-        assert grade(look(record_of(LOOPS, aux={"load": values})), "aux:load") == expected
 
 
 def test_every_effect_of_the_library_is_judged():

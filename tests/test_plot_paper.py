@@ -4,11 +4,9 @@ import itertools
 import json
 
 import matplotlib as mpl
-import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from preisach_jax import paper, plot
 from preisach_jax.errors import InputError
 from preisach_jax.plot.paper import FIGURES, PRINT, figures
 
@@ -72,13 +70,6 @@ def test_no_two_texts_overlap(drawn):
         assert not box.overlaps(its), f"figure {number}: {text!r} on {other!r}"
 
 
-def test_points_of_figure_8_are_the_numbers():
-    data = paper.proportionality((13, 9, 5), seeds=2, samples=4000)
-    (axes,) = FIGURES["8"].draw(data).axes
-    shown = [np.asarray(line.get_ydata(), float) for line in axes.lines if line.get_marker() == "o"]
-    np.testing.assert_array_equal(shown, [data.over_events_um, data.over_samples_um])
-
-
 def test_chosen_figures_are_written(tmp_path):
     paths = figures(tmp_path / "out", ["7", "1"], quick=True)
     names = [path.name for path in paths]
@@ -96,9 +87,3 @@ def test_unknown_figures_are_refused_before_the_work(tmp_path):
     with pytest.raises(InputError, match="there is no figure 12: choose from 1, 2, 3"):
         figures(tmp_path / "out", ["1", "12"])
     assert not (tmp_path / "out").exists()
-
-
-def test_settings_of_matplotlib_are_left_alone():
-    before = dict(mpl.rcParams)
-    plot.pdf(FIGURES["1"].draw(FIGURES["1"].data()))
-    assert dict(mpl.rcParams) == before

@@ -106,25 +106,6 @@ def test_the_page_says_what_was_found_and_takes_no_name_for_markup(written):
     assert "i" not in page.tags
 
 
-def test_the_page_says_what_a_drive_by_the_model_would_reach(tmp_path):
-    found = make_diagnosis("explained")
-    record = found.base.record
-    write_report(found, tmp_path)
-    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    _, told = text.split("Driven by the inverse of this model", 1)
-    # The error of the line, by the correlation of input and output.
-    rows = record.measured
-    r = np.corrcoef(record.input[rows], record.output[rows])[0, 1]
-    line = np.std(record.output[rows]) * np.sqrt(1 - r**2)
-    for rms in (found.model.rms_validation, line):
-        assert f"({100 * rms / record.output_range:.2g} % of the stroke)" in told
-    write_report(make_diagnosis("unexplained", next_experiment=None), tmp_path)
-    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    assert "Driven by the inverse" not in text
-    assert "No effect was added." in text
-    assert "preisach diagnose" not in text
-
-
 def test_a_german_report_has_the_same_numbers(tmp_path):
     found = make_diagnosis()
     write_report(found, tmp_path, language="de")

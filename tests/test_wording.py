@@ -5,10 +5,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from stand_ins import make_diagnosis
 
-from preisach_jax.diagnosis.wording import located, next_experiment, notes_on
-from preisach_jax.present.diagnosis import headline
+from preisach_jax.diagnosis.wording import located, notes_on
 from preisach_jax.record import Record
 
 TIME = np.arange(4000) / 200
@@ -61,15 +59,3 @@ def test_little_to_see_is_said():
     short = slice(0, 300)
     few = notes_on(Record.from_arrays(TIME[short], INPUT[short], INPUT[short]), model)
     assert few[0].startswith("The record has 300 measured rows for 325 cells")
-
-
-def test_a_record_that_could_not_show_effects_asks_for_another():
-    assert next_experiment("adequate", (), ()) is None
-    asked = next_experiment("adequate", (), (), shows_little=True)
-    assert asked is not None
-    assert "three rates" in asked.text
-    assert "could not show" in asked.why
-    found = make_diagnosis("adequate", next_experiment=asked)
-    assert headline(found) == (
-        "No missing effect is visible, but this record could hardly show one"
-    )

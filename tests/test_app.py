@@ -8,7 +8,6 @@ import threading
 import time
 import zipfile
 from io import BytesIO
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ import preisach_jax as pj
 
 pytest.importorskip("panel")
 
-import panel as pn
 from bokeh.document import Document
 from bokeh.io.doc import patch_curdoc
 from panel.io.state import set_curdoc
@@ -25,7 +23,7 @@ from panel.io.state import set_curdoc
 from preisach_jax.app import panels
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
-from preisach_jax.app.jobs import Job, Working
+from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import (
     failure,
@@ -384,44 +382,8 @@ class TestDropper:
         assert "preisach diagnose" in str(error)
 
 
-class Tab(Document):
-    """A document as of a browser's tab: what is to be done next waits in a list."""
-
-    def __init__(self):
-        super().__init__()
-        self.waiting = []
-        self.is_open = True
-
-    @property
-    def session_context(self):
-        return SimpleNamespace(request=SimpleNamespace(arguments={})) if self.is_open else None
-
-    def add_next_tick_callback(self, callback):
-        self.waiting.append(callback)
-
-
-def test_a_job_works_in_its_own_tab_and_tells_a_closed_one_nothing():
-    mine, other = Tab(), Tab()
-    with set_curdoc(mine):
-        working = Working(panels.pane(), panels.pane())
-    seen, done = [], threading.Event()
-
-    def work(progress):
-        seen.append(pn.state.curdoc)
-        done.set()
-
-    with patch_curdoc(other):
-        working._start("work", work, lambda result: None)
-        assert done.wait(20)
-    assert seen == [mine]
-    mine.is_open = False
-    with patch_curdoc(other):  # what is handed over now would be built with the sheets of another
-        working._hand_over(lambda: seen.append(pn.state.curdoc))
-    assert seen == [mine]
-
-
 def test_tabs_that_are_opened_at_once_share_no_model():
-    tabs = [Tab() for _ in range(4)]
+    tabs = [Document() for _ in range(4)]
     faults = []
 
     def open_tab(tab):

@@ -76,24 +76,6 @@ def test_holds_span_two_decades_in_both_directions(bounds):
     assert sum(lengths) > 0.6 * bounds.seconds
 
 
-@pytest.mark.parametrize("bounds", BOUNDS)
-def test_the_power_of_the_multisine_lies_in_the_band_that_is_named(bounds):
-    found = drawn("multisine", bounds)
-    units = {"µHz": 1e-6, "mHz": 1e-3, "Hz": 1.0}
-    low, high = (
-        float(value) * units[unit]
-        for value, unit in re.findall(r"([\d.]+) (µHz|mHz|Hz)", found.text)[:2]
-    )
-    lead = round(2.5 * bounds.span / bounds.fastest * bounds.rate_hz) + 5
-    wave = found.input[lead:-lead]
-    power = np.abs(np.fft.rfft((wave - wave.mean()) * np.hanning(len(wave)))) ** 2
-    frequency = np.fft.rfftfreq(len(wave), 1 / bounds.rate_hz)
-    edge = 3 * bounds.rate_hz / len(wave)
-    inside = (frequency > low - edge) & (frequency < high + edge)
-    assert power[inside].sum() > 0.99 * power.sum()
-    assert high / low > 8
-
-
 def test_the_greatest_rate_is_that_of_moves_and_not_of_noise():
     time = np.arange(2000) / 100
     ramp = 4.0 * np.abs((time % 10) - 5)

@@ -11,7 +11,6 @@ import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.effects import library
 from preisach_jax.look import look
-from preisach_jax.look.drawing import braille, extremes
 from preisach_jax.look.prospects import judged_effects
 from preisach_jax.look.stretches import (
     band_decades,
@@ -142,23 +141,6 @@ def test_a_period_is_found_and_noise_has_none():
     assert repeating_period(np.concatenate([moved, still])) is None
     assert band_decades(noise) > 1.5
     assert band_decades(np.sin(2 * np.pi * np.arange(1000) / 50)) < 0.1
-
-
-@given(st.lists(st.floats(-10, 10), min_size=8, max_size=60))
-def test_a_picture_reaches_both_ends_and_a_slow_count_agrees(values):
-    time, z = np.arange(float(len(values))), np.array(values)
-    _, low, high = extremes(time, z, 4)
-    edges = np.linspace(time[0], time[-1], 5)
-    for k in range(4):
-        last = time <= edges[k + 1] if k == 3 else time < edges[k + 1]
-        inside = z[(time >= edges[k]) & last]
-        assert (low[k], high[k]) == (inside.min(), inside.max())
-    lines = braille(time, z, 10, 3)
-    assert len(lines) == 3
-    assert all(len(line) <= 10 for line in lines)
-    if np.ptp(z) > 0:
-        assert lines[0].strip("\u2800")
-        assert lines[-1].strip("\u2800")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """`preisach sweep` and `preisach figures`: what they write and show, and how they can end."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -77,6 +78,14 @@ def test_a_broken_chunk_is_told_and_a_restart_begins_anew(tmp_path, capsys, monk
     assert "--restart" in message
 
 
+def assert_same(out, expected):
+    found = storage.load_folder(out)
+    for name in found.AXES:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for one, other in zip(found.weights, expected.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 # The second chunk begins, and never ends.
 HANGING = """
 import sys, time
@@ -96,9 +105,9 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path):
+def test_what_was_killed_and_left_half_goes_on_to_the_same_numbers(expected, tmp_path, capsys):
     out = tmp_path / "a sweep"
-    words = [*WORDS, "--restart", "--out", str(out)]
+    words = [*WORDS, "--out", str(out)]
     with subprocess.Popen(
         [sys.executable, "-c", HANGING, *words], stdout=subprocess.PIPE, text=True
     ) as process:
@@ -107,13 +116,33 @@ def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path):
         process.kill()
     first = out / "done" / "seeds_0000-0000.json"
     before = first.stat().st_mtime_ns
-    assert main([*WORDS, "--out", str(out)]) == 0
+    for folder in (out, out / "done", out / "sweep.zarr", out / "sweep.zarr" / "events"):
+        (folder / ".0a1b.partial").write_bytes(b"half")
+        (folder / ".manifest.json.999999999.part").write_bytes(b"half")
+    assert main(words) == 0
     assert first.stat().st_mtime_ns == before
-    found = storage.load_folder(out)
-    for name in found.AXES:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    for one, other in zip(found.weights, expected.weights, strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert_same(out, expected)
+    for name in ("sweep.zarr/zarr.json", "sweep.zarr/events/zarr.json"):
+        (out / name).write_bytes((out / name).read_bytes()[:20])
+    assert main(words) == 0
+    assert_same(out, expected)
+    (out / "manifest.json").write_bytes(b"{")
+    assert main(words) == 2
+    assert "--restart" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_removed_as_the_work_runs_is_told(tmp_path, capsys, monkeypatch):
+    out, genuine = tmp_path / "sweep", storage.sweep
+
+    def removing(key, levels, noise, seeds, samples):
+        if seeds == [1]:
+            shutil.rmtree(out)
+        return genuine(key, levels, noise, seeds, samples)
+
+    monkeypatch.setattr(storage, "sweep", removing)
+    assert main([*WORDS, "--out", str(out)]) == 2
+    message = capsys.readouterr().err
+    assert f"{out}: it was removed or emptied while the sweep ran; give the same" in message
 
 
 def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):

@@ -100,19 +100,6 @@ DROPPED = """([name, text]) => {
 FIGURES = """() => Bokeh.documents.flatMap((d) => [...d._all_models.values()])
   .filter((m) => m.type === "Figure").map((m) => m.title.text)"""
 
-FIGURE_BOXES = """() => {
-  const found = []
-  const walk = (element) => {
-    if (element.classList?.contains("bk-Figure") && element.getBoundingClientRect().width > 0) {
-      const box = element.getBoundingClientRect()
-      found.push([box.left, box.top, box.right, box.bottom])
-    }
-    for (const child of [...(element.shadowRoot?.children ?? []), ...element.children]) walk(child)
-  }
-  walk(document.body)
-  return found
-}"""
-
 
 def test_a_file_that_is_dropped_anywhere_is_seen(tab, stage):
     tab.evaluate(DROPPED, ["stage.csv", stage.read_text()])
@@ -124,10 +111,12 @@ def test_a_file_that_is_dropped_anywhere_is_seen(tab, stage):
     assert size == pytest.approx(rungs(tab)["Preisach model"], rel=5e-3)
     # A drag of the mouse over the view of time chooses rows in all views.
     tab.get_by_text("Drag over any view").wait_for()
-    left, top, right, bottom = max(tab.evaluate(FIGURE_BOXES), key=lambda box: (box[0], -box[1]))
-    tab.mouse.move(0.7 * left + 0.3 * right, 0.5 * (top + bottom))
+    boxes = [each.bounding_box() for each in tab.locator(".bk-Figure").all() if each.is_visible()]
+    box = max(boxes, key=lambda box: (box["x"], -box["y"]))
+    middle = box["y"] + box["height"] / 2
+    tab.mouse.move(box["x"] + 0.3 * box["width"], middle)
     tab.mouse.down()
-    tab.mouse.move(0.4 * left + 0.6 * right, 0.5 * (top + bottom), steps=4)
+    tab.mouse.move(box["x"] + 0.6 * box["width"], middle, steps=4)
     tab.mouse.up()
     tab.get_by_text("rows chosen").wait_for()
     keep(tab, "seen")

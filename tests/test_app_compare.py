@@ -14,7 +14,7 @@ from preisach_jax.report.several import several_rows
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.compare import MOST, CompareView
+from preisach_jax.app.compare import CompareView
 from preisach_jax.app.comparing import OWN_MODEL, Dropped, compared
 
 
@@ -98,16 +98,3 @@ def test_what_cannot_be_compared_is_refused_in_a_line(step, tmp_path, others, to
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) not in str(caught.value)
-
-
-def test_a_file_of_the_same_name_takes_the_place_of_the_first():
-    asked, refused = [], []
-    view = CompareView(lambda: asked.append(1), refused.append)
-    view._on_drop("a.csv", b"1")
-    view._on_drop("a.csv", b"2")
-    assert [each.content for each in view.files] == [b"2"]
-    assert len(asked) == 2
-    for k in range(MOST):
-        view._on_drop(f"{k}.csv", b"")
-    assert len(view.files) == MOST
-    assert str(MOST) in str(refused[0])

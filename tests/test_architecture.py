@@ -67,18 +67,6 @@ def run_python(code, **environment):
     return done.stdout.split()
 
 
-def test_the_public_names_are_those_that_type_checkers_see():
-    tree = ast.parse((PACKAGE / "__init__.py").read_text())
-    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
-    assert sorted(preisach_jax.__all__) == sorted(
-        alias.asname or alias.name
-        for node in ast.walk(block)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    )
-    assert not [name for name in preisach_jax.__all__ if not hasattr(preisach_jax, name)]
-
-
 def test_the_command_line_is_loaded_without_what_only_its_commands_need():
     code = "import preisach_jax.cli.application as a, sys; a.build(); print(*sys.modules)"
     assert not set(run_python(code)) & {"jax", "scipy", "pandas", "numpy", "rich"}

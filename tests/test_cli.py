@@ -159,8 +159,7 @@ def test_simulate_writes_the_record_and_what_is_hidden(tmp_path, capsys):
 def test_effects_lists_the_library_and_shows_cards(capsys):
     assert main(["effects"]) == 0
     shown = capsys.readouterr().out
-    for name in EFFECTS.library():
-        assert name in shown
+    assert all(name in shown for name in EFFECTS.library())
     assert main(["effects", "input_lag"]) == 0
     shown = capsys.readouterr().out
     for text in ("before the hysteresis", "tau_s", "Confused with: delay", "Source: "):
@@ -356,10 +355,3 @@ def test_inputs_that_the_model_does_not_take(change, fragments, work, tmp_path, 
     for fragment in ("other.csv", *fragments):
         assert fragment in message
     assert not out.exists()
-
-
-def test_another_sampling_rate_than_the_model_s_is_told(work, tmp_path, capsys):
-    columns = {name: values[::3] for name, values in stage_columns().items()}
-    data, out = write_csv(tmp_path / "sparse.csv", columns), tmp_path / "out.csv"
-    assert main(["predict", str(work / "model.json"), str(data), "--out", str(out)]) == 0
-    assert "3 times" in capsys.readouterr().out

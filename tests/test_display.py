@@ -81,19 +81,6 @@ def test_a_fit_shows_its_own_numbers(fitted):
     assert len(repr(fit)) < 150
 
 
-def test_a_model_shows_its_chain_in_order(fitted, tmp_path):
-    _, fit = fitted
-    fit.save(tmp_path / "model.json")
-    model = pj.Model.load(tmp_path / "model.json")
-    text = shown(model)
-    places = [text.index(name) for name in ("input input_lag", "Preisach operator", "output creep")]
-    assert places == sorted(places)
-    assert quantity(model.rms_validation, "um", 3) in text
-    assert "Identified on stage.csv, 3,000 rows." in text
-    assert "\n" not in repr(model)
-    assert len(repr(model)) < 150
-
-
 def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
     found = make_diagnosis()
     text = shown(found)

@@ -196,10 +196,3 @@ def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path,
     assert "--input" in out
     assert main(["look", str(file), "--input", "2", "--output", "3", "-q"]) == 0
     assert capsys.readouterr().out.startswith("shows well:")
-
-
-def test_a_mistake_is_one_line_and_no_figure_is_written(stage_csv, tmp_path, capsys):
-    for words in (["--input", "9"], ["--plot", str(tmp_path / "look.txt")]):
-        assert main(["look", str(stage_csv), *words]) == 2
-        assert capsys.readouterr().err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []

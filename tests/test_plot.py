@@ -73,16 +73,6 @@ def test_held_out_blocks_are_shaded():
     np.testing.assert_array_equal(inside & fit.record.measured, fit.validation)
 
 
-def test_envelopes_keep_the_extremes():
-    record = make_record(60_000)
-    fit = make_fit(record)
-    fit.prediction[12_345] = 400.0
-    axes = plot.measured_and_model({"model": fit}).axes[0]
-    line = next(line for line in axes.lines if to_hex(line.get_color()).upper() == plot.BEFORE)
-    assert np.size(line.get_xdata()) < 10_000
-    assert np.max(line.get_ydata()) == 400.0
-
-
 def test_density_is_weight_over_area_and_unvisited_cells_are_hatched():
     model = make_model(levels=4)
     figure = plot.density(model)

@@ -36,18 +36,6 @@ def test_a_direction_is_named_if_it_has_more_than_its_share(sign, name):
     assert "while the input" not in told(rng.normal(size=len(TIME)))
 
 
-def test_the_last_reversal_is_an_axis():
-    """Loops of many heights; what fails is what came from one of them."""
-    heights = np.array([3, 9, 4, 8, 5, 7, 6, 10, 2, 6.5])
-    corners = np.concatenate([[0.0], np.stack([heights, np.zeros(10)], axis=1).ravel()])
-    path = np.interp(TIME, np.linspace(0, 20, len(corners)), corners)
-    last = np.repeat(corners[:-1], 200)
-    text = told(np.where(last == 8.0, 1.0, 0.01), path)
-    assert "where the input at the last reversal is" in text
-    place = text.split("where the input at the last reversal is ")[1].split(";")[0]
-    assert "8 V" in place
-
-
 def test_little_to_see_is_said():
     chain = SimpleNamespace(signed=False)
     model = cast(Any, SimpleNamespace(plane=SimpleNamespace(cells=325), chain=chain))

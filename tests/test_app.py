@@ -34,7 +34,7 @@ from preisach_jax.app.panels import (
 )
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script
-from preisach_jax.app.steps import Walk, repeated, saved, time_line
+from preisach_jax.app.steps import Walk, repeated, saved
 from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
 from preisach_jax.record import ReadOptions
@@ -273,21 +273,6 @@ def wait_for(page, seconds=120):
     while page._job is not None and time.monotonic() < deadline:
         time.sleep(0.05)
     assert page._job is None
-
-
-class TestSteps:
-    def test_the_time_line_names_each_step_with_its_error_and_goes_there(self, step):
-        walk = Walk(step, (Click("fit", 9), Click("add", effect="drift")))
-        back = walk.at(0)
-        assert back.step is step.before
-        assert back.at(1).step is step  # what was gone back from is still there
-        asked = []
-        _, plain, drift = time_line(walk, asked.append)
-        assert f"{1e3 * step.before.fit.rms_validation:.3g} nm" in plain.label
-        assert "+ drift" in drift.label
-        assert drift.label.endswith("(shown)")
-        plain.clicks += 1
-        assert asked == [0]
 
 
 CHOICE: ReadOptions = {

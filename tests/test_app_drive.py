@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import time
 
 import numpy as np
 import pytest
@@ -16,9 +15,6 @@ pytest.importorskip("panel")
 from preisach_jax.app.course import SHAPES, STEPS, Shape, joined, points_of, shaped
 from preisach_jax.app.drive import DRAWN, FROM_FILE, DriveView
 from preisach_jax.app.driving import driven, outcome, unreached
-from preisach_jax.app.page import Page
-from preisach_jax.app.script import Click
-from preisach_jax.app.steps import Walk
 
 RATE = 100.0
 
@@ -38,22 +34,6 @@ def stage(rows=3000):
             play = min(max(play, value - width), value + width)
             z[k] += play
     return t, u, z
-
-
-def step_of(tmp_path, header, load=0.0, effects=(), **options):
-    """A fitted step of a record in a file; `load` is the output per unit of a column beside it."""
-    t, u, z = stage()
-    force = np.where(t % 4 < 2, 1.0, 3.0)
-    columns = [1e3 * t if "ms" in header else t, u, z + load * force]
-    columns += [force] * ("load" in header)
-    path = tmp_path / "stage.csv"
-    rows = "".join(",".join(map(repr, row)) + "\n" for row in np.array(columns).T.tolist())
-    path.write_text(f"{header}\n{rows}")
-    record = pj.Record.load(path, **options)
-    step = pj.explore(record, effects or ["hum"], levels=5)
-    for effect in effects:
-        step = step.add(effect)
-    return step
 
 
 @pytest.fixture(scope="module")
@@ -120,24 +100,22 @@ class TestCourse:
 
 
 class TestDrive:
-    @pytest.mark.parametrize(
-        "options",
-        [
-            {"header": "t_ms,u_V,z_um", "units": {"output": "nm"}},  # though its name says um
-            {"header": "t_s,u_V,z_um,load_N", "load": 0.5, "aux": ("load_N",),
-             "effects": ("aux:load_N",)},
-        ],
-        ids=["units", "column"],
-    )  # fmt: skip
-    def test_it_is_what_the_command_shown_writes(self, options, tmp_path, monkeypatch):
-        step = step_of(tmp_path, **options)
+    def test_it_is_what_the_command_shown_writes(self, tmp_path, monkeypatch):
+        t, u, z = stage()
+        load = np.where(t % 4 < 2, 1.0, 3.0)
+        rows = np.stack([1e3 * t, u, z + 0.5 * load, load], axis=1).tolist()
+        lines = ["t_ms,u_V,z_um,load_N", *(",".join(map(repr, row)) for row in rows)]
+        (tmp_path / "stage.csv").write_text("\n".join(lines))
+        units = {"output": "nm"}  # though the name of its column says um
+        record = pj.Record.load(tmp_path / "stage.csv", aux=("load_N",), units=units)
+        step = pj.explore(record, ["aux:load_N"], levels=5).add("aux:load_N")
         view = DriveView(step, lambda: None, lambda: None)
         view._limits["low"].value, view._limits["slew"].value = 0.5, 40.0
         order = view.order()
         assert order is not None
         result = driven(step, order, quiet)
         assert set(result.files) == {"drive.csv", "wanted.csv", "model.json"}
-        assert ("load_N is assumed to stay at" in " ".join(result.notes)) == ("aux" in options)
+        assert "load_N is assumed to stay at" in " ".join(result.notes)
         there = tmp_path / "there"
         there.mkdir()
         for name in ("wanted.csv", "model.json"):
@@ -208,43 +186,3 @@ class TestView:
         assert main(["compensate", *words, "--out", str(tmp_path / "drive.csv")]) == 2
         plain = capsys.readouterr().err.replace(f"{tmp_path}/", "")
         assert " ".join(text.replace("&#39;", "'").split()) in " ".join(plain.split())
-
-
-@pytest.fixture
-def page(step):
-    """A page on "Drive" with two steps that can be gone back to, and nothing left to compare."""
-    page = Page()
-    page._show_pane("Drive")
-    assert "Drop a record" in str(page._drive_pane()[0].object)
-    page._candidates = step.candidates()
-    page._go_to(Walk(step, (Click("fit", 9), Click("add", effect="drift"))))
-    assert page._layout.shown.value == "Drive"
-    yield page
-    page.close()
-
-
-def wait_until(true, seconds=120):
-    deadline = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
-class TestPage:
-    def test_the_drive_is_that_of_the_step_that_is_shown(self, page, step):
-        drives = []
-        for shown in (step, step.before):
-            page._back_to(len(shown.effects))
-            wait_until(lambda: page._job is None)
-            assert not page._drive._files.objects  # what the last model gave is gone
-            page._drive.find.clicks += 1
-            wait_until(lambda: page._drive._files.objects)
-            [file] = [each for each in page._drive._files.objects if each.filename == "drive.csv"]
-            drives.append(file.callback().read())
-            wanted = page._drive.figures.rows.data["wanted"]
-            t = np.arange(len(wanted)) / RATE
-            course = pj.Record.from_arrays(t, 0 * t, wanted, units={"output": "um"})
-            found = pj.compensate(shown.fit.model, course)
-            rows = np.genfromtxt(drives[-1].splitlines(), delimiter=b",", skip_header=1)
-            np.testing.assert_allclose(rows[:, 1], found.drive, atol=1e-6)
-        assert drives[0] != drives[1]

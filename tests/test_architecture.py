@@ -11,7 +11,7 @@ import preisach_jax
 PACKAGE = Path(preisach_jax.__file__).parent
 
 # From below: a file may import from those before its own layer, and within its layer.
-LAYERS = (
+LAYERS: list[str] = (
     "errors escape quantity files cores devices work operator filter signals plant piezo frequency "
     "theory sweep record look effects mechanics chain model loss export compensation identify fit "
     "diagnosis present paper plot report app cli __main__"

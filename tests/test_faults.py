@@ -44,28 +44,19 @@ def test_files_and_names_reach_the_disk_before_old_ones_go(tmp_path, monkeypatch
         assert done == [*expected, "folder"]
 
 
-@pytest.mark.parametrize(
-    ("where", "number", "remedy"),
-    [
-        ("os.fsync", errno.ENOSPC, "make room, or choose another place"),
-        ("os.replace", errno.EIO, "the disk fails"),
-    ],
-)
-def test_whatever_fails_on_the_way_is_told_and_old_results_stay(
-    where, number, remedy, tmp_path, monkeypatch, capsys
-):
+def test_whatever_fails_on_the_way_is_told_and_old_results_stay(tmp_path, monkeypatch, capsys):
     old = tmp_path / "stage.csv"
     old.write_text("old")
 
     def fail(*_):
-        raise OSError(number, os.strerror(number))
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(where, fail)
+    monkeypatch.setattr("os.replace", fail)
     assert main(["simulate", "--seconds", "3", "--quiet", "--out", str(old)]) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
-    assert message.startswith(f"preisach: {old}: cannot be written ({os.strerror(number)})")
-    assert remedy in message
+    assert message.startswith(f"preisach: {old}: cannot be written ({os.strerror(errno.EIO)})")
+    assert "the disk fails" in message
     assert old.read_text() == "old"
     assert list(tmp_path.iterdir()) == [old]
 

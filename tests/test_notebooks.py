@@ -33,6 +33,8 @@ def test_a_notebook_is_stored_as_it_was_run_and_what_it_names_is_there(path):
                 named += [(module, alias.name) for alias in names]
             case ast.Attribute(ast.Name(name), attribute):
                 named.append((name, attribute))
+            case _:
+                pass
     named = [(modules.get(name, name), attribute) for name, attribute in named]
     named = [(module, each) for module, each in named if module.startswith("preisach_jax")]
     assert len(named) >= 5

@@ -36,12 +36,12 @@ def imports():
     for path in PACKAGE.rglob("*.py"):
         room = path.relative_to(PACKAGE).with_suffix("").parts[0]
         for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in getattr(node, "names", ())]
+            if not isinstance(node, ast.Import | ast.ImportFrom):
+                continue
+            names = [alias.name for alias in node.names]
             if isinstance(node, ast.ImportFrom):
                 assert node.level == 0, f"{path}: relative import"
                 names = [f"{node.module}.{name}" for name in names]
-            elif not isinstance(node, ast.Import):
-                continue
             for own in (name.split(".") for name in names if name.startswith("preisach_jax.")):
                 if room != "__init__" and own[1] != room:
                     yield room, own[1]

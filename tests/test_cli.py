@@ -15,8 +15,10 @@ import pytest
 from stand_ins import make_diagnosis
 
 from preisach_jax.cli import demonstration, main
+from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
+from preisach_jax.record import Record
 
 ROWS = 700
 
@@ -122,25 +124,23 @@ def test_units_that_were_told_are_remembered(tmp_path):
     assert float(out.read_text(encoding="utf-8").splitlines()[2].split(",")[0]) == 0.01
 
 
+@pytest.mark.usefixtures("x64")
 def test_several_models_and_several_records_are_those_of_single_comparisons(work, tmp_path, capsys):
-    plain, other, data = tmp_path / "plain.json", tmp_path / "other.csv", work / "stage.csv"
+    own, plain, data = work / "model.json", tmp_path / "plain.json", work / "stage.csv"
     columns = stage_columns()
-    write_csv(other, {**columns, "z_um": 1.02 * columns["z_um"]})
+    other = write_csv(tmp_path / "other.csv", {**columns, "z_um": 1.02 * columns["z_um"]})
     assert main(["fit", str(data), "--levels", "5", "--out", str(plain)]) == 0
     shown = capsys.readouterr().out
     assert "700 rows" in shown
     assert "held-out error" in shown
-
-    def rms(*paths):
-        folder = tmp_path / f"report{len(list(tmp_path.iterdir()))}"
-        assert main(["compare", *map(str, paths), "--report", str(folder), "--json"]) == 0
-        assert (folder / "report.html").exists()
-        found = json.loads(capsys.readouterr().out)
-        return found["rms"] if "rms" in found else [each["rms"] for each in found["comparisons"]]
-
-    own = work / "model.json"
-    assert rms(plain, own, data) == [rms(plain, data), rms(own, data)]
-    assert rms(plain, data, other) == [rms(plain, data), rms(plain, other)]
+    for words in ((plain, own, data), (plain, data, other)):
+        report = ["--report", str(tmp_path / "report"), "--json"]
+        assert main(["compare", *map(str, words), *report]) == 0
+        told = [each["rms"] for each in json.loads(capsys.readouterr().out)["comparisons"]]
+        models = [Model.load(path) for path in words if path.suffix == ".json"]
+        records = [Record.load(path, aux=("load_N",)) for path in words if path.suffix == ".csv"]
+        assert told == pytest.approx([compare(m, r).rms for m in models for r in records])
+        assert (tmp_path / "report" / "report.html").exists()
 
 
 def test_simulate_writes_the_record_and_what_is_hidden(tmp_path, capsys):

@@ -36,10 +36,11 @@ def simulated_curves(plane, weights):
     edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
     moments = np.full((plane.levels + 1, plane.levels + 1), np.nan)
     for a, turn in enumerate(edges):
-        path = np.concatenate([[plane.low, plane.high, turn], edges[a + 1 :]])
+        # It rests at first, so that all paths have one length, and are compiled once.
+        path = np.concatenate([[plane.low] * (a + 1), [plane.high, turn], edges[a + 1 :]])
         with jax.enable_x64(True):
             output = np.asarray(pj.simulate(plane, weights, path, hysteron="relay"))
-        moments[a, a:] = output[2:]
+        moments[a, a:] = output[a + 2 :]
     return moments
 
 

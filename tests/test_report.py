@@ -106,7 +106,7 @@ def test_the_page_says_what_was_found_and_takes_no_name_for_markup(written):
 
 
 def test_a_german_report_has_every_word_and_the_same_numbers(tmp_path):
-    found = make_diagnosis()
+    found = make_diagnosis("adequate")
     write_report(found, tmp_path, language="de")
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(source)

@@ -60,7 +60,7 @@ def served(*arguments, folder, before=""):
 
 
 def told_address(process, log):
-    for _ in range(600):
+    for _ in range(3000):  # a machine may be busy
         assert process.poll() is None, log.read_text()
         if found := re.search(r"http://\S+ ", log.read_text()):
             return found[0].strip()

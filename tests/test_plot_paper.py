@@ -11,7 +11,15 @@ from preisach_jax.errors import InputError
 from preisach_jax.plot.paper import FIGURES, PRINT, figures
 
 
-@pytest.fixture(scope="module", params=list(FIGURES))
+SWEEPS = ("8", "11")
+"""Figures of sweeps that take long to compile; figure 9 is of one as well."""
+
+
+def marked(number):
+    return pytest.param(number, marks=[pytest.mark.campaign] * (number in SWEEPS))
+
+
+@pytest.fixture(scope="module", params=map(marked, FIGURES))
 def drawn(request):
     """A figure from short records, drawn as it is for a file, with its data."""
     one = FIGURES[request.param]

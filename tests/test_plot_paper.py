@@ -10,7 +10,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from preisach_jax.errors import InputError
 from preisach_jax.plot.paper import FIGURES, PRINT, figures
 
-
 SWEEPS = ("8", "11")
 """Figures of sweeps that take long to compile; figure 9 is of one as well."""
 

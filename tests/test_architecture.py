@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import preisach_jax
@@ -11,7 +12,7 @@ import preisach_jax
 PACKAGE = Path(preisach_jax.__file__).parent
 
 # From below: a file may import from those before its own layer, and within its layer.
-LAYERS: list[str] = (
+LAYERS: Sequence[str] = (
     "errors escape quantity files cores devices work operator filter signals plant piezo frequency "
     "theory sweep record look effects mechanics chain model loss export compensation identify fit "
     "diagnosis present paper plot report app cli __main__"

@@ -42,10 +42,13 @@ def free_port():
 
 
 @contextmanager
-def served(*arguments, folder):
-    """The whole address of a page that `preisach app` serves, with its token."""
-    port = free_port()
-    words = [sys.executable, "-m", "preisach_jax.cli", "app", "--no-browser", "--port", str(port)]
+def served(*arguments, folder, before=""):
+    """The whole address of a page that `preisach app` serves, with its token.
+
+    `before` is code that the server runs first.
+    """
+    code = f"{before}\nimport sys; from preisach_jax.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "app", "--no-browser", "--port", str(free_port())]
     log = Path(folder) / "server.log"
     with log.open("wb") as told:
         process = subprocess.Popen([*words, *map(str, arguments)], stdout=told, stderr=told)
@@ -57,7 +60,7 @@ def served(*arguments, folder):
 
 
 def told_address(process, log):
-    for _ in range(600):
+    for _ in range(3000):  # a machine may be busy
         assert process.poll() is None, log.read_text()
         if found := re.search(r"http://\S+ ", log.read_text()):
             return found[0].strip()

@@ -1,11 +1,9 @@
 """`preisach sweep` and `preisach figures`: what they write and show, and how they can end."""
 
 import json
-import signal
+import shutil
 import subprocess
 import sys
-import time
-from contextlib import suppress
 
 import jax
 import numpy as np
@@ -13,7 +11,6 @@ import pytest
 
 from preisach_jax.cli import main
 from preisach_jax.sweep import merge, storage, sweep
-from preisach_jax.work.manifest import made_with
 
 SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)
 WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 2 --samples 1000 --seed 5 --chunk 1".split()
@@ -75,16 +72,26 @@ def test_a_broken_chunk_is_told_and_a_restart_begins_anew(tmp_path, capsys, monk
     assert computed == []
     assert main([*WORDS, "--out", str(tmp_path), "--restart"]) == 0
     assert computed == [[0], [1]]
+    assert main([*WORDS, "--seed", "6", "--out", str(tmp_path)]) == 2
+    message = capsys.readouterr().err
+    assert f"{tmp_path} holds a sweep with key 0,5 and not 0,6: choose another" in message
+    assert "--restart" in message
+
+
+def assert_same(out, expected):
+    found = storage.load_folder(out)
+    for name in found.AXES:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for one, other in zip(found.weights, expected.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 # The second chunk begins, and never ends.
 HANGING = """
-import signal, sys, time
+import sys, time
 from preisach_jax.cli import main
 from preisach_jax.sweep import storage
 
-# Tests that run in the background of a shell hand down that interruptions are ignored.
-signal.signal(signal.SIGINT, signal.default_int_handler)
 genuine = storage.sweep
 
 def hang(key, levels, noise, seeds, samples):
@@ -98,52 +105,44 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def ended(process, how):
-    """Send a signal to a process until it ends, as a user does; its exit code.
-
-    Python loses an interruption that falls into a finaliser.
-    """
-    for _ in range(4):
-        time.sleep(1)  # the chunk has begun
-        process.send_signal(how)
-        with suppress(subprocess.TimeoutExpired):
-            return process.wait(30)
-    process.kill()
-    return pytest.fail("it does not end")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_what_was_ended_from_outside_goes_on_to_the_same_numbers(how, expected, tmp_path):
+def test_what_was_killed_and_left_half_goes_on_to_the_same_numbers(expected, tmp_path, capsys):
     out = tmp_path / "a sweep"
-    words = [*WORDS, "--restart", "--out", str(out)]
+    words = [*WORDS, "--out", str(out)]
     with subprocess.Popen(
-        [sys.executable, "-c", HANGING, *words],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
+        [sys.executable, "-c", HANGING, *words], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
-        assert process.stderr is not None
         assert process.stdout.readline() == "hanging\n"
-        code = ended(process, how)
-        said = process.stderr.read()
-    if how == signal.SIGINT:
-        assert code == 130
-        again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])
-        assert said.splitlines()[-1] == (
-            f"preisach: interrupted; {out} keeps the finished chunks; resume with: {again}"
-        )
-        assert "Traceback" not in said
-    else:
-        assert code == -signal.SIGKILL
+        process.kill()
     first = out / "done" / "seeds_0000-0000.json"
     before = first.stat().st_mtime_ns
-    assert main([*WORDS, "--out", str(out)]) == 0
+    for folder in (out, out / "done", out / "sweep.zarr", out / "sweep.zarr" / "events"):
+        (folder / ".0a1b.partial").write_bytes(b"half")
+        (folder / ".manifest.json.999999999.part").write_bytes(b"half")
+    assert main(words) == 0
     assert first.stat().st_mtime_ns == before
-    found = storage.load_folder(out)
-    for name in found.AXES:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    for one, other in zip(found.weights, expected.weights, strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert_same(out, expected)
+    for name in ("sweep.zarr/zarr.json", "sweep.zarr/events/zarr.json"):
+        (out / name).write_bytes((out / name).read_bytes()[:20])
+    assert main(words) == 0
+    assert_same(out, expected)
+    (out / "manifest.json").write_bytes(b"{")
+    assert main(words) == 2
+    assert "--restart" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_removed_as_the_work_runs_is_told(tmp_path, capsys, monkeypatch):
+    out, genuine = tmp_path / "sweep", storage.sweep
+
+    def removing(key, levels, noise, seeds, samples):
+        if seeds == [1]:
+            shutil.rmtree(out)
+        return genuine(key, levels, noise, seeds, samples)
+
+    monkeypatch.setattr(storage, "sweep", removing)
+    assert main([*WORDS, "--out", str(out)]) == 2
+    message = capsys.readouterr().err
+    assert f"{out}: it was removed or emptied while the sweep ran; give the same" in message
 
 
 def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
@@ -151,11 +150,11 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(storage, "sweep", interrupted)
-    assert main([*WORDS, "--restart", "--out", str(tmp_path)]) == 130
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert message.endswith(
-        f"resume with: {' '.join(['preisach', *WORDS, '--out', str(tmp_path)])}\n"
+    out = str(tmp_path / "a sweep")
+    assert main([*WORDS, "--restart", "--out", out]) == 130
+    again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])
+    assert capsys.readouterr().err == (
+        f"preisach: interrupted; {out} keeps the finished chunks; resume with: {again}\n"
     )
 
 
@@ -165,19 +164,11 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
         (["sweep"], ["--out", "preisach sweep --help"]),
         (["sweep", "--levels", "5,1"], ["--levels holds 1", "at least 2"]),
         (["sweep", "--levels", "5,many"], ["--levels is '5,many'", "whole numbers by commas"]),
-        (["sweep", "--levels", "5,5"], ["--levels holds (5, 5)", "only once"]),
         (["sweep", "--noise", "0.1,-1"], ["--noise holds -1.0", "above 0"]),
-        (["sweep", "--noise=-1"], ["--noise holds -1.0"]),
-        (["sweep", "--noise", "0"], ["--noise holds 0.0"]),
         (["sweep", "--noise", "0.1;0.2"], ["--noise is '0.1;0.2'", "numbers by commas"]),
-        (["sweep", "--noise", ""], ["--noise is ''"]),
         (["sweep", "--seeds", "0"], ["--seeds is 0", "at least 1"]),
-        (["sweep", "--seeds", "few"], ["--seeds"]),
         (["sweep", "--samples", "10"], ["--samples is 10", "at least 1000"]),
-        (["sweep", "--seed", "-1"], ["--seed is -1"]),
-        (["sweep", "--chunk", "0"], ["--chunk is 0"]),
-        (["figures"], ["--out", "preisach figures --help"]),
-        (["figures", "--only", "four"], ["--only is 'four'"]),
+        (["figures", "--only", "99"], ["99"]),
     ],
 )  # fmt: skip
 def test_mistakes_are_one_line_that_names_the_option(words, fragments, tmp_path, capsys):
@@ -190,37 +181,3 @@ def test_mistakes_are_one_line_that_names_the_option(words, fragments, tmp_path,
     for fragment in fragments:
         assert fragment in shown.err
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_cannot_be_one_or_that_holds_another_sweep(tmp_path, capsys):
-    file = tmp_path / "file"
-    file.write_text("")
-    assert main([*WORDS, "--out", str(file)]) == 2
-    assert "this is a file" in capsys.readouterr().err
-    settings = storage.sweep_settings(jax.random.key(6), *SETTINGS, 1)
-    manifest = {"format": 2, "settings": settings, "made_with": made_with()}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    assert main([*WORDS, "--out", str(tmp_path)]) == 2
-    message = capsys.readouterr().err
-    assert f"{tmp_path} holds a sweep with key 0,6 and not 0,5: choose another" in message
-    assert "--restart" in message
-
-
-def test_figures_draws_those_that_are_chosen(tmp_path, capsys):
-    assert main(["figures", "--out", str(tmp_path), "--only", "1,3", "--quick"]) == 0
-    assert str(tmp_path) in capsys.readouterr().out
-    drawn = {path.stem for path in tmp_path.rglob("*.png")}
-    assert drawn == {"figure_01_quick", "figure_03_quick"}
-
-
-def test_figures_that_do_not_exist(tmp_path, capsys):
-    assert main(["figures", "--out", str(tmp_path / "new"), "--only", "99"]) == 2
-    assert "99" in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-
-
-def test_the_help_lists_both_commands(capsys):
-    assert main(["--help"]) == 0
-    shown = capsys.readouterr().out
-    assert "sweep       Measure how the residual error grows with noise" in shown
-    assert "figures     Draw the figures of the paper, and those that go further." in shown

@@ -1,13 +1,11 @@
 """Compiled code is kept between runs of the command line, where nothing else was asked for."""
 
-import os
 import signal
 import subprocess
 import sys
 import time
 
 import jax
-import jax.numpy as jnp
 import pytest
 
 from preisach_jax.cli import compiled
@@ -52,7 +50,6 @@ def test_where_nothing_can_be_written_nothing_is_kept(nothing_asked, monkeypatch
     (nothing_asked / "file").touch()
     with kept_between_runs() as first:
         assert not first
-        assert float(jnp.add(1.0, 1.0)) == 2.0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -66,11 +63,7 @@ def test_an_interruption_ends_what_the_interpreter_cannot():
         "hashlib.pbkdf2_hmac('sha256', b'word', b'salt', 200_000_000)\n"
     )
     child = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "JAX_PLATFORMS": "cpu"},
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert child.stdout is not None
     assert child.stdout.readline() == "ready\n"

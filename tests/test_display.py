@@ -8,7 +8,6 @@ import pytest
 from stand_ins import make_diagnosis, make_record
 
 import preisach_jax as pj
-from preisach_jax.present import html
 from preisach_jax.quantity import interval, quantity
 
 EVIL = "<script>alert('µ')</script>"
@@ -17,7 +16,7 @@ EVIL = "<script>alert('µ')</script>"
 def made(effects=(), **options):
     """A small record and its fit."""
     rng = np.random.default_rng(0)
-    time = np.arange(1500) * 0.002
+    time = np.arange(3000) * 0.001
     drive = 5 - 5 * np.cos(time * (6 + 3 * time))
     output = drive**1.1 + 0.2 * np.tanh(drive - 5) + 1e-3 * rng.normal(size=time.size)
     settings = {"units": {"input": "V", "output": "um"}, "name": "stage.csv"} | options
@@ -48,21 +47,6 @@ def shown(result) -> str:
     return words(page)
 
 
-def test_cells_and_sentences_are_escaped():
-    for page in (
-        html.heading(EVIL),
-        html.sentence(EVIL),
-        html.table((EVIL, "b"), [(EVIL, "c")], numbers_from=1),
-    ):
-        assert "<script" not in page
-        assert EVIL in unescape(page)
-
-
-def test_what_is_empty_leaves_nothing():
-    assert html.table(("a", "b"), []) == ""
-    assert html.sentence("") == ""
-
-
 def test_a_record_shows_columns_units_and_what_is_missing():
     time = np.append(np.arange(100), np.arange(150, 250)) * 0.01
     output = np.where(np.arange(200) < 20, np.nan, np.arange(200.0))
@@ -81,12 +65,6 @@ def test_a_record_shows_columns_units_and_what_is_missing():
     assert "20 samples without a measured output" in text
 
 
-def test_a_record_without_any_output_is_shown():
-    record = pj.Record.from_arrays([0.0, 1.0], [0.0, 0.0], [np.nan, np.nan])
-    assert "output output unknown unknown unknown" in shown(record)
-    assert "\n" not in repr(record)
-
-
 def test_a_fit_shows_its_own_numbers(fitted):
     _, fit = fitted
     text = shown(fit)
@@ -101,19 +79,6 @@ def test_a_fit_shows_its_own_numbers(fitted):
     assert "held-out RMS (nm)" in text
     assert repr(fit).startswith("<Fit of stage.csv: Preisach model + input_lag + creep, 5 levels, ")
     assert len(repr(fit)) < 150
-
-
-def test_a_model_shows_its_chain_in_order(fitted, tmp_path):
-    _, fit = fitted
-    fit.save(tmp_path / "model.json")
-    model = pj.Model.load(tmp_path / "model.json")
-    text = shown(model)
-    places = [text.index(name) for name in ("input input_lag", "Preisach operator", "output creep")]
-    assert places == sorted(places)
-    assert quantity(model.rms_validation, "um", 3) in text
-    assert "Identified on stage.csv, 1,500 rows." in text
-    assert "\n" not in repr(model)
-    assert len(repr(model)) < 150
 
 
 def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
@@ -134,19 +99,8 @@ def test_a_diagnosis_shows_verdict_ladder_findings_and_what_to_record():
     )
 
 
-def test_a_diagnosis_that_names_nothing_is_short():
-    found = make_diagnosis("adequate", next_experiment=None, located="")
-    text = shown(found)
-    assert "Nothing is missing (adequate)" in text
-    assert "Record next" not in text
-    assert "What remains" not in text
-    assert repr(found) == "<Diagnosis of stage.csv: adequate; held-out error 600 nm RMS>"
-
-
-@pytest.mark.parametrize("unit", ["", EVIL])
-def test_names_and_units_of_a_file_are_escaped(unit):
-    units = {"input": unit, "output": unit} if unit else None
-    record, fit = made(name=EVIL, units=units)
+def test_names_and_units_of_a_file_are_escaped():
+    record, fit = made(name=EVIL, units={"input": EVIL, "output": EVIL})
     found = make_diagnosis(record=make_record(name=EVIL), sentence=EVIL, notes=(EVIL,))
     for result in (record, fit, fit.model, found):
         assert EVIL in shown(result)

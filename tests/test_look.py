@@ -1,8 +1,6 @@
 """The first look at a record: what is planted in it is found, and what it cannot tell is said."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.effects import library
 from preisach_jax.look import look
-from preisach_jax.look.drawing import braille, extremes
 from preisach_jax.look.prospects import judged_effects
 from preisach_jax.look.stretches import (
     band_decades,
@@ -22,7 +19,6 @@ from preisach_jax.look.stretches import (
     repeating_period,
     resolution,
     rests,
-    strokes,
 )
 
 STEP = 0.001
@@ -56,20 +52,13 @@ MINOR = path(
 )
 
 
-def grade(found, effect):
-    return next(each.grade for each in found.prospects if each.effect == effect)
-
-
 def test_planted_rests_are_found_where_they_are():
     found = look(record_of(HOLDS, 1e-3)).excitation.rests
     assert [round(rest.level) for rest in found] == [4, 8, 10, 6, 3, 0]
     np.testing.assert_allclose(
         [rest.length_s for rest in found], [0.05, 0.5, 2, 0.05, 0.5, 2], atol=0.01
     )
-
-
-def test_a_slow_ramp_is_no_rest():
-    assert rests(record_of(path((1, 5.0), (10, 0.1), (0, 0.1)))) == []
+    assert rests(record_of(path((1, 5.0), (10, 0.1), (0, 0.1)))) == []  # a slow ramp is none
 
 
 def test_turns_and_rates_are_those_that_were_played():
@@ -89,13 +78,7 @@ def test_noise_is_measured_on_a_smooth_course(sigma, seed):
     assert noise_rms(values) == pytest.approx(sigma, rel=0.1)
 
 
-def test_spikes_of_a_course_do_not_count_as_noise():
-    values = np.sin(np.arange(4000) / 500)
-    values[::200] += 50
-    assert noise_rms(values) < 1e-4
-
-
-@pytest.mark.parametrize("step", [0.01, 0.003, 2.0])
+@pytest.mark.parametrize("step", [0.003, 2.0])
 def test_the_step_of_a_converter_is_found(step):
     fine = 40 * np.sin(np.arange(5000) / 300)
     assert resolution(step * np.round(fine / step)) == pytest.approx(step)
@@ -126,21 +109,12 @@ def test_the_peaks_of_a_fast_course_are_no_spikes():
     assert found.output_spikes.tolist() == [2000]
 
 
-def test_a_sound_record_has_no_blemish():
-    for u in (LOOPS, HOLDS, RATES, MINOR):
-        found = look(record_of(u, 1e-3))
-        assert not len(found.output_spikes)
-        assert not len(found.input_spikes)
-        assert found.stuck == ()
-        assert found.clipped == ()
-
-
 @pytest.mark.parametrize(
     ("u", "well", "not_at_all"),
     [
         (LOOPS, {"drift", "ageing", "hum"}, {"creep", "delay", "moving"}),
         (HOLDS, {"creep"}, {"ageing", "moving"}),
-        (RATES, {"rate_dependence", "delay", "input_lag"}, {"operator_creep"} - {"operator_creep"}),
+        (RATES, {"rate_dependence", "delay", "input_lag"}, set()),
         (MINOR, {"moving"}, {"creep", "ageing"}),
     ],
 )
@@ -150,22 +124,8 @@ def test_what_a_record_can_tell_follows_from_what_it_holds(u, well, not_at_all):
     assert not_at_all <= set(found.cannot_tell)
     for each in found.prospects:
         assert each.grade == "well" or each.remedy or each.effect == "output_nonlinearity"
-
-
-def test_the_stage_that_shows_everything_is_said_to():
-    stage = pj.simulate_stage(0, 24.0, [], 2000.0)
-    record = pj.Record.from_arrays(stage.time, stage.input, stage.output, units=UNITS)
-    found = look(record)
-    assert {"creep", "drift", "delay", "resonance", "moving"} <= set(found.can_tell)
-    assert found.excitation.noise == pytest.approx(stage.truth["noise_um"], rel=0.3) if (
-        "noise_um" in stage.truth
-    ) else True  # fmt: skip
-
-
-def test_an_auxiliary_column_that_goes_with_the_input_tells_little():
-    load = np.random.default_rng(1).normal(size=len(LOOPS))
-    for values, expected in ((load, "well"), (2 * LOOPS, "poorly"), (0 * load, "not at all")):
-        assert grade(look(record_of(LOOPS, aux={"load": values})), "aux:load") == expected
+    # A sound record has no blemish.
+    assert not [*found.output_spikes, *found.input_spikes, *found.stuck, *found.clipped]
 
 
 def test_every_effect_of_the_library_is_judged():
@@ -177,35 +137,10 @@ def test_a_period_is_found_and_noise_has_none():
     noise = np.random.default_rng(0).normal(size=1000)
     assert period(np.tile(noise, 3)) == 1000
     assert period(noise) is None
+    moved, still = np.linspace(0.0, 1.0, 100), np.ones(2000)
+    assert repeating_period(np.concatenate([moved, still])) is None
     assert band_decades(noise) > 1.5
     assert band_decades(np.sin(2 * np.pi * np.arange(1000) / 50)) < 0.1
-
-
-def test_strokes_leave_out_gaps():
-    u = LOOPS
-    keep = np.ones(len(u), bool)
-    keep[1100:1400] = False
-    record = pj.Record.from_arrays(STEP * np.arange(len(u))[keep], u[keep], u[keep] ** 1.1)
-    excitation = look(record).excitation
-    assert len(excitation.strokes) == 9
-    assert len(strokes(record, excitation.turns, [])) == 9
-
-
-@given(st.lists(st.floats(-10, 10), min_size=8, max_size=60))
-def test_a_picture_reaches_both_ends_and_a_slow_count_agrees(values):
-    time, z = np.arange(float(len(values))), np.array(values)
-    _, low, high = extremes(time, z, 4)
-    edges = np.linspace(time[0], time[-1], 5)
-    for k in range(4):
-        last = time <= edges[k + 1] if k == 3 else time < edges[k + 1]
-        inside = z[(time >= edges[k]) & last]
-        assert (low[k], high[k]) == (inside.min(), inside.max())
-    lines = braille(time, z, 10, 3)
-    assert len(lines) == 3
-    assert all(len(line) <= 10 for line in lines)
-    if np.ptp(z) > 0:
-        assert lines[0].strip("\u2800")
-        assert lines[-1].strip("\u2800")
 
 
 @pytest.fixture(scope="module")
@@ -219,15 +154,14 @@ def stage_csv(tmp_path_factory):
     return file
 
 
-def test_the_command_shows_columns_reasons_and_a_picture(stage_csv, capsys):
+def test_the_command_shows_columns_reasons_and_a_picture_the_json_the_same_and_the_figure_is_drawn(
+    stage_csv, tmp_path, capsys
+):
     assert main(["look", str(stage_csv)]) == 0
     out = capsys.readouterr().out
     for words in ("u_V", "by its name", "reversals", "rests", "shows well", "to record next"):
         assert words in out
     assert any(0x2800 < ord(sign) < 0x2900 for sign in out)
-
-
-def test_the_json_holds_what_is_shown_and_the_figure_is_drawn(stage_csv, tmp_path, capsys):
     figure = tmp_path / "look.png"
     assert main(["look", str(stage_csv), "--json", "--plot", str(figure)]) == 0
     content = json.loads(capsys.readouterr().out)
@@ -238,18 +172,16 @@ def test_the_json_holds_what_is_shown_and_the_figure_is_drawn(stage_csv, tmp_pat
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("aux", [("load_N",), ("load_N", "temp_C"), ("5", "4")])
-def test_auxiliary_columns_are_looked_at(aux, tmp_path, capsys):
+def test_auxiliary_columns_are_looked_at(tmp_path, capsys):
     file = tmp_path / "loaded.csv"
     noise = np.random.default_rng(0).normal(size=(len(LOOPS), 2))
     table = np.column_stack([STEP * np.arange(len(LOOPS)), LOOPS, LOOPS**1.1, noise])
     np.savetxt(file, table, header="t_s,u_V,z_um,load_N,temp_C", delimiter=",", comments="")
-    words = [word for name in aux for word in ("--aux", name)]
-    assert main(["look", str(file), *words, "--json"]) == 0
+    assert main(["look", str(file), "--aux", "load_N", "--aux", "5", "--json"]) == 0
     columns = json.loads(capsys.readouterr().out)["columns"]
     assert [each["role"] for each in columns[:3]] == ["time", "input", "output"]
     named = {each["name"]: each["why"] for each in columns if each["role"] == "aux"}
-    assert named == dict.fromkeys(["load_N", "temp_C"][: len(aux)], "you named it")
+    assert named == dict.fromkeys(["load_N", "temp_C"], "you named it")
 
 
 def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path, capsys):
@@ -264,37 +196,3 @@ def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path,
     assert "--input" in out
     assert main(["look", str(file), "--input", "2", "--output", "3", "-q"]) == 0
     assert capsys.readouterr().out.startswith("shows well:")
-
-
-def test_a_mistake_is_one_line_and_no_figure_is_written(stage_csv, tmp_path, capsys):
-    for words in (
-        [str(tmp_path / "none.csv")],
-        [str(stage_csv), "--input", "9"],
-        [str(stage_csv), "--plot", str(tmp_path / "look.txt")],
-    ):
-        assert main(["look", *words]) == 2
-        err = capsys.readouterr().err
-        assert err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_looking_loads_no_jax(stage_csv):
-    code = (
-        "import sys; from preisach_jax.cli import main; "
-        f"main(['look', {str(stage_csv)!r}, '-q']); print('jax' in sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    assert done.stdout.split()[-1] == "False"
-
-
-def test_the_figure_of_a_look_is_that_of_its_method():
-    figure = look(record_of(HOLDS, 1e-3)).plot()
-    assert len(figure.axes) == 3
-
-
-def test_a_drive_that_rests_for_the_greater_part_has_no_period():
-    moved, still = np.linspace(0.0, 1.0, 100), np.ones(2000)
-    assert repeating_period(np.concatenate([moved, still])) is None
-    assert period(still) is None

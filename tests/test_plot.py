@@ -1,8 +1,5 @@
 """Figures show the numbers of the results, with units, and leave matplotlib as it was."""
 
-import subprocess
-import sys
-from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -12,7 +9,6 @@ from matplotlib.colors import to_hex
 from stand_ins import make_diagnosis, make_fit, make_model, make_record
 
 from preisach_jax import plot
-from preisach_jax.diagnosis.result import Budget, Rung
 from preisach_jax.effects.creep import Creep
 
 
@@ -35,10 +31,6 @@ def bars(axes: Any) -> list[Any]:
     return list(axes.patches)
 
 
-def line_colours(axes: Any) -> set[str]:
-    return {to_hex(line.get_color()).upper() for line in axes.lines}
-
-
 def test_waterfall_bars_stand_for_the_held_out_errors(found):
     (axes,) = plot.waterfall(found).axes
     tops = [bar.get_y() + bar.get_height() for bar in bars(axes)]
@@ -51,38 +43,6 @@ def test_waterfall_bars_stand_for_the_held_out_errors(found):
     names = [label.get_text() for label in axes.get_xticklabels()]
     assert names[1:] == ["+ creep", "+ drift"]
     assert "−65 %" in texts(axes.figure)
-
-
-def test_waterfall_of_like_errors_is_linear_from_zero(found):
-    like = replace(
-        found,
-        ladder=(found.ladder[0], Rung(("creep",), 0.4, 0.3, 1.0, 97.0)),
-        budget=Budget(0.1, 0.0, 0.0, 0.0, 0.0, 0.28, "um"),
-    )
-    (axes,) = plot.waterfall(like).axes
-    assert axes.get_yscale() == "linear"
-    assert axes.get_ylim()[0] == 0.0
-
-
-def test_waterfall_without_effects_and_without_floor():
-    alone = make_diagnosis("adequate", budget=Budget(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, ""))
-    (axes,) = plot.waterfall(alone).axes
-    assert len(axes.patches) == 1
-    assert axes.get_ylabel() == "held-out error, RMS"
-    assert "noise" not in texts(axes.figure)
-
-
-def test_before_and_after_have_the_same_colours_everywhere(found):
-    traces = plot.before_and_after(found)
-    assert list(traces) == ["without effects", "with creep + drift"]
-    figures = [plot.measured_and_model(traces), plot.residuals(traces), plot.residual_tests(traces)]
-    axes = [axes for figure in figures for axes in figure.axes] + plot.loop(traces).axes[1:]
-    assert len(axes) == 12
-    for one in axes:
-        assert {plot.BEFORE, plot.AFTER} <= line_colours(one), one.get_title(loc="left")
-    alone = plot.before_and_after(make_diagnosis("adequate"))
-    assert list(alone) == ["without effects"]
-    assert plot.AFTER not in line_colours(plot.measured_and_model(alone).axes[0])
 
 
 def test_axes_carry_units(found):
@@ -99,33 +59,6 @@ def test_axes_carry_units(found):
     assert figure.axes[1].get_ylabel() == "density (nm/V²)"
 
 
-def test_small_values_are_shown_in_units_that_read_well():
-    record = make_record(units={"input": "A", "output": "m"})
-    fit = make_fit(record, error=2e-8)
-    axes = plot.residuals({"model": fit}).axes[0]
-    assert axes.get_ylabel() == "residual (nm)"
-    drawn = max(np.nanmax(np.abs(line.get_ydata())) for line in axes.lines)
-    assert drawn == pytest.approx(1e9 * np.nanmax(np.abs(fit.residual)), rel=0.01)
-
-
-def test_a_small_residual_is_seen_beside_a_great_one():
-    record = make_record()
-    great, small = make_fit(record, error=40.0), make_fit(record, (Creep(),), error=0.5)
-    figure = plot.residuals({"without effects": great, "with creep": small})
-    for axes in figure.axes:
-        assert axes.get_yscale() == "symlog"
-        bottom, top = axes.get_ylim()
-        # What 95 of 100 small residuals stay within takes a good part of the height.
-        typical = np.nanquantile(np.abs(small.residual), 0.95)
-        ends = axes.transData.transform(
-            [(1.0, typical), (1.0, -typical), (1.0, bottom), (1.0, top)]
-        )
-        assert (ends[0, 1] - ends[1, 1]) / (ends[3, 1] - ends[2, 1]) > 0.2
-    assert "linear within ±1 µm" in figure.axes[0].get_title(loc="left")
-    alike = plot.residuals({"without effects": great, "with creep": great})
-    assert alike.axes[0].get_yscale() == "linear"
-
-
 def test_held_out_blocks_are_shaded():
     fit = make_fit(make_record())
     axes = plot.measured_and_model({"model": fit}).axes[0]
@@ -138,40 +71,6 @@ def test_held_out_blocks_are_shaded():
     for begin, end in shaded:
         inside |= (fit.record.time >= begin) & (fit.record.time <= end)
     np.testing.assert_array_equal(inside & fit.record.measured, fit.validation)
-
-
-def test_a_record_held_out_as_a_whole_is_not_shaded():
-    fit = make_fit(make_record())
-    fit.validation = fit.record.measured
-    figure = plot.measured_and_model({"model": fit})
-    assert "held out" not in texts(figure)
-
-
-def test_the_stretch_shown_is_where_the_error_is_greatest():
-    fit = make_fit(make_record())
-    row = int(np.flatnonzero(fit.validation)[50])
-    fit.residual[row - 3 : row + 3] += 40.0
-    rows = plot.worst_stretch({"model": fit})
-    assert rows.start <= row < rows.stop
-    assert rows.stop - rows.start < 200
-
-
-def test_clouds_are_thinned_and_bands_are_not():
-    record = make_record(40_000)
-    axes = plot.residuals({"model": make_fit(record)}).axes[1]
-    clouds = [line for line in axes.lines if line.get_marker() == "."]
-    assert np.size(clouds[0].get_xdata()) == 5000
-    assert len(axes.collections) == 1
-
-
-def test_envelopes_keep_the_extremes():
-    record = make_record(60_000)
-    fit = make_fit(record)
-    fit.prediction[12_345] = 400.0
-    axes = plot.measured_and_model({"model": fit}).axes[0]
-    line = next(line for line in axes.lines if to_hex(line.get_color()).upper() == plot.BEFORE)
-    assert np.size(line.get_xdata()) < 10_000
-    assert np.max(line.get_ydata()) == 400.0
 
 
 def test_density_is_weight_over_area_and_unvisited_cells_are_hatched():
@@ -188,13 +87,6 @@ def test_density_is_weight_over_area_and_unvisited_cells_are_hatched():
     assert "never visited by this record (20 % of the cells)" in texts(figure)
 
 
-def test_density_without_a_visit_or_without_a_hole():
-    nothing = make_model(visited=np.zeros(21, dtype=bool))
-    assert "(100 % of the cells)" in texts(plot.density(nothing))
-    everything = make_model(visited=np.ones(21, dtype=bool))
-    assert not plot.density(everything).legends
-
-
 def test_candidates_show_gain_and_reason(found):
     axes, _ = plot.candidates(found).axes
     widths = [bar.get_width() for bar in bars(axes)]
@@ -207,43 +99,11 @@ def test_candidates_show_gain_and_reason(found):
     assert blue == [True, False, False, True, False]
 
 
-def test_of_what_was_not_fitted_the_five_that_promise_most_are_drawn(found):
-    def promised(name, gain):
-        return replace(found.candidates[0], effect=name, step=0, gain=gain, accepted=False,
-                       rms_validation=np.nan, why_not="not fitted")  # fmt: skip
-
-    gains = [0.01, 0.08, 0.02, 0.07, 0.03, 0.06, 0.05, 0.04]
-    more = tuple(promised(f"effect_{k}", gain) for k, gain in enumerate(gains))
-    figure = plot.candidates(replace(found, candidates=(found.candidates[0], *more)))
-    widths = [bar.get_width() for bar in bars(figure.axes[0])]
-    np.testing.assert_allclose(widths[1:], [8.0, 7.0, 6.0, 5.0, 4.0])
-    hatches = [bar.get_hatch() for bar in bars(figure.axes[0])]
-    assert hatches == [None, *["////"] * 5]
-    assert "on the model without effects (3 that promise less, not shown)" in texts(figure)
-
-
-@pytest.mark.filterwarnings("error")
-def test_figures_of_odd_records_can_be_drawn():
+def test_figures_of_odd_records_can_be_drawn_and_settings_of_matplotlib_are_left_alone():
+    before = dict(mpl.rcParams)
     name = r"$\frac{x}{$ <b>&</b> Weg [µm]"
     record = make_record(60, units={}, name=name)
     fit = make_fit(record, (Creep(),))
     for figure in (plot.overview(fit), plot.loop({name: fit}), plot.residual_tests({name: fit})):
         assert plot.png(figure).startswith(b"\x89PNG")
-
-
-def test_equal_figures_give_equal_files(found):
-    first, second = (plot.svg(plot.waterfall(found)) for _ in range(2))
-    assert first == second
-    assert "<svg" in first
-
-
-def test_settings_of_matplotlib_are_left_alone(found):
-    before = dict(mpl.rcParams)
-    plot.png(plot.waterfall(found))
     assert dict(mpl.rcParams) == before
-
-
-def test_no_window_system_is_touched():
-    code = "import preisach_jax.plot, sys; print('matplotlib.pyplot' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

@@ -5,10 +5,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from stand_ins import make_diagnosis
 
-from preisach_jax.diagnosis.wording import located, next_experiment, notes_on
-from preisach_jax.present.diagnosis import headline
+from preisach_jax.diagnosis.wording import located, notes_on
 from preisach_jax.record import Record
 
 TIME = np.arange(4000) / 200
@@ -38,24 +36,6 @@ def test_a_direction_is_named_if_it_has_more_than_its_share(sign, name):
     assert "while the input" not in told(rng.normal(size=len(TIME)))
 
 
-def test_rests_are_a_direction():
-    path = np.interp(TIME, [0, 5, 10, 15, 20], [0, 8, 8, 2, 2])
-    text = told(np.where((TIME > 5) & (TIME < 10), 1.0, 0.1), path)
-    assert "while the input rests (50 % of the samples)" in text
-
-
-def test_the_last_reversal_is_an_axis():
-    """Loops of many heights; what fails is what came from one of them."""
-    heights = np.array([3, 9, 4, 8, 5, 7, 6, 10, 2, 6.5])
-    corners = np.concatenate([[0.0], np.stack([heights, np.zeros(10)], axis=1).ravel()])
-    path = np.interp(TIME, np.linspace(0, 20, len(corners)), corners)
-    last = np.repeat(corners[:-1], 200)
-    text = told(np.where(last == 8.0, 1.0, 0.01), path)
-    assert "where the input at the last reversal is" in text
-    place = text.split("where the input at the last reversal is ")[1].split(";")[0]
-    assert "8 V" in place
-
-
 def test_little_to_see_is_said():
     chain = SimpleNamespace(signed=False)
     model = cast(Any, SimpleNamespace(plane=SimpleNamespace(cells=325), chain=chain))
@@ -67,15 +47,3 @@ def test_little_to_see_is_said():
     short = slice(0, 300)
     few = notes_on(Record.from_arrays(TIME[short], INPUT[short], INPUT[short]), model)
     assert few[0].startswith("The record has 300 measured rows for 325 cells")
-
-
-def test_a_record_that_could_not_show_effects_asks_for_another():
-    assert next_experiment("adequate", (), ()) is None
-    asked = next_experiment("adequate", (), (), shows_little=True)
-    assert asked is not None
-    assert "three rates" in asked.text
-    assert "could not show" in asked.why
-    found = make_diagnosis("adequate", next_experiment=asked)
-    assert headline(found) == (
-        "No missing effect is visible, but this record could hardly show one"
-    )

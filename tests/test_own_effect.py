@@ -14,7 +14,7 @@ from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.lawful import require_law_of_place
 
-RATE = 1000.0
+RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
 
 
@@ -52,55 +52,44 @@ class Mains(pj.AddedEffect):
         return jnp.stack([jnp.cos(phase), jnp.sin(phase)], axis=1)
 
 
-def stage(change=lambda h: h, seed=4, noise=0.01, effect=None):
+def stage(change=lambda h: h, effect=None):
     """A record of the simulated actuator, its output changed by NumPy and SciPy alone."""
-    rec = world.hidden_record(effect, seed, duration_s=6.0, rate_hz=RATE, noise_um=0.0)
-    rng = np.random.default_rng(seed)
-    output = change(rec["clean"]) + noise * rng.normal(size=len(rec["t"]))
+    rec = world.hidden_record(effect, 4, duration_s=6.0, rate_hz=RATE, noise_um=0.0)
+    output = change(rec["clean"]) + 0.01 * np.random.default_rng(4).normal(size=len(rec["t"]))
     return rec, pj.Record.from_arrays(rec["t"], rec["x"], output, units=UNITS, initial_memory="low")
 
 
-def lagging(tau):
-    return stage(lambda h: world.ramp_lag(h, tau, 1 / RATE))[1]
+@pytest.fixture(scope="module")
+def lagging():
+    return stage(lambda h: world.ramp_lag(h, 0.02, 1 / RATE))[1]
 
 
-def test_it_is_fitted_like_one_of_the_library():
-    record = lagging(0.02)
-    base, found = pj.fit(record, levels=9), pj.fit(record, [SensorLag()], levels=9)
-    estimate = found.model.parameters["sensor_lag"]["tau_s"]
+@pytest.fixture(scope="module")
+def plain():
+    return stage()[1]
+
+
+def test_it_is_found_fitted_and_saved_like_one_of_the_library(lagging, tmp_path):
+    found = pj.diagnose(lagging, [SensorLag(), Mains(), "drift"], levels=9)
+    assert found.effects == ("sensor_lag",)
+    assert found.verdict == "explained"
+    estimate = found.findings[0].parameters["tau_s"]
     assert estimate.value == pytest.approx(0.02, rel=0.01)
     assert estimate.unit == "s"
     assert estimate.low < estimate.value < estimate.high
-    assert found.rms_validation < 0.2 * base.rms_validation
-    assert found.effects == ("sensor_lag",)
-    assert "sensor_lag.tau_s" in found.summary()
-
-
-def test_it_is_found_beside_the_library(tmp_path):
-    found = pj.diagnose(lagging(0.02), [SensorLag(), "drift", "delay"], levels=9)
-    assert found.effects == ("sensor_lag",)
-    assert found.verdict == "explained"
-    parameters = found.findings[0].parameters
-    assert parameters["tau_s"].value == pytest.approx(0.02, rel=0.01)
-    assert {c.effect for c in found.candidates} >= {"sensor_lag", "drift", "delay"}
+    assert all(c.why_not for c in found.candidates if c.effect != "sensor_lag")
     assert "sensor_lag" in found.sentence
+    assert "sensor_lag.tau_s" in found.final.summary()
     found.model.save(tmp_path / "model.json")
     again = pj.Model.load(tmp_path / "model.json", effects=[SensorLag()])
-    record = lagging(0.02)
-    np.testing.assert_array_equal(again.predict(record).output, found.model.predict(record).output)
+    expected = found.model.predict(lagging).output
+    np.testing.assert_array_equal(again.predict(lagging).output, expected)
 
 
-def test_it_is_not_found_where_it_is_not():
-    found = pj.diagnose(stage()[1], [SensorLag(), Mains()], levels=11)
-    assert found.effects == ()
-    assert all(candidate.why_not for candidate in found.candidates)
-
-
-def test_an_effect_without_parameters_is_found():
+def test_an_effect_without_parameters_is_fitted():
     rec, record = stage(effect="hum")
-    found = pj.diagnose(record, ["drift", Mains()], levels=11)
-    assert found.effects == ("mains",)
-    parts = [found.findings[0].parameters[name].value for name in ("cosine", "sine")]
+    found = pj.fit(record, [Mains()], levels=9).model.parameters["mains"]
+    parts = [found[name].value for name in ("cosine", "sine")]
     assert math.hypot(*parts) == pytest.approx(rec["truth"]["amplitude_um"], rel=0.05)
     phase = np.arctan2(parts[0], parts[1])  # of a sine
     assert np.angle(np.exp(1j * (phase - rec["truth"]["phase"]))) == pytest.approx(0, abs=0.05)
@@ -132,13 +121,6 @@ class TooLong(Mistaken):
 
     def apply(self, signal, time):
         return jnp.append(signal, signal[-1])
-
-
-class OneNumber(Mistaken):
-    name = "one_number"
-
-    def apply(self, signal, time):
-        return jnp.mean(signal)
 
 
 class Flat(pj.AddedEffect):
@@ -176,67 +158,45 @@ class Unbounded(Mistaken):
 
 
 MISTAKES = {
-    "raising": "failed: KeyError: 'my table'",
-    "dividing": "could not be fitted: .*not finite",
-    "too_long": r"failed: EffectError: .*'too_long' returns the shape \(6001,\).*return \(6000,\)",
-    "one_number": r"failed: EffectError: .*'one_number' returns the shape \(\)",
-    "flat": r"failed: EffectError: .*'flat' returns the shape \(6000,\) from columns.*\(6000, 1\)",
-    "scalar": r"failed: EffectError: .*'scalar' returns the shape \(\) from factor",
-    "unfinished": r"failed: EffectError: .*lacks a method of its place: write init\(self, first\)",
-    "homeless": "failed: EffectError: .*derive it from InputEffect",
-    "unbounded": "failed: ZeroDivisionError: no span",
+    Raising: "failed: KeyError: 'my table'",
+    Dividing: "could not be fitted: .*not finite",
+    TooLong: r"failed: EffectError: .*returns the shape \(3001,\) from apply.*return \(3000,\)",
+    Flat: r"failed: EffectError: .*'flat' returns the shape \(3000,\) from columns.*\(3000, 1\)",
+    Scalar: r"failed: EffectError: .*'scalar' returns the shape \(\) from factor",
+    Unfinished: r"failed: EffectError: .*lacks a method of its place: write init\(self, first\)",
+    Homeless: "failed: EffectError: .*derive it from InputEffect",
+    Unbounded: "failed: ZeroDivisionError: no span",
 }
 
 
-@pytest.fixture(scope="module")
-def despite_mistakes():
-    kinds = (
-        Raising,
-        Dividing,
-        TooLong,
-        OneNumber,
-        Flat,
-        Scalar,
-        Unfinished,
-        Homeless,
-        Unbounded,
-    )
+def test_each_mistake_is_a_candidate_that_failed_and_the_diagnosis_goes_on():
     _, record = stage(effect="drift")
-    return pj.diagnose(record, [*(kind() for kind in kinds), "drift"], levels=7)
-
-
-def test_the_diagnosis_goes_on_without_them(despite_mistakes):
-    assert despite_mistakes.effects == ("drift",)
-    json = despite_mistakes.to_json()
-    assert {c["effect"] for c in json["candidates"]} == {*MISTAKES, "drift"}
-    assert despite_mistakes.summary()
-
-
-@pytest.mark.parametrize(("effect", "says"), MISTAKES.items())
-def test_each_mistake_is_reported_as_a_candidate_that_failed(despite_mistakes, effect, says):
-    candidates = [c for c in despite_mistakes.candidates if c.effect == effect]
-    assert candidates
-    for candidate in candidates:
-        assert not candidate.accepted
-        assert re.match(says, candidate.why_not, flags=re.DOTALL), candidate.why_not
-
-
-def test_a_mistake_in_a_fit_is_the_users_to_see():
-    with pytest.raises(KeyError, match="my table"):
-        pj.fit(stage()[1], [Raising()], levels=5)
+    found = pj.diagnose(record, [*(kind() for kind in MISTAKES), "drift"], levels=5)
+    assert found.effects == ("drift",)
+    assert {c["effect"] for c in found.to_json()["candidates"]} == {
+        "drift",
+        *(kind.name for kind in MISTAKES),
+    }
+    for kind, says in MISTAKES.items():
+        candidates = [c for c in found.candidates if c.effect == kind.name]
+        assert candidates
+        for candidate in candidates:
+            assert not candidate.accepted
+            assert re.match(says, candidate.why_not, flags=re.DOTALL), candidate.why_not
 
 
 @pytest.mark.parametrize(
-    ("effect", "says"),
+    ("effect", "error", "says"),
     [
-        (TooLong(), r"returns the shape \(6001,\) from apply; make it return \(6000,\)"),
-        (Unfinished(), r"lacks a method of its place: write init\(self, first\)"),
-        (Homeless(), "derive it from InputEffect"),
+        (Raising(), KeyError, "my table"),
+        (TooLong(), pj.InputError, r"the shape \(3001,\) from apply; make it return \(3000,\)"),
+        (Unfinished(), pj.InputError, r"lacks a method of its place: write init\(self, first\)"),
+        (Homeless(), pj.InputError, "derive it from InputEffect"),
     ],
 )
-def test_a_mistake_in_the_class_is_told_as_the_users_and_not_as_ours(effect, says):
-    with pytest.raises(pj.InputError, match=says):
-        pj.fit(stage()[1], [effect], levels=5)
+def test_a_mistake_in_a_fit_is_told_as_the_users(plain, effect, error, says):
+    with pytest.raises(error, match=says):
+        pj.fit(plain, [effect], levels=5)
 
 
 # --- effects that break the law of their place ---
@@ -288,12 +248,15 @@ class Remembering(pj.SensorEffect):
         (Remembering(), r"'remembering' is a SensorEffect.*other samples.*pj.OutputEffect"),
     ],
 )
-def test_an_effect_that_breaks_the_law_of_its_place_is_told_another_one(effect, says):
+def test_an_effect_that_breaks_the_law_of_its_place_is_told_another_one(plain, effect, says):
     with pytest.raises(pj.InputError, match=says):
-        pj.fit(stage()[1], [effect], levels=5)
+        pj.fit(plain, [effect], levels=5)
 
 
-@pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.__name__)
+BOUND_BY_A_LAW = [k for k in BUILT_IN if issubclass(k, pj.OutputEffect | pj.SensorEffect)]
+
+
+@pytest.mark.parametrize("kind", BOUND_BY_A_LAW, ids=lambda kind: kind.__name__)
 def test_the_library_keeps_the_laws_of_its_places(x64, kind):
     t = np.arange(2000) / 100
     u = 5 - 5 * np.cos(t * (1 + t / 40))
@@ -320,14 +283,10 @@ class Chance(pj.AddedEffect):
 def test_an_effect_that_raises_the_held_out_error_is_told():
     _, record = stage(effect="drift")
     few = pj.Record.from_arrays(
-        record.time[::12],
-        record.input[::12],
-        record.output[::12],
-        units=UNITS,
-        initial_memory="low",
+        record.time[::6], record.input[::6], record.output[::6], units=UNITS, initial_memory="low"
     )
-    plain = pj.fit(few, levels=7)
-    found = pj.fit(few, ["drift", Chance()], levels=7)
+    plain = pj.fit(few, levels=5)
+    found = pj.fit(few, ["drift", Chance()], levels=5)
     assert [each.effects for each in found.added] == [("drift",), ("chance",)]
     assert found.added[0].before == pytest.approx(plain.rms_validation, rel=0.02)
     assert found.added[1].after == pytest.approx(found.rms_validation, rel=0.02)
@@ -335,9 +294,9 @@ def test_an_effect_that_raises_the_held_out_error_is_told():
     (sentence,) = found.rises
     assert "adding chance raised the held-out error" in sentence
     assert f"warning: {sentence}" in found.summary()
-    explored = pj.explore(few, ["drift"], levels=7).add("drift").add(Chance())
+    explored = pj.explore(few, ["drift"], levels=5).add("drift").add(Chance())
     assert explored.fit.rises == found.rises
-    assert plain.rises == pj.fit(few, ["drift"], levels=7).rises == ()
+    assert plain.rises == pj.fit(few, ["drift"], levels=5).rises == ()
 
 
 # --- what is given in place of an effect ---
@@ -359,56 +318,39 @@ class Rooted(SensorLag):
         return state, math.sqrt(value)
 
 
-def test_code_that_cannot_be_traced_is_told_with_its_line():
-    record = stage()[1]
+def test_code_that_cannot_be_traced_is_told_with_its_line(plain):
     branches = r"'branching' branches on .*line \d+: if value > 0:.*jnp.where\(condition"
     with pytest.raises(pj.InputError, match=branches):
-        pj.fit(record, [Branching()], levels=5)
+        pj.fit(plain, [Branching()], levels=5)
     with pytest.raises(pj.InputError, match=branches):
         Branching(tau_s=0.1).apply(jnp.arange(5.0), jnp.arange(5.0))
     with pytest.raises(pj.InputError, match=r"'rooted' makes a Python number.*jax.numpy"):
-        pj.fit(record, [Rooted()], levels=5)
+        pj.fit(plain, [Rooted()], levels=5)
 
 
 @pytest.mark.parametrize("use", [pj.fit, pj.diagnose, pj.explore])
-@pytest.mark.parametrize(
-    ("asked", "says"),
-    [
+def test_what_is_no_list_of_effects_is_told(plain, use):
+    for asked, says in (
         ("creep", r"effects is 'creep': give a list"),
         (SensorLag(), r"effects is SensorLag.*: give a list"),
         ([SensorLag], r"holds the class SensorLag: give an effect, SensorLag\(\)"),
         ([None], r"effects holds None"),
-    ],
-)
-def test_what_is_no_list_of_effects_is_told(use, asked, says):
-    with pytest.raises(pj.InputError, match=says):
-        use(stage()[1], asked)
+        (["creep", Taken()], "'creep' is asked for twice"),
+    ):
+        with pytest.raises(pj.InputError, match=says):
+            use(plain, asked)
 
 
-def test_a_coefficient_without_a_unit_is_told():
+class Taken(SensorLag):
+    name = "creep"
+
+
+def test_a_unit_that_lacks_and_a_parameter_that_is_none_are_told():
     with pytest.raises(pj.InputError, match=r"coefficient\('um'\) has a name and no unit"):
         pj.coefficient("um")
-
-
-def test_bounds_of_a_parameter_in_the_wrong_order_are_the_users_mistake():
-    with pytest.raises(pj.InputError, match=r"'a' has bounds 2.0 and 1.0"):
-        pj.Parameter("a", "1", 2.0, 1.0)
-
-
-def test_a_parameter_that_an_effect_does_not_have_is_told():
     with pytest.raises(pj.InputError, match="no parameter 'tau'; give values of tau_s"):
         SensorLag().at({"tau": 1.0})
-
-
-def test_an_effect_can_be_looked_at_with_a_value_of_its_parameter():
+    # An effect can be looked at with a value of its parameter.
     time = jnp.arange(5.0)
     late = time - SensorLag(tau_s=0.01).apply(time, time)
     assert float(late[-1]) == pytest.approx(0.5, abs=0.02)
-
-
-def test_a_name_of_the_library_cannot_be_taken():
-    class Creep(SensorLag):
-        name = "creep"
-
-    with pytest.raises(pj.InputError, match="'creep' is asked for twice"):
-        pj.diagnose(stage()[1], ["creep", Creep()])

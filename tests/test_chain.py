@@ -98,9 +98,8 @@ def test_regressors_and_response_agree_in_single_precision():
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=1e-4)
 
 
-@pytest.mark.parametrize("memory", ["free", "low"])
-def test_columns_are_where_they_are_said_to_be(x64, memory):
-    chain, _, _, columns, _ = setting(EVERY, memory)
+def test_columns_are_where_they_are_said_to_be(x64):
+    chain, _, _, columns, _ = setting(EVERY)
     matrix = columns.matrix
     assert matrix.shape == (COUNT, columns.offset + 1 + len(columns.added))
     assert columns.cells == chain.plane.cells
@@ -111,7 +110,7 @@ def test_columns_are_where_they_are_said_to_be(x64, memory):
     np.testing.assert_array_equal(matrix[:, columns.offset], 1.0)
     np.testing.assert_array_equal(np.flatnonzero(~columns.nonnegative)[0], columns.offset)
     grouped = np.concatenate([np.array([], dtype=int), *columns.groups])
-    assert bool(len(grouped)) == (memory == "free")
+    assert len(grouped)
     assert len(set(grouped)) == len(grouped)
 
 
@@ -144,17 +143,6 @@ def test_any_start_of_the_hysterons_is_in_the_span(x64):
     assert np.ptp(np.asarray(response(chain, {}, signals, blank)) - target) > 0.3
 
 
-def test_a_stated_start_is_that_of_the_plane(x64):
-    rec, chain, kind = record("high"), Chain(PLANE), "high"
-    weights = np.linspace(0.5, 1.0, PLANE.cells)
-    signals = signals_of(rec)
-    start = stated_start(chain, drive(chain, {}, signals), kind)
-    coefficients = Coefficients(weights, weights * start, 0.0, np.zeros(0))
-    got = hysteresis_output(chain, {}, signals, coefficients)
-    expected = hysteron_states(PLANE, rec.input, kind) @ weights
-    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
-
-
 def test_a_demagnetised_start_is_on_below_the_line(x64):
     chain = Chain(PLANE)
     start = stated_start(chain, Drive(jnp.asarray([6.0])), "demagnetised")
@@ -163,22 +151,17 @@ def test_a_demagnetised_start_is_on_below_the_line(x64):
     expected = np.where(np.abs(line) < 1e-9, 0.5, line < 0)
     np.testing.assert_allclose(start[unforced], expected[unforced])
     assert len(set(start[unforced])) == 3
+    # Saturated, it is that of the plane.
+    rec, weights = record("high"), np.linspace(0.5, 1.0, PLANE.cells)
+    signals = signals_of(rec)
+    start = stated_start(chain, drive(chain, {}, signals), "high")
+    own = Coefficients(weights, weights * start, 0.0, np.zeros(0))
+    got = hysteresis_output(chain, {}, signals, own)
+    expected = hysteron_states(PLANE, rec.input, "high") @ weights
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
 
 
 # --- the first run ---
-
-
-BEYOND = 4
-
-
-def on_a_wider_plane(hysteron, x):
-    """Random weights and switches of hysterons whose thresholds lie beyond the range as well."""
-    rng = np.random.default_rng(1)
-    reach = BEYOND * PLANE.delta_x
-    wide = Plane(PLANE.levels + 2 * BEYOND, PLANE.low - reach, PLANE.high + reach)
-    weights = rng.uniform(0.1, 1.0, wide.cells)
-    switches = rng.integers(0, 2, wide.cells).astype(float)
-    return np.asarray(hysteron_states(wide, x, switches, hysteron)) @ weights
 
 
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
@@ -187,7 +170,12 @@ def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     loops = np.interp(np.arange(320), [0, 80, 160, 240, 319], [0, 12, 0, 12, 3])
     x = np.concatenate([record(seed=1, jump=0.4).input, loops])
     rec = Record.from_arrays(np.arange(len(x)) / 100, x, x)
-    target = on_a_wider_plane(hysteron, x)
+    # Random weights and switches of hysterons whose thresholds lie beyond the range as well.
+    rng, reach = np.random.default_rng(1), 4 * PLANE.delta_x
+    wide = Plane(PLANE.levels + 8, PLANE.low - reach, PLANE.high + reach)
+    switches = rng.integers(0, 2, wide.cells).astype(float)
+    states = hysteron_states(wide, x, switches, hysteron)
+    target = np.asarray(states) @ rng.uniform(0.1, 1.0, wide.cells)
     chain, signals = Chain(PLANE, (), hysteron), signals_of(rec)
     course = Drive(signals.input)
     columns = regressors(chain, {}, signals, hysteresis_columns(chain, course, "free"))
@@ -237,14 +225,9 @@ def test_added_effects_do_not_pass_the_output_effects(x64):
     """Drift is added to what is recorded, so that creep does not follow it."""
     rec, names = record("low"), ("drift", "creep")
     chain = Chain(PLANE, tuple(EFFECTS[name] for name in names))
-    values = {name: VALUES[name] for name in names}
     nothing = np.zeros(PLANE.cells)
-    got = response(
-        chain,
-        values,
-        signals_of(rec),
-        Coefficients(nothing, nothing, 2.0, np.array([3.0, 0.0, 0.0])),
-    )
+    own = Coefficients(nothing, nothing, 2.0, np.array([3.0, 0.0, 0.0]))
+    got = response(chain, {name: VALUES[name] for name in names}, signals_of(rec), own)
     time = rec.time - rec.time[0]
     np.testing.assert_allclose(got, 2.0 + 3.0 * np.expm1(-time / 1.7) / np.expm1(-3.0 / 1.7))
 

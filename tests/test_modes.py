@@ -72,29 +72,6 @@ def test_the_number_of_modes_is_found_saved_and_not_exported_to_c(tmp_path):
         export_c(again, tmp_path / "c")
 
 
-@pytest.mark.campaign  # `test_growth` finds a mode behind a lag in a tenth of the time
-def test_a_lag_and_a_mode_are_named_where_a_delay_does_better_than_either(x64):
-    """To second order in frequency, both together are a delay; the mode rings on at corners."""
-    count, rng = 5000, np.random.default_rng(2)
-    time, corners = np.arange(count) / RATE, np.arange(count // 100 + 2)
-    tones = [
-        rng.uniform(0.3, 0.8) * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi))
-        for f in rng.uniform(0.5, 25, 8)
-    ]
-    u = 5 + np.sum(tones, axis=0)
-    u += np.interp(np.arange(count), 100 * corners, rng.uniform(0, 5, len(corners)))
-    stack = plays(lagging(u, 0.002), np.linspace(0.2, 4.0, 20), 0.04)
-    z = through(stack, ((110.0, 0.04, 1.0),)) + rng.normal(0, 0.005, count)
-    measured = pj.Record.from_arrays(time, u, z)
-    found = pj.diagnose(measured, ["input_lag", "output_lag", "delay", "resonance"], levels=13)
-    first = [c for c in found.candidates if c.step == 0 and np.isfinite(c.rms_validation)]
-    assert min(first, key=lambda c: c.rms_validation).effect == "delay"
-    assert found.effects == ("input_lag", "resonance")
-    assert found.model.values["input_lag"]["tau_s"] == pytest.approx(0.002, rel=0.05)
-    assert found.model.values["resonance"]["f_hz"] == pytest.approx(110.0, rel=0.01)
-    assert found.model.values["resonance"]["zeta"] == pytest.approx(0.04, rel=0.15)
-
-
 def test_an_input_that_turns_at_each_sample_is_not_thinned():
     rng = np.random.default_rng(4)
     count = 3000

@@ -2,6 +2,7 @@
 
 import math
 import re
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -98,87 +99,60 @@ def test_an_effect_without_parameters_is_fitted():
 # --- effects with mistakes in them ---
 
 
-class Mistaken(pj.InputEffect):
-    a: float = pj.parameter("1", 0.0, 1.0, start=(0.5,))
+def own(name, place: Any = pj.InputEffect, **methods):
+    """An effect with a parameter a, and with methods that are not those it should have."""
+    a = pj.parameter("1/{z}", -0.02, 0.02, start=(0.01,))
+    fields = {"name": name, "a": a, "__annotations__": {"a": float}}
+    return type(place)(name, (place,), fields | methods)()
 
 
-class Raising(Mistaken):
-    name = "raising"
+def failing(error):
+    def method(*_):
+        raise error
 
-    def apply(self, signal, time):
-        raise KeyError("my table")
-
-
-class Dividing(Mistaken):
-    name = "dividing"
-
-    def apply(self, signal, time):
-        return signal / (time - time)
+    return method
 
 
-class TooLong(Mistaken):
-    name = "too_long"
-
-    def apply(self, signal, time):
-        return jnp.append(signal, signal[-1])
+RAISING = own("raising", apply=failing(KeyError("my table")))
+TOO_LONG = own("too_long", apply=lambda self, signal, time: jnp.append(signal, signal[-1]))
+UNFINISHED, HOMELESS = own("unfinished", pj.OutputEffect), own("homeless", pj.Effect)
 
 
-class Flat(pj.AddedEffect):
-    name = "flat"
-
-    def coefficients(self):
-        return (pj.Parameter("gain", "{z}", -jnp.inf, jnp.inf),)
-
-    def columns(self, signals):
-        return signals.time
-
-
-class Scalar(pj.WeightEffect):
-    name = "scalar"
-
-    a: float = pj.parameter("1", 0.0, 1.0)
-
-    def factor(self, signals):
-        return 1 - self.a
-
-
-class Unfinished(pj.OutputEffect):
-    name = "unfinished"
-
-
-class Homeless(pj.Effect):
-    name = "homeless"
-
-
-class Unbounded(Mistaken):
-    name = "unbounded"
-
-    def bound_to(self, span):
-        raise ZeroDivisionError("no span")
-
-
-MISTAKES = {
-    Raising: "failed: KeyError: 'my table'",
-    Dividing: "could not be fitted: .*not finite",
-    TooLong: r"failed: EffectError: .*returns the shape \(3001,\) from apply.*return \(3000,\)",
-    Flat: r"failed: EffectError: .*'flat' returns the shape \(3000,\) from columns.*\(3000, 1\)",
-    Scalar: r"failed: EffectError: .*'scalar' returns the shape \(\) from factor",
-    Unfinished: r"failed: EffectError: .*lacks a method of its place: write init\(self, first\)",
-    Homeless: "failed: EffectError: .*derive it from InputEffect",
-    Unbounded: "failed: ZeroDivisionError: no span",
-}
+MISTAKES = (
+    (RAISING, "failed: KeyError: 'my table'"),
+    (
+        own("dividing", apply=lambda self, signal, time: signal / (time - time)),
+        "could not be fitted: .*not finite",
+    ),
+    (TOO_LONG, r"failed: EffectError: .*the shape \(3001,\) from apply.*return \(3000,\)"),
+    (
+        own(
+            "flat",
+            pj.AddedEffect,
+            coefficients=lambda self: (pj.coefficient("gain", "{z}"),),
+            columns=lambda self, signals: signals.time,
+        ),
+        r"failed: EffectError: .*'flat' returns the shape \(3000,\) from columns.*\(3000, 1\)",
+    ),
+    (
+        own("scalar", pj.WeightEffect, factor=lambda self, signals: 1 - self.a),
+        r"failed: EffectError: .*'scalar' returns the shape \(\) from factor",
+    ),
+    (UNFINISHED, r"failed: EffectError: .*lacks a method of its place: write init\(self, first\)"),
+    (HOMELESS, "failed: EffectError: .*derive it from InputEffect"),
+    (
+        own("unbounded", bound_to=failing(ZeroDivisionError("no span"))),
+        "failed: ZeroDivisionError: no span",
+    ),
+)
 
 
 def test_each_mistake_is_a_candidate_that_failed_and_the_diagnosis_goes_on():
     _, record = stage(effect="drift")
-    found = pj.diagnose(record, [*(kind() for kind in MISTAKES), "drift"], levels=5)
+    found = pj.diagnose(record, [*(effect for effect, _ in MISTAKES), "drift"], levels=5)
     assert found.effects == ("drift",)
-    assert {c["effect"] for c in found.to_json()["candidates"]} == {
-        "drift",
-        *(kind.name for kind in MISTAKES),
-    }
-    for kind, says in MISTAKES.items():
-        candidates = [c for c in found.candidates if c.effect == kind.name]
+    for effect, says in MISTAKES:
+        candidates = [c for c in found.candidates if c.effect == effect.name]
         assert candidates
         for candidate in candidates:
             assert not candidate.accepted
@@ -188,10 +162,10 @@ def test_each_mistake_is_a_candidate_that_failed_and_the_diagnosis_goes_on():
 @pytest.mark.parametrize(
     ("effect", "error", "says"),
     [
-        (Raising(), KeyError, "my table"),
-        (TooLong(), pj.InputError, r"the shape \(3001,\) from apply; make it return \(3000,\)"),
-        (Unfinished(), pj.InputError, r"lacks a method of its place: write init\(self, first\)"),
-        (Homeless(), pj.InputError, "derive it from InputEffect"),
+        (RAISING, KeyError, "my table"),
+        (TOO_LONG, pj.InputError, r"the shape \(3001,\) from apply; make it return \(3000,\)"),
+        (UNFINISHED, pj.InputError, r"lacks a method of its place: write init\(self, first\)"),
+        (HOMELESS, pj.InputError, "derive it from InputEffect"),
     ],
 )
 def test_a_mistake_in_a_fit_is_told_as_the_users(plain, effect, error, says):
@@ -202,31 +176,13 @@ def test_a_mistake_in_a_fit_is_told_as_the_users(plain, effect, error, says):
 # --- effects that break the law of their place ---
 
 
-class Bent(pj.OutputEffect):
-    name = "bent"
-
-    bend: float = pj.parameter("1/{z}", -0.02, 0.02)
-
-    def init(self, first):
-        return jnp.zeros_like(first)
-
-    def step(self, state, value, dt):
-        return state, value + self.bend * value**2
+def acting(name, step):
+    return own(name, pj.OutputEffect, init=lambda self, first: 0 * first, step=step)
 
 
-class Slowing(Bent):
-    name = "slowing"
-
-    def step(self, state, value, dt):
-        state = state + 0.1 * jnp.tanh(self.bend * (value - state))
-        return state, state
-
-
-class Shifted(Bent):
-    name = "shifted"
-
-    def step(self, state, value, dt):
-        return state, value + self.bend
+def slowing(self, state, value, dt):
+    state = state + 0.1 * jnp.tanh(self.a * (value - state))
+    return state, state
 
 
 class Remembering(pj.SensorEffect):
@@ -242,9 +198,18 @@ class Remembering(pj.SensorEffect):
 @pytest.mark.parametrize(
     ("effect", "says"),
     [
-        (Bent(), r"'bent' is an OutputEffect, but not linear.*derive it from pj.SensorEffect"),
-        (Slowing(), r"'slowing' .*not linear.*belongs before the hysteresis \(pj.InputEffect\)"),
-        (Shifted(), r"'shifted' .*not linear.*columns of a pj.AddedEffect"),
+        (
+            acting("bent", lambda self, state, value, dt: (state, value + self.a * value**2)),
+            r"'bent' is an OutputEffect, but not linear.*derive it from pj.SensorEffect",
+        ),
+        (
+            acting("slowing", slowing),
+            r"'slowing' .*not linear.*belongs before the hysteresis \(pj.InputEffect\)",
+        ),
+        (
+            acting("shifted", lambda self, state, value, dt: (state, value + self.a)),
+            r"'shifted' .*not linear.*columns of a pj.AddedEffect",
+        ),
         (Remembering(), r"'remembering' is a SensorEffect.*other samples.*pj.OutputEffect"),
     ],
 )
@@ -335,14 +300,10 @@ def test_what_is_no_list_of_effects_is_told(plain, use):
         (SensorLag(), r"effects is SensorLag.*: give a list"),
         ([SensorLag], r"holds the class SensorLag: give an effect, SensorLag\(\)"),
         ([None], r"effects holds None"),
-        (["creep", Taken()], "'creep' is asked for twice"),
+        (["creep", own("creep")], "'creep' is asked for twice"),
     ):
         with pytest.raises(pj.InputError, match=says):
             use(plain, asked)
-
-
-class Taken(SensorLag):
-    name = "creep"
 
 
 def test_a_unit_that_lacks_and_a_parameter_that_is_none_are_told():

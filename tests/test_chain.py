@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import preisach_jax as pj
 from preisach_jax.chain import (
     Chain,
     Coefficients,
@@ -89,13 +88,6 @@ def test_regressors_and_response_agree(x64, names, memory):
     got = response(chain, values, signals, coefficients)
     assert np.ptp(got) > 1.0
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=0, atol=1e-11)
-
-
-def test_regressors_and_response_agree_in_single_precision():
-    chain, values, signals, columns, solution = setting(("input_lag", "ageing", "drift"))
-    got = response(chain, values, signals, Coefficients.from_columns(columns, solution))
-    assert got.dtype == np.float32
-    np.testing.assert_allclose(columns.matrix @ solution, got, rtol=1e-4)
 
 
 def test_columns_are_where_they_are_said_to_be(x64):
@@ -191,31 +183,6 @@ def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     assert np.abs(left).max() > 0.05
     got = response(chain, {}, signals, Coefficients.from_columns(columns, solution))
     np.testing.assert_allclose(got, target, rtol=0, atol=1e-8)
-
-
-def test_a_virgin_curve_is_found_and_is_gone_after_the_first_run(x64):
-    """Plays that start between their ends, as those of a stage that was switched on."""
-    time = np.arange(3000) / 500
-    x = 40 - 40 * np.cos(2 * np.pi * time * (1 + time / 20))
-    target = 0.3 * x
-    for radius in (3.0, 8.0, 15.0):
-        play = [0.0]
-        for value in x[1:]:
-            play.append(min(max(play[-1], value - radius), value + radius))
-        target = target + 0.1 * np.array(play)
-    rec = Record.from_arrays(time, x, target)
-    fit = pj.fit(rec, levels=25)
-    assert fit.rms_validation < 2e-3 * np.ptp(target)
-    weights = fit.model.coefficients.first_run
-    # 2 r of each play come up from below the range of the input, the last one at x = 2 r.
-    assert weights[:25].sum() == pytest.approx(0.1 * (3 + 8 + 15), rel=0.05)
-    assert weights[25:].sum() == pytest.approx(0.0, abs=1e-6)
-    assert weights[10:25].sum() < 0.1
-    # A record of another day: the stage has been through its range since.
-    other = Record.from_arrays(time, x, target, initial_memory="low")
-    later = fit.model.predict(replace(other, time=other.time + 1000.0, input=x * (1 - 1e-9)))
-    rise = later.output[-1] - later.output[0]
-    assert rise == pytest.approx(target[-1] - target[0] - 2.6, abs=0.1)
 
 
 # --- order of the effects ---

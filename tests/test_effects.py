@@ -69,137 +69,113 @@ def linear(ticks, values, b, a):
     return b[-1] / a[-1] * values[0] + moved
 
 
-def mode(ticks, values, f, zeta, rate=False):
-    w = 2 * np.pi * f
-    return linear(ticks, values, [w, 0.0] if rate else [w * w], [1.0, 2 * zeta * w, w * w])
+# What effects with values p make of ticks k, time t and a course v.
 
 
-def lag(ticks, values, tau):
-    return linear(ticks, values, [1.0], [tau, 1.0])
+def slow_lag(k, t, v, p):
+    return linear(k, v, [1.0], [p["tau_s"], 1.0])
 
 
-def slow_slew_limit(time, values, slew, fine=2000):
+def slow_creep(k, t, v, p):
+    return v + sum(c * linear(k, v, [1.0], [tau, 1.0]) for c, tau in zip(p.values(), TAU_S))  # noqa: B905
+
+
+def slow_mode(k, t, v, p, end="", rate=False):
+    w, zeta = 2 * np.pi * p[f"f{end}_hz"], p["zeta" + end]
+    return linear(k, v, [w, 0.0] if rate else [w * w], [1.0, 2 * zeta * w, w * w])
+
+
+def slow_modes(k, t, v, p):
+    return slow_mode(k, t, v, p) + p["gain_2"] * slow_mode(k, t, v, p, "_2")
+
+
+def slow_turned(k, t, v, p):
+    return [slow_mode(k, t, v, p, end, rate) for end in ("", "_2") for rate in (False, True)]
+
+
+def slow_slew_limit(k, t, v, p, fine=2000):
     """u' runs towards u at no more than the slew, in many small steps between the samples."""
-    driven, limited = values[0], [values[0]]
-    for k in range(1, len(values)):
-        reach = slew * (time[k] - time[k - 1]) / fine
-        for j in range(1, fine + 1):
-            goal = values[k - 1] + (values[k] - values[k - 1]) * j / fine
+    driven, limited = v[0], [v[0]]
+    for n in range(1, len(v)):
+        reach = p["slew"] * (t[n] - t[n - 1]) / fine
+        for goal in np.linspace(v[n - 1], v[n], fine + 1)[1:].tolist():
             driven += min(max(goal - driven, -reach), reach)
         limited.append(driven)
     return np.array(limited)
 
 
-def settling(time, tau):
-    return (1 - np.exp(-time / tau)) / (1 - np.exp(-0.6 / tau))
+def slow_settling(k, t, v, p):
+    return (1 - np.exp(-t / p["tau_s"])) / (1 - np.exp(-0.6 / p["tau_s"]))
 
 
-def slow_modes(ticks, v):
-    return mode(ticks, v, 20.0, 0.05) - 0.5 * mode(ticks, v, 70.0, 0.01)
+def slow_viscosity(k, t, v, p):
+    w = linear(k, v, [1.0, 0.0], [p["tau_s"], 1.0])
+    dry = np.tanh(w / p["speed"])
+    return [w, dry, dry * np.exp(-np.abs(w) / p["stribeck_speed"])]
 
 
-def slow_viscosity(ticks, v):
-    w = linear(ticks, v, [1.0, 0.0], [0.01, 1.0])
-    dry = np.tanh(w / 120.0)
-    return [w, dry, dry * np.exp(-np.abs(w) / 300.0)]
+def slow_gain(k, t, v, p):
+    x = (slow_lag(k, t, v, p) - 2.0) / 20.0
+    return 1 + p["gain"] * 20.0 * (x + p["curvature"] * (x**2 - 0.25))
 
 
-def slow_turned(ticks, v):
-    modes = ((20.0, 0.05), (70.0, 0.3))
-    return [mode(ticks, v, *each, rate) for each in modes for rate in (False, True)]
-
-
-def slow_gain(ticks, v):
-    x = (lag(ticks, v, 0.05) - 2.0) / 20.0
-    return 1 + 0.02 * 20.0 * (x + 0.4 * (x**2 - 0.25))
-
-
-def slow_roots(time, v):
-    slope = np.diff(v) / np.diff(time)
+def slow_roots(k, t, v, p):
+    slope = np.diff(v) / np.diff(t)
     rate = (np.append(slope[0], slope) + np.append(slope, slope[-1])) / 2
     return np.sign(rate) * np.sqrt(np.abs(rate))
 
 
-def slow_rounding(v):
-    lattice = 0.3 * np.arange(-200, 200)
+def slow_rounding(k, t, v, p):
+    lattice = p["step"] * np.arange(-200, 200)
     return lattice[np.argmin(np.abs(v[:, None] - lattice), axis=1)]
 
 
-def slow_hum(time):
-    waves = [np.exp(2j * np.pi * 7.3 * k * time) for k in (1, 2, 3)]
+def slow_hum(k, t, v, p):
+    waves = [np.exp(2j * np.pi * p["f_hz"] * n * t) for n in (1, 2, 3)]
     return [part(wave) for wave in waves for part in (np.real, np.imag)]
 
 
-def slow_ripples(v):
+def slow_ripples(k, t, v, p):
     x = (v + 20.0) / 50.0
-    legendre = [np.polynomial.legendre.legval(2 * x - 1, np.eye(4)[k]) for k in (2, 3)]
+    legendre = [np.polynomial.legendre.legval(2 * x - 1, np.eye(4)[n]) for n in (2, 3)]
     return [*legendre, *(np.cos(2 * np.pi * x * waves) for waves in (1.0, 1.5, 2.0, 2.5, 3.0))]
 
 
-CREEP = Creep(tau_s=(0.004, 0.05, 0.9))
+TAU_S = (0.004, 0.05, 0.9)
 GAINS = {"c_1": 0.2, "c_2": 0.05, "c_3": 0.3}
-THREE = {"f_hz": 20.0, "zeta": 0.05, "f_2_hz": 70.0, "zeta_2": 0.01, "gain_2": -0.5}
+TWO_MODES = {"f_hz": 20.0, "zeta": 0.05, "f_2_hz": 70.0, "zeta_2": 0.1}
 SPEEDS = {"tau_s": 0.01, "speed": 120.0, "stribeck_speed": 300.0}
-TURNED = {"f_hz": 20.0, "zeta": 0.05, "f_2_hz": 70.0, "zeta_2": 0.3}
+FRICTION = Viscosity(fastest=1000.0, saturates=True, stribeck=True)
+BENT = {"gain": 0.02, "curvature": 0.4, "tau_s": 0.05}
 
-# Effect, values, and what it makes of ticks k, time t and a course v; of a record of about 0.6 s.
+# Values from the middle of the ranges of a record of about 0.6 s.
 CASES: dict[str, tuple[Any, dict[str, float], Any]] = {
-    "creep": (CREEP, GAINS, lambda k, t, v: v + sum(
-        c * lag(k, v, tau) for c, tau in zip(GAINS.values(), CREEP.tau_s, strict=True)
-    )),
-    "input_lag": (InputLag(), {"tau_s": 0.011}, lambda k, t, v: lag(k, v, 0.011)),
-    "quick lag": (InputLag(), {"tau_s": 2e-4}, lambda k, t, v: lag(k, v, 2e-4)),
-    "output_lag": (OutputLag(), {"tau_s": 0.013}, lambda k, t, v: lag(k, v, 0.013)),
-    "slow lag": (OutputLag(), {"tau_s": 2.0}, lambda k, t, v: lag(k, v, 2.0)),
-    "delay": (
-        Delay(), {"delay_s": 0.00725}, lambda k, t, v: np.interp(t - 0.00725, t, v, left=v[0]),
-    ),
-    "resonance": (
-        Resonance(), {"f_hz": 21.0, "zeta": 0.08}, lambda k, t, v: mode(k, v, 21.0, 0.08),
-    ),
-    "stiff resonance": (
-        Resonance(), {"f_hz": 210.0, "zeta": 0.001}, lambda k, t, v: mode(k, v, 210.0, 0.001),
-    ),
-    "two modes": (Resonance(modes=2), THREE, lambda k, t, v: slow_modes(k, v)),
-    "slew_limit": (
-        SlewLimit(), {"slew": 170.0}, lambda k, t, v: slow_slew_limit(t, v, 170.0),
-    ),
-    "input_quantisation": (
-        InputQuantisation(), {"step": 0.3}, lambda k, t, v: slow_rounding(v),
-    ),
-    "leakage": (
-        Leakage(), {"tau_s": 0.02}, lambda k, t, v: linear(k, v, [0.02, 0.0], [0.02, 1.0]),
-    ),
-    "drift": (Drift(horizon_s=0.6), {"tau_s": 0.2}, lambda k, t, v: settling(t, 0.2)),
-    "straight drift": (
-        Drift(horizon_s=0.6), {"tau_s": 1e4}, lambda k, t, v: settling(t, 1e4),
-    ),
-    "hum": (Hum(), {"f_hz": 7.3}, lambda k, t, v: slow_hum(t)),
+    "creep": (Creep(tau_s=TAU_S), GAINS, slow_creep),
+    "input_lag": (InputLag(), {"tau_s": 0.011}, slow_lag),
+    "quick lag": (InputLag(), {"tau_s": 2e-4}, slow_lag),
+    "output_lag": (OutputLag(), {"tau_s": 0.013}, slow_lag),
+    "delay": (Delay(), {"delay_s": 0.0072}, lambda k, t, v, p: np.interp(t - 0.0072, t, v)),
+    "resonance": (Resonance(), {"f_hz": 21.0, "zeta": 0.08}, slow_mode),
+    "stiff resonance": (Resonance(), {"f_hz": 210.0, "zeta": 0.001}, slow_mode),
+    "two modes": (Resonance(modes=2), TWO_MODES | {"gain_2": -0.5}, slow_modes),
+    "slew_limit": (SlewLimit(), {"slew": 170.0}, slow_slew_limit),
+    "input_quantisation": (InputQuantisation(), {"step": 0.3}, slow_rounding),
+    "leakage": (Leakage(), {"tau_s": 0.02}, lambda k, t, v, p: v - slow_lag(k, t, v, p)),
+    "drift": (Drift(horizon_s=0.6), {"tau_s": 0.2}, slow_settling),
+    "hum": (Hum(), {"f_hz": 7.3}, slow_hum),
     "ageing": (
-        Ageing(horizon_s=0.6), {"loss": 0.1, "tau_s": 0.4},
-        lambda k, t, v: 1 - 0.1 * settling(t, 0.4),
+        Ageing(horizon_s=0.6),
+        {"loss": 0.1, "tau_s": 0.4},
+        lambda k, t, v, p: 1 - 0.1 * slow_settling(k, t, v, p),
     ),
-    "aux:c": (Auxiliary("c", "N"), {"tau_s": 0.02}, lambda k, t, v: lag(k, v, 0.02)),
-    "gain:c": (
-        Gain("c", "A", 1e-9, 1.0, middle=2.0, span=20.0),
-        {"gain": 0.02, "curvature": 0.4, "tau_s": 0.05}, lambda k, t, v: slow_gain(k, v),
-    ),
-    "cross:c": (
-        Cross("c", "V"), {"f_hz": 60.0, "zeta": 0.5}, lambda k, t, v: mode(k, v, 60.0, 0.5),
-    ),
-    "turned modes": (
-        Cross("c", "V", modes=2, turned=True), TURNED, lambda k, t, v: slow_turned(k, v),
-    ),
-    "viscosity": (
-        Viscosity(fastest=1000.0, saturates=True, stribeck=True), SPEEDS,
-        lambda k, t, v: slow_viscosity(k, v),
-    ),
-    "excess_loss": (ExcessLoss(), {}, lambda k, t, v: slow_roots(t, v)),
-    "ripples": (
-        OutputNonlinearity(low_z=-20.0, range_z=50.0, half_waves=6), {},
-        lambda k, t, v: slow_ripples(v),
-    ),
-}  # fmt: skip
+    "aux:c": (Auxiliary("c", "N"), {"tau_s": 0.02}, slow_lag),
+    "gain:c": (Gain("c", "A", 1e-9, 1.0, middle=2.0, span=20.0), BENT, slow_gain),
+    "cross:c": (Cross("c", "V"), {"f_hz": 60.0, "zeta": 0.5}, slow_mode),
+    "turned modes": (Cross("c", "V", modes=2, turned=True), TWO_MODES, slow_turned),
+    "viscosity": (FRICTION, SPEEDS, slow_viscosity),
+    "excess_loss": (ExcessLoss(), {}, slow_roots),
+    "ripples": (OutputNonlinearity(-20.0, 50.0, half_waves=6), {}, slow_ripples),
+}
 STEPPED = [name for name, (effect, *_) in CASES.items() if hasattr(effect, "apply")]
 
 
@@ -218,7 +194,7 @@ def output_of(effect, values, time, course):
 def test_an_effect_is_its_closed_form(precision, name):
     effect, values, oracle = CASES[name]
     ticks, time, v = course(1)
-    expected = oracle(ticks, time, v)
+    expected = oracle(ticks, time, v, values)
     expected = np.stack(expected, axis=1) if isinstance(expected, list) else expected
     got = np.asarray(output_of(effect, values, time, v))
     assert got.dtype == precision
@@ -251,40 +227,12 @@ def test_a_lag_follows_what_bends_and_a_delay_cuts_it_by_a_chord(x64):
     lagged = applied(InputLag(), {"tau_s": 0.0026}, time, u)
     exact = np.imag(np.exp(1j * w * time) / (1 + 1j * w * 0.0026))
     np.testing.assert_allclose(lagged[settled], exact[settled], rtol=0, atol=0.15 * chord)
-    # The speed of a smooth course is not that of the interval before.
-    speed = acting.columns(Viscosity(), {"tau_s": 1e-6}, acting.signals(time, u))[:, 0]
-    wrong = (speed - w * np.cos(w * time))[3:]
-    interval = np.diff(u) / np.diff(time) - w * np.cos(w * time[1:])
-    assert np.std(wrong) < 0.15 * np.std(interval)
 
 
-def test_after_long_gaps_and_steps_the_closed_forms_hold(x64):
+def test_resonance_follows_a_ramp_after_a_long_gap(x64):
     time = np.array([0.0, 1e6, 2e6])
     got = applied(Resonance(), {"f_hz": 5.0, "zeta": 0.1}, time, 3.0 * time)
     np.testing.assert_allclose(got[1:], 3.0 * (time[1:] - 0.2 / (2 * np.pi * 5.0)), rtol=1e-12)
-    time = np.concatenate([[0.0, 1e-9], np.linspace(0.01, 2.0, 60)])
-    got = applied(CREEP, GAINS, time, np.where(time > 0, 5.0, 0.0))
-    elements = zip(GAINS.values(), CREEP.tau_s, strict=True)
-    rise = np.sum([c * -np.expm1(-time / tau) for c, tau in elements], axis=0)
-    np.testing.assert_allclose(got[1:], 5.0 * (1 + rise[1:]), atol=1e-5)
-
-
-def test_slow_motion_passes_a_slew_limit_unchanged():
-    _, time, u = course(6)
-    time, u = (np.asarray(jnp.asarray(values, float)) for values in (time, u))
-    slew = 1.01 * np.max(np.abs(np.diff(u)) / np.diff(time))
-    np.testing.assert_array_equal(applied(SlewLimit(), {"slew": slew}, time, u), u)
-
-
-def test_gain_is_one_in_the_middle_and_monotone_over_the_range(x64):
-    column = np.linspace(-2.0, 6.0, 81)
-    effect = Gain("T", "K", 1e-9, 1.0, middle=2.0, span=8.0)
-    for bend in (-1.0, 1.0):
-        values = {"gain": 0.1, "curvature": bend, "tau_s": 1e-9}
-        drives = acting.signals(np.arange(81.0), column, {"T": column})
-        factor = np.asarray(acting.factor(effect, values, drives))
-        assert (np.diff(factor) >= -1e-12).all()
-        np.testing.assert_allclose(factor[[0, -1]], [0.6, 1.4], atol=1e-7)
 
 
 # --- laws of all ---
@@ -313,7 +261,7 @@ def test_one_sample_at_a_time_is_the_whole_course(x64, name):
 
 
 @pytest.mark.parametrize(
-    "name", [n for n, c in CASES.items() if c[1] and n not in ("stiff resonance", "straight drift")]
+    "name", [n for n, c in CASES.items() if c[1] and n != "stiff resonance"]
 )
 def test_derivatives_are_those_of_finite_differences_and_finite_at_rest(x64, name):
     """A first sample has no step before it, and a rest has no slope: 0/0 must not come through."""
@@ -398,7 +346,7 @@ def test_bounds_and_starts_come_from_the_record():
     assert (f.low, f.high) == pytest.approx((2 / 24.0, 0.45 / 5e-4))
     assert (zeta.low, zeta.high) == (0.001, 0.7)
     np.testing.assert_allclose(np.diff(np.log10(f.start)), 0.1, atol=0.015)
-    _, scale, decay = CASES["viscosity"][0].parameters()
+    _, scale, decay = FRICTION.parameters()
     assert (scale.low, scale.high, *scale.start) == pytest.approx((1, 3000, 30, 120, 500))
     assert (decay.low, decay.high, *decay.start) == pytest.approx((10, 1000, 100, 400))
     bound = Gain("T", "K").bound_to(Survey(10.0, 0.01, aux={"T": np.array([20.0, 26.0, 24.0])}))
@@ -638,24 +586,6 @@ def test_steps_of_the_input_are_found_to_a_small_part_of_one_over_the_range(step
     (parameter,) = effect.parameters()
     assert parameter.low == pytest.approx(0.995 * min(effect.starts))
     assert parameter.high == pytest.approx(1.005 * max(effect.starts))
-
-
-def test_steps_that_the_record_has_already_or_cannot_show_are_left(x64):
-    survey = stepping(0.1, 13, lattice=0.1)
-    effect = InputQuantisation().bound_to(survey)
-    for start in effect.starts:
-        rounded = applied(effect, {"step": start}, survey.time, survey.input)
-        np.testing.assert_allclose(rounded, survey.input, rtol=0, atol=1e-4)
-    residual = np.array([0.3, -0.1, 0.2, -0.4, 0.1])
-    for u in ([0.0, 1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0, 1.0]):  # it only jumps
-        jumps = Survey(0.4, 0.1, np.arange(5) * 0.1, np.array(u), np.array(u), residual)
-        assert InputQuantisation().bound_to(jumps).starts == (1e-6,)
-    # Among many values, jumps show steps.
-    rng = np.random.default_rng(15)
-    u = np.repeat(rng.uniform(0.0, 10.0, 400), 5)
-    residual = 0.37 * np.round(u / 0.37) - u + 0.01 * rng.normal(size=2000)
-    many = Survey(20.0, 0.01, np.arange(2000) * 0.01, u, u, residual)
-    assert InputQuantisation().bound_to(many).starts[0] == pytest.approx(0.37, rel=1e-3)
 
 
 @pytest.mark.parametrize(("moves_a_step", "is_seen"), [(1.0, False), (0.25, True)])

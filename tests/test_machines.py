@@ -5,6 +5,7 @@ from dataclasses import replace
 import acting
 import numpy as np
 import pytest
+import world
 from acting import signals
 
 import preisach_jax as pj
@@ -95,7 +96,8 @@ def test_a_constant_column_scales_nothing():
 
 
 def stage(*effects, seed=2):
-    made = pj.simulate_stage(seed, 6.0, effects, 500.0)
+    drive = world.excitation("rich", 6.0, 500.0, seed)
+    made = pj.simulate_stage(seed, effects=effects, drive=drive, rate_hz=500.0)
     record = pj.Record.from_arrays(made.time, made.input, made.output, aux=made.aux)
     return record, made.truth["parameters"]
 

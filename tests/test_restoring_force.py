@@ -1,9 +1,8 @@
 """A hysteresis inside mechanics: its motion, its laws, its model, and when a diagnosis names it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+import world
 from scipy.integrate import solve_ivp
 
 import preisach_jax as pj
@@ -15,7 +14,6 @@ from preisach_jax.errors import InputError
 from preisach_jax.export.description import describe
 from preisach_jax.mechanics.body import along, at_rest, body_of
 from preisach_jax.operator.plane import Plane
-from preisach_jax.plant import simulate_stage
 from preisach_jax.report import write_comparison, write_report
 
 RATE = 250.0
@@ -182,14 +180,6 @@ def test_what_cannot_be_fitted_is_refused():
         RestoringForce(law="dahl")
 
 
-def test_the_stage_hides_it():
-    made = simulate_stage(1, 6.0, ("restoring_force",), 1000.0)
-    law = made.truth["parameters"]["restoring_force"]
-    assert made.output[0] == pytest.approx(0, abs=0.05)
-    # Where the drive rests at its top, springs of this stiffness hold it, the yielded one less.
-    assert np.ptp(made.output) > 75.0 / law["stiffness_V_per_um"]
-
-
 # --- the diagnosis ---
 
 
@@ -214,13 +204,6 @@ def test_a_plain_resonance_keeps_its_name(monkeypatch):
         raise AssertionError("tried beside a resonance that explains the record")
 
     monkeypatch.setattr(inside, "fit_inside", never)
-    stage = simulate_stage(4, 6.0, ("resonance",), 500.0)
-    record = pj.Record.from_arrays(stage.time, stage.input, stage.output)
+    made = world.hidden_record("resonance", 4, 6.0, 500.0)
+    record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
     assert pj.diagnose(record, ["resonance", "delay"], levels=9).effects == ("resonance",)
-
-
-def test_it_needs_to_halve_the_error_of_a_resonance(body):
-    record, fit = body
-    away = 0.5 * NOISE * np.sin(np.arange(len(record)))
-    half = replace(fit, prediction=fit.prediction + away)
-    assert "less than 50 %" in inside._objection(inside.compare_fits(half, fit), fit)

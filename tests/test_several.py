@@ -137,20 +137,15 @@ def test_no_block_holds_rows_of_two_records():
 
 def test_rates_turns_and_whitening_are_those_of_each_record():
     both = joined([sweep("a.csv", 1, seconds=5.0), sweep("b.csv", 2, seconds=5.0)])
-    parts = parts_of(both)
-    rate = input_rate(both.time, both.input, both.starts)
-    alone = [input_rate(part.time, part.input) for part in parts]
-    assert np.array_equal(rate, np.concatenate(alone))
-    since = time_since_reversal(both.time, both.input, 1.0, both.starts)
-    alone = [time_since_reversal(part.time, part.input, 1.0) for part in parts]
-    np.testing.assert_allclose(since, np.concatenate(alone), atol=1e-9)
+    for law in (input_rate, lambda t, u, *starts: time_since_reversal(t, u, 1.0, *starts)):
+        alone = [law(part.time, part.input) for part in parts_of(both)]
+        together = law(both.time, both.input, both.starts)
+        np.testing.assert_allclose(together, np.concatenate(alone), atol=1e-9)
     assert both.gaps == []
     rng = np.random.default_rng(0)
-    quiet, loud = rng.normal(size=2000), 3.0 * np.cumsum(rng.normal(size=2000))
-    together = innovation_variance(np.concatenate([quiet, loud]), breaks=(2000,))
-    assert together == pytest.approx(
-        (innovation_variance(quiet) + innovation_variance(loud)) / 2, rel=1e-12
-    )
+    parts = rng.normal(size=2000), 3.0 * np.cumsum(rng.normal(size=2000))
+    together = innovation_variance(np.concatenate(parts), breaks=(2000,))
+    assert together == pytest.approx(np.mean([innovation_variance(p) for p in parts]), rel=1e-12)
 
 
 # What only several records tell
@@ -196,20 +191,20 @@ def test_the_error_of_a_record_held_out_is_that_of_its_prediction():
 # Refusals
 
 
-def other(**changed):
-    """A record like `sweep`'s with something else about it."""
+def other(time, units=UNITS, aux=None):
     one = sweep("b.csv", 2)
-    time, units = changed.pop("time", one.time), changed.pop("units", UNITS)
-    return pj.Record.from_arrays(time, one.input, one.output, units=units, name="b.csv", **changed)
+    return pj.Record.from_arrays(
+        time * one.time, one.input, one.output, units=units, name="b.csv", aux=aux
+    )
 
 
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda: sweep("b.csv", 1), "b.csv: this record is the same as a.csv"),
-        (lambda: other(units={"input": "mV", "output": "um"}), "its unit is mV, and V in a.csv"),
-        (lambda: other(time=sweep("", 2).time / 50), "5000 Hz, and a.csv at 100 Hz"),
-        (lambda: other(aux={"load": sweep("", 2).input}), "auxiliary columns are load, and those"),
+        (lambda: other(1, {"input": "mV", "output": "um"}), "its unit is mV, and V in a.csv"),
+        (lambda: other(0.02), "5000 Hz, and a.csv at 100 Hz"),
+        (lambda: other(1, aux={"load": np.arange(1200)}), "auxiliary columns are load, and those"),
         (lambda: np.zeros(9), "given a ndarray, which is no record"),
     ],
 )

@@ -22,8 +22,6 @@ from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import (
     AddedEffect,
-    InputEffect,
-    OutputEffect,
     SensorEffect,
     Survey,
     WeightEffect,
@@ -47,7 +45,7 @@ from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.effects.spectrum import strongest_lines
 from preisach_jax.effects.viscosity import Viscosity
-from preisach_jax.errors import EffectError, InputError
+from preisach_jax.errors import InputError
 
 TICK = 1e-3
 COUNT = 120
@@ -260,9 +258,7 @@ def test_one_sample_at_a_time_is_the_whole_course(x64, name):
     np.testing.assert_allclose(got, applied(effect, values, time, h)[:25], rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "name", [n for n, c in CASES.items() if c[1] and n != "stiff resonance"]
-)
+@pytest.mark.parametrize("name", [n for n, c in CASES.items() if c[1] and n != "stiff resonance"])
 def test_derivatives_are_those_of_finite_differences_and_finite_at_rest(x64, name):
     """A first sample has no step before it, and a rest has no slope: 0/0 must not come through."""
     effect, values, _ = CASES[name]
@@ -426,24 +422,6 @@ def test_effects_are_found_by_name(monkeypatch):
 def test_what_cannot_be_had_is_named(asked, says):
     with pytest.raises(InputError, match=says):
         resolve(asked, {"temp_C": "C"})
-
-
-@pytest.mark.parametrize(
-    ("base", "method", "arguments"),
-    [
-        (InputEffect, "init", 1),
-        (OutputEffect, "step", 3),
-        (WeightEffect, "factor", 1),
-        (AddedEffect, "columns", 1),
-        (AddedEffect, "coefficients", 0),
-    ],
-)
-def test_what_an_effect_must_have_is_said(base, method, arguments):
-    class Unfinished(base):
-        name = "unfinished"
-
-    with pytest.raises(EffectError, match=rf"class of the effect 'unfinished', .*write {method}"):
-        getattr(Unfinished(), method)(*[None] * arguments)
 
 
 # --- lines in a spectrum, and hum ---

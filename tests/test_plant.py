@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, signal
 
 from preisach_jax.errors import InputError
-from preisach_jax.plant import EFFECTS, RANGE_V, Stage, make_stage, simulate_stage
+from preisach_jax.plant import EFFECTS, RANGE_V, make_stage, simulate_stage
 from preisach_jax.plant import stage as stage_module
 from preisach_jax.plant.effects import limit_rate
 from preisach_jax.signals import diagnostic_record
@@ -73,14 +73,6 @@ def test_plays_against_a_loop_with_slacks_that_grow_and_shrink(stage, monkeypatc
         monkeypatch.setattr(stage_module, "CHUNK", chunk)
         np.testing.assert_allclose(stage.hysteresis(u), plain, rtol=0, atol=1e-9)
         np.testing.assert_allclose(stage.hysteresis(u, widening), wider, rtol=0, atol=1e-9)
-
-
-def test_a_play_alone_is_a_parallelogram():
-    """Closed form far above the dead zone, where g(v) = v - d: slack 5 V upward, 3 V downward."""
-    play = Stage(np.array([5.0]), np.array([3.0]), np.array([2.0]), -500.0, 1.0)
-    z = play.hysteresis(np.array([0.0, 8.0, 20.0, 12.0, 10.0, 16.0]))
-    # At rest v = 3; rising v = u - 5; falling v = u + 3.
-    np.testing.assert_allclose(z, 2.0 * (np.array([3, 3, 15, 15, 13, 13]) - 3.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", [0, 4])

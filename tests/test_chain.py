@@ -90,22 +90,6 @@ def test_regressors_and_response_agree(x64, names, memory):
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=0, atol=1e-11)
 
 
-def test_columns_are_where_they_are_said_to_be(x64):
-    chain, _, _, columns, _ = setting(EVERY)
-    matrix = columns.matrix
-    assert matrix.shape == (COUNT, columns.offset + 1 + len(columns.added))
-    assert columns.cells == chain.plane.cells
-    assert columns.added == ("drift", "aux:load_N", "creep", "creep")
-    np.testing.assert_array_equal(
-        np.flatnonzero(columns.loose), [columns.offset + 3, columns.offset + 4]
-    )
-    np.testing.assert_array_equal(matrix[:, columns.offset], 1.0)
-    np.testing.assert_array_equal(np.flatnonzero(~columns.nonnegative)[0], columns.offset)
-    grouped = np.concatenate([np.array([], dtype=int), *columns.groups])
-    assert len(grouped)
-    assert len(set(grouped)) == len(grouped)
-
-
 # --- the unknown start ---
 
 

@@ -427,17 +427,6 @@ def test_what_cannot_be_had_is_named(asked, says):
 # --- lines in a spectrum, and hum ---
 
 
-def test_the_strongest_line_is_the_peak_of_the_periodogram():
-    rng = np.random.default_rng(2)
-    x = np.sort(rng.uniform(0.0, 10.0, 400))
-    values = np.sin(2 * np.pi * 13.7 * x + 2.0) + rng.normal(size=400)
-    (found,) = strongest_lines(x + 77.0, values, 0.5, 25.0, 0.01, count=1)
-    near = found + np.linspace(-0.1, 0.1, 2001)
-    height = np.abs(np.exp(-2j * np.pi * np.outer(near, x)) @ (values - values.mean()))
-    assert found == pytest.approx(near[np.argmax(height)], abs=0.003)
-    assert found == pytest.approx(13.7, abs=0.03)
-
-
 def test_lines_are_separate_and_ordered_and_noise_has_none():
     rng = np.random.default_rng(5)
     x = np.sort(rng.permutation(20_000)[:4000]) * 1e-3
@@ -564,17 +553,6 @@ def test_steps_of_the_input_are_found_to_a_small_part_of_one_over_the_range(step
     (parameter,) = effect.parameters()
     assert parameter.low == pytest.approx(0.995 * min(effect.starts))
     assert parameter.high == pytest.approx(1.005 * max(effect.starts))
-
-
-@pytest.mark.parametrize(("moves_a_step", "is_seen"), [(1.0, False), (0.25, True)])
-def test_steps_as_long_as_a_move_are_not_told_from_a_shift_of_each_branch(moves_a_step, is_seen):
-    # One loop over and over at one rate; each branch is shifted by what rounding makes of it.
-    up = np.arange(0.0, 30.0, moves_a_step * 0.37)
-    u = np.tile(np.concatenate([up, up[::-1] + 0.16]), 8)
-    residual = 0.37 * np.round(u / 0.37) - u + 1e-3 * np.random.default_rng(3).normal(size=len(u))
-    time = np.arange(len(u)) * 1e-3
-    starts = InputQuantisation().bound_to(Survey(time[-1], 1e-3, time, u, u, residual)).starts
-    assert (min(abs(start / 0.37 - 1) for start in starts) < 1e-3) == is_seen
 
 
 # --- a sensor with ripples ---

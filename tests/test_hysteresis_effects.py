@@ -349,16 +349,6 @@ def test_columns_of_a_memory_are_small_steps_and_exact(precision):
         np.testing.assert_allclose(fine[::8], got, rtol=0, atol=atol)
 
 
-def test_a_repeated_minor_loop_moves_less_and_less(x64):
-    path = np.concatenate([[0.0, 1.0], np.tile([0.4, 0.5], 200)])
-    ends = columns_of(Reptation(1.0), {"path": 2.0}, np.arange(402.0), path)[3::2, 2]
-    shifts = np.diff(ends)
-    assert (shifts < 0).all()
-    assert abs(shifts[-1]) < 1e-3 * abs(shifts[0])
-    # From the edge of the play it has gone to the middle of the minor loop.
-    assert 0.65 + ends[-1] == pytest.approx(0.45, abs=0.01)
-
-
 def hiding(name):
     """A stage of five levels, and beside it or within it what small steps and roots make."""
     time, path = np.arange(3000) / 500, world.excitation("rich", 6.0, 500.0, 5) * 12 / world.TOP

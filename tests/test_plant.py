@@ -12,7 +12,6 @@ from scipy import optimize, signal
 from preisach_jax.errors import InputError
 from preisach_jax.plant import EFFECTS, RANGE_V, make_stage, simulate_stage
 from preisach_jax.plant import stage as stage_module
-from preisach_jax.plant.effects import limit_rate
 from preisach_jax.signals import diagnostic_record
 
 SHORT: dict[str, Any] = {"seconds": 6.0, "rate_hz": 1000.0}
@@ -73,19 +72,6 @@ def test_plays_against_a_loop_with_slacks_that_grow_and_shrink(stage, monkeypatc
         monkeypatch.setattr(stage_module, "CHUNK", chunk)
         np.testing.assert_allclose(stage.hysteresis(u), plain, rtol=0, atol=1e-9)
         np.testing.assert_allclose(stage.hysteresis(u, widening), wider, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", [0, 4])
-def test_loops_are_like_a_piezos(seed):
-    up, down = np.split(make_stage(seed).hysteresis(path(0.0, RANGE_V, 0.0, points=250)[1:]), 2)
-    up, down = np.concatenate([[0.0], up[:-1]]), np.concatenate([[up[-1]], down])[::-1][:-1]
-    assert np.all(np.diff(up) > 0)
-    assert np.all(np.diff(down) > 0)
-    assert np.all(down >= up - 1e-9)
-    assert 40.0 <= up[-1] <= 90.0
-    assert 0.09 < np.max(down - up) / up[-1] < 0.19
-    # The dead zone bends the rising branch upward.
-    assert up[125] < 0.5 * up[-1]
 
 
 def test_moving_against_a_root_at_each_sample(stage):
@@ -203,8 +189,8 @@ def of_position(law):
 
 def of_speed(law):
     def oracle(rec, p, h):
-        _, drive, rows = finely(rec)
-        rate = np.abs(np.diff(drive, prepend=drive[0])) * 20_000.0
+        _, drive, rows = finely(rec, 10)
+        rate = np.abs(np.diff(drive, prepend=drive[0])) * 10_000.0
         return slow_plays(make_stage(2), drive, law(p, rate))[rows]
 
     return oracle
@@ -276,35 +262,6 @@ def test_the_stage_resists_motion_and_has_an_excess_loss():
 
 
 # --- several together ---
-
-
-def test_the_amplifier_limits_then_lags_and_the_converter_is_before_it():
-    names = ("input_lag", "slew_limit", "input_quantisation", "rate_dependence")
-    rec = simulate_stage(2, effects=names, **CLEAN)
-    truth = rec.truth["parameters"]
-    t, drive, rows = finely(rec, 10)
-    slew, tau = truth["slew_limit"]["slew_V_per_s"], truth["input_lag"]["tau_s"]
-    step = truth["input_quantisation"]["step_V"]
-    rounded = np.rint(drive / step + 1e-9) * step
-    smooth, stepped = (
-        np.clip(first_order(limit_rate(u, slew, 1e-4), tau, t), 0.0, RANGE_V)
-        for u in (drive, rounded)
-    )
-    # The rate is that of the drive without the converter's steps.
-    rate = np.abs(np.diff(smooth, prepend=smooth[0])) * 1e4
-    loss = truth["rate_dependence"]
-    expected = slow_plays(make_stage(2), stepped, loss["coefficient"] * rate ** loss["exponent"])
-    np.testing.assert_allclose(rec.output, expected[rows], rtol=0, atol=0.02)
-
-
-def test_what_has_aged_creeps_less_and_the_sensor_bends_all_that_moves():
-    both, aged = (simulate_stage(2, effects=e, **CLEAN) for e in (("creep", "ageing"), ("ageing",)))
-    expected = creeping(both, both.truth["parameters"]["creep"], aged.output)
-    np.testing.assert_allclose(both.output, expected, rtol=0, atol=2e-3)
-    effects = ("output_nonlinearity", "drift", "hum", "aux")
-    rec, moved = (simulate_stage(2, effects=e, **CLEAN) for e in (effects, effects[1:]))
-    expected = bending(rec, rec.truth["parameters"]["output_nonlinearity"], moved.output)
-    np.testing.assert_allclose(rec.output, expected, rtol=0, atol=1e-9)
 
 
 WITHOUT_PLAYS = ("rate_dependence", "log_rate", "moving")

@@ -143,7 +143,7 @@ def test_a_demagnetised_start_is_on_below_the_line(x64):
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
 def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     # After the first run, whole loops: what switches once cannot pass for what does so each time.
-    loops = np.interp(np.arange(320), [0, 80, 160, 240, 319], [0, 12, 0, 12, 3])
+    loops = np.interp(np.arange(320), [0, 83, 157, 241, 319], [0, 12, 0, 12, 3])
     x = np.concatenate([record(seed=1, jump=0.4).input, loops])
     rec = Record.from_arrays(np.arange(len(x)) / 100, x, x)
     # Random weights and switches of hysterons whose thresholds lie beyond the range as well.

@@ -117,6 +117,7 @@ def test_what_is_hidden_is_found_and_nothing_else(hidden, rivals):
         assert found.ladder[-1].rms_validation < 0.5 * found.ladder[0].rms_validation
 
 
+@pytest.mark.campaign  # a long record; the stage below has both as well
 def test_a_damper_has_a_viscosity_that_its_coil_scales(shared_data):
     record = pj.Record.load(
         shared_data / "mrdamper_mts_5mm3Hz.csv", time="t", input="x", output="z", aux=["current_A"]

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import test_identify
 from scipy import signal
-from test_identify import LEVELS, one_thread, simulated  # noqa: F401 - it is for each test
+from test_identify import LEVELS, simulated
 
 from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
@@ -25,6 +26,9 @@ from preisach_jax.identify.confidence import (
 SEEDS = 20
 SECONDS, COUNT = 6.0, 400
 NOISE = 0.05
+
+
+one_thread = test_identify.one_thread
 
 
 class Slope(AddedEffect):

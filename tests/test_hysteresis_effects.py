@@ -155,7 +155,8 @@ def test_log_rate_widens_by_a_constant_for_a_decade(x64):
     widths = [float(acts.widening(rate * time, time)[2]) for rate in (1.0, 10.0, 100.0, 0.0)]
     np.testing.assert_allclose(np.diff(widths[:3]), 0.3, rtol=2e-3)
     assert widths[3] == 0.0
-    forms = LogRate().variants(Survey(4.0, 1.0, *(np.arange(5.0),) * 3))
+    course = np.arange(5.0)
+    forms = LogRate().variants(Survey(4.0, 1.0, course, course, course))
     assert {type(form) for form in forms} == {LogRate}
     assert isinstance(forms[0], SpeedWidening)
 
@@ -196,7 +197,7 @@ def test_widening_of_a_thinned_record_is_that_of_all_samples(x64):
     kept = np.searchsorted(time, thinned.record.time)
     assert len(kept) < 1000
     whole, some = (
-        np.stack(drive(Chain(PLANE, (RATE,)), {"rate_dependence": RATE_VALUES}, signals)[:2])
+        np.array(drive(Chain(PLANE, (RATE,)), {"rate_dependence": RATE_VALUES}, signals)[:2], float)
         for signals in (signals_of(record), thinned.signals)
     )
     np.testing.assert_allclose(some, whole[:, kept], rtol=0, atol=1e-12)

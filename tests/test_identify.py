@@ -319,9 +319,9 @@ def test_parameters_of_the_simulated_actuator_are_found(effect):
         rec["t"], rec["x"], rec["z"], aux=rec["aux"], units={"output": "um"}, initial_memory="low"
     )
     before = jax.config.read("jax_enable_x64")
-    found = pj.fit(record, [name], levels=9)
+    found = pj.fit(record, [name], levels=13)
     assert jax.config.read("jax_enable_x64") == before  # the precision is the caller's
     for parameter, truth in ACTUATOR[effect].items():
         estimate = found.model.parameters[name][parameter]
-        assert estimate.value == pytest.approx(rec["truth"][truth], rel=0.01), parameter
+        assert estimate.value == pytest.approx(rec["truth"][truth], rel=0.02), parameter
     assert found.rms_validation < 0.1

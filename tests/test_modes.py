@@ -23,7 +23,8 @@ def through(h, modes, rate_hz=RATE):
     for f, zeta, gain in modes:
         w = 2 * np.pi * f
         system = ([w * w], [1.0, 2 * zeta * w, w * w])
-        b, a, _ = signal.cont2discrete(system, 1 / rate_hz, "foh")
+        discrete: Any = signal.cont2discrete(system, 1 / rate_hz, "foh")
+        b, a, _ = discrete
         total += gain * (signal.lfilter(np.ravel(b), a, h - h[0]) + h[0])
     return total
 

@@ -73,7 +73,7 @@ def test_vectors_are_sorted_by_the_share_that_the_data_decide(x64, all_vectors):
 
 def test_few_vectors_predict_held_out_rows_as_all_do(x64):
     problem = Problem.of(measured())
-    chain = Chain(Plane(13, 0.0, 10.0))
+    chain = Chain(Plane(20, 0.0, 10.0))
     full = evaluate(problem, chain, {}, 1e-4)
     small = evaluate(problem.reduced(), chain, {}, 1e-4)
     assert small.columns.vectors is not None

@@ -143,16 +143,17 @@ def test_a_demagnetised_start_is_on_below_the_line(x64):
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
 def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     # After the first run, whole loops: what switches once cannot pass for what does so each time.
-    loops = np.interp(np.arange(320), [0, 83, 157, 241, 319], [0, 12, 0, 12, 3])
+    loops = np.interp(np.arange(320), [0, 80, 160, 240, 319], [0, 12, 0, 12, 3])
     x = np.concatenate([record(seed=1, jump=0.4).input, loops])
     rec = Record.from_arrays(np.arange(len(x)) / 100, x, x)
     # Random weights and switches of hysterons whose thresholds lie beyond the range as well.
-    rng, reach = np.random.default_rng(1), 4 * PLANE.delta_x
-    wide = Plane(PLANE.levels + 8, PLANE.low - reach, PLANE.high + reach)
+    plane = Plane(6, 0.0, 12.0)  # its cells have a width without rounding
+    rng, reach = np.random.default_rng(1), 4 * plane.delta_x
+    wide = Plane(plane.levels + 8, plane.low - reach, plane.high + reach)
     switches = rng.integers(0, 2, wide.cells).astype(float)
     states = hysteron_states(wide, x, switches, hysteron)
     target = np.asarray(states) @ rng.uniform(0.1, 1.0, wide.cells)
-    chain, signals = Chain(PLANE, (), hysteron), signals_of(rec)
+    chain, signals = Chain(plane, (), hysteron), signals_of(rec)
     course = Drive(signals.input)
     columns = regressors(chain, {}, signals, hysteresis_columns(chain, course, "free"))
     for saturated in ("low", "high"):

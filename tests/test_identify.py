@@ -8,29 +8,23 @@ import jax
 import numpy as np
 import pytest
 import world
-from hypothesis import given
+from hypothesis import given, settings
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.effects import parameter as declare
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import InputEffect, OutputEffect, Survey
+from preisach_jax.effects.base import OutputEffect, Survey
 from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.fit import base_point
 from preisach_jax.identify import (
-    ALL,
     IDENTIFICATION,
     VALIDATION,
     Problem,
     evaluate,
     linearise,
     refine,
-    starts_of,
     stepped,
     thinned_rows,
     with_all_rows,
@@ -48,47 +42,40 @@ def one_thread():
         yield
 
 
-LEVELS = 6
+LEVELS = 5
 TOP = 75.0
 
 
-def wander(seconds=6.0, rate=300.0, seed=1):
+def wander(count=3000, seconds=6.0):
     """Time (s) and an input (V) with ramps at several rates, holds and a chirp, from rest."""
-    count = round(seconds * rate)
-    return np.arange(count) / rate, world.excitation("rich", seconds, rate, seed)
+    rate = count / seconds
+    return np.arange(count) / rate, world.excitation("rich", seconds, rate, 1)
 
 
-def simulated(effects, values, added=(), noise=1e-3, seed=2):
+def simulated(effects, values, added=(), noise=1e-3, count=3000):
     """A record of the model itself, with random smooth weights; and its chain."""
-    time, drive = wander()
-    rng = np.random.default_rng(seed)
-    load = np.cumsum(rng.normal(size=len(time))) * 0.1
+    time, drive = wander(count)
+    rng = np.random.default_rng(2)
+    load = np.cumsum(rng.normal(size=count)) * 0.1
     chain = Chain(Plane(LEVELS, float(drive.min()), float(drive.max())), tuple(effects))
     i, j = np.tril_indices(LEVELS)
-    weights = 0.5 + 0.2 * i + 0.1 * j + np.where(i == j, 1.0, 0.0)  # not drawn to another value
+    weights = 0.5 + 0.2 * i + 0.1 * j + (i == j)  # not drawn to another value
     rest = np.zeros(len(chain.coefficients) - len(added))  # at rest before the record
     coefficients = Coefficients(weights, np.zeros(len(i)), 2.0, np.append(added, rest))
+    units = {"input": "V", "output": "um", "load_N": "N"}
     blank = Record.from_arrays(
-        time, drive, np.zeros(len(time)), aux={"load_N": load}, initial_memory="low"
+        time, drive, 0 * time, aux={"load_N": load}, units=units, initial_memory="low"
     )
     output = np.asarray(response(chain, values, signals_of(blank), coefficients))
-    output = output + noise * rng.normal(size=len(time))
-    record = Record.from_arrays(
-        time,
-        drive,
-        output,
-        aux={"load_N": load},
-        units={"input": "V", "output": "um", "load_N": "N"},
-        initial_memory="low",
-    )
-    return record, chain
+    return replace(blank, output=output + noise * rng.normal(size=count)), chain
 
 
 # --- a record cut into blocks ---
 
 
+@settings(max_examples=10)
 @given(
-    count=st.integers(80, 700),
+    count=st.sampled_from([80, 400]),
     holes=st.integers(0, 30),
     seed=st.integers(0, 100),
 )
@@ -115,16 +102,6 @@ def test_blocks_hold_every_measured_row_once(count, holes, seed):
     for k in range(4):
         inside = problem.rows[problem.fold == k]
         assert np.all(np.diff(inside) > 0)
-
-
-def test_long_records_have_alike_blocks_spread_over_them():
-    time, drive = wander(40.0)
-    problem = Problem.of(Record.from_arrays(time, drive, drive))
-    sizes = np.bincount(problem.block)
-    assert len(sizes) == 96
-    assert np.ptp(sizes) <= 1
-    held_out = np.unique(problem.block[problem.fold == VALIDATION[0]])
-    np.testing.assert_array_equal(np.diff(held_out), 4)
 
 
 def test_what_was_not_measured_is_not_used(x64):
@@ -163,16 +140,6 @@ def test_held_out_rows_do_not_identify(x64):
 # --- thinning ---
 
 
-def test_thinning_keeps_every_reversal_of_a_triangle():
-    corners = np.tile([0.0, 1.0], 40)
-    values = np.interp(np.arange(20_000), np.arange(80) * 250, corners)
-    kept = thinned_rows(values, 1000)
-    assert np.all(np.diff(kept) > 0)
-    assert {0, 19_999} <= set(kept)
-    assert set(np.arange(1, 79) * 250) <= set(kept)
-    assert len(kept) < 2000
-
-
 def test_thinning_keeps_reversals_with_flat_tops():
     """A converter repeats the value at a turning point."""
     ramp = np.arange(200.0)
@@ -180,6 +147,7 @@ def test_thinning_keeps_reversals_with_flat_tops():
     kept = thinned_rows(values, 600)
     assert len(kept) < 1500
     np.testing.assert_array_equal(_turns(values[kept]), _turns(values))
+    assert 50 <= len(thinned_rows(np.full(1000, 3.0), 100)) <= 200
 
 
 def _turns(values):
@@ -194,20 +162,8 @@ def _turns(values):
     return np.array([*found, values[-1]])
 
 
-@given(seed=st.integers(0, 1000), limit=st.integers(100, 900))
-def test_thinning_keeps_the_extremes_and_the_ends(seed, limit):
-    values = np.cumsum(np.random.default_rng(seed).normal(size=3000))
-    kept = thinned_rows(values, limit)
-    assert np.all(np.diff(kept) > 0)
-    assert kept[0] == 0
-    assert kept[-1] == 2999
-    assert values[kept].max() == values.max()
-    assert values[kept].min() == values.min()
-    assert 0.5 * limit <= len(kept) <= 3 * limit + 2
-
-
 def test_thinning_spends_its_samples_where_the_input_bends():
-    time, drive = wander(24.0, 2000.0)
+    time, drive = wander(48_000, 24.0)
     kept = thinned_rows(drive, 6000)
     even = np.linspace(0, len(time) - 1, len(kept)).astype(int)
     errors = [
@@ -215,18 +171,10 @@ def test_thinning_spends_its_samples_where_the_input_bends():
         for rows in (kept, even)
     ]
     assert errors[0] < 0.5 * errors[1]
-
-
-def test_a_constant_input_can_be_thinned():
-    kept = thinned_rows(np.full(1000, 3.0), 100)
-    assert 50 <= len(kept) <= 200
-
-
-def test_a_thinned_record_keeps_its_time_scales():
-    time, drive = wander(20.0)
+    # A thinned record keeps its time scales.
     record = Record.from_arrays(time, drive, drive, aux={"load_N": drive})
     problem = Problem.of(record, 1000)
-    assert len(problem.record) < 2500 < len(time)
+    assert len(problem.record) < 3000
     assert problem.survey == Survey(record.duration_s, record.step_s)
     rows = np.searchsorted(time, problem.record.time)
     np.testing.assert_array_equal(problem.record.input, drive[rows])
@@ -245,10 +193,8 @@ def test_the_weights_of_the_model_are_found(x64):
     np.testing.assert_allclose(got.weights, 0.5 + 0.2 * i + 0.1 * j + (i == j), atol=0.01)
     assert got.offset == pytest.approx(2.0, abs=0.01)
     assert np.sqrt(point.validation_mean_square) * problem.unit < 1e-3
-
-
-def test_the_objective_is_the_error_plus_the_penalty(x64):
-    record, chain = simulated((), {}, noise=0.05)
+    # What is minimised is the error and the penalty.
+    record, _ = simulated((), {}, noise=0.05)
     problem = Problem.of(record)
     point = evaluate(problem, chain, {}, 1e-3)
     rows = np.isin(problem.fold, IDENTIFICATION)
@@ -257,13 +203,6 @@ def test_the_objective_is_the_error_plus_the_penalty(x64):
     penalty = point.equations.penalty(point.solution, 1e-3)
     assert penalty > 0
     assert point.objective == pytest.approx(np.mean(residual**2) + penalty, rel=1e-6)
-
-
-def test_a_finer_plane_hardly_ever_harms(x64):
-    rec = world.hidden_record(None, 2, duration_s=8.0, rate_hz=500.0)
-    problem = Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"]))
-    errors = [base_point(problem, levels).validation_mean_square for levels in (25, 50)]
-    assert errors[1] < 1.2 * errors[0]
 
 
 class Broken(OutputEffect):
@@ -296,25 +235,10 @@ def test_columns_of_the_operator_follow_the_input_effects(x64):
 # --- nonlinear parameters ---
 
 
-def test_starts_are_all_combinations():
-    class Two(InputEffect):
-        name = "two"
-
-        a: float = declare.parameter("1", 0.0, 9.0, start=(1.0, 2.0))
-        b: float = declare.parameter("1", 0.0, 9.0, start=(3.0, 4.0, 5.0))
-
-    starts = starts_of(Two())
-    assert len(starts) == 6
-    assert {(s["a"], s["b"]) for s in starts} == {(a, b) for a in (1, 2) for b in (3, 4, 5)}
-
-
-SURVEY = Survey(6.0, 1 / 300)
+SURVEY = Survey(6.0, 1 / 500)
 OWN = [
     (InputLag(), {"tau_s": 0.031}, ()),
-    (Delay(), {"delay_s": 0.0234}, ()),
     (Drift(), {"tau_s": 2.1}, (0.8,)),
-    (Ageing(), {"loss": 0.07, "tau_s": 3.0}, ()),
-    (Auxiliary(column="load_N", unit="N"), {"tau_s": 0.15}, (0.5,)),
     (Creep(), {"c_2": 0.01, "c_4": 0.03}, ()),
 ]
 
@@ -325,7 +249,7 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
     every = {parameter.name: 0.0 for parameter in effect.parameters()} | truth
     record, chain = simulated((effect,), {effect.name: every}, added)
     problem = Problem.of(record)
-    base = with_strength(problem, evaluate(problem, replace_effects(chain, ()), {}, 1e-4))
+    base = with_strength(problem, evaluate(problem, chain.with_effects(()), {}, 1e-4))
     promised = prospects(problem, base, Projection(problem, base), [effect])
     best = max(promised, key=lambda prospect: prospect.reached)
     start = evaluate(problem, chain, {effect.name: best.values}, base.strength, base)
@@ -341,43 +265,22 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
     assert found.validation_mean_square < 0.05 * base.validation_mean_square
 
 
-def replace_effects(chain, effects):
-    return Chain(chain.plane, tuple(effects), chain.hysteron)
-
-
-def test_two_effects_at_once_are_found(x64):
-    effects = (InputLag().bound_to(SURVEY), Drift().bound_to(SURVEY))
-    truth = {"input_lag": {"tau_s": 0.05}, "drift": {"tau_s": 1.5}}
-    record, chain = simulated(effects, truth, (0.6,))
-    problem = Problem.of(record)
-    away = {"input_lag": {"tau_s": 0.02}, "drift": {"tau_s": 4.0}}
-    found = refine(problem, evaluate(problem, chain, away, 1e-4), 20, 1e-7)
-    assert found.values["input_lag"]["tau_s"] == pytest.approx(0.05, rel=0.01)
-    assert found.values["drift"]["tau_s"] == pytest.approx(1.5, rel=0.02)
-
-
-def test_refining_stays_inside_the_bounds_and_is_never_worse(x64):
-    narrow = InputLag(tau_low_s=0.001, tau_high_s=0.02)
-    record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.1}})
-    problem = Problem.of(record)
-    chain = replace_effects(chain, (narrow,))
-    start = evaluate(problem, chain, {"input_lag": {"tau_s": 0.004}}, 1e-4)
-    end = refine(problem, start)
-    assert end.values["input_lag"]["tau_s"] == pytest.approx(0.02)
-    assert end.objective < start.objective
-
-
 def test_a_step_without_new_regressors_lands_where_refining_does(x64):
     record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.05}}, noise=0.02)
     problem = Problem.of(record)
     near = evaluate(problem, chain, {"input_lag": {"tau_s": 0.0495}}, 1e-4)
     after = stepped(problem, near)
     kept = refine(problem, near, iterations=10, tolerance=1e-9)
+    assert kept.objective < near.objective
     moved = kept.values["input_lag"]["tau_s"] - 0.0495
     assert abs(moved) > 1e-5
     assert after.values["input_lag"]["tau_s"] - 0.0495 == pytest.approx(moved, rel=0.05)
     size = np.abs(kept.solution).max()
     np.testing.assert_allclose(after.solution, kept.solution, atol=0.01 * size)
+    # It stays inside the bounds.
+    narrow = Chain(chain.plane, (InputLag(tau_low_s=0.001, tau_high_s=0.02),))
+    end = refine(problem, evaluate(problem, narrow, {"input_lag": {"tau_s": 0.004}}, 1e-4))
+    assert end.values["input_lag"]["tau_s"] == pytest.approx(0.02)
 
 
 def test_tangents_are_scaled_to_unit_size(x64):
@@ -397,15 +300,6 @@ def test_tangents_are_scaled_to_unit_size(x64):
     assert np.sum(missed > 1e-3) <= 2
 
 
-def test_the_final_fit_uses_all_rows(x64):
-    record, chain = simulated((), {}, noise=0.05)
-    problem = Problem.of(record)
-    point = evaluate(problem, chain, {}, 1e-4)
-    whole = with_all_rows(point)
-    np.testing.assert_array_equal(whole.folds, ALL)
-    assert whole.validation_mean_square < point.validation_mean_square
-
-
 # --- records of another make ---
 
 
@@ -413,7 +307,6 @@ ACTUATOR = {
     "input_lag": {"tau_s": "tau_s"},
     "delay": {"delay_s": "delay_s"},
     "ageing": {"loss": "loss"},
-    "drift": {"amplitude": "amplitude_um"},
     "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"},
 }
 

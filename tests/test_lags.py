@@ -39,16 +39,9 @@ def test_a_fit_takes_the_form_of_the_lag_that_the_record_has(name, law):
     assert found.parameters[name]["tau_s"].value == pytest.approx(TAU, rel=0.02)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "hidden"),
-    [("input_lag", {"before": one_pole}), ("output_lag", {"behind": one_pole}), ("", {})],
-)
-def test_a_filter_of_samples_is_a_lag_and_no_viscosity(name, hidden):
-    tried = ["input_lag", "output_lag", "viscosity", "delay"]
-    found = pj.diagnose(stage(seconds=4.0, **hidden), tried, levels=13)
-    assert found.effects == ((name,) if name else ())
-    assert found.verdict == ("explained" if name else "adequate")
-    if name:
-        tau = found.findings[0].parameters["tau_s"].value
-        assert tau == pytest.approx(TAU, rel=0.02)
+def test_a_filter_of_samples_is_a_lag_and_no_viscosity():
+    tried = ["input_lag", "output_lag", "viscosity"]
+    found = pj.diagnose(stage(before=one_pole), tried, levels=9)
+    assert found.effects == ("input_lag",)
+    assert found.verdict == "explained"
+    assert found.findings[0].parameters["tau_s"].value == pytest.approx(TAU, rel=0.02)

@@ -32,19 +32,17 @@ def problem(seed, rows=60, columns=12, mixing=0.0):
 # --- non-negative least squares ---
 
 
-@pytest.mark.parametrize("mixing", [0.0, 0.9, 0.999])
-@pytest.mark.parametrize("seed", range(4))
-def test_solution_is_that_of_nnls(seed, mixing):
-    matrix, target = problem(seed, mixing=mixing)
+@pytest.mark.parametrize("mixing", [0.0, 0.999])
+def test_solution_is_that_of_nnls(mixing):
+    matrix, target = problem(1, mixing=mixing)
     got = solve_nonnegative(matrix.T @ matrix, matrix.T @ target, np.ones(12, dtype=bool))
     expected = optimize.nnls(matrix, target)[0]
     assert 0 < np.sum(expected == 0) < 12  # some bounds are active, so the test says something
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-7 / (1 - mixing))
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_free_coefficients_may_be_negative(seed):
-    matrix, target = problem(seed)
+def test_free_coefficients_may_be_negative():
+    matrix, target = problem(2)
     nonnegative = np.arange(12) % 3 != 0
     got = solve_nonnegative(matrix.T @ matrix, matrix.T @ target, nonnegative)
     bounds = (np.where(nonnegative, 0.0, -np.inf), np.full(12, np.inf))
@@ -53,66 +51,23 @@ def test_free_coefficients_may_be_negative(seed):
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5)
 
 
-def test_without_bounds_it_is_least_squares():
-    matrix, target = problem(3)
-    got = solve_nonnegative(matrix.T @ matrix, matrix.T @ target, np.zeros(12, dtype=bool))
-    np.testing.assert_allclose(got, np.linalg.lstsq(matrix, target, rcond=None)[0], atol=1e-10)
-
-
-def test_nothing_wanted_is_nothing():
-    matrix, _ = problem(0)
-    gram = matrix.T @ matrix
-    everything = np.ones(12, dtype=bool)
-    assert not solve_nonnegative(gram, -np.ones(12), everything).any()
-    assert not solve_nonnegative(gram, np.zeros(12), everything).any()
-
-
 @given(
     seed=st.integers(0, 10_000),
+    guess=st.integers(0, 2**12 - 1),
     mixing=st.sampled_from([0.0, 0.5, 0.99, 0.99999]),
     bounded=st.lists(st.booleans(), min_size=12, max_size=12).map(np.array),
     scale=st.sampled_from([1e-6, 1.0, 1e6]),
 )
-def test_the_solution_obeys_karush_kuhn_tucker(seed, mixing, bounded, scale):
+def test_the_solution_obeys_karush_kuhn_tucker_from_any_guess(seed, guess, mixing, bounded, scale):
     matrix, target = problem(seed, mixing=mixing)
     gram, moment = matrix.T @ matrix, matrix.T @ target * scale
-    w = solve_nonnegative(gram, moment, bounded)
+    w = solve_nonnegative(gram, moment, bounded, (guess >> np.arange(12)) % 2 == 1)
     gradient = gram @ w - moment
     small = 1e-9 * np.abs(moment).max()
     assert np.all(w[bounded] >= 0)
     assert np.all(gradient[bounded] >= -small)
     assert np.all(np.abs(gradient[~bounded]) <= small)
     assert np.all(np.abs(gradient[w > 0]) <= small)
-
-
-@given(seed=st.integers(0, 10_000), guess=st.integers(0, 2**12 - 1))
-def test_a_guess_changes_nothing_but_the_time(seed, guess):
-    matrix, target = problem(seed, mixing=0.7)
-    gram, moment = matrix.T @ matrix, matrix.T @ target
-    bounded = np.arange(12) != 5
-    passive = (guess >> np.arange(12)) % 2 == 1
-    np.testing.assert_allclose(
-        solve_nonnegative(gram, moment, bounded, passive),
-        solve_nonnegative(gram, moment, bounded),
-        atol=1e-9,
-    )
-
-
-def test_neighbouring_cells_of_a_plane_are_solved_for():
-    """Columns as they come: hundreds of smooth, nearly collinear ones, and a tiny ridge."""
-    rng = np.random.default_rng(1)
-    place = np.linspace(0, 1, 150)
-    matrix = np.clip((np.linspace(0, 1, 400)[:, None] - place[None, :]) * 8, 0, 1)
-    target = np.linspace(0, 1, 400) ** 3 + 0.01 * rng.normal(size=400)
-    gram = matrix.T @ matrix
-    gram[np.diag_indices(150)] += 1e-8 * np.diag(gram).max()
-    moment = matrix.T @ target
-    w = solve_nonnegative(gram, moment, np.ones(150, dtype=bool))
-    gradient = gram @ w - moment
-    assert w.min() >= 0
-    assert 0 < np.sum(w > 0) < 150
-    assert gradient.min() >= -1e-8 * np.abs(moment).max()
-    assert np.abs(gradient[w > 0]).max() <= 1e-8 * np.abs(moment).max()
 
 
 def test_a_matrix_that_is_not_positive_definite_is_refused():
@@ -143,30 +98,12 @@ def slow_energy(levels, weights):
     return energy
 
 
-@pytest.mark.parametrize("levels", [1, 2, 3, 4, 9])
+@pytest.mark.parametrize("levels", [1, 2, 5])
 def test_smoothness_is_the_thin_plate_energy(levels):
     rng = np.random.default_rng(levels)
     form = smoothness(levels)
-    for _ in range(5):
-        w = rng.normal(size=levels * (levels + 1) // 2)
-        assert w @ form @ w == pytest.approx(slow_energy(levels, w), abs=1e-12)
-
-
-@pytest.mark.parametrize("levels", [4, 9, 14])
-def test_planes_are_free_and_nothing_else(levels):
-    """Its null space: a plane over the half-plane, and a straight line along the diagonal."""
-    form = smoothness(levels)
-    np.testing.assert_array_equal(form, form.T)
-    np.testing.assert_allclose(form.sum(axis=1), 0, atol=1e-12)
-    i, j = np.tril_indices(levels)
-    diagonal = i == j
-    free = [np.where(diagonal, 0.0, f) for f in (np.ones(len(i)), i, j)]
-    free += [np.where(diagonal, f, 0.0) for f in (np.ones(len(i)), i)]
-    for plane in free:
-        np.testing.assert_allclose(form @ plane, 0, atol=1e-10)
-    power = np.linalg.eigvalsh(form)
-    assert power.min() > -1e-12 * power.max()
-    assert np.sum(power < 1e-9 * power.max()) == len(free)
+    w = rng.normal(size=levels * (levels + 1) // 2)
+    assert w @ form @ w == pytest.approx(slow_energy(levels, w), abs=1e-12)
 
 
 # --- normal equations ---
@@ -186,7 +123,7 @@ def regression(seed, levels=4, rows=80, extra=2):
     return matrix, target, fold, nonnegative, penalties(levels, groups)
 
 
-@pytest.mark.parametrize("folds", [[0], [3], [0, 1, 2], [0, 1, 2, 3]])
+@pytest.mark.parametrize("folds", [[3], [0, 1, 2]])
 def test_mean_square_is_that_of_the_residual(folds):
     given = regression(1)
     matrix, target, fold = given[:3]
@@ -194,34 +131,22 @@ def test_mean_square_is_that_of_the_residual(folds):
     solution = np.random.default_rng(2).normal(size=matrix.shape[1])
     rows = np.isin(fold, folds)
     residual = target[rows] - matrix[rows] @ (solution / equations.scale)
+    np.testing.assert_array_equal(equations.scale[:-2], 1.0)  # only added columns are scaled
+    np.testing.assert_allclose(equations.scale[-2:] ** 2, np.mean(matrix[:, -2:] ** 2, axis=0))
     got = equations.mean_square(solution, np.array(folds))
     assert got == pytest.approx(np.mean(residual**2), rel=1e-9)
 
 
-def test_only_added_columns_are_scaled_to_unit_size():
-    given = regression(3)
-    equations = normal_equations(*given)
-    np.testing.assert_array_equal(equations.scale[:-2], 1.0)
-    np.testing.assert_allclose(equations.scale[-2:] ** 2, np.mean(given[0][:, -2:] ** 2, axis=0))
-    np.testing.assert_allclose(np.diagonal(equations.gram.sum(axis=0))[-2:], 80.0)
-
-
-def test_a_column_of_zeros_does_no_harm():
-    given = regression(4)
-    given[0][:, -1] = 0.0
-    equations = normal_equations(*given)
-    gram, moment = equations.system(np.arange(4), 1e-4)
-    solution = solve_nonnegative(gram, moment, equations.nonnegative)
-    assert np.isfinite(solution / equations.scale).all()
-    assert solution[-1] == 0.0
-
-
 def test_the_system_is_the_minimum_of_error_and_penalty():
     given = regression(5)
+    given[0][:, -1] = 0.0  # a column of zeros does no harm
     equations = normal_equations(*given)
     folds, strength = np.array([0, 2]), 1e-2
     gram, moment = equations.system(folds, strength)
     solution = solve_nonnegative(gram, moment, equations.nonnegative)
+
+    assert np.isfinite(solution / equations.scale).all()
+    assert solution[-1] == 0.0
 
     def objective(w):
         ridge = RIDGE * np.diag(gram).max() / equations.count[folds].sum()
@@ -281,21 +206,17 @@ def density_regression(noise, seed=0, levels=8, rows=600):
     return normal_equations(matrix, target, fold, nonnegative, penalties(levels, ())), density
 
 
-@pytest.mark.parametrize("start", [1e-4, 1.0])
-def test_noise_asks_for_a_strong_prior_and_clean_data_for_a_weak_one(start):
-    folds = np.arange(4)
-    chosen = [
-        choose_strength(density_regression(noise)[0], folds, start) for noise in (1e-5, 0.3, 10.0)
-    ]
+def test_noise_asks_for_a_strong_prior_and_clean_data_for_a_weak_one():
+    noises = (1e-5, 0.3, 10.0)
+    chosen = [choose_strength(density_regression(n)[0], np.arange(4), 1.0) for n in noises]
     assert chosen == sorted(chosen)
     assert chosen[0] <= 1e-6
     assert chosen[-1] >= 1e-2
 
 
-@pytest.mark.parametrize("noise", [1e-5, 0.3, 10.0])
-def test_a_fold_that_no_other_tells_of_does_not_choose(noise):
+def test_a_fold_that_no_other_tells_of_does_not_choose():
     """As the first stretch of a record that begins with an unknown memory."""
-    equations, _ = density_regression(noise)
+    equations, _ = density_regression(0.3)
     power = equations.power.copy()
     power[0] += 1e8 * power[0]
     drowned = replace(equations, power=power)

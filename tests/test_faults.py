@@ -16,7 +16,7 @@ from preisach_jax.files import write_files
 
 def test_what_killed_writers_left_is_removed_and_what_others_write_is_not(tmp_path):
     killed, living, foreign = (
-        tmp_path / f".a.json.{owner}.part" for owner in (999_999_999, os.getppid(), "mine")
+        tmp_path / f".a.json.0123abcd.{owner}.part" for owner in (999_999_999, os.getppid(), "mine")
     )
     for path in (killed, living, foreign):
         path.write_text("half")

@@ -128,6 +128,8 @@ def test_what_was_killed_and_left_half_goes_on_to_the_same_numbers(expected, tmp
     assert_same(out, expected)
     (out / "manifest.json").write_bytes(b"{")
     assert main(words) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 2
     assert "--restart" in capsys.readouterr().err
 
 

@@ -215,7 +215,7 @@ def test_the_command_writes_what_design_chooses(rivals, plan, tmp_path, capsys, 
     assert is_ours(out)  # so that it may be written again
     written = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_array_equal(written, np.stack([plan.time, plan.input], axis=1))
-    assert out.read_text().startswith("t_s,u_V\n0.0,")
+    assert out.read_text().startswith("t_s,u_V\n0e0,")
 
 
 def complaint(capsys, *words):

@@ -17,7 +17,7 @@ REMEDY = re.compile(
        pass|put|read|record|remove|rename|repeat|replace|run|save|say|see|set|simulate|sort|split|
        start|store|take|train|try|unpack|update|use|wait|widen|write)\b
     | \bmust\b | \bexpected\b
-    | \{(remedy|hint|_AGAIN|_REMEDY|error|said.*|rest|_none_found.*)\}
+    | \{(remedy|refusal|hint|_AGAIN|_REMEDY|error|said.*|rest|_none_found.*)\}
     """
 )
 NOTHING_GIVEN = {  # what is missing is no value

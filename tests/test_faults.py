@@ -52,7 +52,7 @@ def test_whatever_fails_on_the_way_is_told_and_old_results_stay(tmp_path, monkey
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr("os.replace", fail)
-    assert main(["simulate", "--seconds", "3", "--quiet", "--out", str(old)]) == 2
+    assert main(["simulate", "--seconds", "3", "--quiet", "--out", str(old), "--force"]) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert message.startswith(f"preisach: {old}: cannot be written ({os.strerror(errno.EIO)})")

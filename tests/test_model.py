@@ -185,7 +185,7 @@ def test_files_that_are_no_model_are_refused(tmp_path, text, says):
 
 def test_a_missing_file_is_named(tmp_path):
     assert "cannot be read" in refused(tmp_path / "nothing.json")
-    assert "cannot be read" in refused(tmp_path)
+    assert "this is a folder" in refused(tmp_path)
 
 
 @pytest.mark.parametrize(

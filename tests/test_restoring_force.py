@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import world
+import test_modes
 from scipy.integrate import solve_ivp
 
 import preisach_jax as pj
@@ -204,6 +204,9 @@ def test_a_plain_resonance_keeps_its_name(monkeypatch):
         raise AssertionError("tried beside a resonance that explains the record")
 
     monkeypatch.setattr(inside, "fit_inside", never)
-    made = world.hidden_record("resonance", 4, 6.0, 500.0)
-    record = pj.Record.from_arrays(made["t"], made["x"], made["z"])
+    u = test_modes.drive(4, 3000)
+    z = test_modes.through(test_modes.plays(u), ((60.0, 0.05, 1.0),)) + np.random.default_rng(
+        4
+    ).normal(0, 0.01, 3000)
+    record = pj.Record.from_arrays(np.arange(3000) / test_modes.RATE, u, z)
     assert pj.diagnose(record, ["resonance", "delay"], levels=9).effects == ("resonance",)

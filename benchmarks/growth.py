@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from timing import measured
 
-from preisach_jax.operator.events import events_and_states
+from preisach_jax.operator.events import switching_events
 from preisach_jax.operator.learning import adapt_over_events
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
@@ -63,7 +63,7 @@ def over_levels() -> list[dict]:
     rows = []
     for levels in LEVELS:
         plane = Plane(levels=levels, low=0.0, high=1.0)
-        switching = events_and_states(plane, jnp.asarray(walk(plane)))[0]
+        switching = switching_events(plane, walk(plane))
         count = int(np.count_nonzero(switching.area))
         rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), 1)))
         time = measured(lambda p=plane, s=switching, r=rises: adapted(p, s, r), REPEATS)
@@ -85,7 +85,7 @@ def over_samples() -> list[dict]:
 def over_lanes() -> list[dict]:
     """The recursion for several numbers of outputs of one input."""
     plane, rows = Plane(levels=37, low=0.0, high=1.0), []
-    switching = events_and_states(plane, jnp.asarray(walk(plane)))[0]
+    switching = switching_events(plane, walk(plane))
     for lanes in LANES:
         rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), lanes)))
         rows.append(

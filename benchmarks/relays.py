@@ -27,7 +27,7 @@ from relays_numba import numba_functions
 from timing import REPEATS, measured
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.events import events_and_states
+from preisach_jax.operator.events import switching_events
 from preisach_jax.operator.learning import adapt_over_events, measured_rises
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
@@ -154,9 +154,7 @@ def _adapt(plane: Plane, switching, z, weights):
 
 def jax_adapt(plane: Plane, x: jax.Array, z: jax.Array) -> jax.Array:
     """The package, for all lanes."""
-    return _adapt(
-        plane, events_and_states(plane, x)[0], z, jnp.full((plane.cells, z.shape[1]), START)
-    )
+    return _adapt(plane, switching_events(plane, x), z, jnp.full((plane.cells, z.shape[1]), START))
 
 
 def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
@@ -224,7 +222,7 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     if numba:
         for task, call in with_numba.items():
             found[task]["numba"] = measured(call)
-    events = int(np.count_nonzero(events_and_states(plane, inputs)[0].area))
+    events = int(np.count_nonzero(switching_events(plane, inputs).area))
     return {"levels": levels, "events": events} | found
 
 

@@ -12,9 +12,6 @@ from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.events import (
-    EVENTS_TO_REFRESH,
-    events_and_states,
-    relays_between,
     room_for_events,
     switching_events,
 )
@@ -75,9 +72,6 @@ def test_events_switch_what_the_relays_switch_and_there_is_room_for_all(precisio
         area, crossed = np.asarray(found.area), np.asarray(found.last > found.first).sum(axis=1)
         assert np.sum(area > 0) <= events <= SAMPLES
         assert crossed.max() <= width <= crossed.max() + 1
-        # The state at the end is that of the relays.
-        expected = relays(PLANE, x)[-1]
-        np.testing.assert_array_equal(events_and_states(PLANE, jnp.asarray(x))[1], expected)
 
 
 @settings(max_examples=10)
@@ -142,40 +136,94 @@ def test_moves_of_ramps_lead_from_sample_to_sample_through_neighbouring_cells(tu
         assert first - 1e-5 <= position[k - 1] <= first + 1 + 1e-5
 
 
-def test_sums_of_many_events_begin_afresh_from_the_relays_that_are_on(x64):
-    rng = np.random.default_rng(8)
-    x = rng.uniform(-2.0, 8.0, 3000)  # each sample is an event, or nearly
-    z = x + np.sin(3 * x) + rng.normal(0, 0.1, len(x))
-    found = events_and_states(PLANE, jnp.asarray(x))[0]
-    assert np.count_nonzero(found.area) > 2 * EVENTS_TO_REFRESH
-    first, lowest = relays_between(PLANE, jnp.asarray(x), found)
-    assert len(first) >= 2
-    states = np.asarray(relays(PLANE, x)).astype(bool)
-    for event, row in zip(first, lowest, strict=True):
-        before = states[int(found.sample[event]) - 1]
-        np.testing.assert_array_equal(PLANE.beta_index < row[PLANE.alpha_index], before)
-    filt = AdaptiveFilter(PLANE, initial_weight=rng.uniform(0, 1, PLANE.cells))
-    event, dense = (filt.run(x, z, form=form) for form in ("event", "dense"))
-    np.testing.assert_allclose(event.output, dense.output, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(event.weights, dense.weights, rtol=0, atol=1e-8)
+def of_relays(rng, gaps=0.0, rows=SAMPLES):
+    """A record of relays with noise, and with outputs missing."""
+    x = np.clip(3 + np.cumsum(rng.normal(0, 0.8, rows)), PLANE.low, PLANE.high)
+    z = np.asarray(simulate(PLANE, rng.uniform(0, 1, PLANE.cells), x, "relay"))
+    return x, np.where(rng.random(rows) < gaps, np.nan, z + rng.normal(0, 0.1, rows))
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"dead_zone": 0.2}, {"error_limit": 0.3, "nonnegative": True}]
+)
+@pytest.mark.parametrize("sampling", ["event", "sample"])
+@pytest.mark.parametrize("gaps", [0.0, 0.3, 1.0])
+def test_a_run_over_passages_is_the_scan_of_steps(x64, options, sampling, gaps):
+    x, z = of_relays(np.random.default_rng(11), gaps)
+    filt = AdaptiveFilter(PLANE, sampling=sampling, step_size=0.7, **options)
+    begun = filt.run(x[:50], z[:50], form="dense").state
+    for rows, state, passes in ((slice(0, None), None, 2), (slice(50, None), begun, 1)):
+        dense, event = (
+            filt.run(x[rows], z[rows], state, passes, form) for form in ("dense", "event")
+        )
+        for one, other in zip(jax.tree.leaves(event), jax.tree.leaves(dense), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
+
+
+def test_a_run_is_the_same_under_jit_and_vmap_over_whatever(x64):
+    rng = np.random.default_rng(12)
+    x, z = of_relays(rng)
+    zs = np.stack([z, of_relays(rng, 0.3)[1], z + rng.normal(0, 0.1, len(z))])
+    xs, steps = np.clip(x + rng.normal(0, 0.5, (3, 1)), -2, 8), np.array([0.5, 1.0, 1.5])
+
+    def run(x, z, step=1.0, start=0.0):
+        return AdaptiveFilter(PLANE, step_size=step, initial_weight=start).run(x, z)[:4]
+
+    starts = rng.uniform(0, 1, (3, PLANE.cells))
+    cases = [
+        (lambda z: run(x, z), (zs,)),
+        (run, (xs, zs)),
+        (lambda step, start: run(x, z, step, start), (steps, starts)),
+    ]
+    for one, lanes in cases:
+        several = jax.jit(jax.vmap(one))(*lanes)
+        each = [one(*lane) for lane in zip(*lanes, strict=True)]
+        for found, expected in zip(several, zip(*each, strict=True), strict=True):
+            np.testing.assert_allclose(found, np.stack(expected), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+def test_gradients_of_a_run_are_those_of_differences(x64, gaps):
+    x, z = of_relays(np.random.default_rng(13), gaps)
+
+    def loss(z, start, step):
+        filt = AdaptiveFilter(PLANE, initial_weight=start, step_size=step)
+        return jnp.sum(filt.run(x, z).weights ** 2)
+
+    point = (jnp.asarray(z), jnp.full(PLANE.cells, 0.3), jnp.asarray(0.8))
+    found = jax.grad(loss, (0, 1, 2))(*point)
+    for place, slope in enumerate(found):
+        change = 1e-5 * np.random.default_rng(place).normal(size=slope.shape)
+        ends = [
+            float(loss(*(at + side * change if k == place else at for k, at in enumerate(point))))
+            for side in (1, -1)
+        ]
+        assert float(jnp.sum(slope * change)) == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)
+
+
+def test_what_there_is_no_room_for_is_not_a_number(x64):
+    x, z = of_relays(np.random.default_rng(14))
+    filt = AdaptiveFilter(PLANE)
+    whole, few = filt.run(x, z), jax.jit(lambda x, z: filt.run(x, z, room=20))(x, z)
+    known = np.isfinite(few.output)
+    first = int(np.argmin(known))
+    assert 0 < first < len(x)
+    assert not known[first:].any()
+    np.testing.assert_allclose(few.output[:first], whole.output[:first], rtol=0, atol=1e-12)
+    assert np.isnan(few.weights).all()
 
 
 def test_where_there_is_no_event_form_it_says_why():
     x = paths(0)["walk"]
     missing = np.where(np.arange(SAMPLES) == 7, np.nan, x)
     weights = np.ones(PLANE.cells)
-    plain = AdaptiveFilter(PLANE)
-    start = plain.init(x[0], 0.0)
+    ramps = AdaptiveFilter(PLANE, "ramp")
     cases = [
         (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
-        (lambda form: plain.run(x, missing, form=form), "outputs are missing"),
-        (lambda form: plain.run(x, x, start, form=form), "from a state"),
+        (lambda form: ramps.run(x, missing, form=form), "outputs are missing"),
+        (lambda form: ramps.run(x, x, ramps.init(x[0], 0.0), form=form), "from a state"),
         (lambda form: AdaptiveFilter(PLANE, leakage=0.1).run(x, x, form=form), "with leakage"),
-        (
-            lambda form: AdaptiveFilter(PLANE, sampling="sample").run(x, x, form=form),
-            "sampling='sample'",
-        ),
-        (lambda form: jax.jit(lambda x: plain.run(x, x, form=form).weights)(x), "without values"),
+        (lambda form: jax.jit(lambda x: ramps.run(x, x, form=form).weights)(x), "without values"),
     ]
     for call, reason in cases:
         call("auto")

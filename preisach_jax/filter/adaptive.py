@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -22,7 +22,8 @@ from preisach_jax.filter.checks import (
     require_state,
     start_at,
 )
-from preisach_jax.filter.runs import run_over_events, run_over_moves, run_over_samples
+from preisach_jax.filter.relays import run_over_passages
+from preisach_jax.filter.runs import run_over_moves, run_over_samples
 from preisach_jax.filter.state import FilterInfo, FilterResult, FilterState
 from preisach_jax.operator.hysteron import hysteron_step
 from preisach_jax.operator.moves import EVENT_SIZE, ramp_moves
@@ -283,6 +284,7 @@ class AdaptiveFilter(eqx.Module):
         passes: int = 1,
         form: str = "auto",
         adapt: bool = True,
+        room: int | None = None,
     ) -> FilterResult:
         """Run the filter over a record, once or several times.
 
@@ -296,12 +298,16 @@ class AdaptiveFilter(eqx.Module):
             state: the state after an earlier part of the record, which this run continues; without
                 it the filter starts from saturated low at the first sample.
             passes: how often the record is taken in, at least once.
-            form: "dense", a scan of `step`; "event", the same with O(N) work a switching event of
-                relays or a sample of ramps; or "auto": the latter where it can be had, which is
-                from saturated low with `sampling="event"`, without leakage, with a concrete record
-                and no output missing, and where it is quicker, which ramps are from 50 levels.
+            form: "dense", a scan of `step`; "event", the same with O(N) work for each threshold
+                that relays pass, or for each sample of ramps; or "auto": the latter where it can
+                be had and is quicker. Relays have it always but with leakage, also under `jit`,
+                `vmap` and `grad`. Ramps have it from saturated low with `sampling="event"`, a
+                concrete record and no output missing, and are quicker by it from 50 levels.
             adapt: whether to learn; without it the weights stay, and output and error are those of
                 them.
+            room: for how many thresholds passed there is room in the event form of relays where
+                the input is traced (a sample that passes n > 1 takes 2n); by default as many as
+                samples. From the sample on for which there is none, all is NaN.
 
         Returns:
             The weights after the last sample, the rows of each sample and the final state, all of
@@ -312,6 +318,8 @@ class AdaptiveFilter(eqx.Module):
                 output is infinite, `passes` is below 1, `adapt` is not a truth value, or there is
                 no event form.
         """
+        given: Any = x
+        known = None if isinstance(given, Tracer) else np.asarray(given)
         x, z = input_and_output(self.plane, x, z)
         if state is not None:
             require_state(self.plane, state, FilterState)
@@ -327,20 +335,21 @@ class AdaptiveFilter(eqx.Module):
         if chosen == "dense" or (self.hysteron == "ramp" and few):
             found = cast(FilterResult, run_over_samples(self, x, z, state, count, adapt))
         elif self.hysteron == "relay":
-            found = run_over_events(self, x, z, count, adapt)
+            found = run_over_passages(self, x, z, known, state, count, adapt, room)
         else:
             moves = ramp_moves(self.plane, x)
             found = cast(FilterResult, run_over_moves(self, x, z, moves, count, adapt))
         return found
 
     def _why_no_events(self, x: jax.Array, z: jax.Array, state: FilterState | None) -> str:
-        if self.sampling != "event":
-            return "with sampling='sample'"
         if self.leakage is not None:
             return "with leakage"
+        if self.hysteron == "relay":
+            return ""
+        if self.sampling != "event":
+            return "of ramps with sampling='sample'"
         if state is not None:
-            return "from a state"
-        of_ramps = self.hysteron == "ramp" and isinstance(self.initial_weight, Tracer)
-        if of_ramps or isinstance(x, Tracer) or isinstance(z, Tracer):
+            return "of ramps from a state"
+        if any(isinstance(each, Tracer) for each in (self.initial_weight, x, z)):
             return WITHOUT_VALUES
         return "" if np.isfinite(z).all() else "where outputs are missing"

@@ -8,7 +8,6 @@ depend on the input alone: one list serves every noise level and every initial w
 
 from __future__ import annotations
 
-import math
 from typing import cast
 
 import equinox as eqx
@@ -22,10 +21,6 @@ from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.paths import path_and_start
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.switching import Switching
-
-EVENTS_TO_REFRESH = 1024
-"""After so many events at most, an output that is summed up along them is summed afresh over the
-plane, so that rounding does not pile up in it."""
 
 
 def switching_events(
@@ -61,7 +56,7 @@ def switching_events(
     x, _ = path_and_start(plane, x, "low", "relay")
     if events is not None and width is not None:
         return _switching_events(plane, x, events, width)
-    found, _ = events_and_states(plane, x)
+    found = _switching_events(plane, x, *room_for_events(plane, x, 64))
     count = max(1, int(jnp.count_nonzero(found.area)))
 
     def without_fillings(rows: jax.Array) -> jax.Array:
@@ -98,123 +93,6 @@ def room_for_events(plane: Plane, x: ArrayLike, step: int = 1) -> tuple[int, int
     width = int(lengths.max(initial=0.0) * (1.0 + 1e-9)) + 1
     events = max(1, min(events, x.shape[-1] - 1))
     return -(-events // step) * step, min(width, plane.levels)
-
-
-def events_and_states(plane: Plane, x: jax.Array) -> tuple[Switching, jax.Array]:
-    """Find the switching events along an input, and the states of the relays at its end.
-
-    Inputs of equal length, and about as many events, share what is compiled for them.
-
-    Arguments:
-        plane: the Preisach plane.
-        x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
-
-    Returns:
-        `(switching, states)`: the events, of which the last ones may be fillings whose sample is
-        `time`, and (cells,) states, 0 or 1.
-
-    Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> events_and_states(plane, jnp.asarray([0.0, 2.0, 1.0]))[1].tolist()
-        [1.0, 1.0, 0.0]
-    """
-    levels = np.asarray(relay_levels(plane, x))
-    sample, to = moves_of(levels)
-    width = int(np.abs(np.diff(to, prepend=levels[0])).max(initial=1))
-    found, lowest = _crossings_at_once(plane, to, int(levels[0]), 1 << (width - 1).bit_length())
-    # Fillings stay where the input ends.
-    sample = np.where(sample < 0, len(levels), sample)
-    on = plane.beta_index < lowest[plane.alpha_index]
-    crossings = (jnp.asarray(rows) for rows in found)
-    return Switching(jnp.asarray(sample), *crossings), jnp.asarray(on, x.dtype)
-
-
-def _crossings_at_once(
-    plane: Plane, to: np.ndarray, start: int, width: int
-) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """What `_crossings` finds, for levels that are known: NumPy needs no loop over the events."""
-    before = np.append(start, to[:-1])
-    rising, count = to > before, np.abs(to - before)
-    event = np.repeat(np.arange(len(to)), count)
-    passed = np.arange(len(event)) - np.repeat(np.cumsum(count) - count, count)
-    upward = rising[event]
-    line = np.where(upward, before[event] + passed, before[event] - 1 - passed)
-    index = np.arange(plane.levels)
-
-    up, down = upward.nonzero()[0], (~upward).nonzero()[0]
-    below = np.where(index < start, start, 0)
-    low, lowest = _extremes(np.minimum, to, event[up], line[up], below)
-    high, _ = _extremes(np.maximum, to, event[down], line[down], np.full(plane.levels, start))
-    bounds = np.zeros((3, len(to), width), np.int32)
-    bounds[:, event[up], passed[up]] = line[up], low, line[up] + 1
-    bounds[:, event[down], passed[down]] = line[down], line[down], high
-    return (rising, *bounds), lowest
-
-
-def _extremes(
-    extreme: np.ufunc, to: np.ndarray, event: np.ndarray, line: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest or highest level since a line was last passed: at each crossing, and at the end.
-
-    `start` holds what counts for each line until it is first passed.
-    """
-    since_start = extreme.accumulate(to)
-    until_end = extreme.accumulate(to[::-1])[::-1]
-    end = extreme(start, since_start[-1])
-    if not len(event):
-        return event, end
-    order = np.lexsort((event, line))
-    at, of = event[order], line[order]
-    first = np.append(True, of[1:] != of[:-1])
-    # Of a crossing, the extreme from the one before on the same line; each stretch is seen once.
-    since = np.append(to[:1], extreme.reduceat(to, at)[:-1])
-    begun = np.where(at > 0, extreme(start[of], since_start[at - 1]), start[of])
-    found = np.empty_like(at)
-    found[order] = np.where(first, begun, since)
-    last = np.append(first[1:], True)
-    end[of[last]] = until_end[at[last]]
-    return found, end
-
-
-def relays_between(
-    plane: Plane, x: jax.Array, switching: Switching
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the relays that are on before some of the events, from which sums can begin afresh.
-
-    Arguments:
-        plane: the Preisach plane.
-        x: (time,) input on the plane, in its unit; concrete, starting from saturated low.
-        switching: its events, as `events_and_states` finds them.
-
-    Returns:
-        `(first, lowest)`: (stretches,) the events at which stretches of equal length begin, of
-        `EVENTS_TO_REFRESH` events or somewhat fewer, and (stretches, levels) how many relays of
-        each row α are on before them, those of the lowest β.
-
-    Example:
-        >>> plane, x = Plane(levels=2, low=0.0, high=2.0), jnp.asarray([0.0, 2.0, 1.0])
-        >>> first, lowest = relays_between(plane, x, events_and_states(plane, x)[0])
-        >>> first.tolist(), lowest.tolist()
-        ([0], [[0, 0]])
-    """
-    levels = np.asarray(relay_levels(plane, x))
-    _, to = moves_of(levels)
-    before = np.append(levels[0], to[:-1])
-    # Of two sizes that are both rounded up, the one divides the other in few parts.
-    size = math.gcd(len(to), EVENTS_TO_REFRESH) if len(to) > EVENTS_TO_REFRESH else len(to)
-    index = np.arange(plane.levels)
-    lowest = [np.where(index < levels[0], levels[0], 0)]
-    for begin in range(size, len(to), size):
-        part, came = to[begin - size : begin], before[begin - size : begin]
-        since = np.minimum.accumulate(part[::-1])[::-1]
-        row = np.minimum(lowest[-1], since[0])
-        up = np.flatnonzero(part > came)
-        count: np.ndarray = (part - came)[up]
-        passed = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
-        # Of a row that is passed upward more than once, the last time is assigned last.
-        row[np.repeat(came[up], count) + passed] = np.repeat(since[up], count)
-        lowest.append(row)
-    return np.arange(0, len(to), size), np.asarray(lowest, np.int32)
 
 
 def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | jax.Array:
@@ -284,13 +162,13 @@ def _switching_events(plane: Plane, x: jax.Array, events: int, width: int) -> Sw
     before = jnp.concatenate([levels[:1], levels[:-1]])
     sample = jnp.nonzero(levels != before, size=events, fill_value=x.shape[0])[0]
     to = levels.at[sample].get(mode="fill", fill_value=-1)
-    return _crossings(plane, sample, to, levels[0], width)[0]
+    return _crossings(plane, sample, to, levels[0], width)
 
 
 @eqx.filter_jit
 def _crossings(
     plane: Plane, sample: jax.Array, to: jax.Array, start: jax.Array, width: int
-) -> tuple[Switching, jax.Array]:
+) -> Switching:
     index = jnp.arange(plane.levels, dtype=jnp.int32)
     passed = jnp.arange(width, dtype=jnp.int32)
 
@@ -313,8 +191,7 @@ def _crossings(
     # Of each row, the lowest level since the input last passed it upward; of each column, the
     # highest since it last passed that downward.
     lowest, highest = jnp.where(index < start, start, 0), jnp.full_like(index, start)
-    (lowest, _, _), found = jax.lax.scan(cross, (lowest, highest, start), to)
-    return Switching(sample, *found), lowest
+    return Switching(sample, *jax.lax.scan(cross, (lowest, highest, start), to)[1])
 
 
 def rounded_up(count: int) -> int:

@@ -99,38 +99,6 @@ def adapt_over_events(
         >>> weights[:, 0].tolist()
         [0.5, 0.5, 2.0, 0.0, 0.0, 0.0]
     """
-    weights, errors, _ = adapt_and_share(plane, switching, increments, weights, rule)
-    return weights, errors
-
-
-def adapt_and_share(
-    plane: Plane,
-    switching: Switching,
-    increments: ArrayLike,
-    weights: ArrayLike,
-    rule: UpdateRule | None = None,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Do what `adapt_over_events` does, and tell what the updates add to the weights in sum.
-
-    Arguments:
-        plane: the Preisach plane.
-        switching: the events of the input that all lanes share.
-        increments: (events, lanes) rise of the measured output since the event before.
-        weights: (cells, lanes) weights to start from, in the unit of the output.
-        rule: what an error does; without it, the paper's rule.
-
-    Returns:
-        `(weights, errors, shares)`, the last one (events, lanes): the sum of what each event adds
-        to the weights of its cells, 0 where it adds nothing.
-
-    Example:
-        >>> from preisach_jax.operator.events import switching_events
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> switching = switching_events(plane, [0.0, 2.0, 1.0])
-        >>> rises, rule = jnp.asarray([[6.0], [-2.0]]), UpdateRule(0.5)
-        >>> adapt_and_share(plane, switching, rises, jnp.zeros((3, 1)), rule)[2].tolist()
-        [[3.0], [0.5]]
-    """
     rule = UpdateRule() if rule is None else rule
     weights = jnp.asarray(weights)
     increments = jnp.asarray(increments, weights.dtype)
@@ -138,7 +106,7 @@ def adapt_and_share(
 
     def adapt(
         weights: jax.Array, event: tuple[Switching, jax.Array, jax.Array, jax.Array]
-    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array | None]]:
+    ) -> tuple[jax.Array, jax.Array]:
         crossing, increment, sign, area = event
         cells = crossing.cells(plane)
         there = weights.at[cells].get(mode="fill", fill_value=0.0)
@@ -149,14 +117,8 @@ def adapt_and_share(
         move = jnp.broadcast_to(move, (cells.shape[0], move.shape[0]))
         # Fillings repeat an index, so that indices are not unique; they are dropped.
         if rule.nonnegative:
-            new = jnp.maximum(there + move, 0.0)
-            share = jnp.sum(jnp.where((cells < plane.cells)[:, None], new - there, 0.0), axis=0)
-            return weights.at[cells].set(new, mode="drop"), (error, share)
-        return weights.at[cells].add(move, mode="drop"), (error, None)
+            return weights.at[cells].set(jnp.maximum(there + move, 0.0), mode="drop"), error
+        return weights.at[cells].add(move, mode="drop"), error
 
     events = (switching, increments, sign, area)
-    weights, (errors, shares) = jax.lax.scan(adapt, weights, events)
-    if shares is None:
-        learns = rule.learns(errors) & (area > 0)[:, None]
-        shares = jnp.where(learns, sign[:, None] * rule.rate(errors, 1.0), 0.0)
-    return weights, errors, shares
+    return jax.lax.scan(adapt, weights, events)

@@ -145,25 +145,6 @@ def versions() -> str:
     return table(["Python", "packages", "from", "tests", "outcome"], rows)
 
 
-def coverage() -> str:
-    """Lines and branches that the tests run."""
-    content = result("coverage.json")
-    if not content:
-        return "Not measured in this state."
-    rows = [
-        [f"`{part}`", f"{own['lines']:.1f} %", f"{own['branches']:.1f} %"]
-        for part, own in content["parts"].items()
-    ]
-    whole = content["whole"]
-    rows.append(["**whole**", f"{whole['lines']:.1f} %", f"{whole['branches']:.1f} %"])
-    least = ", ".join(f"`{name}`" for name in content["least"])
-    return (
-        f"{table(['part', 'lines', 'branches'], rows)}\n\nLeast covered (lines and branches): "
-        f"{least}. What tests run in processes of their own (installation, kills, Ctrl-C, "
-        "notebooks, the server of the page) is not counted."
-    )
-
-
 def page() -> str:
     """The page in Markdown."""
     return f"""{HEAD}
@@ -220,8 +201,4 @@ Volts or microvolts, metres or nanometres, days or microseconds change neither a
 by a millionth of a per cent point; one thread or many, by a ten-millionth
 (`tests/test_scales_and_threads.py`). On one machine a result repeats to the last bit. A GPU adds in
 another order, and its results are compared with those of the processor to a tolerance.
-
-## Coverage
-
-{coverage()}
 """

@@ -267,10 +267,20 @@ def learning(compiled, stage):
     return [replayed(each) for each in (weights[0], weights[-1])], errors
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["creep", "delay", "resonance", "output_lag", "slew_limit", "moving", "ripples", "rate_smooth"],
-)
+@pytest.mark.parametrize(("f_hz", "zeta"), [(5.0, 0.02), (60.0, 0.2), (300.0, 0.02)])
+def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
+    """Whatever the mode and the rate, errors of weights and readings fall, eq. (9)."""
+    model = drawn(["resonance", "delay"])
+    mode = {"resonance": {"f_hz": f_hz, "zeta": zeta}}
+    model = replace(model, values={**model.values, **mode})
+    compiled = Compiled(model, tmp_path, rate_hz=2000.0)
+    replayed, weights = learning(compiled, other_stage(compiled))
+    assert np.all(np.diff(weights) <= 1e-12)
+    assert weights[-1] < 0.98 * weights[0]
+    assert replayed[-1] < 0.9 * replayed[0]
+
+
+@pytest.mark.parametrize("name", KINDS)
 def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp_path):
     """Readings of no stage at all: noise, jumps and holds within three strokes."""
     polarity = (-1) ** KINDS.index(name)
@@ -280,11 +290,12 @@ def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp
     u, rng = wild(1500, 5), np.random.default_rng(6)
     stroke = np.abs(model.weights).sum()
     z = 3 * stroke * rng.uniform(-1, 1, len(u)) * (rng.random(len(u)) < 0.5)
-    out = compiled.adapt(u, z)
+    aux = columns(model, len(u))
+    out = compiled.adapt(u, z, aux)
     assert np.all((polarity * compiled.weights >= 0) & (polarity * compiled.weights <= 2 * stroke))
     assert np.all(np.isfinite(out))
     # What they have made of the weights is unlearnt, and the stage is learnt, eq. (9).
-    stage(u)
+    stage(u, aux)
     replayed, errors = learning(compiled, stage)
     assert errors[-1] < 0.8 * errors[0]
     assert replayed[-1] < 0.5 * replayed[0]

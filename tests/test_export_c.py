@@ -301,6 +301,22 @@ def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp
     assert replayed[-1] < 0.5 * replayed[0]
 
 
+def test_learning_begun_late_or_broken_off_stays_bounded(tmp_path):
+    """Steps without learning before and between, and readings that are missing."""
+    compiled = Compiled(drawn(["creep", "resonance", "delay"]), tmp_path)
+    stage, errors = other_stage(compiled), []
+    true = stage.weights
+    for k in range(8):
+        u = wild(600, k)
+        z = stage(u)
+        if k % 2:
+            compiled.adapt(u, np.where(np.arange(len(u)) % 50 < 20, np.nan, z))
+        else:
+            compiled(u)
+        errors.append(np.linalg.norm(compiled.weights - true))
+    assert errors[-1] < 0.95 * errors[0]
+
+
 def test_learnt_weights_are_put_back(tmp_path):
     model = drawn(["output_lag", "moving"])
     compiled, u = Compiled(model, tmp_path), wild(600, 3)

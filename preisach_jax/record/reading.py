@@ -132,7 +132,7 @@ def _near(path: Path) -> str:
     """A hint to a file of a similar name in the same folder, if there is one."""
     try:
         names = [entry.name for entry in path.parent.iterdir() if entry.is_file()]
-    except OSError:
+    except (OSError, ValueError):  # a name may hold what none can
         return ""
     near = difflib.get_close_matches(path.name, names, n=1)
     return f" (there is {near[0]})" if near else ""

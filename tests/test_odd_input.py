@@ -66,6 +66,7 @@ def refused_in_one_line_at_most():
 
 @given(name=st.text(st.characters(max_codepoint=0x2FF), max_size=12), end=st.sampled_from(ENDS))
 @example(name="\0", end="/../")
+@example(name=".", end="#1")
 def test_odd_paths_are_refused(name, end):
     for load in (pj.Record.load, pj.Model.load, pj.OnlineFilter.load):
         with pytest.raises(pj.InputError):

@@ -66,7 +66,7 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
 def _without_sheet(path: Path) -> tuple[Path, str | None]:
     """A workbook and the sheet that is named behind it; of any other path itself, and None."""
     name, mark, sheet = path.name.rpartition(SHEET)
-    book = path.with_name(name) if name else path
+    book = path.parent / name if name else path
     if mark and sheet and book.suffix.lower() in WORKBOOK.suffixes and not path.exists():
         return book, sheet
     return path, None

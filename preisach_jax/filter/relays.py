@@ -103,7 +103,7 @@ def passages_along(levels: Any, room: int | None = None) -> tuple[Passages, Any]
         reads=there & (place < count),
         solves=there & (place == count - 1),
         writes=there & ((place >= count) | (count == 1)),
-        ends=there & (place == xp.where(count > 1, 2 * count, count) - 1),
+        ends=there & (place == taken[at] - 1),
         following=later[at],
     ), until
 
@@ -321,11 +321,11 @@ class _Recursion:
             weights, on, reference, jnp.sum(weights * on), zero, zero, zero, zero, zero, since,
             start.reference_output, behind,
         )  # fmt: skip
-        first = jnp.where(steps.ends.any(), steps.sample[jnp.argmax(steps.ends)], len(self.z))
         out, base = begun.output, begun.z + begun.since
         rows = _Rows((out, out, out), (base, base, base), (zero, zero), jnp.array(-1))
         rows_before = rows
         if self.gaps:
+            first = jnp.where(steps.ends.any(), steps.sample[jnp.argmax(steps.ends)], len(self.z))
             begun, rows_before = self._made_up(begun, rows, jnp.array(0), first)
         before = jnp.append(start.reference_output, self.z[:-1])  # of each sample
         of_event = jnp.asarray(steps.sample)

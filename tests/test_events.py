@@ -1,5 +1,7 @@
 """Switching events and moves of ramps against all hysterons, and the recursions over them."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,16 +12,15 @@ from oracles import PLANE, SAMPLES
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.online import OnlineFilter
+from preisach_jax.operator.blocks import switching
 from preisach_jax.operator.checks import HYSTERONS
-from preisach_jax.operator.events import (
-    room_for_events,
-    switching_events,
-)
 from preisach_jax.operator.moves import ramp_moves
+from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.operator.states import hysteron_states
 
-LEVELS = PLANE.levels
+UNEQUAL = Plane(PLANE.levels, PLANE.low, PLANE.high, [-1.5, 0.0, 0.5, 3.0, 7.5])
 
 
 def paths(seed):
@@ -40,51 +41,31 @@ def paths(seed):
 relays = jax.jit(lambda plane, x: hysteron_states(plane, x, "low", "relay"))
 
 
-@jax.jit
-def listed(plane, found):
-    return found.sample, found.sign, found.area, found.cells(plane)
-
-
-def check_events(plane, x, found):
+def check_events(plane, x):
     """The events switch what the relays' states say, no more, no less, and in order."""
     states = np.asarray(relays(plane, x)).astype(int)
     moves = np.diff(states, axis=0, prepend=states[:1])
-    at = np.flatnonzero(moves.any(axis=1))
-    sample, sign, area, cells = map(np.asarray, listed(plane, found))
-    real = area > 0
-    np.testing.assert_array_equal(sample[real], at)
-    assert np.all(sample[~real] == len(x))
-    rows = zip(at, cells[real], sign[real], area[real], strict=True)
-    for k, row, direction, count in rows:
-        switched = row[row < plane.cells]
-        assert len(switched) == len(set(switched.tolist())) == count
-        np.testing.assert_array_equal(np.sort(switched), np.flatnonzero(moves[k]))
-        assert np.all(moves[k][switched] == direction)
-    assert np.all(cells[~real] == plane.cells)
+    found = switching(plane, x)
+    np.testing.assert_array_equal([e.sample for e in found], np.flatnonzero(moves.any(axis=1)))
+    for event in found:
+        np.testing.assert_array_equal(np.sort(event.cells), np.flatnonzero(moves[event.sample]))
+        assert np.all(moves[event.sample][event.cells] == event.sign)
 
 
-def test_events_switch_what_the_relays_switch_and_there_is_room_for_all(precision):
+@pytest.mark.parametrize("plane", [PLANE, UNEQUAL], ids=["equal", "unequal"])
+def test_events_switch_what_the_relays_switch(precision, plane):
     for x in paths(1).values():
-        x = x.astype(precision)
-        found = switching_events(PLANE, x, SAMPLES, LEVELS)
-        check_events(PLANE, x, found)
-        events, width = room_for_events(PLANE, x)
-        area, crossed = np.asarray(found.area), np.asarray(found.last > found.first).sum(axis=1)
-        assert np.sum(area > 0) <= events <= SAMPLES
-        assert crossed.max() <= width <= crossed.max() + 1
+        check_events(plane, x.astype(precision))
 
 
 @settings(max_examples=10)
-@given(st.lists(st.integers(0, 20), min_size=60, max_size=60))
+@given(st.lists(st.integers(0, 20), min_size=SAMPLES, max_size=SAMPLES))
 def test_events_switch_what_the_relays_switch_on_any_path(halves):
-    x = np.array(halves) / 2 - 2
-    check_events(PLANE, x, switching_events(PLANE, x, 60, LEVELS))
+    check_events(PLANE, np.array(halves) / 2 - 2)
 
 
 def test_a_resting_input_has_no_event():
-    found = switching_events(PLANE, np.full(10, 2.5))
-    assert found.area.tolist() == [0]
-    assert found.sample.tolist() == [10]
+    assert switching(PLANE, np.full(10, 2.5)) == []
     result = AdaptiveFilter(PLANE).run(np.full(9, 2.2), np.arange(9.0), form="event")
     np.testing.assert_array_equal(result.error, np.arange(9.0))
     assert not np.any(result.switched)
@@ -144,7 +125,8 @@ def of_relays(rng, gaps=0.0, rows=SAMPLES):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"dead_zone": 0.2}, {"error_limit": 0.3, "nonnegative": True}]
+    "options",
+    [{}, {"dead_zone": 0.2}, {"error_limit": 0.3, "nonnegative": True}, {"leakage": 0.05}],
 )
 @pytest.mark.parametrize("sampling", ["event", "sample"])
 @pytest.mark.parametrize("gaps", [0.0, 0.3, 1.0])
@@ -213,6 +195,97 @@ def test_what_there_is_no_room_for_is_not_a_number(x64):
     assert np.isnan(few.weights).all()
 
 
+def test_a_run_has_the_room_that_the_filter_asks_for(x64):
+    rng = np.random.default_rng(15)
+    plane = PLANE.padded(20)  # lines of more cells than a block has
+    x, z = of_relays(rng, rows=50)
+    xs = np.stack([x, rng.permutation(x)])
+    filt = AdaptiveFilter(Plane(20, PLANE.low, PLANE.high))
+    room = filt.room(xs)
+    batch = jax.jit(jax.vmap(lambda x: filt.run(x, z, room=room)))(xs)
+    for one, x in zip(batch.weights, xs, strict=True):
+        np.testing.assert_allclose(one, filt.run(x, z, form="dense").weights, rtol=0, atol=1e-12)
+    one_less = room._replace(visits=room.visits // 2)
+    few = jax.jit(lambda x: filt.run(x, z, room=one_less, missing=False))(xs[1])
+    assert np.isnan(few.weights).all()
+    known = np.isfinite(few.output)
+    np.testing.assert_allclose(few.output[known], batch.output[1][known], rtol=0, atol=1e-12)
+    assert AdaptiveFilter(plane).room(xs).visits < room.visits
+
+
+# --- planes ---
+
+
+@pytest.mark.parametrize("hysteron", HYSTERONS)
+def test_planes_of_several_sizes_are_one_batch(x64, hysteron):
+    x, z = of_relays(np.random.default_rng(16))
+    planes = [PLANE, Plane(3, -2.0, 8.0), UNEQUAL]
+    batch = jax.tree.map(lambda *each: jnp.stack(each), *(one.padded(5) for one in planes))
+    outputs = jnp.stack([z, z + 0.1 * np.sin(np.arange(len(z)))])
+
+    def weights(plane, z):
+        return AdaptiveFilter(plane, hysteron).run(x, z).weights
+
+    found = jax.jit(jax.vmap(jax.vmap(weights, (None, 0)), (0, None)))(batch, outputs)
+    for several, plane in zip(found, planes, strict=True):
+        for one, z in zip(several, outputs, strict=True):
+            dense = AdaptiveFilter(plane, hysteron).run(x, z, form="dense").weights
+            np.testing.assert_allclose(one[: plane.cells], dense, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(one[plane.cells :], 1e-9)
+
+
+@pytest.mark.parametrize("hysteron", HYSTERONS)
+def test_unequal_thresholds_are_equal_ones_behind_a_map_of_the_input(x64, hysteron):
+    x, z = of_relays(np.random.default_rng(17))
+    knots = np.concatenate([[-2.0], UNEQUAL.thresholds, [8.0]])
+    mapped = np.interp(x, knots, [-2.0, -1.0, 1.0, 3.0, 5.0, 7.0, 8.0])
+    for form in ("dense", "event"):
+        found = AdaptiveFilter(UNEQUAL, hysteron).run(x, z, form=form)
+        wanted = AdaptiveFilter(PLANE, hysteron).run(mapped, z, form="dense")
+        for one, other in zip(found[:4], wanted[:4], strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
+    online = OnlineFilter(AdaptiveFilter(UNEQUAL, hysteron))
+    online.block(x[:100], z[:100])
+    for sample in zip(x[100:], z[100:], strict=True):
+        online(*sample)
+    np.testing.assert_allclose(online.state.weights, wanted.weights, rtol=0, atol=1e-11)
+
+
+def test_thresholds_of_a_record_lie_where_its_output_moves(x64):
+    x = 4.0 * np.sin(np.linspace(0.0, 30.0, 3000)) + 3.0
+    steep = SimpleNamespace(input=x, output=np.tanh(3.0 * (x - 1.0)) + 1e-3 * np.cos(71.0 * x))
+    plane = Plane.of(steep, 9)
+    assert np.abs(plane.thresholds - 1.0).min() < 0.1
+    assert np.sum(np.abs(plane.thresholds - 1.0) < 1.0) >= 7
+    held_out = slice(2000, None)
+    rms = {}
+    for name, one in (("equal", Plane(9, plane.low, plane.high)), ("of", plane)):
+        filt = AdaptiveFilter(one, "ramp")
+        weights = filt.run(x[:2000], steep.output[:2000], passes=20, form="dense").weights
+        left = steep.output - simulate(one, weights, x)
+        rms[name] = float(np.std(left[held_out]))
+    assert rms["of"] < rms["equal"] / 2
+
+
+def test_thresholds_that_are_none_are_refused_by_their_number():
+    good = [-1.5, 0.0, 0.5, 3.0]
+    cases = {
+        "shape (4,)": good,
+        r"thresholds[2] is -1.0": [-1.5, 0.0, -1.0, 3.0, 7.0],
+        "thresholds[4] is 8.5": [*good, 8.5],
+        "infinity only after the last": [-1.5, np.inf, 0.5, 3.0, 7.0],
+        "thresholds holds": [*good, "x"],
+    }
+    for message, thresholds in cases.items():
+        with pytest.raises(InputError) as raised:
+            Plane(5, -2.0, 8.0, thresholds)
+        assert message in str(raised.value)
+    with pytest.raises(InputError, match="levels is 3: give at least 5"):
+        UNEQUAL.padded(3)
+    with pytest.raises(InputError, match=r"goes from 1\.0 to 1\.0"):
+        Plane.of(SimpleNamespace(input=np.ones(5), output=np.arange(5.0)), 3)
+
+
 def test_where_there_is_no_event_form_it_says_why():
     x = paths(0)["walk"]
     missing = np.where(np.arange(SAMPLES) == 7, np.nan, x)
@@ -222,7 +295,7 @@ def test_where_there_is_no_event_form_it_says_why():
         (lambda form: simulate(PLANE, weights, x, "relay", weights, form), "states of one's own"),
         (lambda form: ramps.run(x, missing, form=form), "outputs are missing"),
         (lambda form: ramps.run(x, x, ramps.init(x[0], 0.0), form=form), "from a state"),
-        (lambda form: AdaptiveFilter(PLANE, leakage=0.1).run(x, x, form=form), "with leakage"),
+        (lambda form: AdaptiveFilter(PLANE, "ramp", leakage=0.1).run(x, x, form=form), "leakage"),
         (lambda form: jax.jit(lambda x: ramps.run(x, x, form=form).weights)(x), "without values"),
     ]
     for call, reason in cases:

@@ -78,8 +78,9 @@ relays = jax.jit(lambda plane, x: hysteron_states(plane, x, "low", "relay"))
 def outputs(plane, drawn, noise):
     """The outputs of one input, in the order of `Sweep.weights`."""
     clean = np.asarray(relays(plane, drawn.record.input_v)) @ true_weights(plane)
-    noisy = [clean + sigma * np.asarray(drawn.noise[:, n]) for n, sigma in enumerate(noise)]
-    return [np.asarray(drawn.record.stroke_um), clean, *noisy]
+    stage = np.asarray(drawn.record.stroke_um)
+    added = [sigma * np.asarray(drawn.noise[:, n]) for n, sigma in enumerate(noise)]
+    return [one + more for one in (stage, clean) for more in (0.0, *added)]
 
 
 @pytest.mark.parametrize("n", range(len(LEVELS)))
@@ -93,15 +94,16 @@ def test_a_sweep_is_the_filter_run_one_by_one(n, whole, x64):
         np.testing.assert_allclose(whole.weights[n][seed, lane], final, rtol=1e-9, atol=1e-10)
         paths.append([np.asarray(a)[FIRST:] for a in run_by_samples(filt, x, z)])
 
-    _, error, switched = paths[0]
-    at = switched > 0
+    at = paths[0][2] > 0
     assert whole.events[n, seed] == at.sum()
-    expected = np.sqrt(np.sum(error[at] ** 2) / (at.sum() - 1))  # (30)
-    np.testing.assert_allclose(whole.output_error[n, seed], expected, rtol=1e-9)
-    clean = paths[1][0]
+    half = 1 + len(NOISE)
+    expected = [np.sqrt(np.sum(e[at] ** 2) / (at.sum() - 1)) for _, e, _ in paths[:half]]  # (30)
+    found = whole.output_error[n, seed], *whole.noisy_output_error[n, :, seed]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    clean = paths[half][0]
     bias = np.mean(np.sum((clean - truth) ** 2, axis=1))
     np.testing.assert_allclose(whole.bias_squared[n, seed], bias, rtol=1e-9)
-    for lane, (weights, _, _) in enumerate(paths[2:]):
+    for lane, (weights, _, _) in enumerate(paths[half + 1 :]):
         total = np.mean(np.sum((weights - truth) ** 2, axis=1))
         added = np.mean(np.sum((weights - clean) ** 2, axis=1))
         assert added > 1e-3 * NOISE[lane] ** 2

@@ -22,9 +22,11 @@ from preisach_jax.filter.checks import (
     require_state,
     start_at,
 )
-from preisach_jax.filter.relays import run_over_passages
+from preisach_jax.filter.relays import room_for, run_over_blocks
 from preisach_jax.filter.runs import run_over_moves, run_over_samples
 from preisach_jax.filter.state import FilterInfo, FilterResult, FilterState
+from preisach_jax.operator.blocks import Room
+from preisach_jax.operator.checks import as_float
 from preisach_jax.operator.hysteron import hysteron_step
 from preisach_jax.operator.moves import EVENT_SIZE, ramp_moves
 from preisach_jax.operator.plane import Plane
@@ -92,7 +94,7 @@ class AdaptiveFilter(eqx.Module):
         dead_zone: () size d ≥ 0 of errors that update nothing, in the unit of the output. An error
             holds the noise of two samples: for noise of the deviation σ, 3√2 σ leaves 0.3 % of it.
         leakage: () share λ of the distance to the initial weights that an update takes, 0 ≤ λ < 1,
-            λ + μ < 2. It needs the dense form.
+            λ + μ < 2.
         error_limit: () size c > 0 at which errors are cut off, in the unit of the output.
         nonnegative: whether weights that an update brings below 0 are set to 0.
 
@@ -284,7 +286,8 @@ class AdaptiveFilter(eqx.Module):
         passes: int = 1,
         form: str = "auto",
         adapt: bool = True,
-        room: int | None = None,
+        room: Room | int | None = None,
+        missing: bool | None = None,
     ) -> FilterResult:
         """Run the filter over a record, once or several times.
 
@@ -298,16 +301,19 @@ class AdaptiveFilter(eqx.Module):
             state: the state after an earlier part of the record, which this run continues; without
                 it the filter starts from saturated low at the first sample.
             passes: how often the record is taken in, at least once.
-            form: "dense", a scan of `step`; "event", the same with O(N) work for each threshold
-                that relays pass, or for each sample of ramps; or "auto": the latter where it can
-                be had and is quicker. Relays have it always but with leakage, also under `jit`,
-                `vmap` and `grad`. Ramps have it from saturated low with `sampling="event"`, a
+            form: "dense", a scan of `step`; "event", the same with work only for the relays that
+                switch, or O(N) for each sample of ramps; or "auto": the latter where it can be had
+                and is quicker. Relays have it always, also under `jit`, `vmap` and `grad`; with
+                leakage, nonnegative weights or missing outputs it takes several times as long as
+                without. Ramps have it from saturated low with `sampling="event"`, a
                 concrete record and no output missing, and are quicker by it from 50 levels.
             adapt: whether to learn; without it the weights stay, and output and error are those of
                 them.
-            room: for how many thresholds passed there is room in the event form of relays where
-                the input is traced (a sample that passes n > 1 takes 2n); by default as many as
-                samples. From the sample on for which there is none, all is NaN.
+            room: how much there is room for in the event form of relays where the input is traced,
+                as `room` finds it; by default as much as there are samples. From the sample on for
+                which there is none, all is NaN.
+            missing: whether outputs may be missing, if they are traced; without it, both cases are
+                compiled for relays, in twice the time. One that is missing then makes all NaN.
 
         Returns:
             The weights after the last sample, the rows of each sample and the final state, all of
@@ -335,17 +341,40 @@ class AdaptiveFilter(eqx.Module):
         if chosen == "dense" or (self.hysteron == "ramp" and few):
             found = cast(FilterResult, run_over_samples(self, x, z, state, count, adapt))
         elif self.hysteron == "relay":
-            found = run_over_passages(self, x, z, known, state, count, adapt, room)
+            found = run_over_blocks(self, x, z, known, state, count, adapt, room, missing)
         else:
             moves = ramp_moves(self.plane, x)
             found = cast(FilterResult, run_over_moves(self, x, z, moves, count, adapt))
         return found
 
+    def room(self, x: ArrayLike) -> Room:
+        """Count what `run` must have room for, to run relays along inputs that are traced.
+
+        Arguments:
+            x: (..., time) inputs, in the unit of the plane; concrete.
+
+        Returns:
+            `room` for `run`, enough for each of the inputs if no output is missing. Half of it is
+            needed again at most where one is.
+
+        Raises:
+            InputError: an input is not a row of real numbers.
+
+        Example:
+            >>> filt = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
+            >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 400), 2.0) - 1.0)
+            >>> room = filt.room(x)
+            >>> batch = jax.jit(jax.vmap(lambda x, z: filt.run(x, z, room=room).weights))
+            >>> batch(np.stack([x, x]), np.stack([x, 2.0 * x])).shape
+            (2, 10)
+        """
+        return room_for(self.plane, as_float(x, "the input x"))
+
     def _why_no_events(self, x: jax.Array, z: jax.Array, state: FilterState | None) -> str:
-        if self.leakage is not None:
-            return "with leakage"
         if self.hysteron == "relay":
             return ""
+        if self.leakage is not None:
+            return "of ramps with leakage"
         if self.sampling != "event":
             return "of ramps with sampling='sample'"
         if state is not None:

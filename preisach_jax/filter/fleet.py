@@ -17,15 +17,11 @@ from preisach_jax.devices import compiled, evenly, from_first, gathered, is_firs
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.checks import input_and_output
-from preisach_jax.operator.events import room_for_events, switching_events
-from preisach_jax.operator.learning import adapt_over_events, measured_rises
+from preisach_jax.operator.blocks import Room
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.work.chunks import Chunks, Values
 from preisach_jax.work.manifest import read_manifest
 from preisach_jax.work.run import Work, work_in_chunks
-
-_ROOM = 64
-"""Room for events comes in steps of so many, so that new inputs rarely need a compilation."""
 
 
 class FleetResult(NamedTuple):
@@ -91,13 +87,12 @@ def run_fleet(
         np.stack([_lengthened(row, max(lengths)) for row in side])
         for side in zip(*rows, strict=True)
     )
-    of_events = adaptive.sampling == "event" and adaptive.leakage is None
-    over_events = of_events and adaptive.hysteron == "relay"
-    room = None
-    if over_events and all(np.isfinite(own).all() for _, own in rows):
-        room = room_for_events(adaptive.plane, x, _ROOM)
-    else:
-        z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
+    z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
+    if all(
+        np.isfinite(own).all() for _, own in rows
+    ):  # rest with the input, and nothing is missing
+        z = np.stack([_lengthened(own, max(lengths)) for _, own in rows])
+    room = adaptive.room(x) if adaptive.hysteron == "relay" else None
     count = evenly(len(rows))
     x, z, until = (
         np.concatenate([side, side[-1:].repeat(count - len(rows), axis=0)])
@@ -292,17 +287,17 @@ _Found = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]
 def _compiled_run(
     structure: Any,
     kinds: tuple[jax.ShapeDtypeStruct, ...],
-    room: tuple[int, int] | None,
+    room: Room | None,
     shape: tuple[int, ...],
     dtype: np.dtype,
     passes: int,
 ) -> Callable[[Any, Any], Any]:
     def run(numbers: list[jax.Array], rows: tuple[jax.Array, jax.Array, jax.Array]) -> _Found:
         adaptive: AdaptiveFilter = jax.tree.unflatten(structure, numbers)
-        one = _densely if room is None else functools.partial(_over_events, room=room)
 
         def identify(x: jax.Array, z: jax.Array, until: jax.Array) -> _Found:
-            weights, errors, updated = one(adaptive, x, z, passes)
+            weights, _, errors, switched, _ = adaptive.run(x, z, passes=passes, room=room)
+            updated = switched > 0
             measured = jnp.isfinite(z) & (jnp.arange(len(z)) < until)
             left = z - simulate(adaptive.plane, weights, x, adaptive.hysteron)
             offset = _mean(left, measured)
@@ -317,29 +312,6 @@ def _compiled_run(
         list(kinds),
         (side, side, jax.ShapeDtypeStruct(shape[:1], jax.dtypes.canonicalize_dtype(int))),
     )
-
-
-def _densely(
-    adaptive: AdaptiveFilter, x: jax.Array, z: jax.Array, passes: int
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    found = adaptive.run(x, z, passes=passes, form="dense")
-    return found.weights, found.error, found.switched > 0
-
-
-def _over_events(
-    adaptive: AdaptiveFilter, x: jax.Array, z: jax.Array, passes: int, room: tuple[int, int]
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    switching = switching_events(adaptive.plane, x, *room)
-    increments = measured_rises(switching, z[:, jnp.newaxis])
-    rule = adaptive.rule(z.dtype)
-
-    def one_pass(weights: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
-        return adapt_over_events(adaptive.plane, switching, increments, weights, rule)
-
-    start = adaptive.init(x[0], z[0]).weights[:, None]
-    weights, errors = jax.lax.scan(one_pass, start, length=passes)
-    errors = errors[-1, :, 0]
-    return weights[:, 0], errors, (switching.area > 0) & rule.learns(errors)
 
 
 def _mean(values: jax.Array, counted: jax.Array) -> jax.Array:

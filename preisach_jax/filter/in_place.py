@@ -13,6 +13,7 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.state import FilterState
+from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.moves import EVENT_SIZE
 
 
@@ -30,7 +31,8 @@ class Recursion:
         dtype, plane = np.dtype(state.weights.dtype), filt.plane
         self._type, self._levels, self._ramps = dtype.type, plane.levels, filt.hysteron == "ramp"
         self._low, self._high = self._type(plane.low), self._type(plane.high)
-        self._thresholds = plane.thresholds.astype(dtype).tolist()
+        self._thresholds = np.asarray(plane.thresholds, dtype).tolist()
+        self._plane = plane
         self._on_below = np.tri(plane.levels + 1, plane.levels, -1, dtype)
         self._every_sample = filt.sampling == "sample"
         self._least = float(np.finfo(dtype).eps) if self._every_sample else EVENT_SIZE
@@ -123,7 +125,11 @@ class Recursion:
     def _move(self, x: float) -> None:
         """Bring the states to the next input, eq. (2)-(4)."""
         if self._ramps:
-            place = (self._type(x) - self._low) / (self._high - self._low) * self._levels
+            place = self._type(x)
+            if self._plane.own_thresholds is None:
+                place = (place - self._low) / (self._high - self._low) * self._levels
+            else:
+                place = position_on(self._plane, place)
             risen = fallen = min(max(float(place), 0.0), float(self._levels))
         else:
             # Of a threshold on which the input rests, `thresholds_reached` tells what is decided.

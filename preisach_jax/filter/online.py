@@ -268,6 +268,8 @@ class OnlineFilter:
             "saturated": np.asarray(self.saturated),
             "output": np.asarray(self._output),
         }
+        if plane.own_thresholds is not None:
+            arrays["thresholds"] = np.asarray(plane.thresholds)
         if self.state is not None:
             arrays |= {f"state.{name}": np.asarray(a) for name, a in vars(self.state).items()}
         write_arrays(Path(path), about, arrays)
@@ -288,8 +290,9 @@ class OnlineFilter:
         """
         remedy = "give a file that `save` wrote"
         with read_arrays(Path(path), FORMAT, "a saved filter", remedy) as (about, stored):
+            thresholds = stored["thresholds"] if "thresholds" in stored.files else None
             filt = AdaptiveFilter(
-                Plane(levels=about["levels"], low=about["low"], high=about["high"]),
+                Plane(about["levels"], about["low"], about["high"], thresholds),
                 about["hysteron"],
                 about["sampling"],
                 stored["initial_weight"],

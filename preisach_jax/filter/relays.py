@@ -1,4 +1,4 @@
-"""The adaptive filter over the thresholds that relays pass: O(N) each, whatever is traced."""
+"""The adaptive filter over the relays that switch, block by block, whatever is traced."""
 
 from __future__ import annotations
 
@@ -14,105 +14,143 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.filter.state import FilterResult, FilterState
-from preisach_jax.operator.cells import flat_index
+from preisach_jax.operator.blocks import WIDTH, Blocks, Room, relay_blocks
 from preisach_jax.operator.events import relay_levels, rounded_up
 from preisach_jax.operator.plane import Plane
 
+STRETCH = 256
+"""Visits in a stretch, which is passed over if the input needs none of them."""
 
-class Passages(NamedTuple):
-    """The thresholds that an input passes, `(passages,)` each, one after the other.
+LEAKING_STRETCH = 32
+"""After so many visits the distance from the initial weights, which leakage shrinks by a common
+factor, is multiplied by that: often enough for single precision, up to a leakage of 0.9."""
 
-    Of an event, a sample that passes several, all lines are read before the error is known, and
-    are gone through once more to be written.
+
+_BY_CELL = jax.lax.ScatterDimensionNumbers(
+    update_window_dims=(1,), inserted_window_dims=(), scatter_dims_to_operand_dims=(0,)
+)
+
+
+class Visits(NamedTuple):
+    """The blocks in the order in which they are read and written, `(visits,)` each.
+
+    The blocks that are learnt from at one sample are all read before the error is known, and are
+    gone through once more to be written; one alone is read and written at once.
+
+    Attributes:
+        block: number of the block.
+        start: number of the first visit of those that are learnt from at once.
+        sample: at which the block is learnt from; beyond the last one if never.
+        reads, solves, writes: whether the block is read, the error is found, the block is written.
+        done: (time,) how many visits by the end of each sample.
+        extra: (time,) how many of them write what was read before.
+        learns: (time,) whether any block is learnt from there.
     """
 
+    block: Any
+    start: Any
     sample: Any
-    line: Any
-    rising: Any
-    begins: Any
     reads: Any
     solves: Any
     writes: Any
-    ends: Any
-    following: Any
-    """The sample of the next event."""
+    done: Any
+    extra: Any
+    learns: Any
+
+
+def visits_of(until: Any, learnt: Any, room: int | None) -> Visits:
+    """Order the visits of blocks.
+
+    Arguments:
+        until: (time,) how many blocks are read by the end of each sample.
+        learnt: (time,) how many of them have been learnt from by then.
+        room: for so many visits; needed if they are traced.
+    """
+    xp: Any = np if room is None else jnp
+    none = xp.zeros(1, until.dtype)
+    read, count = (xp.diff(one, prepend=none) for one in (until, learnt))
+    extra = xp.where((count == 1) & (read == 1), 0, count)
+    written = xp.cumsum(extra)
+    done, ends = until + written, learnt + written
+    number = xp.arange(rounded_up(int(done[-1])) if room is None else room)
+    sample = xp.searchsorted(ends, number, side="right")
+    never, at = sample == len(ends), xp.minimum(sample, len(ends) - 1)
+    of, started = xp.where(never, len(number), count[at]), ends[at] - count[at] - extra[at]
+    place = number - xp.where(never, ends[-1], started)
+    again = place >= of
+    once = (of == 1) & (extra[at] == 0)
+    first = xp.where(never, learnt[-1], learnt[at] - count[at])
+    return Visits(
+        block=first + xp.where(again, place - of, place),
+        start=number - place,
+        sample=sample,
+        reads=~again & (number < done[-1]),
+        solves=(place == of) | once,
+        writes=again | once,
+        done=done,
+        extra=extra,
+        learns=count > 0,
+    )
+
+
+class _Step(NamedTuple):
+    """What a visit takes in: the cells of a block, and numbers."""
+
+    cells: jax.Array
+    prior: jax.Array
+    rising: jax.Array
+    moves: jax.Array
+    size: jax.Array
+    area: jax.Array
+    z: jax.Array
+    before: jax.Array
+    reads: jax.Array
+    solves: jax.Array
+    writes: jax.Array
+    starts: jax.Array
+
+
+class _Numbers(NamedTuple):
+    """The numbers that go from visit to visit, in one vector, which is one kernel and not ten.
+
+    Since the reference sample, with the output `z`, the model has risen by `rise` and the states
+    have moved by `squared`; `rate` is what the last error found moves weights by. Rounding has
+    taken `lost` from the sum `output` (Kahan), of which the `initial` weights make a part. Leakage
+    has shrunk the distance from these by `factor`.
+    """
+
+    rise: jax.Array
+    squared: jax.Array
+    rate: jax.Array
+    z: jax.Array
+    output: jax.Array
+    lost: jax.Array
+    initial: jax.Array
+    factor: jax.Array
 
 
 class _Carry(NamedTuple):
-    """What goes from passage to passage.
+    """What goes from visit to visit.
 
-    `rise` and `area` add up over the lines of an event, and `rate` is what its error moves each
-    weight by; `unsettled` is the output before that. Since the reference sample, with the output
-    `z`, the model has risen by `since`. The states are `behind` the reference where an output was
-    missing at an event. Rounding has taken `lost` from the sum `output` (Kahan).
+    With leakage `kept` is the distance of the weights from the initial ones over the factor;
+    without it, the weights. The states and those at the reference are followed where outputs are
+    missing.
     """
 
-    weights: jax.Array
-    on: jax.Array
+    kept: jax.Array
+    states: jax.Array
     reference: jax.Array
-    output: jax.Array
-    unsettled: jax.Array
-    lost: jax.Array
-    rise: jax.Array
-    area: jax.Array
-    rate: jax.Array
-    since: jax.Array
-    z: jax.Array
-    behind: jax.Array
+    numbers: jax.Array
 
 
 class _Rows(NamedTuple):
-    """What is recorded at an event, from it on, and from the sample on that made up for a gap.
+    """The model's output before and after what a visit learns, and what is to be taken from z."""
 
-    An error is the measured output less the `base`.
-    """
-
-    output: tuple[jax.Array, jax.Array, jax.Array]
-    base: tuple[jax.Array, jax.Array, jax.Array]
-    switched: tuple[jax.Array, jax.Array]
-    made_up: jax.Array
-
-
-def passages_along(levels: Any, room: int | None = None) -> tuple[Passages, Any]:
-    """The thresholds that an input passes, and how many by the end of each sample.
-
-    Arguments:
-        levels: (1 + time,) integers, first that before the first sample; NumPy's if they are known.
-        room: for so many passages; needed if the levels are not known.
-    """
-    xp: Any = np if isinstance(levels, np.ndarray) else jnp
-    change = xp.diff(levels)
-    count = xp.abs(change)
-    taken = xp.where(count > 1, 2 * count, count)
-    until = xp.cumsum(taken)
-    room = rounded_up(int(until[-1])) if room is None else room
-    number, samples = xp.arange(room), len(change)
-    sample = xp.searchsorted(until, number, side="right")
-    there = sample < samples
-    at = xp.minimum(sample, samples - 1)
-    place, count = number - (until[at] - taken[at]), xp.where(there, count[at], 0)
-    rising, passed = change[at] > 0, place % xp.maximum(count, 1)
-    # The next event of each sample: the first later one that takes anything.
-    where_taken = xp.where(taken > 0, xp.arange(samples), samples)
-    later = xp.append(_least_from_here(where_taken)[1:], samples)
-    return Passages(
-        sample=sample,
-        line=xp.where(rising, levels[at] + passed, levels[at] - 1 - passed),
-        rising=rising,
-        begins=there & (place == 0),
-        reads=there & (place < count),
-        solves=there & (place == count - 1),
-        writes=there & ((place >= count) | (count == 1)),
-        ends=there & (place == taken[at] - 1),
-        following=later[at],
-    ), until
-
-
-def _least_from_here(values: Any) -> Any:
-    """(time,) least of a value and all that follow it."""
-    if isinstance(values, np.ndarray):
-        return cast(Any, np.minimum).accumulate(values[::-1])[::-1]
-    return cast(Any, jax.lax).cummin(values, reverse=True)
+    output: jax.Array
+    output_after: jax.Array
+    base: jax.Array
+    base_after: jax.Array
+    switched: jax.Array
 
 
 def levels_along(plane: Plane, x: ArrayLike, before: ArrayLike) -> Any:
@@ -126,7 +164,7 @@ def levels_along(plane: Plane, x: ArrayLike, before: ArrayLike) -> Any:
         x: (time,) input, in the unit of the plane.
         before: () input before the first sample.
     """
-    known = not any(isinstance(each, Tracer) for each in (x, before))
+    known = not any(isinstance(each, Tracer) for each in (x, before, plane.thresholds))
     xp: Any = np if known else jnp
     course = xp.append(xp.asarray(before), xp.asarray(x))
     moves = course != course[0]
@@ -134,7 +172,19 @@ def levels_along(plane: Plane, x: ArrayLike, before: ArrayLike) -> Any:
     return relay_levels(plane, course, cast(int, xp.where(falls, plane.levels, 0)))
 
 
-def run_over_passages(
+def room_for(plane: Plane, x: ArrayLike) -> Room:
+    """Room that the event form needs for inputs (..., time), which are concrete."""
+    most = Room.of(0)
+    for row in np.asarray(x).reshape(-1, np.shape(x)[-1]):
+        levels = levels_along(plane, row, row[0])
+        until = relay_blocks(plane, levels).until
+        done = visits_of(until, until, None).done
+        needs = (np.abs(np.diff(levels)).sum(), until[-1], done[-1])
+        most = Room(*(max(int(one), known) for one, known in zip(needs, most, strict=True)))
+    return Room(*map(rounded_up, most))
+
+
+def run_over_blocks(
     filt: Any,
     x: jax.Array,
     z: jax.Array,
@@ -142,9 +192,10 @@ def run_over_passages(
     state: FilterState | None,
     passes: int,
     adapt: bool,
-    room: int | None,
+    room: Room | int | None,
+    missing: bool | None,
 ) -> FilterResult:
-    """Run relays over the thresholds that the input passes, eq. (7), (8), (11), (12).
+    """Run relays over the blocks of cells that the input switches, eq. (7), (8), (11), (12).
 
     Arguments:
         filt: the filter.
@@ -155,10 +206,8 @@ def run_over_passages(
         state: the state after an earlier part of the record, if there was one.
         passes: how often the record is taken in.
         adapt: whether to learn.
-        room: for so many passages where the input is traced; without it, for one a sample.
-
-    Returns:
-        The weights after the last sample, the rows of each sample and the final state.
+        room: what there is room for where the input is traced; without it, one a sample.
+        missing: whether outputs may be missing, if it is known beforehand.
     """
     before = state.input if state is not None else known[0] if known is not None else x[0]
     measured = z if state is None else jnp.append(state.reference_output, z)
@@ -169,11 +218,14 @@ def run_over_passages(
         gaps = None if traced else bool((one != other).any())
     if filt.sampling == "sample":
         gaps = False
-    if known is None or isinstance(before, Tracer):
-        return cast(Any, _run)(filt, x, z, state, passes, adapt, None, room or len(x), gaps)
+    gaps = missing if gaps is None else gaps
+    if known is None or any(isinstance(each, Tracer) for each in (before, filt.plane.thresholds)):
+        room = room if isinstance(room, Room) else Room.of(room or len(x))
+        return cast(Any, _run)(filt, x, z, state, passes, adapt, None, None, room, gaps)
     levels = levels_along(filt.plane, known.astype(x.dtype), np.asarray(before, x.dtype))
-    passages = passages_along(levels)
-    return cast(Any, _run)(filt, x, z, state, passes, adapt, passages, 0, gaps)
+    blocks = relay_blocks(filt.plane, levels)
+    visits = visits_of(blocks.until, blocks.until, None)
+    return cast(Any, _run)(filt, x, z, state, passes, adapt, blocks, visits, None, gaps)
 
 
 @partial(jax.jit, static_argnames=("passes", "adapt", "room", "gaps"))
@@ -184,53 +236,47 @@ def _run(
     state: FilterState | None,
     passes: int,
     adapt: bool,
-    passages: tuple[Passages, Any] | None,
-    room: int,
+    blocks: Blocks | None,
+    visits: Visits | None,
+    room: Room | None,
     gaps: bool | None,
 ) -> FilterResult:
     missing = jnp.isnan(x)
-    if passages is None:  # a sample without input changes nothing: the one before stands for it
+    if blocks is None:  # a sample without input changes nothing: the one before stands for it
         source = jax.lax.cummax(jnp.where(missing, 0, jnp.arange(len(x))))
         x, z = x[source], z[source]
     start = filt.init(x[0], z[0]) if state is None else state
-    if passages is None:
-        passages = passages_along(levels_along(filt.plane, x, start.input), room)
-    steps, until = passages
-    given = (filt, z, steps, until, start)
-    run = partial(_rows_of_passes, passes, adapt)
+    if blocks is None:
+        blocks = relay_blocks(filt.plane, levels_along(filt.plane, x, start.input), room)
+        if gaps is not True:
+            visits = visits_of(blocks.until, blocks.until, room and room.visits)
+    given = (filt, z, blocks, visits, start)
+    run = partial(_rows_of_passes, passes, adapt, state is not None, room is None)
     if gaps is None:
         unlike = start.states != start.reference_states
         gaps_are = ~jnp.isfinite(z).all() | unlike.any() | ~jnp.isfinite(start.reference_output)
         rows = _whichever(run, gaps_are, given)
     else:
         rows = run(gaps, given)
-    weights, on, reference, last_z, *signals = rows
-    # What there was no room for is not known.
-    until = jnp.asarray(until)
-    lost = until > len(steps.sample)
-    output, error, switched = (jnp.where(lost, jnp.nan, signal) for signal in signals)
+    weights, states, reference, last_z, output, error, switched = rows
     error = jnp.where(missing, jnp.nan, error)
-    weights = jnp.where(lost[-1], jnp.nan, weights)
-    final = FilterState(weights, on, x[-1], reference, last_z)
+    final = FilterState(weights, states, x[-1], reference, last_z)
     return FilterResult(weights, output, error, switched, final)
 
 
-def _rows_of_passes(passes: int, adapt: bool, gaps: bool, given: Any) -> tuple[jax.Array, ...]:
+def _rows_of_passes(
+    passes: int, adapt: bool, goes_on: bool, full: bool, gaps: bool, given: Any
+) -> tuple[jax.Array, ...]:
     """Weights, states, reference and its output at the end; output, error and area in time."""
-    recursion = _Recursion(*given, adapt=adapt, gaps=gaps)
+    recursion = _Recursion(*given, adapt=adapt, gaps=gaps, goes_on=goes_on, full=full)
 
     def learnt(_: int, weights: jax.Array) -> jax.Array:
-        return recursion.run(weights)[0].weights
+        return recursion.run(weights)[0]
 
     weights = recursion.start.weights
     if passes > 1:
         weights = cast(jax.Array, jax.lax.fori_loop(1, passes, learnt, weights))
-    found, *signals = recursion.run(weights)
-    on = found.on.astype(weights.dtype)
-    if recursion.every_sample:
-        return found.weights, on, on, recursion.z[-1], *signals
-    reference = found.reference.astype(weights.dtype) if gaps else on
-    return found.weights, on, reference, found.z, *signals
+    return recursion.run(weights)
 
 
 def _whichever(
@@ -277,190 +323,302 @@ def _whichever(
 
 
 class _Recursion:
-    """The recursion over passages, for one output.
+    """The recursion over visits, for one output.
 
     Arguments:
         filt: the filter.
         z: (time,) measured output.
-        steps, until: what `passages_along` found.
+        blocks: that the input switches.
+        visits: the order in which they are visited if no output is missing.
         start: the state before the first sample.
         adapt: whether to learn.
         gaps: whether outputs may be missing.
+        goes_on: whether the start may lie behind its reference.
+        full: whether there is hardly more room for visits than there are.
     """
 
     def __init__(
         self,
         filt: Any,
         z: jax.Array,
-        steps: Passages,
-        until: Any,
+        blocks: Blocks,
+        visits: Visits,
         start: FilterState,
         adapt: bool,
         gaps: bool,
+        goes_on: bool,
+        full: bool,
     ):
-        self.plane, self.rule, self.adapt = filt.plane, filt.rule(z.dtype), adapt
-        self.z, self.start, self.gaps = z, start, gaps
-        self.steps = Passages(*(jnp.asarray(each) for each in steps))
+        self.plane, self.rule, self.adapt, self.gaps = filt.plane, filt.rule(z.dtype), adapt, gaps
+        self.z, self.start, self.full = z, start, full and not gaps
         self.every_sample = filt.sampling == "sample"
-        self.until = jnp.asarray(until)
-        # The first sample with an output, from each sample on.
-        there: Any = jnp.where(jnp.isfinite(z), jnp.arange(len(z)), len(z))
-        self.measured = jnp.append(_least_from_here(there), len(z)) if gaps else there
+        cells, until = blocks.cells(self.plane, start.states), jnp.asarray(blocks.until)
+        room, size = len(cells), self.plane.cells
+        rising, first_z = jnp.asarray(blocks.rising), start.reference_output
+        moves = jnp.ones(room, bool)
+        self.starts, now = jnp.array(-1), jnp.arange(len(z))
+        if gaps:
+            there = jnp.isfinite(z)
+            self.starts = jnp.where(jnp.isfinite(first_z), -1, jnp.argmax(there))
+            first_z = jnp.where(jnp.isfinite(first_z), first_z, z[self.starts])
+            if goes_on:  # all cells may differ from the reference, and are read first of all
+                every = jnp.arange(-(-size // WIDTH) * WIDTH).reshape(-1, WIDTH)
+                cells = jnp.concatenate([jnp.minimum(every, size), cells])
+                rising, moves = (
+                    jnp.append(jnp.zeros(len(every), bool), one) for one in (rising, moves)
+                )
+                until = until + len(every)
+            learnt = jax.lax.cummax(jnp.where(there, until, 0))
+            visits = visits_of(until, learnt, 2 * len(cells))
+        visits = Visits(*(jnp.asarray(each) for each in visits))
+        self.lost = (jnp.asarray(blocks.until) > room) | (visits.done > len(visits.block))
+        self.visits, self.blocks, self.now, self.first_z = visits, blocks, now, first_z
+        count = jnp.cumsum(jnp.sum(cells < size, axis=1))
+        upto = jnp.append(0, count)[jnp.minimum(until, len(cells))]
+        area = jnp.diff(upto, prepend=0).at[visits.sample].get(mode="clip")
+        before = jnp.append(start.reference_output, z[:-1])  # of each sample
+        there = (visits.reads | visits.writes) & (visits.block < len(cells))
+        index = jnp.where(there[:, None], cells.at[visits.block].get(mode="clip"), size)
+        index = index.astype(jnp.uint32)  # never negative: nothing is to be counted from the end
+        self.leakage = None if filt.leakage is None else jnp.asarray(filt.leakage, z.dtype)
+        prior = jnp.zeros(())
+        if self.leakage is not None:
+            prior = jnp.broadcast_to(jnp.asarray(filt.initial_weight, z.dtype), (size,))
+        self.prior = prior
+        self.steps = _Step(
+            cells=index,
+            prior=jnp.zeros(len(index))
+            if prior.ndim == 0
+            else prior.at[index].get(mode="fill", fill_value=0.0),
+            rising=rising.at[visits.block].get(mode="clip"),
+            moves=moves.at[visits.block].get(mode="clip"),
+            size=jnp.sum(index < size, axis=1).astype(z.dtype),
+            area=area.astype(z.dtype),
+            z=z.at[visits.sample].get(mode="clip"),
+            before=before.at[visits.sample].get(mode="clip"),
+            reads=visits.reads,
+            solves=visits.solves,
+            writes=visits.writes,
+            starts=visits.sample == self.starts,
+        )
 
-    def run(self, weights: jax.Array) -> tuple[_Carry, jax.Array, jax.Array, jax.Array]:
-        """What is carried at the end, and (time,) output, error and how many relays switched."""
-        start, steps = self.start, self.steps
-        on = start.states > 0.5
-        reference = start.reference_states > 0.5 if self.gaps else jnp.zeros(0, bool)
-        zero = jnp.zeros((), weights.dtype)
-        since, behind = zero, jnp.zeros((), bool)
-        if self.gaps:
-            since = jnp.sum(weights * (on.astype(weights.dtype) - reference.astype(weights.dtype)))
-            behind = (on != reference).any()
-        begun = _Carry(
-            weights, on, reference, jnp.sum(weights * on), zero, zero, zero, zero, zero, since,
-            start.reference_output, behind,
-        )  # fmt: skip
-        out, base = begun.output, begun.z + begun.since
-        rows = _Rows((out, out, out), (base, base, base), (zero, zero), jnp.array(-1))
-        rows_before = rows
-        if self.gaps:
-            first = jnp.where(steps.ends.any(), steps.sample[jnp.argmax(steps.ends)], len(self.z))
-            begun, rows_before = self._made_up(begun, rows, jnp.array(0), first)
-        before = jnp.append(start.reference_output, self.z[:-1])  # of each sample
-        of_event = jnp.asarray(steps.sample)
-        given = (steps, self.z.at[of_event].get(mode="clip"), before.at[of_event].get(mode="clip"))
-        found, rows = jax.lax.scan(lambda carry, each: self._pass(carry, *each), begun, given)
-
-        def before_all(one: jax.Array, more: jax.Array) -> jax.Array:
-            return jnp.append(one[None], more, 0)
-
-        rows = jax.tree.map(before_all, rows_before, rows)
-        return found, *self._rows(rows, before)
-
-    def _pass(
-        self, carry: _Carry, step: Passages, z: jax.Array, before: jax.Array
-    ) -> tuple[_Carry, _Rows]:
-        """Read a line, or write it, or both."""
-        levels, cells = self.plane.levels, self.plane.cells
-        along, line, rising = jnp.arange(levels), step.line, step.rising
-        index = jnp.where(rising, flat_index(line, along), flat_index(along, line))
-        on_plane = jnp.where(rising, along <= line, along >= line)
-        index = jnp.where(on_plane, index, cells)
-        weights = carry.weights.at[index].get(mode="fill", fill_value=0.0)
-        was = carry.on.at[index].get(mode="fill", fill_value=False)
-        switches = on_plane & (was != rising)
-        sign = jnp.where(rising, 1.0, -1.0).astype(weights.dtype)
-        kept = jnp.where(step.begins, 0.0, 1.0).astype(weights.dtype)
-        reads = switches & step.reads
-        rise = kept * carry.rise + sign * jnp.sum(jnp.where(reads, weights, 0.0))
-        area = kept * carry.area + jnp.sum(reads)
-        if self.every_sample:
-            carry = carry._replace(z=before)
-        base = carry.z + carry.since + rise
-        error = z - base
-        event = jnp.isfinite(error) & (area > 0)
-        learns = event & ~carry.behind & self.adapt & self.rule.learns(error)
-        # The inner `where` keeps NaN out of the gradient, the outer one out of the update.
-        rate = self.rule.rate(jnp.where(learns, error, 0.0), jnp.maximum(area, 1.0))
-        rate = jnp.where(step.solves, jnp.where(learns, rate, 0.0), carry.rate)
-        move = jnp.where(switches & step.writes, sign * rate, 0.0)
-        new = weights + move
-        if self.rule.nonnegative:
-            new = jnp.where(move != 0, jnp.maximum(new, 0.0), new)
-        renews = event & ~carry.behind
-        now_on = jnp.where(switches & step.writes, rising, was)
-        reference = carry.reference
-        if self.gaps:
-            was = reference.at[index].get(mode="fill", fill_value=False)
-            was = jnp.where(renews & step.writes, now_on, was)
-            reference = reference.at[index].set(was, mode="drop")
-        output, lost = _added(carry.output, carry.lost, jnp.where(step.solves, rise, 0.0))
-        unsettled = jnp.where(step.solves, output, carry.unsettled)
-        output, lost = _added(output, lost, jnp.where(rising, jnp.sum(new - weights), 0.0))
-        ends = step.ends
+    def run(self, weights: jax.Array) -> tuple[jax.Array, ...]:
+        """Weights, states, reference, its output, and (time,) output, error and area."""
+        if not self.gaps and self.leakage is None and not self.rule.nonnegative:
+            return self._run_plainly(weights)
+        start, zero = self.start, jnp.zeros((), weights.dtype)
+        states, reference = start.states, start.reference_states
+        moved = states - reference if self.gaps else zero
+        output, initial = jnp.sum(weights * states), jnp.sum(self.prior * states)
+        rise, squared = jnp.sum(weights * moved), jnp.sum(moved * moved)
+        one = jnp.ones((), weights.dtype)
+        numbers = _Numbers(rise, squared, zero, self.first_z, output, zero, initial, one)
         carry = _Carry(
-            weights=carry.weights.at[index].set(new, mode="drop"),
-            on=carry.on.at[index].set(now_on, mode="drop"),
-            reference=reference,
-            output=output,
-            unsettled=unsettled,
-            lost=lost,
-            rise=rise,
-            area=area,
-            rate=rate,
-            since=jnp.where(ends & ~renews, carry.since + rise, jnp.where(ends, 0.0, carry.since)),
-            z=jnp.where(ends & renews, z, carry.z),
-            behind=carry.behind | (ends & ~renews & (area > 0)),
+            kept=weights if self.leakage is None else weights - self.prior,
+            states=states if self.gaps else zero,
+            reference=reference if self.gaps else zero,
+            numbers=jnp.stack(numbers),
         )
-        area = jnp.where(learns, area, 0.0)
-        after = carry.z + carry.since
-        rows = _Rows((unsettled, output, output), (base, after, after), (area, area), step.sample)
-        if not self.gaps:
-            nothing = jnp.zeros_like(carry.since)
-            return carry._replace(since=nothing, behind=jnp.zeros_like(carry.behind)), rows
-        return self._made_up(carry, rows, step.sample, jnp.where(ends, step.following, -1))
-
-    def _made_up(
-        self, carry: _Carry, rows: _Rows, sample: jax.Array, following: jax.Array
-    ) -> tuple[_Carry, _Rows]:
-        """Learn all that has switched since the reference where the next output comes."""
-        at = self.measured[sample]
-        z = self.z.at[at].get(mode="clip")
-        comes = at < following
-        error = z - carry.z - carry.since
-        learns = self.rule.learns(error) & self.adapt
-        differs = comes & carry.behind & jnp.isfinite(error)
-        weights, gain, area = self._at_once(carry, error, learns, differs)
-        renews = comes & ((area > 0) | ~jnp.isfinite(carry.z))
-        output, lost = _added(carry.output, carry.lost, gain)
-        carry = carry._replace(
-            weights=weights,
-            output=output,
-            lost=lost,
-            reference=jnp.where(renews, carry.on, carry.reference),
-            since=jnp.where(comes, 0.0, carry.since),
-            z=jnp.where(renews, z, carry.z),
-            behind=carry.behind & ~comes,
-        )
-        area = jnp.where(learns, area, 0.0)
-        at_once = differs & (at == sample) & (rows.made_up >= 0)
-        switched = (jnp.where(at_once, area, rows.switched[0]), area)
-        outputs = (*rows.output[:2], output)
-        base = (*rows.base[:2], carry.z + carry.since)
-        return carry, _Rows(outputs, base, switched, jnp.where(renews, at, sample))
-
-    def _at_once(
-        self, carry: _Carry, error: jax.Array, learns: jax.Array, differs: jax.Array
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Weights after a difference of any states, their share in the output, and the area."""
-        weights = carry.weights
-        moved = carry.on.astype(weights.dtype) - carry.reference.astype(weights.dtype)
-        area = jnp.where(differs, jnp.sum(jnp.abs(moved)), 0.0)
-        learns = learns & (area > 0)
-        rate = self.rule.rate(jnp.where(learns, error, 0.0), jnp.maximum(area, 1.0))
-        new = weights + jnp.where(learns, rate, 0.0) * moved
-        if self.rule.nonnegative:
-            new = jnp.where(learns & (moved != 0), jnp.maximum(new, 0.0), new)
-        return new, jnp.sum((new - weights) * carry.on), area
-
-    def _rows(self, rows: _Rows, before: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """(time,) output, error and how many relays switched, at each sample."""
-        now = jnp.arange(len(self.z))
-        last = jnp.minimum(self.until, len(self.steps.sample))
-        of, at_event = rows.made_up[last], jnp.diff(last, prepend=0) > 0
-
-        def choose(three: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
-            here, since, again = (each[last] for each in three)
-            return jnp.where(at_event, here, jnp.where(now > of, again, since))
-
-        error = self.z - choose(rows.base)
+        base = self.first_z + rise
+        first = jnp.stack(_Rows(output, output, base, base, zero))
+        carry, rows = self._scan(self._visit, carry, self.steps, self._multiplied_out)
+        rows = _Rows(*jnp.concatenate([first[jnp.newaxis], rows]).T)
+        numbers = _Numbers(*carry.numbers)
+        weights = carry.kept
+        if self.leakage is not None:
+            weights = self.prior + numbers.factor * carry.kept
+        ends = self.blocks.states_after(self.plane, start.states)
+        found = self._rows(rows)
+        weights = jnp.where(self.lost[-1], jnp.nan, weights)
         if self.every_sample:
-            error = jnp.where(at_event, error, self.z - before)
-        made_up = (now == of) & ~at_event
-        area = jnp.where(made_up, rows.switched[1][last], 0.0)
-        switched = jnp.where(at_event, rows.switched[0][last], area)
-        return choose(rows.output), error, switched
+            return weights, ends, ends, self.z[-1], *found
+        if self.gaps:
+            return weights, carry.states, carry.reference, numbers.z, *found
+        return weights, ends, ends, numbers.z, *found
+
+    def _run_plainly(self, weights: jax.Array) -> tuple[jax.Array, ...]:
+        """The same with no output missing and nothing but relays' own cells to move.
+
+        A CPU runs a loop of at most eight kernels four times as quickly as one of nine: the moves
+        of a block have the shape that XLA scatters, and all else is found after the scan.
+        """
+        visits, steps, start = self.visits, self.steps, self.start
+        # The measured output at the reference of each visit: where the visits before it learnt.
+        measured = jnp.append(start.reference_output, steps.z)[visits.start]
+        z = steps.before if self.every_sample else measured
+        sign = jnp.where(steps.rising, 1.0, -1.0).astype(weights.dtype)
+        area = jnp.maximum(steps.area, 1.0)
+        begins = jnp.arange(len(sign)) == visits.start
+
+        def rates(error: jax.Array) -> tuple[jax.Array, jax.Array]:
+            learns = jnp.isfinite(error) & self.adapt & self.rule.learns(error)
+            # The inner `where` keeps NaN out of the gradient, the outer one out of the update.
+            rate = self.rule.rate(jnp.where(learns, error, 0.0), 1.0)
+            return learns, jnp.where(learns, rate, 0.0)
+
+        def visit(carry: Any, step: Any) -> tuple[Any, jax.Array]:
+            weights, rise, moves = carry
+            cells, sign, begins, reads, solves, writes, increment, share = step
+            there = weights.at[cells].get(mode="fill", fill_value=0.0)
+            rise = jnp.where(begins, 0.0, rise) + jnp.where(reads, sign * jnp.sum(there), 0.0)
+            found = sign * share * rates(increment - rise)[1]
+            moves = jnp.where(writes, jnp.where(solves, found, moves), 0.0)
+            weights = jax.lax.scatter_add(
+                weights,
+                cells[:, None],
+                moves,
+                _BY_CELL,
+                mode=jax.lax.GatherScatterMode.FILL_OR_DROP,
+            )
+            return (weights, rise, moves), rise
+
+        zero = jnp.zeros((), weights.dtype)
+        output = jnp.sum(weights * start.states)
+        carry = (weights, zero, jnp.zeros((WIDTH, 1), weights.dtype))
+        flags = (begins, steps.reads, steps.solves, steps.writes)
+        given = (steps.cells, sign, *flags, steps.z - z, 1 / area)
+        (weights, _, _), rise = self._scan(visit, carry, given)
+        error = steps.z - z - rise
+        learns, moved = rates(error)
+        rises = jnp.append(0.0, jnp.cumsum(jnp.where(steps.solves, rise, 0.0)))
+        gains = jnp.append(0.0, jnp.cumsum(jnp.where(steps.solves & steps.rising, moved, 0.0)))
+        done = jnp.minimum(visits.done, len(sign))
+        before = jnp.append(0, done[:-1])
+        reference = jnp.append(start.reference_output, steps.z)
+        at = jnp.minimum(done - jnp.maximum(visits.extra, 1), len(sign) - 1)
+        base = (
+            jnp.append(start.reference_output, self.z[:-1])
+            if self.every_sample
+            else reference[before]
+        )
+        found = (
+            output + rises[done] + gains[before],
+            self.z - base - jnp.where(visits.learns, rise[at], 0.0),
+            jnp.where(visits.learns & learns[at], steps.area[at], 0.0),
+        )
+        rows = (jnp.where(self.lost, jnp.nan, one) for one in found)
+        ends = self.blocks.states_after(self.plane, start.states)
+        last_z = self.z[-1] if self.every_sample else reference[done[-1]]
+        weights = jnp.where(self.lost[-1], jnp.nan, weights)
+        return cast(Any, (weights, ends, ends, last_z, *rows))
+
+    def _multiplied_out(self, carry: _Carry) -> _Carry:
+        """The same weights with the common factor 1."""
+        if self.leakage is None:
+            return carry
+        at = _Numbers._fields.index("factor")
+        kept, numbers = carry.kept * carry.numbers[at], carry.numbers.at[at].set(1.0)
+        return carry._replace(kept=kept, numbers=numbers)
+
+    def _scan(
+        self, visit: Any, carry: Any, steps: Any, begin: Callable[[Any], Any] = lambda carry: carry
+    ) -> tuple[Any, jax.Array]:
+        """A scan in stretches, each with a beginning; those without a visit are passed over."""
+        room = len(self.visits.block)
+        stretch = STRETCH if self.leakage is None else LEAKING_STRETCH
+        if self.leakage is None and self.full:
+            return jax.lax.scan(visit, carry, steps)
+
+        def in_rows(one: jax.Array) -> jax.Array:
+            end = jnp.zeros((-room % stretch, *one.shape[1:]), one.dtype)
+            return jnp.concatenate([one, end]).reshape(-1, stretch, *one.shape[1:])
+
+        def whole(carry: Any, given: Any) -> tuple[Any, jax.Array]:
+            steps, first = given
+
+            def go_on(carry: Any) -> tuple[Any, jax.Array]:
+                return cast(Any, jax.lax.scan(visit, begin(carry), steps))
+
+            def stay(carry: Any) -> tuple[Any, jax.Array]:
+                rows = jax.eval_shape(go_on, carry)[1]
+                return carry, jnp.zeros(rows.shape, rows.dtype)
+
+            return cast(Any, jax.lax.cond(first < self.visits.done[-1], go_on, stay, carry))
+
+        steps = jax.tree.map(in_rows, steps)
+        starts = jnp.arange(0, room, stretch)
+        carry, rows = jax.lax.scan(whole, carry, (steps, starts))
+        return carry, rows.reshape(-1, *rows.shape[2:])[:room]
+
+    def _visit(self, carry: _Carry, step: _Step) -> tuple[_Carry, jax.Array]:
+        """Read a block, or write it, or both."""
+        now = _Numbers(*carry.numbers)
+        index, factor, initial = step.cells, now.factor, now.initial
+        kept = carry.kept.at[index].get(mode="fill", fill_value=0.0)
+        weight = kept if self.leakage is None else step.prior + factor * kept
+        sign = jnp.where(step.rising, 1.0, -1.0).astype(weight.dtype)
+        states, reference, was = carry.states, carry.reference, jnp.zeros(())
+        if self.gaps:
+            old = states.at[index].get(mode="fill", fill_value=0.0)
+            was = reference.at[index].get(mode="fill", fill_value=0.0)
+            turns = step.reads & step.moves & (index < self.plane.cells)
+            on = jnp.where(turns, step.rising.astype(old.dtype), old)
+            moved, move = on - was, on - old
+            squared = now.squared + jnp.sum((2 * (old - was) + move) * move)
+        else:
+            squared, moved = step.area, sign
+            move = jnp.where(step.reads, sign, 0.0)
+            on = step.rising.astype(weight.dtype)
+        rise = jnp.sum(weight * move)
+        initial = initial + jnp.sum(step.prior * move)
+        output, lost = _added(now.output, now.lost, rise)
+        rise = now.rise + rise
+        last_z = step.before if self.every_sample else now.z
+        error = step.z - last_z - rise
+        event = step.solves & jnp.isfinite(error)
+        if self.gaps:
+            event = event & (squared > 0)
+        learns = event & self.adapt & self.rule.learns(error)
+        if self.gaps:
+            learns = learns & ~step.starts
+        # The inner `where` keeps NaN out of the gradient, the outer one out of the update.
+        rate = self.rule.rate(jnp.where(learns, error, 0.0), jnp.where(learns, squared, 1.0))
+        rate = jnp.where(step.solves, jnp.where(learns, rate, 0.0), now.rate)
+        after, lost_after = output, lost
+        if self.leakage is not None:
+            left = jnp.where(learns, 1.0 - self.leakage, 1.0).astype(weight.dtype)
+            after, factor = initial + left * (output - initial), factor * left
+            weight = step.prior + factor * kept
+        change = jnp.where(step.writes, rate * moved, 0.0)
+        new = weight + change
+        if self.rule.nonnegative:
+            new = jnp.where(change != 0, jnp.maximum(new, 0.0), new)
+        if self.gaps or self.rule.nonnegative:
+            gain = jnp.sum(jnp.where(index < self.plane.cells, (new - weight) * on, 0.0))
+        else:
+            gain = step.size * change * on
+        after, lost_after = _added(after, lost_after, gain)
+        renews = event if self.gaps else step.solves
+        if self.leakage is not None:
+            new = (new - step.prior) / factor
+        base = last_z + rise
+        switched = jnp.where(learns, squared, 0.0)
+        z = jnp.where(renews, step.z, now.z)
+        rise = jnp.where(renews, 0.0, rise)
+        rows = _Rows(output, after, base, (step.z if self.every_sample else z) + rise, switched)
+        squared = jnp.where(renews, 0.0, squared) if self.gaps else now.squared
+        if self.gaps:
+            states = states.at[index].set(on, mode="drop")
+            reference = reference.at[index].set(jnp.where(step.writes, on, was), mode="drop")
+        numbers = _Numbers(rise, squared, rate, z, after, lost_after, initial, factor)
+        kept = carry.kept.at[index].set(new, mode="drop")
+        return _Carry(kept, states, reference, jnp.stack(numbers)), jnp.stack(rows)
+
+    def _rows(self, rows: _Rows) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """(time,) output, error and how many relays switched, at each sample."""
+        done, learns = self.visits.done, self.visits.learns
+        # Of a sample that learns, the visit which finds its error; else the last one before it.
+        solve = done - jnp.maximum(self.visits.extra, 1) + 1
+        at = jnp.minimum(jnp.where(learns, solve, done), len(rows.output) - 1)
+        output = jnp.where(learns, rows.output[at], rows.output_after[at])
+        base = jnp.where(learns, rows.base[at], rows.base_after[at])
+        if self.every_sample:
+            before = jnp.append(self.start.reference_output, self.z[:-1])
+            base = jnp.where(learns, base, before)
+        error = jnp.where(self.now <= self.starts, jnp.nan, self.z - base)
+        switched = jnp.where(learns, rows.switched[at], 0.0)
+        found = (output, error, switched)
+        return cast(Any, tuple(jnp.where(self.lost, jnp.nan, one) for one in found))
 
 
 def _added(total: jax.Array, lost: jax.Array, more: jax.Array) -> tuple[jax.Array, jax.Array]:

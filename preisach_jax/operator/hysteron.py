@@ -6,12 +6,16 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from preisach_jax.operator.grid import Grid
 
 
 def position_on(plane: Grid, x: Any) -> Any:
-    """Position of an input on an axis of the plane, (x - low)/δx, 0 to levels.
+    """Position of an input on an axis of the plane, 0 to levels: (x - low)/δx for equal cells.
+
+    Between thresholds of one's own it is linear: i + 1/2 at threshold i, 0 at low and the number of
+    thresholds that there are at high.
 
     Arguments:
         plane: the Preisach plane.
@@ -19,10 +23,19 @@ def position_on(plane: Grid, x: Any) -> Any:
 
     Returns:
         Positions, of the kind, type and shape of `x`; exactly 0 at low and exactly `levels` at
-        high, and beyond the plane beyond these.
+        high, and beyond the plane beyond these, or there at thresholds of one's own.
     """
-    low, high = x.dtype.type(plane.low), x.dtype.type(plane.high)
-    return (x - low) / (high - low) * plane.levels
+    if plane.own_thresholds is None:
+        low, high = x.dtype.type(plane.low), x.dtype.type(plane.high)
+        return (x - low) / (high - low) * plane.levels
+    known = isinstance(x, np.ndarray | np.generic) and isinstance(plane.own_thresholds, np.ndarray)
+    xp: Any = np if known else jnp
+    own = xp.asarray(plane.own_thresholds, x.dtype)
+    used, number = xp.sum(xp.isfinite(own)), xp.arange(plane.levels + 2)
+    knots = xp.concatenate([xp.full(1, plane.low, x.dtype), own, xp.full(1, np.inf, x.dtype)])
+    knots = xp.where(number == used + 1, plane.high, knots)
+    places = xp.clip(number - 0.5, 0.0, used)
+    return xp.interp(x, knots.astype(x.dtype), places.astype(x.dtype)).astype(x.dtype)
 
 
 def thresholds_reached(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,9 @@ from preisach_jax.errors import InputError
 from preisach_jax.operator.checks import as_float, require_hysteron
 from preisach_jax.operator.grid import Grid
 from preisach_jax.operator.hysteron import hysteron_step, position_on, thresholds_reached
+
+FINE = 32
+"""Bins of the input for each threshold, when thresholds are placed where the output moves."""
 
 
 def _require_memory(kind: str) -> None:
@@ -28,19 +33,109 @@ class Plane(Grid):
     to the plane. Cells are in flat order: α index i outer (0 ... N-1), β index j = 0 ... i inner,
     flat index i(i+1)/2 + j.
 
+    Thresholds of one's own need not be equally spaced: H on any thresholds is H on equal ones
+    behind the map of the input that is i + 1/2 at threshold i and linear between. The last ones may
+    be infinite: no input reaches them, and planes of several sizes so have one shape (`padded`).
+
     Arguments:
         levels: N ≥ 2, the levels of each axis.
         low: lower limit of the input, in its unit.
         high: upper limit of the input, in its unit; above `low`.
+        thresholds: (levels,) ascending thresholds between them, in the unit of the input; without
+            them, those of equal cells. May be traced, which is not checked.
 
     Raises:
-        InputError: `levels` is below 2, or the limits are not finite and ascending.
+        InputError: `levels` is below 2, the limits are not finite and ascending, or the thresholds
+            are not ascending between them.
 
     Example:
         >>> plane = Plane(levels=37, low=0.0, high=75.0)
         >>> plane.cells
         703
+        >>> Plane(levels=3, low=0.0, high=4.0, thresholds=[1.0, 1.5, 3.0]).alpha.tolist()
+        [1.0, 1.5, 1.5, 3.0, 3.0, 3.0]
     """
+
+    def __init__(
+        self, levels: int, low: float, high: float, thresholds: ArrayLike | None = None
+    ) -> None:
+        super().__init__(levels, low, high, thresholds)
+
+    @classmethod
+    def of(cls, record: Any, levels: int) -> Plane:
+        """Place the thresholds where the output of a record moves.
+
+        They are quantiles of the input: equal parts of 0.9 of how much the output moves, in the
+        mean, while the input passes, and of 0.1 of the input's own range.
+
+        Arguments:
+            record: has an `input` and an `output`, (time,) each.
+            levels: N, the levels of each axis.
+
+        Returns:
+            The plane, over the range of the input.
+
+        Raises:
+            InputError: the input does not move, or a value is not a number.
+
+        Example:
+            >>> from types import SimpleNamespace
+            >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 900), 2.0) - 1.0)
+            >>> steep = SimpleNamespace(input=x, output=np.tanh(20.0 * (x - 0.5)))
+            >>> Plane.of(steep, levels=5).thresholds.round(2).tolist()
+            [0.45, 0.48, 0.5, 0.52, 0.55]
+        """
+        x, z = np.asarray(record.input, float), np.asarray(record.output, float)
+        there = np.isfinite(x) & np.isfinite(z)
+        x, z = x[there], z[there]
+        low, high = (float(side(x)) if len(x) else np.nan for side in (np.min, np.max))
+        if not low < high:
+            raise InputError(
+                f"the input goes from {low} to {high}: give a record whose input moves"
+            )
+        bins = FINE * levels
+        edges = np.linspace(low, high, bins + 1)
+        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+        # From one visit of a bin to that of another: noise counts once a visit, not once a sample.
+        enters = np.append(True, np.diff(place) != 0)
+        place, z = place[enters], z[enters]
+        begin, end = np.minimum(place[:-1], place[1:]), np.maximum(place[:-1], place[1:])
+        rise = np.abs(np.diff(z)) / np.maximum(end - begin, 1)
+        passes, moved = np.zeros(bins + 1), np.zeros(bins + 1)
+        for total, each in ((passes, 1.0), (moved, rise)):
+            np.add.at(total, begin, each)
+            np.add.at(total, end, -each)
+        passes, moved = np.cumsum(passes)[:-1], np.cumsum(moved)[:-1]
+        density = np.where(passes > 0.5, moved / np.maximum(passes, 1.0), 0.0)
+        share = 0.9 * density / max(density.sum(), np.finfo(float).tiny) + 0.1 / bins
+        course = np.append(0.0, np.cumsum(share))
+        quantiles = (np.arange(levels) + 0.5) / levels * course[-1]
+        return cls(levels, low, high, np.interp(quantiles, course, edges))
+
+    def padded(self, levels: int) -> Plane:
+        """Give the plane more levels that no input reaches.
+
+        Its weights are then the first of those of the larger plane, and planes of several sizes,
+        padded to one, can be batched (`jax.tree.map(lambda *each: jnp.stack(each), *planes)`).
+
+        Arguments:
+            levels: how many levels it is to have, at least as many as it has.
+
+        Returns:
+            The larger plane.
+
+        Raises:
+            InputError: it has more levels than that.
+
+        Example:
+            >>> Plane(levels=2, low=0.0, high=4.0).padded(3).thresholds.tolist()
+            [1.0, 3.0, inf]
+        """
+        more = levels - self.levels
+        if more < 0:
+            raise InputError(f"levels is {levels}: give at least {self.levels}, as the plane has")
+        thresholds = np.append(self.thresholds, np.full(more, np.inf))
+        return Plane(levels, self.low, self.high, thresholds)
 
     def quantise(self, x: ArrayLike) -> jax.Array:
         """Quantise an input to the level that relays see, by the direction rule (3), (4).
@@ -68,11 +163,14 @@ class Plane(Grid):
         # The direction of the last movement; rising, if there was none yet.
         moved_at = jax.lax.cummax(jnp.where(x != previous, jnp.arange(x.shape[0]), -1))
         rising = (moved_at < 0) | (x > previous)[moved_at]
-        thresholds = np.asarray(self.thresholds, x.dtype)
-        last = jnp.asarray(np.append(-np.inf, thresholds).astype(x.dtype))
-        following = jnp.asarray(np.append(thresholds, np.inf).astype(x.dtype))
-        # Ten times as quick as a search; what rounding may do to the count is then mended.
-        count = jnp.clip(jnp.round(position_on(self, x)), 0, self.levels).astype(jnp.int32)
+        thresholds = jnp.asarray(self.thresholds, x.dtype)
+        last, following = jnp.append(-jnp.inf, thresholds), jnp.append(thresholds, jnp.inf)
+        last, following = last.astype(x.dtype), following.astype(x.dtype)
+        if self.own_thresholds is None:
+            # Ten times as quick as a search; what rounding may do to the count is then mended.
+            count = jnp.clip(jnp.round(position_on(self, x)), 0, self.levels).astype(jnp.int32)
+        else:
+            count = jnp.searchsorted(thresholds, x).astype(jnp.int32)
         above, under = following[count], last[count]
         at_or_below = count + (above <= x) - (under > x)
         below = count + (above < x) - (under >= x)

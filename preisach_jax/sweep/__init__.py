@@ -2,9 +2,9 @@
 
 One experiment a seed: the piezo stage is driven by its own Bernoulli ramp and read by its encoder,
 and five planes are identified from it. Beside the stage's output, whose noise is that of
-quantisation, every plane gets outputs of which the truth is known: weights on its own grid, without
-noise and with white noise of several powers. All outputs of one input share its switching events,
-and lie last in the arrays that the recursion over these events updates.
+quantisation, every plane gets outputs of which the truth is known: weights on its own grid. Both
+come without noise and with white noise of several powers. The planes are padded to the largest, so
+that one program, `vmap` of `AdaptiveFilter.run`, serves all.
 """
 
 from __future__ import annotations
@@ -21,10 +21,13 @@ import numpy as np
 
 from preisach_jax.devices import compiled, evenly, gathered, greatest, local
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.operator.events import room_for_events, switching_events
-from preisach_jax.operator.learning import adapt_over_events, measured_rises, output_rises
+from preisach_jax.filter.adaptive import AdaptiveFilter
+from preisach_jax.filter.relays import levels_along
+from preisach_jax.filter.state import FilterResult
+from preisach_jax.operator.blocks import Room
+from preisach_jax.operator.events import rounded_up
 from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.switching import Switching
+from preisach_jax.operator.simulation import simulate
 from preisach_jax.piezo import PiezoRecord, experiment, paper_stage
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals.checks import as_key
@@ -56,12 +59,6 @@ RESIDUAL_FROM = 0.2
 
 PLAYS = 128
 """Plays of the stage: many more than there are levels, and 0.6 nm (rms) from infinitely many."""
-
-_ROOM = 64
-"""Room for events comes in steps of so many, so that new inputs rarely need a compilation."""
-
-_CACHED = 2**16
-"""Weights that a core's cache holds, while a recursion over events updates them."""
 
 
 def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:
@@ -137,7 +134,7 @@ def sweep(
     Arguments:
         key: random key (`jax.random.key`); realisation i depends on the key and on i only.
         levels: N of the planes, each at least 2.
-        noise: standard deviations of the noise where the truth is known, µm; the noise-free case is
+        noise: standard deviations of the noise on the outputs, µm; the noise-free case is
             always there.
         seeds: how many realisations of input and noise, or their numbers.
         samples: time steps at 2 kHz; residuals are taken over the last 80 %.
@@ -164,8 +161,7 @@ def sweep(
         begin = time.perf_counter()
         drawn = draw(jax.random.key_data(key), padded)
         x, z = (local(rows) for rows in (drawn.record.input_v, drawn.record.stroke_um))
-        rooms = np.array([room_for_events(_plane(N), x, _ROOM) for N in levels])
-        room = tuple((int(events), int(width)) for events, width in greatest(rooms))
+        room = _room(levels, x)
         slope = max(largest_slope(*pair) for pair in zip(x, z, strict=True))
         run_s = time.perf_counter() - begin
         begin = time.perf_counter()
@@ -187,16 +183,17 @@ def sweep(
         samples=samples,
         first=_first(samples),
         slope=slope,
-        weights=tuple(one.weights for one in found),
+        weights=tuple(found.weights[:, n, :, : N * (N + 1) // 2] for n, N in enumerate(levels)),
         compile_s=compile_s,
         run_s=run_s,
         device=cast(str, jax.devices()[0].device_kind),
         key=np.asarray(jax.random.key_data(key)),
-        events=np.stack([one.events for one in found]),
-        output_error=np.stack([one.output_error for one in found]),
-        bias_squared=np.stack([one.bias_squared for one in found]),
-        weight_error_squared=np.stack([one.weight_error_squared.T for one in found]),
-        noise_part=np.stack([one.noise_part.T for one in found]),
+        events=found.events.T,
+        output_error=found.output_error[..., 0].T,
+        noisy_output_error=np.moveaxis(found.output_error[..., 1:], 0, -1),
+        bias_squared=found.bias_squared.T,
+        weight_error_squared=np.moveaxis(found.weight_error_squared, 0, -1),
+        noise_part=np.moveaxis(found.noise_part, 0, -1),
     )
 
 
@@ -211,76 +208,66 @@ class _Identified(NamedTuple):
     noise_part: jax.Array
 
 
-def _identify_seeds(
-    plane: Plane, room: tuple[int, int], noise_um: jax.Array, drawn: Realisation
-) -> _Identified:
-    """Identify a plane from all seeds, as many at a time as the processor's cache holds."""
-
-    def events(x: jax.Array) -> Switching:
-        return switching_events(plane, x, *room)
-
-    switching = jax.vmap(events)(drawn.record.input_v)
-    seeds, outputs = drawn.noise.shape[0], drawn.noise.shape[2] + 2
-    at_once = max(1, _CACHED // (plane.cells * outputs))
-    if jax.default_backend() != "cpu" or at_once >= seeds:
-        at_once = seeds
-
-    def one(seed: tuple[Switching, Realisation]) -> _Identified:
-        return _identify(plane, noise_um, *seed)
-
-    return cast(_Identified, jax.lax.map(one, (switching, drawn), batch_size=at_once))
+def _room(levels: Sequence[int], x: np.ndarray) -> tuple[int, Room]:
+    """Room for the samples of inputs that pass a threshold, and for a run along them."""
+    needs = [
+        np.append(
+            [np.count_nonzero(np.diff(levels_along(plane, row, row[0])))],
+            AdaptiveFilter(plane).room(row),
+        )
+        for plane in map(_plane, levels)
+        for row in x
+    ]
+    samples, *room = (rounded_up(int(one)) for one in greatest(np.max(needs, axis=0)))
+    return samples, Room(*room)
 
 
 def _identify(
-    plane: Plane, noise_um: jax.Array, switching: Switching, drawn: Realisation
+    plane: Plane, truth: jax.Array, room: tuple[int, Room], noise_um: jax.Array, drawn: Realisation
 ) -> _Identified:
-    """Run the recursion for the stage's output and for those of a known truth."""
+    """Run the filter for the stage's output and for those of a known truth."""
     record, samples = drawn.record, drawn.noise.shape[0]
-    truth = jnp.asarray(true_weights(plane))
-    clean = output_rises(plane, switching, truth)[:, jnp.newaxis]
-    noise = drawn.noise * noise_um[jnp.newaxis]
-    nu = jnp.pad(measured_rises(switching, noise), ((0, 0), (1, 0)))  # none in the first of them
-    stage = measured_rises(switching, record.stroke_um[:, jnp.newaxis])
-    rises = jnp.concatenate([stage, clean + nu], 1)
-    start = jnp.full((plane.cells, rises.shape[1]), INITIAL_WEIGHT_UM, rises.dtype)
-    weights, errors = adapt_over_events(plane, switching, rises, start)
+    # Samples that pass no threshold change nothing.
+    moves = jnp.diff(levels_along(plane, record.input_v, record.input_v[0]))
+    at = jnp.nonzero(moves, size=room[0], fill_value=samples - 1)[0]
+    at = jnp.append(0, at)
+    x, stage, noise = record.input_v[at], record.stroke_um[at], drawn.noise[at].T
+    noise = jnp.concatenate([jnp.zeros_like(noise[:1]), noise * noise_um[:, jnp.newaxis]])
+    clean = simulate(plane, truth, x, "relay")
+    outputs = jnp.concatenate([one[jnp.newaxis] + noise for one in (stage, clean)])
+    filt = AdaptiveFilter(plane, initial_weight=INITIAL_WEIGHT_UM)
 
-    first = _first(samples)
-    residual = (switching.sample >= first) & (switching.area > 0)
+    def run(z: jax.Array) -> FilterResult:
+        return filt.run(x, z, room=room[1], missing=False)
+
+    found = jax.vmap(run)(outputs)
+
+    first, area = _first(samples), found.switched[0]
+    of_stage, of_truth = jnp.split(jnp.where(area > 0, found.error, 0.0), 2)
+    residual = (at >= first) & (area > 0)
     events = jnp.sum(residual)
-    stage_errors = jnp.sum(jnp.where(residual, errors[:, 0] ** 2, 0.0))
-    initial = jnp.sum((start[:, 0] - truth) ** 2)
-    total = _squared_error(initial, errors[:, 1:], nu, switching)
-    added = _squared_error(0.0, errors[:, 2:] - errors[:, 1:2], nu[:, 1:], switching)
-    total, added = (_residual_average(rows, switching, first, samples) for rows in (total, added))
+    stage_errors = of_stage**2 @ residual.astype(of_stage.dtype)
+    # ‖E‖² after each event, by (15) with Σ_S E = ν - e.
+    nu = jnp.diff(noise, axis=1, prepend=noise[:, :1])
+    lengths = jnp.diff(jnp.clip(jnp.append(at, samples), first, samples))
+
+    def added(errors: jax.Array, nu: jax.Array) -> jax.Array:
+        steps = (2.0 * nu - errors) * errors / jnp.maximum(area, 1.0)
+        return jnp.sum(lengths * jnp.cumsum(steps)) / (samples - first)
+
+    # Of a padded plane, the cells that are there are those of the truth.
+    initial = jnp.sum(jnp.where(truth > 0, (INITIAL_WEIGHT_UM - truth) ** 2, 0.0))
+    total = initial + jax.vmap(added)(of_truth, nu)
     return _Identified(
-        weights=weights.T,
+        weights=found.weights,
         events=events,
         output_error=jnp.where(
             events > 1, jnp.sqrt(stage_errors / jnp.maximum(events - 1, 1)), jnp.nan
         ),
         weight_error_squared=total[1:],
         bias_squared=total[0],
-        noise_part=added,
+        noise_part=jax.vmap(added)(of_truth[1:] - of_truth[:1], nu[1:]),
     )
-
-
-def _squared_error(
-    initial: jax.Array | float, errors: jax.Array, nu: jax.Array, switching: Switching
-) -> jax.Array:
-    """(1 + events, lanes) ‖E‖² at the start and after each event, by (15) with Σ_S E = ν - e."""
-    area = jnp.maximum(switching.area, 1)[:, jnp.newaxis]
-    steps = (2.0 * nu - errors) * errors / area
-    return jnp.cumsum(jnp.pad(steps, ((1, 0), (0, 0))).at[0].set(initial), axis=0)
-
-
-def _residual_average(
-    values: jax.Array, switching: Switching, first: int, samples: int
-) -> jax.Array:
-    """(lanes,) average over the samples of the residual interval."""
-    begin = jnp.concatenate([jnp.zeros(1, int), switching.sample, jnp.full(1, samples)])
-    lengths = jnp.diff(jnp.clip(begin, first, samples))
-    return jnp.sum(lengths[:, jnp.newaxis] * values, axis=0) / (samples - first)
 
 
 def _first(samples: int) -> int:
@@ -310,20 +297,35 @@ def _draw_with_shapes(
 @functools.lru_cache(maxsize=8)
 def _compiled_identify(
     levels: tuple[int, ...],
-    room: tuple[tuple[int, int], ...],
+    room: tuple[int, Room],
     seeds: int,
     samples: int,
     noises: int,
 ) -> Callable[[Any, Any], Any]:
-    def identify(noise_um: jax.Array, drawn: Realisation) -> list[_Identified]:
-        return [
-            _identify_seeds(_plane(N), space, noise_um, drawn)
-            for N, space in zip(levels, room, strict=True)
-        ]
+    planes = [_plane(N).padded(max(levels)) for N in levels]
+    truths = [
+        np.pad(w, (0, planes[0].cells - len(w))) for w in map(true_weights, map(_plane, levels))
+    ]
+    several = jax.tree.map(lambda *each: np.stack(each), *planes), np.stack(truths)
+
+    def identify(noise_um: jax.Array, drawn: Realisation) -> _Identified:
+        def of_seed(drawn: Realisation) -> _Identified:
+            def of_plane(one: tuple[Plane, jax.Array]) -> _Identified:
+                return _identify(*one, room, noise_um, drawn)
+
+            return cast(_Identified, over(of_plane, several))
+
+        return cast(_Identified, over(of_seed, drawn))
 
     drawn = jax.eval_shape(*_draw_with_shapes(seeds, samples, noises))
     noise_um = jax.ShapeDtypeStruct((noises,), jnp.result_type(float))
+    # One input after the other on a processor, whose cache holds the weights of one; else at once.
+    over = cast(Any, jax.lax.map) if jax.default_backend() == "cpu" else _at_once
     return compiled(identify, noise_um, drawn)
+
+
+def _at_once(function: Callable[[Any], Any], rows: Any) -> Any:
+    return jax.vmap(function)(rows)
 
 
 def checked_settings(

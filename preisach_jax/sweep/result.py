@@ -19,7 +19,7 @@ from preisach_jax.theory import auxiliary_norm, quantisation_noise_power
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = 1
+FORMAT = 2
 
 
 class PowerLaw(NamedTuple):
@@ -91,7 +91,7 @@ class Sweep:
 
     Attributes:
         levels: (level,) N.
-        noise_um: (noise,) standard deviation √W of the noise where the truth is known, µm.
+        noise_um: (noise,) standard deviation √W of the noise, µm.
         seeds: (seed,) numbers of the realisations of input and noise.
         samples: time steps of a record.
         first: m of (30): residuals are taken over the samples from here to the end.
@@ -99,11 +99,12 @@ class Sweep:
         events: (level, seed) switching events in the residual interval.
         output_error: (level, seed) ⟨e⟩, eq. (30), over the switching samples, µm; NaN of fewer
             than two of them.
+        noisy_output_error: (level, noise, seed) the same with noise on the stage's output, µm.
         weight_error_squared: (level, noise, seed) ⟨‖E‖²⟩, µm².
         bias_squared: (level, seed) the same without noise, the rest of the initial error, µm².
         noise_part: (level, noise, seed) ⟨‖E - E without noise‖²⟩, µm².
         weights: by level, (seed, output, cells) weights at the end, µm; outputs are the stage's,
-            the known truth's without noise, and the known truth's with each noise.
+            without noise and with each, and the known truth's, likewise.
         compile_s: seconds that compilation took.
         run_s: seconds that the computation took.
         device: the device that computed.
@@ -118,6 +119,7 @@ class Sweep:
     slope: float
     events: np.ndarray
     output_error: np.ndarray
+    noisy_output_error: np.ndarray
     weight_error_squared: np.ndarray
     bias_squared: np.ndarray
     noise_part: np.ndarray
@@ -130,6 +132,7 @@ class Sweep:
     AXES: ClassVar[Mapping[str, tuple[tuple[str, ...], str]]] = {
         "events": (("level", "seed"), "1"),
         "output_error": (("level", "seed"), "um"),
+        "noisy_output_error": (("level", "noise", "seed"), "um"),
         "weight_error_squared": (("level", "noise", "seed"), "um^2"),
         "bias_squared": (("level", "seed"), "um^2"),
         "noise_part": (("level", "noise", "seed"), "um^2"),
@@ -192,6 +195,12 @@ class Sweep:
         return auxiliary_norm(self.mean_output_error(over), self.cells)
 
     @property
+    def noisy_auxiliary_norm(self) -> np.ndarray:
+        """(level, noise) auxiliary norm (31) with noise on the stage's output, µm, of all seeds."""
+        rms = np.sqrt(np.mean(self.noisy_output_error**2, axis=2))
+        return auxiliary_norm(rms, self.cells[:, np.newaxis])
+
+    @property
     def unsettled(self) -> np.ndarray:
         """(level,) whether there are fewer events than cells: the initial error dominates."""
         return self.events.min(axis=1) < self.cells
@@ -248,6 +257,7 @@ class Sweep:
                 "coefficient": float(self.coefficient[n]),
                 "coefficient_error": float(self.coefficient_error[n]),
                 "noise_variance": (self.noise_um**2).tolist(),
+                "auxiliary_norm_with_noise": self.noisy_auxiliary_norm[n].tolist(),
                 "weight_error_squared": self.weight_error_squared[n].mean(axis=1).tolist(),
                 "noise_part": self.noise_part[n].mean(axis=1).tolist(),
             }
@@ -261,7 +271,9 @@ class Sweep:
             "units": {
                 "delta_x": "V",
                 "slope": "um/V",
-                **dict.fromkeys(("auxiliary_norm", "mean_output_error"), "um"),
+                **dict.fromkeys(
+                    ("auxiliary_norm", "auxiliary_norm_with_noise", "mean_output_error"), "um"
+                ),
                 **dict.fromkeys(
                     ("noise_power", "noise_variance", "weight_error_squared", "noise_part"), "um^2"
                 ),

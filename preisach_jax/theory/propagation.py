@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.events import switching_events
+from preisach_jax.operator.blocks import switching
 from preisach_jax.operator.plane import Plane
 from preisach_jax.theory.noise import checked_variance
 
@@ -75,28 +75,26 @@ def propagate_error(
     if error.shape not in ((), (plane.cells,)):
         raise InputError(f"initial_error has the shape {error.shape}: give () or ({plane.cells},)")
     mean = np.broadcast_to(error, plane.cells).copy()
-    found = switching_events(plane, x)
-    area, sign = np.asarray(found.area), np.asarray(found.sign)
-    listed, sample = np.asarray(found.cells(plane)), np.asarray(found.sample)
+    events = switching(plane, x)
     covariance = np.zeros((plane.cells, plane.cells))
     before = np.zeros(plane.cells)  # b
-    mean_squared, variance = np.empty(len(area)), np.empty(len(area))
-    for k, (A, g) in enumerate(zip(area, sign, strict=True)):
-        if A:
-            cells = listed[k][listed[k] < plane.cells]
-            mean[cells] -= mean[cells].sum() / A
-            p = covariance[cells].sum(axis=0)
-            q, beta = p[cells].sum(), g * before[cells].sum()
-            v = (p + g * before) / A
-            v[cells] -= (q / 2 + W + beta) / A**2
-            covariance[cells] -= v
-            covariance[:, cells] -= v[:, None]
-            before[:] = 0.0
-            before[cells] = g * W / A
+    mean_squared, variance = np.empty(len(events)), np.empty(len(events))
+    for k, (_, g, cells) in enumerate(events):
+        A = len(cells)
+        mean[cells] -= mean[cells].sum() / A
+        p = covariance[cells].sum(axis=0)
+        q, beta = p[cells].sum(), g * before[cells].sum()
+        v = (p + g * before) / A
+        v[cells] -= (q / 2 + W + beta) / A**2
+        covariance[cells] -= v
+        covariance[:, cells] -= v[:, None]
+        before[:] = 0.0
+        before[cells] = g * W / A
         mean_squared[k] = mean @ mean
         variance[k] = np.trace(covariance)
         if progress is not None and k % 256 == 0:
-            progress(f"covariance of {plane.cells} weights", k / len(area))
+            progress(f"covariance of {plane.cells} weights", k / len(events))
+    sample = np.array([event.sample for event in events], int)
     return ErrorMoments(sample, mean_squared, variance, mean, covariance)
 
 
@@ -161,6 +159,8 @@ def average_over_samples(
         raise InputError(
             f"sample holds {sample.size} events that are not in order: sort them with their values"
         )
+    if not sample.size:
+        raise InputError("the input passes no threshold: give one that switches hysterons")
     if not sample[0] <= first < last:
         raise InputError(
             f"the interval is {first} to {last}: it must not be empty, nor begin before the first "

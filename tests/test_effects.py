@@ -174,7 +174,11 @@ CASES: dict[str, tuple[Any, dict[str, float], Any]] = {
     "excess_loss": (ExcessLoss(), {}, slow_roots),
     "ripples": (OutputNonlinearity(-20.0, 50.0, half_waves=6), {}, slow_ripples),
 }
-STEPPED = [name for name, (effect, *_) in CASES.items() if hasattr(effect, "apply")]
+ROUNDED = ("creep", "quick lag", "resonance", "stiff resonance", "viscosity")
+"""Effects that sum or turn over many samples: in single precision as well."""
+ALIKE = ("quick lag", "output_lag", "stiff resonance", "two modes")
+"""Cases of the laws of other ones."""
+STEPPED = [n for n, case in CASES.items() if hasattr(case[0], "apply") and n not in ALIKE]
 
 
 def output_of(effect, values, time, course):
@@ -188,7 +192,11 @@ def output_of(effect, values, time, course):
     return applied(effect, values, time, course)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [*((n, "float64") for n in CASES), *((n, "float32") for n in ROUNDED)],
+    indirect=["precision"],
+)
 def test_an_effect_is_its_closed_form(precision, name):
     effect, values, oracle = CASES[name]
     ticks, time, v = course(1)
@@ -258,7 +266,7 @@ def test_one_sample_at_a_time_is_the_whole_course(x64, name):
     np.testing.assert_allclose(got, applied(effect, values, time, h)[:25], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", [n for n, c in CASES.items() if c[1] and n != "stiff resonance"])
+@pytest.mark.parametrize("name", [n for n, case in CASES.items() if case[1] and n not in ALIKE])
 def test_derivatives_are_those_of_finite_differences_and_finite_at_rest(x64, name):
     """A first sample has no step before it, and a rest has no slope: 0/0 must not come through."""
     effect, values, _ = CASES[name]
@@ -457,8 +465,6 @@ TEETH = 17.3 + 1.3 * np.arange(1, 6)
 @pytest.mark.parametrize(
     ("f", "more", "height", "seen"),
     [
-        (50.03, (), 0.0, True),
-        (137.3, (), 0.0, True),
         (0.8, (), 0.0, False),  # slow waves are a drift that wanders
         (17.3, TEETH, 0.1, False),  # what repeats with the input leaves many lines of one height
         (17.3, TEETH, 0.03, True),

@@ -74,7 +74,9 @@ def complaint(capsys, *words):
 # What it does
 
 
-def test_diagnose_writes_a_report_and_says_what_it_found(work, tmp_path, capsys):
+def test_diagnose_writes_a_report_and_says_what_it_found(work, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("preisach_jax.plot.png", lambda figure: b"")  # pictures are drawn elsewhere
+    monkeypatch.setattr("preisach_jax.plot.svg", lambda figure: "<svg/>")
     report = tmp_path / "deep" / "report"
     words = ["diagnose", str(work / "stage.csv"), "--effects", "drift", "--aux", "load_N"]
     assert main([*words, "--levels", "5", "--report", str(report)]) == 0

@@ -189,17 +189,15 @@ def test_a_simulated_stage_reads_what_the_model_predicts():
 
 def test_the_error_falls_with_each_part_of_the_inverse_with_and_without_control():
     model = model_of(EFFECTS["creep"], EFFECTS["drift"])
-    wanted, at_rest = course(model, seconds=0.3), simulated_stage(model, RATE)
-    alone = pj.simulate_loop(model, wanted, stage=lambda: copy(at_rest))
+    wanted = course(model, seconds=0.3)
+    alone = pj.simulate_loop(model, wanted)
     errors = list(alone.errors(0.1).values())
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1e-9
     # A controller of the package, and the same one as a transfer function of python-control.
     control = pytest.importorskip("control")
     system = control.tf([0.2 + 0.04, -0.2], [1.0, -1.0], 1 / RATE)
-    controlled = pj.simulate_loop(
-        model, wanted, stage=lambda: copy(at_rest), controller=lambda: system
-    ).errors(0.1)
+    controlled = pj.simulate_loop(model, wanted, controller=lambda: system).errors(0.1)
     assert controlled["no compensation"] < errors[0] / 2
     assert controlled["hysteresis only"] < errors[2] / 2
     own, theirs = ProportionalIntegral(0.2, 40.0, RATE), of_control(system)

@@ -247,14 +247,6 @@ def test_each_key_of_a_model_is_checked(tmp_path, content, path, value, says):
     assert says in refused(tmp_path / "a.json", json.dumps(damaged))
 
 
-def test_what_was_saved_is_saved_again_as_the_same_bytes(tmp_path, content):
-    first, again = tmp_path / "a.json", tmp_path / "b.json"
-    pj.Model.from_json(content).save(first)
-    pj.Model.load(first).save(again)
-    assert first.read_bytes() == again.read_bytes()
-    assert json.loads(first.read_text()) == content
-
-
 # --- a little of the campaign itself ---
 
 

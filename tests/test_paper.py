@@ -1,5 +1,6 @@
 """The paper's figures: their numbers by hand, by SciPy and by the modules' own, and their looks."""
 
+import inspect
 import itertools
 import json
 from functools import cache
@@ -38,7 +39,7 @@ QUICK: dict[str, dict[str, Any]] = {
 
 
 @cache
-def data_of(number):
+def data_of(number) -> Any:
     """The data of a figure, from short records."""
     return FIGURES[number].data(**QUICK.get(number, {}))
 
@@ -295,6 +296,8 @@ def test_no_two_texts_overlap(drawn):
 
 
 def test_chosen_figures_are_written(tmp_path):
+    for one in FIGURES.values():
+        inspect.signature(one.data).bind(**one.quick)
     paths = figures(tmp_path / "out", ["7", "1"], quick=True)
     names = [path.name for path in paths]
     kinds = ("pdf", "png", "json")

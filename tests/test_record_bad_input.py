@@ -154,15 +154,6 @@ def test_files_without_a_record(tmp_path, text, expected):
     assert expected in refusal(path)
 
 
-def test_rows_of_unequal_length(tmp_path):
-    rows = rows_of_text()
-    rows[20] = rows[20][:2]
-    message = refusal(write(tmp_path / "short.csv", rows))
-    assert "row 21: 2 field(s) where the names are 3" in message
-    rows[20] = ["1", "2", "3", "7"]
-    assert "row 21: 4 field(s)" in refusal(write(tmp_path / "long.csv", rows))
-
-
 # --- columns --------------------------------------------------------------------------------------
 
 

@@ -5,15 +5,14 @@ from pathlib import Path
 
 import blind
 import numpy as np
-import pytest
 from blind import world
 
 FOLDER = Path(blind.__file__).parent
 JAX_FREE = ("world", "stage", "foreign", "hidden", "machines", "excitation")
 
 
-def short(effects, seed):
-    return world.make_measurement(effects, seed, "rich", 2.0, 1350.0, "plain")
+def short(effects, seed=21):
+    return world.make_measurement(effects, seed, "rich", 1.0, 1350.0, "plain")
 
 
 def test_the_world_shares_no_code_with_the_package():
@@ -34,11 +33,13 @@ def test_the_world_shares_no_code_with_the_package():
         }
 
 
-@pytest.mark.parametrize("effect", ["creep", "resonance", "backlash"])
-def test_an_effect_of_size_zero_changes_nothing_and_a_nominal_one_does(effect):
-    bare, none, some = (short(e, 21) for e in ({}, {effect: 0.0}, {effect: 2.0}))
+def test_an_effect_of_size_zero_changes_nothing_and_a_nominal_one_does():
+    effects = ("creep", "resonance", "backlash")
+    bare, none = short({}), short(dict.fromkeys(effects, 0.0))
     np.testing.assert_array_equal(none.output, bare.output)
-    np.testing.assert_array_equal(some.input, bare.input)
     assert none.change == 0
-    assert some.change > 1e-4
+    for effect in effects:
+        some = short({effect: 2.0})
+        np.testing.assert_array_equal(some.input, bare.input)
+        assert some.change > 1e-4
     assert not np.array_equal(short({}, 22).output, bare.output)

@@ -17,7 +17,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fleet")
     rng, paths = np.random.default_rng(2), []
     for k in range(3):
-        t = np.arange(600 + 50 * k) / 100
+        t = np.arange(600 + 50 * (k > 0)) / 100
         x = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
         z = (2 + k) * x + 0.01 * rng.normal(size=len(t))
         cells = [f"{value:.5f}" for value in z]

@@ -174,7 +174,11 @@ CASES: dict[str, tuple[Any, dict[str, float], Any]] = {
     "excess_loss": (ExcessLoss(), {}, slow_roots),
     "ripples": (OutputNonlinearity(-20.0, 50.0, half_waves=6), {}, slow_ripples),
 }
-STEPPED = [name for name, (effect, *_) in CASES.items() if hasattr(effect, "apply")]
+ROUNDED = ("creep", "quick lag", "resonance", "stiff resonance", "viscosity")
+"""Effects that sum or turn over many samples: in single precision as well."""
+ALIKE = ("quick lag", "output_lag", "stiff resonance", "two modes")
+"""Cases of the laws of other ones."""
+STEPPED = [n for n, case in CASES.items() if hasattr(case[0], "apply") and n not in ALIKE]
 
 
 def output_of(effect, values, time, course):
@@ -188,7 +192,11 @@ def output_of(effect, values, time, course):
     return applied(effect, values, time, course)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [*((n, "float64") for n in CASES), *((n, "float32") for n in ROUNDED)],
+    indirect=["precision"],
+)
 def test_an_effect_is_its_closed_form(precision, name):
     effect, values, oracle = CASES[name]
     ticks, time, v = course(1)
@@ -258,7 +266,7 @@ def test_one_sample_at_a_time_is_the_whole_course(x64, name):
     np.testing.assert_allclose(got, applied(effect, values, time, h)[:25], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", [n for n, c in CASES.items() if c[1] and n != "stiff resonance"])
+@pytest.mark.parametrize("name", [n for n, case in CASES.items() if case[1] and n not in ALIKE])
 def test_derivatives_are_those_of_finite_differences_and_finite_at_rest(x64, name):
     """A first sample has no step before it, and a rest has no slope: 0/0 must not come through."""
     effect, values, _ = CASES[name]
@@ -288,7 +296,7 @@ def test_derivatives_are_those_of_finite_differences_and_finite_at_rest(x64, nam
 
 
 @pytest.mark.parametrize("kind", BUILT_IN)
-def test_every_effect_explains_itself_and_is_made_again_from_its_settings(kind):
+def test_every_effect_explains_itself(kind):
     effect = kind()
     for text in (effect.physics, effect.source, effect.signature, effect.experiment):
         assert len(text) > 20
@@ -306,10 +314,6 @@ def test_every_effect_explains_itself_and_is_made_again_from_its_settings(kind):
     for other in effect.confused_with:
         if other in effects and effect.name != "aux:COL":
             assert effect.name in effects[other].confused_with
-    bound = effect.bound_to(Survey(24.0, 5e-4))
-    again = kind(**bound.settings())
-    assert again.parameters() == bound.parameters()
-    assert again.settings() == bound.settings()
 
 
 @pytest.mark.parametrize("kind", BUILT_IN)
@@ -317,16 +321,20 @@ def test_every_effect_explains_itself_and_is_made_again_from_its_settings(kind):
 @given(steps=st.integers(50, 1_000_000), step_s=st.floats(1e-7, 100.0, allow_nan=False))
 def test_bounds_follow_the_time_scales_of_a_record(kind, steps, step_s):
     duration = steps * step_s
-    effect = kind().bound_to(Survey(duration_s=duration, step_s=step_s))
-    assert effect.name == kind().name
-    for parameter in effect.parameters():
-        assert parameter.low < parameter.high
-        assert parameter.start
-        for start in parameter.start:
-            assert parameter.low <= start <= parameter.high
-        if parameter.unit == "s":
-            assert parameter.low >= step_s / 10
-            assert parameter.high <= 30 * duration
+    survey = Survey(duration_s=duration, step_s=step_s)
+    effect = kind().bound_to(survey)
+    for each in (effect, *kind().variants(survey)):
+        assert type(each)(**each.settings()) == each
+        names = [parameter.name for parameter in each.parameters()]
+        assert len(set(names)) == len(names)
+        for parameter in each.parameters():
+            assert parameter.low < parameter.high
+            assert parameter.start
+            for start in parameter.start:
+                assert parameter.low <= start <= parameter.high
+            if parameter.unit == "s" and each is effect:
+                assert parameter.low >= step_s / 10
+                assert parameter.high <= 30 * duration
     if isinstance(effect, Creep):
         tau = np.array(effect.tau_s)
         assert len(tau) >= 2
@@ -457,8 +465,6 @@ TEETH = 17.3 + 1.3 * np.arange(1, 6)
 @pytest.mark.parametrize(
     ("f", "more", "height", "seen"),
     [
-        (50.03, (), 0.0, True),
-        (137.3, (), 0.0, True),
         (0.8, (), 0.0, False),  # slow waves are a drift that wanders
         (17.3, TEETH, 0.1, False),  # what repeats with the input leaves many lines of one height
         (17.3, TEETH, 0.03, True),

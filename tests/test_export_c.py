@@ -49,23 +49,18 @@ VARIED = {
     "output_lag": ["output_lag", "output_filter"],
     "rate_dependence": ["rate_corners", "rate_corners_all", "rate_smooth", "rate_smooth_all"],
 }
+ALIKE = ("hum", "drift_waves", "input_filter", "output_filter", "rate_corners_all", "rate_smooth")
+"""Forms through which weights are learnt by the code of another one."""
 KINDS = [*ALWAYS, *itertools.chain(*VARIED.values())]
-# Each two effects of the library, in each of their forms, are together in one of these.
+# Each two effects of the library are together in one of these, and in each of their forms but for
+# the forms of the rate dependence.
 TOGETHER = [
     [*ALWAYS, *(forms[k] for forms, k in zip(VARIED.values(), picks, strict=True))]
-    for a, b, c in itertools.product((0, 1), repeat=3)
-    for picks in [(c, a ^ c, b ^ c, a ^ b ^ c, 2 * a + b)]
-]
-EVERYTHING = [
-    name
-    for name in TOGETHER[2]
-    if name not in ("output_quantisation", "input_lag", "input_filter", "eddy_currents")
-]
-CHAINS = [[], ["output_quantisation", "creep"], ["rate_corners", "moving"], EVERYTHING]
-
-
-def ident(names):
-    return "+".join(names)[:40] or "plain"
+    for picks in (
+        (1, 1, 0, 1, 1), (0, 1, 1, 1, 2), (1, 0, 1, 1, 0), (1, 1, 1, 0, 3), (0, 0, 0, 0, 0)
+    )
+]  # fmt: skip
+CHAINS = [[], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
 
 
 def columns(model, samples):
@@ -82,7 +77,7 @@ def course(seed=1):
     return np.concatenate([wild(300, seed), smooth(100, seed + 1)])
 
 
-@pytest.mark.parametrize("names", CHAINS, ids=ident)
+@pytest.mark.parametrize("names", CHAINS, ids="+".join)
 def test_the_output_is_that_of_predict(names, tmp_path):
     for hysteron in ("ramp", "relay") if names == [] else ("ramp",):
         model, u = drawn(names, seed=len(names), hysteron=hysteron), course()
@@ -215,11 +210,10 @@ def self_tested(model, folder, precision="-DPREISACH_DOUBLE"):
     assert "learning another stage" in done.stdout
 
 
-@pytest.mark.parametrize("names", TOGETHER, ids=range(8))
+@pytest.mark.parametrize("names", TOGETHER, ids=range(5))
 def test_the_self_test_passes_for_each_two_effects_together(names, tmp_path):
-    self_tested(drawn(names, seed=2), tmp_path)
-    if names in (TOGETHER[0], TOGETHER[7]):
-        self_tested(drawn(names, seed=2), tmp_path, "-DPREISACH_FLOAT")
+    precision = "-DPREISACH_FLOAT" if names is TOGETHER[4] else "-DPREISACH_DOUBLE"
+    self_tested(drawn(names, seed=2), tmp_path, precision)
 
 
 def test_each_two_effects_are_together_in_a_chain():
@@ -227,9 +221,10 @@ def test_each_two_effects_are_together_in_a_chain():
     asked = {
         frozenset(two)
         for two in itertools.combinations(KINDS, 2)
-        if form.get(two[0], two[0]) != form.get(two[1], two[1])
+        if len({form.get(name, name) for name in two}) == 2
+        and not ("rate" in str(two) and {*two} <= {*form})
     }
-    assert asked == {
+    assert asked <= {
         frozenset(two) for chain in TOGETHER for two in itertools.combinations(chain, 2)
     }
     known = {kind for kind, _ in LAWS.values()}
@@ -267,7 +262,7 @@ def learning(compiled, stage):
     return [replayed(each) for each in (weights[0], weights[-1])], errors
 
 
-@pytest.mark.parametrize(("f_hz", "zeta"), [(5.0, 0.02), (60.0, 0.2), (300.0, 0.02)])
+@pytest.mark.parametrize(("f_hz", "zeta"), [(5.0, 0.02), (300.0, 0.02)])
 def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
     """Whatever the mode and the rate, errors of weights and readings fall, eq. (9)."""
     model = drawn(["resonance", "delay"])
@@ -280,7 +275,7 @@ def test_another_stage_is_learnt_through_a_mode(f_hz, zeta, tmp_path):
     assert replayed[-1] < 0.9 * replayed[0]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", [name for name in KINDS if name not in ALIKE])
 def test_whatever_the_effect_bounded_readings_keep_the_weights_bounded(name, tmp_path):
     """Readings of no stage at all: noise, jumps and holds within three strokes."""
     polarity = (-1) ** KINDS.index(name)
@@ -353,9 +348,9 @@ def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
     model = drawn(["creep", "aux:load_N"], levels=5)
     model.save(tmp_path / "model.json")
     out = tmp_path / "controller"
-    words = f"export {tmp_path}/model.json --to c --out {out} --rate 1000".split()
+    words = f"export {tmp_path}/model.json --to c --out {out} --rate 1000 --json".split()
     assert run(words) == 0
-    assert "self test" in capsys.readouterr().out
+    assert json.loads(capsys.readouterr().out)["rate_hz"] == 1000.0
     assert sorted(path.name for path in out.iterdir()) == [
         "Makefile", "README.md", "preisach_model.c", "preisach_model.h", "preisach_test.c",
     ]  # fmt: skip
@@ -368,8 +363,6 @@ def test_the_command_writes_a_folder_that_tests_itself(tmp_path, capsys):
     made = subprocess.run(["make", "-C", out], capture_output=True, text=True, check=False)
     assert made.returncode != 0
     assert "FAILED" in made.stdout
-    assert run([*words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rate_hz"] == 1000.0
 
 
 class Own(AddedEffect):

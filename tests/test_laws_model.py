@@ -1,7 +1,5 @@
 """Laws of models with effects of every place, at any values of their parameters."""
 
-from typing import Any
-
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from trust.seeds import columns
 
 import preisach_jax as pj
 from preisach_jax.chain import PLACES
-from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import SensorEffect, Survey
 from preisach_jax.effects.cross import Cross
@@ -116,25 +113,3 @@ def test_twice_the_coefficients_are_twice_the_output(chain, data):
             estimate["value"] *= 1 if name in searched else 2
     doubled, once = pj.Model.from_json(content).simulate(RECORD), model.simulate(RECORD)
     np.testing.assert_allclose(doubled, 2 * once, rtol=1e-9, atol=1e-9 * (1 + np.abs(once).max()))
-
-
-# --- what every effect says of itself ---
-
-
-@pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.__name__)
-@settings(max_examples=8)
-@given(data=st.data())
-def test_an_effect_is_its_settings_and_its_parameters_are_in_their_bounds(kind, data):
-    empty: Any = [np.zeros(0) for _ in range(4)]
-    survey = Survey(10.0 ** data.draw(st.floats(-1.3, 5)), 1e-3, *empty)
-    for effect in (kind(), kind().bound_to(survey), *kind().variants(survey)):
-        assert type(effect)(**effect.settings()) == effect
-        names = [parameter.name for parameter in effect.parameters()]
-        assert len(set(names)) == len(names)
-        for parameter in effect.parameters():
-            for start in parameter.start:
-                assert parameter.low <= start <= parameter.high
-                there = parameter.from_search(parameter.to_search(start))
-                assert there == pytest.approx(start, rel=1e-12)
-            far = parameter.from_search(data.draw(st.floats(-300, 300)))
-            assert parameter.low <= far <= parameter.high

@@ -197,9 +197,11 @@ def test_the_band_holds_the_losses_of_another_record(fitted):
 
 
 @pytest.mark.parametrize("hidden", [("excess_loss",), ()])
-def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(hidden, tmp_path):
+def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(
+    hidden, tmp_path, monkeypatch
+):
     made = simulate_magnet(2, seconds=6.0, rate_hz=500.0, effects=hidden)
-    found = pj.diagnose(record_of(made), ["excess_loss", "viscosity", "output_lag"], levels=13)
+    found = pj.diagnose(record_of(made), ["excess_loss", "output_lag"], levels=9)
     assert found.effects == hidden
     if not hidden:
         return
@@ -208,6 +210,8 @@ def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(h
     assert estimate.low <= true <= estimate.high
     assert estimate.value == pytest.approx(true, rel=0.05)
     # The losses are in the file and in the report.
+    monkeypatch.setattr("preisach_jax.plot.png", lambda figure: b"")  # pictures are drawn elsewhere
+    monkeypatch.setattr("preisach_jax.plot.svg", lambda figure: "<svg/>")
     write_report(found, tmp_path, language="de")
     saved = json.loads((tmp_path / "diagnosis.json").read_text())["loss"]
     assert (saved["unit"], saved["field"]) == ("J/m3", "output")

@@ -112,6 +112,8 @@ MINE = (
     b"%PDF-1.4\n/Producer (me)\n",
     b"PK\3\4 torn",
 )
+EACH_KIND = ("r/diagnosis.json", "p.csv", "c/preisach_model.c", "f/stage.fmu", "f/figure_01.pdf",
+             "l.png", "r/density.png", "d/reversal-curves/report.html")  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])
@@ -120,7 +122,8 @@ def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, cap
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".zarr":
         path.mkdir()
-    for content in MINE if path.suffix != ".zarr" else [b""]:
+    contents = MINE if file in EACH_KIND else MINE[:1]
+    for content in contents if path.suffix != ".zarr" else [b""]:
         if content:
             path.write_bytes(content)
         before = state(place)
@@ -143,9 +146,9 @@ def test_what_a_command_wrote_it_writes_again(name, place):
     for path in written:
         assert is_ours(path), path
         path.write_bytes(path.read_bytes() + b" ")
-    assert main([*words, "--quiet"]) == 0
-    for path in written:
-        assert not path.read_bytes().endswith(b" "), path
+    if name in ("predict", "look", "simulate"):
+        assert main([*words, "--quiet"]) == 0
+        assert not [path for path in written if path.read_bytes().endswith(b" ")]
 
 
 def test_force_replaces_what_is_somebody_elses_and_never_what_is_read(place, capsys):

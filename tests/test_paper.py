@@ -1,12 +1,17 @@
-"""The numbers behind the paper's figures are right, by hand, by SciPy and by the modules' own."""
+"""The paper's figures: their numbers by hand, by SciPy and by the modules' own, and their looks."""
 
+import inspect
+import itertools
 import json
+from functools import cache
 from typing import Any
 
 import jax
+import matplotlib as mpl
 import numpy as np
 import pytest
 import scipy.signal
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from preisach_jax import paper
 from preisach_jax.errors import InputError
@@ -16,10 +21,30 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.experiment import identification
 from preisach_jax.paper.noise import power_law_through
 from preisach_jax.piezo import NOTCH_DENOMINATOR, NOTCH_NUMERATOR, paper_stage, resonances
+from preisach_jax.plot.paper import FIGURES, PRINT, figures
 
 signal: Any = scipy.signal  # whose results are typed as one of many
 SAMPLES = 3000
 SHORT: Any = {"levels": (9, 5, 3), "seeds": 2, "samples": SAMPLES}
+QUICK: dict[str, dict[str, Any]] = {
+    "4": {"realisations": 2},
+    "5": {"seconds": 1.0, "samples": SAMPLES},
+    "6": {"levels": 9, "samples": SAMPLES, "records": 2},
+    "7": {"levels": 9, "samples": SAMPLES, "seconds": 0.1},
+    "8": SHORT,
+    "9": SHORT,
+    "10": {"levels": (5, 9, 13), "samples": SAMPLES, "every": 2},
+    "11": {"levels": 5, "samples": SAMPLES, "passes": (1,)},
+}
+
+
+@cache
+def data_of(number) -> Any:
+    """The data of a figure, from short records."""
+    return FIGURES[number].data(**QUICK.get(number, {}))
+
+
+# --- numbers ---
 
 
 def test_hysteron_by_hand():
@@ -34,7 +59,7 @@ def test_hysteron_by_hand():
 
 
 def test_bode_finds_the_stage_and_the_notch():
-    found = paper.bode(realisations=2)
+    found = data_of("4")
     modes = resonances(NOTCH_NUMERATOR)
     np.testing.assert_allclose(found.mode_hz, modes.frequency_hz, atol=0.2)
     np.testing.assert_allclose(found.damping, modes.damping, rtol=0.05)
@@ -73,7 +98,7 @@ def short_run():
 
 
 def test_loops_lie_within_the_major_loop():
-    found = paper.loops(seconds=1.0, samples=SAMPLES)
+    found = data_of("5")
     branches = np.split(found.major_stroke_um[:-1], 2)
     drive = found.major_input_v[:300]
     rising = np.interp(found.input_v, drive, branches[0])
@@ -114,13 +139,8 @@ def test_knee_interval_covers():
     assert 9 <= inside <= 12
 
 
-@pytest.fixture(scope="module")
-def convergence():
-    return paper.convergence(levels=9, samples=SAMPLES, records=2)
-
-
-def test_convergence_shows_the_errors_at_events(short_run, convergence):
-    run, result = short_run
+def test_convergence_shows_the_errors_at_events(short_run):
+    (run, result), convergence = short_run, data_of("6")
     events = np.flatnonzero(result.switched > 0)
     np.testing.assert_array_equal(convergence.sample, events)
     np.testing.assert_allclose(convergence.error_squared_um2, result.error[events] ** 2)
@@ -140,7 +160,7 @@ def test_convergence_shows_the_errors_at_events(short_run, convergence):
 
 def test_time_frame_is_moved_by_its_mean(short_run):
     _, result = short_run
-    frame = paper.time_frame(levels=9, samples=SAMPLES, seconds=0.1)
+    frame = data_of("7")
     rows = slice(2700, 2900)
     np.testing.assert_allclose(frame.model_um, result.output[rows] + frame.shift_um)
     assert np.mean(frame.measured_um - frame.model_um) == pytest.approx(0.0, abs=1e-9)
@@ -155,7 +175,7 @@ def short_sweep():
 
 
 def test_proportionality_is_that_of_the_sweep(short_sweep):
-    found = paper.proportionality(**SHORT)
+    found = data_of("8")
     np.testing.assert_array_equal(found.over_events_um, short_sweep.auxiliary_norm())
     np.testing.assert_array_equal(found.over_samples_um, short_sweep.auxiliary_norm("samples"))
     np.testing.assert_array_equal(found.noise_power_um2, short_sweep.noise_power)
@@ -171,7 +191,7 @@ def test_proportionality_is_that_of_the_sweep(short_sweep):
 
 
 def test_coefficients_are_those_of_the_sweep(short_sweep):
-    found = paper.coefficients(**SHORT)
+    found = data_of("9")
     np.testing.assert_array_equal(found.coefficient, short_sweep.coefficient)
     np.testing.assert_array_equal(found.noise_part_um2, short_sweep.noise_part.mean(axis=2))
     np.testing.assert_array_equal(found.floor_um2, short_sweep.bias_squared.mean(axis=1))
@@ -188,25 +208,20 @@ def test_coefficients_are_those_of_the_sweep(short_sweep):
 
 
 def test_ramps_beat_relays():
-    found = paper.relays_and_ramps((5, 9, 13), samples=SAMPLES, every=2)
+    found = data_of("10")
     assert np.all(found.ramp_um < 0.3 * found.relay_um)
     assert found.relay.value == pytest.approx(-1.0, abs=0.25)
     slope = np.polyfit(np.log(found.levels), np.log(found.relay_error_um), 1)[0]
     assert found.relay.value == pytest.approx(slope)
 
 
-def test_numbers_are_ready_for_json(convergence):
-    told = []
-    found = paper.recursions(
-        levels=5, samples=SAMPLES, passes=(1,), progress=lambda text, part: told.append(part)
-    )
+def test_numbers_are_ready_for_json():
+    found = data_of("11")
     content = json.loads(json_bytes(found.to_json()))
     assert content["caption"].startswith("Recursions over one record of 3000 samples")
     assert content["names"][0] == "adaptive filter, 1 pass"
     np.testing.assert_allclose(content["ramp_replay"], found.ramp_replay, rtol=1e-6)
-    assert told == sorted(told)
-    assert told[0] == 0.0
-    hinge = json.loads(json_bytes(convergence.to_json()))["hinge"]
+    hinge = json.loads(json_bytes(data_of("6").to_json()))["hinge"]
     assert set(hinge) == {"knee", "slope", "level", "deviation"}
 
 
@@ -218,3 +233,84 @@ def test_numbers_do_not_depend_on_the_precision_set_outside():
             found.append(identification(0, SAMPLES, 9).output_um)
     np.testing.assert_array_equal(*found)
     assert found[0].dtype == np.float64
+
+
+# --- drawings ---
+
+
+@pytest.fixture(scope="module", params=FIGURES)
+def drawn(request):
+    """A figure, drawn as it is for a file."""
+    figure = FIGURES[request.param].draw(data_of(request.param))
+    with mpl.rc_context(PRINT):
+        FigureCanvasAgg(figure).draw()
+    return request.param, figure
+
+
+def tick_labels(axis):
+    """Labels of the ticks that are in view; matplotlib keeps others that it does not draw."""
+    low, high = sorted(axis.get_view_interval())
+    ticks = zip(axis.get_major_ticks(), axis.get_majorticklocs(), strict=True)
+    return [
+        tick.label1 for tick, place in ticks if low <= place <= high and tick.label1.get_visible()
+    ]
+
+
+def texts_of(figure):
+    found = [text for axes in figure.axes for text in axes.texts]
+    found += [text for legend in figure.legends for text in legend.get_texts()]
+    for axes in figure.axes:
+        if axes.axison:
+            found += [axes.xaxis.label, axes.yaxis.label, axes._left_title]
+            found += [label for axis in (axes.xaxis, axes.yaxis) for label in tick_labels(axis)]
+        legend = axes.get_legend()
+        found += legend.get_texts() if legend else []
+    return [text for text in found if text.get_text()]
+
+
+def test_axes_have_labels_with_units_in_type_that_is_large_enough(drawn):
+    number, figure = drawn
+    shown = [axes for axes in figure.axes if axes.axison]
+    assert bool(shown) != (number in ("2", "3"))
+    for axes in shown:
+        sharing = axes.get_shared_x_axes().get_siblings(axes)
+        assert any(other.get_xlabel() for other in sharing)
+        assert any(other.get_ylabel() for other in axes.get_shared_y_axes().get_siblings(axes))
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            plain = label in {"", "recursion", "levels N"} or "/ W" in label
+            assert plain or "(" in label, label
+    assert min(text.get_fontsize() for text in texts_of(figure)) >= 7.0
+
+
+def test_no_two_texts_overlap(drawn):
+    number, figure = drawn
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    boxes = [
+        (text.get_text(), text.get_window_extent(renderer).shrunk(0.9, 0.8))
+        for text in texts_of(figure)
+        if text.get_visible()
+    ]
+    boxes = [(text, box) for text, box in boxes if box.width > 0]
+    for (text, box), (other, its) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(its), f"figure {number}: {text!r} on {other!r}"
+
+
+def test_chosen_figures_are_written(tmp_path):
+    for one in FIGURES.values():
+        inspect.signature(one.data).bind(**one.quick)
+    paths = figures(tmp_path / "out", ["7", "1"], quick=True)
+    names = [path.name for path in paths]
+    kinds = ("pdf", "png", "json")
+    assert names == [f"figure_{n}_quick.{kind}" for n in ("07", "01") for kind in kinds]
+    assert all(path.stat().st_size > 500 for path in paths)
+    content = json.loads((tmp_path / "out" / "figure_07_quick.json").read_text())
+    assert content["figure"] == 7
+    assert content["title"] == FIGURES["7"].title
+    assert content["caption"].startswith("Measurement and adaptive filter, N = 37")
+    assert len(content["time_s"]) == len(content["model_um"]) == 400
+
+
+def test_unknown_figures_are_refused_before_the_work(tmp_path):
+    with pytest.raises(InputError, match="there is no figure 12: choose from 1, 2, 3"):
+        figures(tmp_path / "out", ["1", "12"])
+    assert not (tmp_path / "out").exists()

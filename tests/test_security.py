@@ -190,7 +190,10 @@ def calls():
     """All calls in the package, as `(file, function, call)`."""
     for path, node in nodes():
         if isinstance(node, ast.Call):
-            yield path, ast.unparse(node.func), node
+            called = node.func
+            owner = getattr(getattr(called, "value", None), "id", "")
+            name = getattr(called, "attr", getattr(called, "id", ""))
+            yield path, name if isinstance(called, ast.Name) else f"{owner}.{name}", node
 
 
 def test_no_text_is_run_as_a_program():
@@ -363,29 +366,19 @@ def test_every_handler_refuses_another_host_and_whoever_has_no_token(page):
     assert asked(page.port, "//evil.example/" + page.url.partition("/?")[2])[0] == 403
 
 
-@pytest.mark.parametrize(
-    ("origin", "answer"),
-    [
-        ("http://127.0.0.1:{port}", 101),
-        ("http://localhost:{port}", 101),
-        ("", 403),
-        ("http://evil.example", 403),
-        ("http://evil.example:{port}", 403),
-        ("http://127.0.0.1.evil.example:{port}", 403),
-        ("http://127.0.0.1:1", 403),
-        ("https://127.0.0.1:{port}", 403),
-        ("null", 403),
-    ],
-)
-def test_only_the_page_itself_may_talk_to_its_server(page, origin, answer):
+def test_only_the_page_itself_may_talk_to_its_server(page):
     cookie = cookie_of(page)
     text = asked(page.port, "/", Cookie=cookie)[2]
     [token] = re.findall(r'"token":\s*"([^"]+)"', text)
     secret = cookie.partition("=")[2]
     assert secret not in base64.urlsafe_b64decode(token.split(".")[0] + "===").decode()
-    protocols = f"bokeh, {token}"
-    way = {**SOCKET, "Origin": origin, "Sec_WebSocket_Protocol": protocols, "Cookie": cookie}
-    assert asked(page.port, "/ws", **way)[0] == answer
+    way = {**SOCKET, "Sec_WebSocket_Protocol": f"bokeh, {token}", "Cookie": cookie}
+    for origin, answer in (
+        (OURS, 101), ("http://localhost:{port}", 101), ("", 403), ("http://evil.example", 403),
+        ("http://evil.example:{port}", 403), ("http://127.0.0.1.evil.example:{port}", 403),
+        ("http://127.0.0.1:1", 403), ("https://127.0.0.1:{port}", 403), ("null", 403),
+    ):  # fmt: skip
+        assert asked(page.port, "/ws", **way, Origin=origin)[0] == answer, origin
 
 
 def test_nothing_is_read_before_a_socket_is_open(tmp_path, monkeypatch):

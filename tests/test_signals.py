@@ -112,16 +112,6 @@ def test_bernoulli_ramp_against_a_loop(x64):
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-8)
 
 
-def test_bernoulli_turning_points_spread_over_the_range():
-    u = np.asarray(signals.bernoulli_ramp(jax.random.key(0), 100_000, RATE), float)
-    speed = np.abs(np.diff(u)) * RATE
-    assert np.mean(np.isclose(speed, 267.0, rtol=0.01)) > 0.98
-    turns = u[corners(u)]
-    filled, _ = np.histogram(turns, np.linspace(0.0, 75.0, 13))
-    assert np.all(filled > 0)
-    assert len(np.unique(np.round(turns, 1))) > 25  # a lattice would show a few
-
-
 def test_random_steps_hold():
     u = np.asarray(signals.random_steps(jax.random.key(0), N, 1000.0, 0.11, 5.0, 9.0))
     blocks = u[: 36 * 110].reshape(36, 110)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -202,7 +203,7 @@ def simulate_loop(
         >>> t = np.arange(2000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
         >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
-        >>> course = pj.Record.from_arrays(t[:300], 0 * t[:300], 6 + 3 * np.sin(t[:300]))
+        >>> course = pj.Record.from_arrays(t[:99], 0 * t[:99], 6 + 3 * np.sin(t[:99]))
         >>> errors = pj.simulate_loop(model, course).errors()
         >>> errors["all effects"] < 1e-6 < errors["affine map"]
         True
@@ -211,26 +212,31 @@ def simulate_loop(
     if np.ptp(steps) > 1e-3 * wanted.step_s:
         raise InputError(f"{wanted.name}: the course is not evenly sampled; resample it")
     rate, low, high = 1 / wanted.step_s, *(limits or (model.plane.low, model.plane.high))
-    make = stage or (lambda: simulated_stage(model, rate, after))
-    plain = _without_effects(model)
+    # One of each is compiled; what runs are copies, each of which begins as it did.
+    whole, plain = (
+        OnlineInverse(some, rate, (low, high), after=after)
+        for some in (model, _without_effects(model))
+    )
+    at_rest = None if stage else simulated_stage(model, rate, after)
+    make = stage or (lambda: cast(Stage, copy(at_rest)))
 
-    def inverse_of(some: Model) -> Callable[[float, Mapping[str, float]], float]:
-        inverse = OnlineInverse(some, rate, (low, high), after=after)
+    def running(compiled: OnlineInverse) -> Callable[[float, Mapping[str, float]], float]:
+        inverse = copy(compiled)
         return lambda value, aux: inverse(value, aux=aux)
 
     def zeroed() -> Callable[[float, Mapping[str, float]], float]:
         # What the effects of the past have left is taken off as the zero of the stage.
         aux = {name: float(values[0]) for name, values in wanted.aux.items()}
         first = float(wanted.output[0])
-        off = make()(inverse_of(plain)(first, aux), aux) - first
-        inverse = inverse_of(plain)
+        off = make()(running(plain)(first, aux), aux) - first
+        inverse = running(plain)
         return lambda value, aux: inverse(value - off, aux)
 
     ways: dict[str, Callable[[], Callable[[float, Mapping[str, float]], float]]] = {
         "no compensation": lambda: _straight(model),
-        "affine map": lambda: _affine(model, wanted, after, rate, low, high),
+        "affine map": lambda: _affine(running(whole), wanted),
         "hysteresis only": zeroed,
-        "all effects": lambda: inverse_of(model),
+        "all effects": lambda: running(whole),
     }
     readings: dict[str, np.ndarray] = {}
     drives: dict[str, np.ndarray] = {}
@@ -277,14 +283,12 @@ def _straight(model: Model) -> Callable[[float, Mapping[str, float]], float]:
 
 
 def _affine(
-    model: Model, wanted: Record, after: Record | None, rate: float, low: float, high: float
+    inverse: Callable[[float, Mapping[str, float]], float], wanted: Record
 ) -> Callable[[float, Mapping[str, float]], float]:
     """The line that fits the drive of all effects best: no line does better on this course."""
-    inverse = OnlineInverse(model, rate, (low, high), after=after)
-    rows = range(len(wanted))
     drives = [
-        inverse(float(wanted.output[k]), aux={n: float(v[k]) for n, v in wanted.aux.items()})
-        for k in rows
+        inverse(float(value), {n: float(v[k]) for n, v in wanted.aux.items()})
+        for k, value in enumerate(wanted.output)
     ]
     slope, level = np.polyfit(wanted.output, np.array(drives), 1)
     return lambda value, aux: float(level + slope * value)

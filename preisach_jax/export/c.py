@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -47,6 +48,7 @@ def _harmless(value: Any) -> Any:
     return printable_lines(value) if isinstance(value, str) else value
 
 
+@functools.cache  # which keeps the templates compiled
 def environment() -> jinja2.Environment:
     """The templates of the export."""
     made = jinja2.Environment(

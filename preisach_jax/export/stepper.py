@@ -6,6 +6,7 @@ the highest state that the unknown start leaves possible.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, cast
@@ -214,7 +215,7 @@ def _hysterons(model: Description, state: State, path: float, shift: float) -> t
 
 
 def _switched(model: Description, state: State, path: float, shift: float) -> tuple[float, State]:
-    rows, columns = np.tril_indices(model.levels)
+    rows, columns = _cells(model.levels)
     seen = (np.array([path - shift, path + shift, path]) - model.low) / (model.high - model.low)
     last = state["seen"] if state["started"][0] else seen
     ways = [_reached(model, now, before) for now, before in zip(seen, last, strict=True)]
@@ -227,6 +228,11 @@ def _switched(model: Description, state: State, path: float, shift: float) -> tu
     low, high = (np.minimum(on_beta, np.maximum(state[k], on_alpha)) for k in ("low", "high"))
     output = float(0.5 * model.weights @ (low + high))
     return output, {"low": low, "high": high, "seen": seen}
+
+
+@functools.cache
+def _cells(levels: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.tril_indices(levels)
 
 
 def _reached(model: Description, now: float, before: float) -> tuple[np.ndarray, np.ndarray]:

@@ -77,7 +77,7 @@ def fit(
 
     Example:
         >>> import numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
         >>> fit = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9)
         >>> fit.fit_percent > 99

@@ -24,8 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from timing import measured
 
-from preisach_jax.operator.events import switching_events
-from preisach_jax.operator.learning import adapt_over_events
+from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.plant import RANGE_V
@@ -51,11 +50,13 @@ def walk(plane: Plane, count: int = EVENTS) -> np.ndarray:
     return np.clip((ends + 0.01) * plane.delta_x, 0.0, plane.high)
 
 
-@jax.jit
-def adapted(plane: Plane, switching, rises):
-    """Weights after a run of the recursion from event to event."""
-    start = jnp.zeros((plane.cells, rises.shape[1]))
-    return adapt_over_events(plane, switching, rises, start)[0]
+def adapted(plane: Plane, outputs: int) -> dict:
+    """Time of the filter over so many outputs of one input."""
+    x = walk(plane)
+    z = np.random.default_rng(0).normal(size=(outputs, len(x)))
+    filt = AdaptiveFilter(plane)
+    batch = jax.jit(jax.vmap(lambda z: filt.run(x, z, missing=False).weights))
+    return measured(lambda: batch(z), REPEATS)
 
 
 def over_levels() -> list[dict]:
@@ -63,11 +64,7 @@ def over_levels() -> list[dict]:
     rows = []
     for levels in LEVELS:
         plane = Plane(levels=levels, low=0.0, high=1.0)
-        switching = switching_events(plane, walk(plane))
-        count = int(np.count_nonzero(switching.area))
-        rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), 1)))
-        time = measured(lambda p=plane, s=switching, r=rises: adapted(p, s, r), REPEATS)
-        rows.append({"levels": levels, "events": count} | time)
+        rows.append({"levels": levels, "events": EVENTS} | adapted(plane, 1))
     return rows
 
 
@@ -85,12 +82,8 @@ def over_samples() -> list[dict]:
 def over_lanes() -> list[dict]:
     """The recursion for several numbers of outputs of one input."""
     plane, rows = Plane(levels=37, low=0.0, high=1.0), []
-    switching = switching_events(plane, walk(plane))
     for lanes in LANES:
-        rises = jnp.asarray(np.random.default_rng(0).normal(size=(len(switching.sample), lanes)))
-        rows.append(
-            {"lanes": lanes} | measured(lambda r=rises: adapted(plane, switching, r), REPEATS)
-        )
+        rows.append({"lanes": lanes} | adapted(plane, lanes))
     return rows
 
 
@@ -107,6 +100,7 @@ import ctypes, json, sys
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", sys.argv[1] == "gradient")
 from preisach_jax.operator.simulation import simulate
+from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
 
 task, samples = sys.argv[1], int(sys.argv[2])

@@ -81,6 +81,34 @@ void adapt(int levels, long samples, int lanes, double low, double delta_x, cons
     free(error); free(reference); free(m.lowest); free(m.highest);
 }
 
+/* The filter as `AdaptiveFilter.run` is: one output of raw samples, weights adapted in place, and the
+   model's output at every sample, before its update. */
+void run(int levels, long samples, double low, double delta_x, const double *x, const double *z,
+         double *weights, double *output) {
+    Memory m = at_rest(levels);
+    double now = 0.0, reference = z[0];
+    m.level = level_of(x[0], low, 1 / delta_x, levels);
+    for (int i = 0; i < levels; i++) m.lowest[i] = i < m.level ? m.level : 0;
+    for (int i = 0; i < levels; i++) m.highest[i] = m.level;
+    for (int i = 0; i < m.level; i++)
+        for (int j = 0; j <= i; j++) now += weights[cell(i, j)];
+    for (long k = 0; k < samples; k++) {
+        int to = level_of(x[k], low, 1 / delta_x, levels);
+        if (to == m.level) { output[k] = now; continue; }
+        double sign = to > m.level ? 1.0 : -1.0, rise = 0.0;
+        long area = 0;
+        FOR_SWITCHED({ rise += weights[c]; area++; })
+        now += sign * rise;
+        output[k] = now;
+        double error = z[k] - reference - sign * rise, move = sign * error / area;
+        FOR_SWITCHED({ weights[c] += move; })
+        if (to > m.level) now += error;
+        reference = z[k];
+        settle(&m, to);
+    }
+    free(m.lowest); free(m.highest);
+}
+
 /* Output (samples,) of the model with given weights. */
 void simulate(int levels, long samples, double low, double delta_x, const double *x,
               const double *weights, double *output) {

@@ -27,8 +27,7 @@ from relays_numba import numba_functions
 from timing import REPEATS, measured
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.events import switching_events
-from preisach_jax.operator.learning import adapt_over_events, measured_rises
+from preisach_jax.operator.blocks import switching
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.plant import RANGE_V
@@ -55,6 +54,13 @@ class CReference:
         weights = np.full((plane.cells, z.shape[1]), START)
         size = (plane.levels, ctypes.c_long(len(x)), z.shape[1])
         self.library.adapt(*size, *_limits(plane), *map(_pointer, (x, z, weights)))
+        return weights
+
+    def run(self, plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(cells,) weights after the output (time,), with the model's output of every sample."""
+        weights, output = np.full(plane.cells, START), np.empty(len(x))
+        size = (plane.levels, ctypes.c_long(len(x)))
+        self.library.run(*size, *_limits(plane), *map(_pointer, (x, z, weights, output)))
         return weights
 
     def simulate(self, plane: Plane, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -147,16 +153,6 @@ def clever_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return weights
 
 
-@jax.jit
-def _adapt(plane: Plane, switching, z, weights):
-    return adapt_over_events(plane, switching, measured_rises(switching, z), weights)[0]
-
-
-def jax_adapt(plane: Plane, x: jax.Array, z: jax.Array) -> jax.Array:
-    """The package, for all lanes."""
-    return _adapt(plane, switching_events(plane, x), z, jnp.full((plane.cells, z.shape[1]), START))
-
-
 def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     """All variants on one plane."""
     plane = Plane(levels=levels, low=0.0, high=RANGE_V)
@@ -167,6 +163,8 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     z = np.ascontiguousarray(clean[:, None] + 0.01 * rng.normal(size=(SAMPLES, LANES)))
     one = np.ascontiguousarray(z[:, :1])
     filt, inputs = AdaptiveFilter(plane, initial_weight=START), jnp.asarray(x)
+    own = np.ascontiguousarray(z.T)
+    batch = jax.jit(jax.vmap(lambda z: filt.run(x, z).weights))
     ramps, lanes, weights = AdaptiveFilter(plane, "ramp"), jnp.asarray(z), jnp.asarray(truth)
     wanted = c.adapt(plane, x, z)
     check(plane, c, numba, x, z, wanted, truth)
@@ -188,17 +186,18 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     of_input = jax.jit(jax.value_and_grad(partial(loss, hysteron="ramp"), argnums=1))
     found = {
         "one_lane": {
-            "event_form": measured(lambda: filt.run(inputs, lanes[:, 0]).weights),
-            "dense_form": measured(lambda: filt.run(inputs, lanes[:, 0], form="dense").weights, 3),
-            "c": measured(lambda: c.adapt(plane, x, one)),
+            "event_form": measured(lambda: filt.run(x, own[0]).weights),
+            "dense_form": measured(lambda: filt.run(x, own[0], form="dense").weights, 3),
+            "c": measured(lambda: c.run(plane, x, own[0])),
             "clever_numpy": measured(lambda: clever_adapt(plane, x, one), 3),
             "naive_numpy_extrapolated": {
                 name: value if name == "repeats" else scale * value for name, value in naive.items()
             },
         },
         "many_lanes": {
-            "event_form": measured(lambda: jax_adapt(plane, inputs, lanes)),
-            "c": measured(lambda: c.adapt(plane, x, z)),
+            "vmap_of_run": measured(lambda: batch(own)),
+            "c": measured(lambda: [c.run(plane, x, one) for one in own]),
+            "c_lanes_side_by_side": measured(lambda: c.adapt(plane, x, z)),
             "clever_numpy": measured(lambda: clever_adapt(plane, x, z), 3),
         },
         "simulate": {
@@ -222,13 +221,14 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     if numba:
         for task, call in with_numba.items():
             found[task]["numba"] = measured(call)
-    events = int(np.count_nonzero(switching_events(plane, inputs).area))
-    return {"levels": levels, "events": events} | found
+    return {"levels": levels, "events": len(switching(plane, x))} | found
 
 
 def check(plane: Plane, c: CReference, numba: NumbaReference, x, z, wanted, truth) -> None:
     """Make sure that all variants find the same weights and outputs."""
-    others = [jax_adapt(plane, jnp.asarray(x), jnp.asarray(z)), clever_adapt(plane, x, z)]
+    filt = AdaptiveFilter(plane, initial_weight=START)
+    batch = jax.jit(jax.vmap(lambda z: filt.run(x, z).weights))(z.T)
+    others = [batch.T, clever_adapt(plane, x, z)]
     simulated = [simulate(plane, truth, x, "relay")]
     if numba:
         others.append(numba.adapt(plane, x, z))
@@ -237,7 +237,9 @@ def check(plane: Plane, c: CReference, numba: NumbaReference, x, z, wanted, trut
         np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-11)
     for got in simulated:
         np.testing.assert_allclose(got, c.simulate(plane, x, truth), rtol=0, atol=1e-8)
-    filt = AdaptiveFilter(plane, initial_weight=START)
+    np.testing.assert_allclose(
+        c.run(plane, x, np.ascontiguousarray(z[:, 0])), wanted[:, 0], atol=1e-11
+    )
     np.testing.assert_allclose(filt.run(x, z[:, 0]).weights, wanted[:, 0], rtol=0, atol=1e-11)
     few = slice(0, NAIVE_SAMPLES)
     one = np.ascontiguousarray(z[few, :1])

@@ -1,10 +1,10 @@
 """Measure the noise sweep of Fig. 8: 5 planes, 8 noise levels, 8 seeds, 50,000 samples.
 
 Compilation and run are measured apart.  A run is everything from the random key to the statistics:
-drawing the inputs and the noise, the piezo stage, the switching events, and the recursion for ten
-outputs of each seed (the stage's, and the known truth's without and with noise).  Each core is one
-device, and the devices share the seeds.  Beside it stands the plain filter, a scan over all
-samples, for one output of one input on one device.
+drawing the inputs and the noise, the piezo stage, the switching events, and the recursion for
+eighteen outputs of each seed (the stage's and the known truth's, without and with noise).  Each
+core is one device, and the devices share the seeds.  Beside it stands the plain filter, a scan over
+all samples, for one output of one input on one device.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class Plane(Grid):
             >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 900), 2.0) - 1.0)
             >>> steep = SimpleNamespace(input=x, output=np.tanh(20.0 * (x - 0.5)))
             >>> Plane.of(steep, levels=5).thresholds.round(2).tolist()
-            [0.45, 0.48, 0.5, 0.52, 0.55]
+            [0.43, 0.47, 0.5, 0.52, 0.56]
         """
         x, z = np.asarray(record.input, float), np.asarray(record.output, float)
         there = np.isfinite(x) & np.isfinite(z)

@@ -216,13 +216,52 @@ def operator() -> str:
                     f"{plane[task]['dense_form']['median_s'] / own['median_s']:.0f}",
                 ]
             )  # fmt: skip
+        own, c = (plane["many_lanes"][name] for name in ("vmap_of_run", "c"))
+        name = f"identify {content['lanes']} outputs, `vmap`"
+        ratio = f"{own['median_s'] / c['median_s']:.1f}"
+        rows.append([str(plane["levels"]), name, ms(own), ratio, "", ""])
     head = ["levels", "task", "ms", "times C", "times numba", "dense form, times this"]
     return f"""## The operator of relays
 
 A Bernoulli ramp of {content["samples"]:,} samples at 2 kHz, one core, double precision; C and numba
-written for this alone, in the same run; all give the same weights. {made(content)}
+written for this alone, in the same run; all give the same weights. C does what `run` does, from raw
+samples to weights and the output of each, and one output after the other. {made(content)}
 
-{table(head, rows)}"""
+{table(head, rows)}
+
+## Which variants there are
+
+A variant of the operator stays if it is quicker than what would serve in its place.
+
+{table(["variant", "serves", "in its place", "times as quick"], _variants(content))}"""
+
+
+def _variants(content: dict[str, Any]) -> list[list[str]]:
+    """The variants of the operator, and how much each gains over the scan of steps."""
+    few, many = (
+        next(plane for plane in content["planes"] if plane["levels"] == levels)
+        for levels in (37, 75)
+    )
+
+    def gain(task: str, name: str, other: str) -> str:
+        times = (
+            plane[task][other]["median_s"] / plane[task][name]["median_s"] for plane in (few, many)
+        )
+        return " and ".join(f"{time:.3g}" for time in times) + " (N = 37, 75)"
+
+    return [
+        ["branches between turning points", "`simulate`, ramps", "scan of steps",
+         gain("ramps", "simulate", "simulate_dense")],
+        ["the same", "`simulate`, relays", "scan of steps",
+         gain("simulate", "event_form", "dense_form")],
+        ["blocks of the cells that switch", "`run`, relays", "scan of steps",
+         gain("one_lane", "event_form", "dense_form")],
+        ["lines that an input moves", "`run`, ramps, from 50 levels", "scan of steps",
+         gain("ramps", "one_lane", "one_lane_dense")],
+        ["NumPy in place", "`OnlineFilter`", "`step` under `jit`",
+         "[see below](#one-sample-a-call)"],
+        ["scan of steps", "what has no other; the tests' reference", "", ""],
+    ]  # fmt: skip
 
 
 def growth_and_sweep() -> str:

@@ -23,6 +23,7 @@ from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
 from preisach_jax.identify import Problem, thinned_rows, with_all_rows
 from preisach_jax.model import Model, without_effects
+from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 
@@ -301,7 +302,7 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
     zeros = np.zeros_like(point.weights)
     return replace(
         model,
-        chain=replace(model.chain, plane=replace(model.plane, levels=levels)),
+        chain=replace(model.chain, plane=Plane(levels, model.plane.low, model.plane.high)),
         coefficients=Coefficients(point.weights, zeros, point.offset, model.coefficients.added),
     )
 

@@ -147,12 +147,12 @@ def test_two_processes_share_a_sweep_and_where_one_dies_it_resumes(alone, tmp_pa
 @pytest.mark.slow
 def test_processes_that_never_come_are_told(tmp_path):
     port = free_port()
-    lonely = begun(tmp_path / "sweep", 1, port, patience=3)
+    lonely = begun(tmp_path / "sweep", 1, port, patience=1)
     _, error = lonely.communicate(timeout=100)
     assert lonely.returncode == 2
     message = error.strip().splitlines()[-1]
     assert message.startswith(
-        f"preisach: the other processes were not reached at 127.0.0.1:{port} (no answer in 3"
+        f"preisach: the other processes were not reached at 127.0.0.1:{port} (no answer in 1"
     )
     assert "start as many processes as you say there are" in message
     assert "Traceback" not in error

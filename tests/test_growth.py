@@ -35,7 +35,7 @@ def two_modes_behind_a_lag():
     with jax.enable_x64(True):
         record, whole, point = begun(pj.Record.from_arrays(np.arange(ROWS) / RATE, u, z), LEVELS)
         problem, point = in_reduced_basis(whole, point)
-        *lags, resonance = resolve(("input_lag", "delay", "resonance"), {})
+        *lags, resonance = resolve(("input_lag", "resonance"), {})
         step = added(Step(record, problem, whole, (*lags, resonance), (point,)), resonance)
         refused = [(each.trials[-1][0], False, "") for each in (added(step, lag) for lag in lags)]
         return replace(step, trials=(*step.trials, *refused))

@@ -304,9 +304,7 @@ def test_tangents_are_scaled_to_unit_size(x64):
 
 
 ACTUATOR = {
-    "input_lag": {"tau_s": "tau_s"},
     "delay": {"delay_s": "delay_s"},
-    "ageing": {"loss": "loss"},
     "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"},
 }
 

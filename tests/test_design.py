@@ -127,9 +127,7 @@ def test_the_candidate_with_the_greatest_least_separation_is_chosen(plan):
 
 def test_the_plan_separates_what_it_promises_on_an_actuator_that_creeps(plan):
     record = answer(plan.input)
-    right, wrong = (
-        pj.fit(record, (name,), levels=9).rms_validation for name in ("creep", "drift")
-    )
+    right, wrong = (pj.fit(record, (name,), levels=9).rms_validation for name in ("creep", "drift"))
     assert wrong / right > SUFFICIENT
 
 

@@ -261,9 +261,7 @@ def fed_back(a=0.0, k=0.0, rate=False):
     return Chain(PLANE, effects), values, signals_of(record), time, path
 
 
-@pytest.mark.parametrize(
-    ("a", "k", "rate"), [(-0.4, 0, False), (0.2, 0, True), (0.2, 0.05, False)]
-)
+@pytest.mark.parametrize(("a", "k", "rate"), [(-0.4, 0, False), (0.2, 0, True), (0.2, 0.05, False)])
 def test_the_output_agrees_with_itself_at_every_sample(x64, a, k, rate):
     chain, values, signals, time, path = fed_back(a, k, rate)
     delta = np.array(slow_widening(time, path)) if rate else 0 * path

@@ -30,7 +30,10 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
 
+from preisach_jax import report
+from preisach_jax.plot.style import png, svg
 from preisach_jax.record import reading
 from preisach_jax.record.apart import read_here
 
@@ -56,6 +59,23 @@ def files_are_read_in_this_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reading, "read_apart", read_here)
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def figures_of_reports_are_blank():
+    """Dozens of reports are written, and drawing takes four seconds; tests of it ask for it."""
+    text, picture = svg(Figure(figsize=(1, 1))), png(Figure(figsize=(1, 1)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "svg", lambda figure: text)
+        patch.setattr(report, "png", lambda figure: picture)
+        yield
+
+
+@pytest.fixture
+def figures_are_drawn(monkeypatch):
+    """The figures of the reports that this test writes are those of its results."""
+    monkeypatch.setattr(report, "svg", svg)
+    monkeypatch.setattr(report, "png", png)
 
 
 MOST_MEMORY = 3 * 2**30

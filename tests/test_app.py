@@ -7,6 +7,7 @@ import runpy
 import threading
 import time
 import zipfile
+from functools import partial
 from io import BytesIO
 
 import numpy as np
@@ -20,7 +21,7 @@ from bokeh.document import Document
 from bokeh.io.doc import patch_curdoc
 from panel.io.state import set_curdoc
 
-from preisach_jax.app import panels
+from preisach_jax.app import panels, steps
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
@@ -130,7 +131,8 @@ class TestTexts:
 
 
 class TestForm:
-    def test_it_is_offered_where_something_remains_and_shown_once(self, step):
+    def test_it_is_offered_where_something_remains_and_shown_once(self, step, monkeypatch):
+        monkeypatch.setattr(steps, "find_form", partial(pj.find_form, draws=3))
         walk = Walk(step.before, (Click("fit", 9),))
         step.before.budget()
         step.before.candidates()

@@ -8,9 +8,8 @@ import test_identify
 from scipy import signal
 from test_identify import LEVELS, simulated
 
-from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.base import AddedEffect, InputEffect
+from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
@@ -98,22 +97,6 @@ def test_intervals_stay_inside_the_bounds_and_hold_their_value_on_any_grid(x64):
             assert own.low < own.high
             assert own.value == point.values[effect][parameter.name]
     assert found["creep"]["c_1"].low == 0.0
-
-
-def test_units_are_those_of_the_record(x64):
-    class Mixed(InputEffect):
-        name = "mixed"
-
-        a: float = declare.parameter("{z}/{u}", 0.0, 1.0, start=(0.5,))
-
-        def apply(self, signal, time):
-            return signal * (1 - 0.01 * self.a)
-
-    values = {"mixed": {"a": 0.5}, "slope": {}}
-    record, output, chain = clean((Mixed(), Slope()), values, (0.1,))
-    _, _, found = identified(record, output + noise_of(0), chain, values)
-    assert found["mixed"]["a"].unit == "um/V"
-    assert found["slope"]["per_record"].unit == "um"
 
 
 # --- whether an effect is there at all ---

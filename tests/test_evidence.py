@@ -38,12 +38,9 @@ from preisach_jax.diagnosis.evidence import (
 )
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.within_cells import within_cells_rms
-from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.output_quantisation import lattice_step
-from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import (
     at_levels,
     base_point,
@@ -96,25 +93,6 @@ def test_each_test_says_why_it_is_not_passed(evidence, says):
     assert re.search(says, evidence.against)
 
 
-def test_open_locks_say_nothing_and_two_closed_ones_give_two_reasons():
-    assert Evidence(LEAST_GAIN, LEAST_Z, 24, LEAST_DELTA_BIC).against == ""
-    assert Evidence(0.0, 0.0, 24, 0.0).against.count(";") == 1
-    assert Evidence(0.1, 5.0, 24, 50.0).numbers() == {
-        "gain": 0.1,
-        "z": 5.0,
-        "blocks": 24,
-        "delta_bic": 50.0,
-    }
-
-
-def test_residuals_are_in_the_order_of_time(points):
-    problem, base, _ = points
-    got = residual_in_time(problem, base) * problem.unit
-    model = np.empty(len(problem.record))
-    model[problem.rows] = base.matrix @ base.solution * problem.unit + base.level
-    np.testing.assert_allclose(got, problem.record.output - model, atol=1e-9)
-
-
 @pytest.mark.parametrize("coefficients", [[], [0.9], [1.4, -0.6]])
 def test_innovations_are_what_an_autoregression_cannot_foretell(coefficients):
     rng = np.random.default_rng(0)
@@ -165,38 +143,6 @@ def test_evidence_for_the_right_effect(points):
     assert evidence.delta_bic == pytest.approx(expected)
 
 
-def test_evidence_turns_round_with_the_models(points):
-    problem, base, drift = points
-    there, back = compare(problem, base, drift), compare(problem, drift, base)
-    assert back.delta_bic == pytest.approx(-there.delta_bic)
-    assert back.gain < 0
-    assert back.against
-    same = compare(problem, base, base)
-    assert (same.gain, same.z, same.delta_bic) == (0.0, 0.0, 0.0)
-    assert same.against
-
-
-class Chance(AddedEffect):
-    """White noise of its own, that no record holds."""
-
-    name = "chance"
-
-    def coefficients(self):
-        return (Parameter("gain", "{z}", -np.inf, np.inf),)
-
-    def columns(self, signals):
-        rng = np.random.default_rng(7)
-        return np.asarray(rng.normal(size=(len(signals.time), 1)))
-
-
-def test_nothing_is_named_where_nothing_is_hidden(x64):
-    problem = problem_of(None, 5)
-    base = base_point(problem, LEVELS)
-    for effect in (Chance(), Drift()):
-        rich = with_effect(problem, base, effect, always=True)
-        assert compare(problem, base, rich).against
-
-
 def test_parameters_that_are_nothing_are_not_counted(x64):
     problem = problem_of(None)
     creep, drift = Creep(tau_s=(0.1, 1.0)), Drift(horizon_s=6.0)
@@ -217,16 +163,6 @@ def test_noise_is_measured_whatever_is_hidden(x64, noise, effect):
     problem = problem_of(effect, rate_hz=1500.0, noise_um=noise)
     expected = np.hypot(noise, world.ENCODER_STEP / np.sqrt(12))
     assert noise_rms(problem, base_point(problem, LEVELS)) == pytest.approx(expected, rel=0.15)
-
-
-def test_the_step_of_a_converter_is_found():
-    rng = np.random.default_rng(0)
-    smooth = 10 * np.sin(np.linspace(0, 20, 5000)) + 0.01 * rng.normal(size=5000)
-    assert lattice_step(smooth) == 0.0
-    assert lattice_step(np.round(smooth / 0.05) * 0.05) == pytest.approx(0.05)
-    assert lattice_step(np.zeros(100)) == 0.0
-    fine = 20 / 2**14  # more values than come again
-    assert lattice_step(np.round(smooth / fine) * fine) == pytest.approx(fine)
 
 
 def test_steps_of_the_input_do_what_rounding_it_does(x64):

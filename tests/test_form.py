@@ -40,7 +40,6 @@ def late(values, time, tau):
 
 LAWS = {
     None: lambda t, u, v, load: 0 * t,
-    "position times rate": lambda t, u, v, load: (u - 5) * v / 5,
     "cube of the rate": lambda t, u, v, load: v**3,
     "column times rate": lambda t, u, v, load: load * v,
     "warming": lambda t, u, v, load: late(v**2, t, 0.21),
@@ -77,13 +76,12 @@ def diagnosed(kind):
     """The diagnosis of a record with that law, what the law gives, and the form that is found."""
     record, law = hidden_record(kind, 901)
     found = pj.diagnose(record, ["drift"], levels=LEVELS)
-    return found, law, pj.find_form(found)
+    return found, law, pj.find_form(found, draws=5)
 
 
 @pytest.mark.parametrize(
     ("kind", "formula", "number"),
     [
-        ("position times rate", "u · u'", None),
         ("cube of the rate", "u'³", None),
         ("column times rate", "u' · load", None),
         ("warming", r"low-pass of u'² over ([\d.]+) s", 0.21),  # between those of the library
@@ -276,7 +274,7 @@ def test_a_law_of_no_few_terms_is_learned_and_its_error_taken_away(unsparse):
     with double_precision():
         again = learned(found.final, found.budget.discretisation, 0, 1)
     assert again.rms_after == term.rms_after  # of the same seed
-    assert (again.draws, term.draws) == (1, 8)
+    assert (again.draws, term.draws) == (1, 5)
 
 
 def test_the_curves_have_the_course_of_the_law_and_are_drawn(unsparse):

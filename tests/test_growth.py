@@ -35,7 +35,7 @@ def two_modes_behind_a_lag():
     with jax.enable_x64(True):
         record, whole, point = begun(pj.Record.from_arrays(np.arange(ROWS) / RATE, u, z), LEVELS)
         problem, point = in_reduced_basis(whole, point)
-        *lags, resonance = resolve(("input_lag", "delay", "resonance"), {})
+        *lags, resonance = resolve(("input_lag", "resonance"), {})
         step = added(Step(record, problem, whole, (*lags, resonance), (point,)), resonance)
         refused = [(each.trials[-1][0], False, "") for each in (added(step, lag) for lag in lags)]
         return replace(step, trials=(*step.trials, *refused))
@@ -70,17 +70,6 @@ def test_a_needless_mode_is_left_out(x64, two_modes_behind_a_lag):
     (left,) = without_needless_modes(needless).now.chain.effects
     assert isinstance(left, Resonance)
     assert left.modes == 1
-
-
-def test_what_is_left_of_modes_without_one_of_them():
-    values = {"f_hz": 20.0, "zeta": 0.1, "f_2_hz": 50.0, "zeta_2": 0.2, "gain_2": 4.0}
-    values |= {"f_3_hz": 90.0, "zeta_3": 0.3, "gain_3": -2.0}
-    three = Resonance(modes=3)
-    left = three.without_each_mode(values)
-    assert [effect.modes for effect, _ in left] == [2, 2, 2]
-    assert all(set(start) == {p.name for p in effect.parameters()} for effect, start in left)
-    first, second, third = ([s["f_hz"], s["f_2_hz"], s["gain_2"]] for _, s in left)
-    assert (first, second, third) == ([50, 90, -0.5], [20, 90, -2], [20, 50, 4])
 
 
 class SixWaves(Drift):

@@ -52,6 +52,7 @@ def run(capfdbinary, *words):
     return shown
 
 
+@pytest.mark.usefixtures("figures_are_drawn")
 def test_such_names_go_through_every_command(folder, capfdbinary):
     columns = ["--time", "1", "--input", "2", "--output", "3", "--aux", "4"]
     units = [f"--unit={role}={unit}" for role, unit in UNITS.items() if role != "load"]

@@ -23,7 +23,6 @@ from preisach_jax.identify import (
     VALIDATION,
     Problem,
     evaluate,
-    linearise,
     refine,
     stepped,
     thinned_rows,
@@ -283,30 +282,11 @@ def test_a_step_without_new_regressors_lands_where_refining_does(x64):
     assert end.values["input_lag"]["tau_s"] == pytest.approx(0.02)
 
 
-def test_tangents_are_scaled_to_unit_size(x64):
-    record, chain = simulated((InputLag(),), {"input_lag": {"tau_s": 0.05}})
-    problem = Problem.of(record)
-    point = evaluate(problem, chain, {"input_lag": {"tau_s": 0.05}}, 1e-4)
-    linear = linearise(problem, point, point.parameters)
-    np.testing.assert_allclose(np.mean(linear.tangents**2, axis=0), 1.0)
-    step = 1e-4
-    near = [
-        evaluate(problem, chain, {"input_lag": {"tau_s": 0.05 * np.exp(s)}}, 1e-4)
-        for s in (step, -step)
-    ]
-    difference = (near[0].matrix - near[1].matrix) @ point.solution / (2 * step)
-    missed = np.abs(linear.tangents[:, 0] * linear.scale - difference)
-    # A row at which the input turns has two derivatives, of which each way takes one.
-    assert np.sum(missed > 1e-3) <= 2
-
-
 # --- records of another make ---
 
 
 ACTUATOR = {
-    "input_lag": {"tau_s": "tau_s"},
     "delay": {"delay_s": "delay_s"},
-    "ageing": {"loss": "loss"},
     "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"},
 }
 

@@ -17,7 +17,6 @@ from preisach_jax.look.stretches import (
     noise_rms,
     period,
     repeating_period,
-    resolution,
     rests,
 )
 
@@ -76,13 +75,6 @@ def test_noise_is_measured_on_a_smooth_course(sigma, seed):
     course = 5 * np.sin(np.arange(4000) / 500)
     values = course + sigma * np.random.default_rng(seed).normal(size=4000)
     assert noise_rms(values) == pytest.approx(sigma, rel=0.1)
-
-
-@pytest.mark.parametrize("step", [0.003, 2.0])
-def test_the_step_of_a_converter_is_found(step):
-    fine = 40 * np.sin(np.arange(5000) / 300)
-    assert resolution(step * np.round(fine / step)) == pytest.approx(step)
-    assert resolution(fine) == 0.0
 
 
 def test_planted_spikes_stuck_and_clipped_stretches_are_found():

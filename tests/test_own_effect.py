@@ -71,7 +71,7 @@ def plain():
 
 
 def test_it_is_found_fitted_and_saved_like_one_of_the_library(lagging, tmp_path):
-    found = pj.diagnose(lagging, [SensorLag(), Mains(), "drift"], levels=9)
+    found = pj.diagnose(lagging, [SensorLag(), Mains()], levels=9)
     assert found.effects == ("sensor_lag",)
     assert found.verdict == "explained"
     estimate = found.findings[0].parameters["tau_s"]

@@ -23,7 +23,7 @@ SMALLER = {
 
 START = importlib.import_module("preisach_jax.fit.start")  # `preisach_jax.fit` is a function
 
-FEW = ("creep", "drift", "delay")
+FEW = ("creep", "drift")
 
 
 def run_blocks(folder, monkeypatch, changes):
@@ -53,7 +53,7 @@ def check(names, folder, shown):
 
 @pytest.mark.slow
 def test_the_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
-    """On a short record, a coarse plane that is not refined, and with three effects to try."""
+    """On a short record, a coarse plane that is not refined, and with two effects to try."""
     few = {name: effect for name, effect in library().items() if name in FEW}
     monkeypatch.setattr(START, "DEFAULT_LEVELS", 13)
     monkeypatch.setattr(step, "refined_levels", lambda rows, levels: None)

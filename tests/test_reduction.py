@@ -56,21 +56,6 @@ def test_all_vectors_together_are_least_squares_without_signs(x64, all_vectors):
     np.testing.assert_allclose(weights, problem.unit * plain[: PLANE.cells], atol=1e-4)
 
 
-def test_vectors_are_sorted_by_the_share_that_the_data_decide(x64, all_vectors):
-    problem = Problem.of(measured())
-    full = evaluate(problem, Chain(PLANE), {}, reduction.FIRST_STRENGTH)
-    basis = problem.reduced().basis(Chain(PLANE))
-    rows = np.isin(problem.fold, full.folds)
-    vectors = basis.applied_to(problem.hysteresis(Chain(PLANE), {})).vectors
-    assert vectors is not None
-    seen = full.matrix[rows][:, : full.columns.offset] @ vectors
-    power = np.sum((seen - seen.mean(axis=0)) ** 2, axis=0)
-    asked = reduction.FIRST_STRENGTH * basis.asked[0] + reduction.MEMORY_STRENGTH * basis.asked[1]
-    share = power / (power + rows.sum() * np.diag(asked))
-    assert share[0] > 0.999
-    assert (np.diff(share) < 1e-6).all()
-
-
 def test_few_vectors_predict_held_out_rows_as_all_do(x64):
     problem = Problem.of(measured())
     chain = Chain(Plane(20, 0.0, 10.0))

@@ -123,20 +123,6 @@ def regression(seed, levels=4, rows=80, extra=2):
     return matrix, target, fold, nonnegative, penalties(levels, groups)
 
 
-@pytest.mark.parametrize("folds", [[3], [0, 1, 2]])
-def test_mean_square_is_that_of_the_residual(folds):
-    given = regression(1)
-    matrix, target, fold = given[:3]
-    equations = normal_equations(*given)
-    solution = np.random.default_rng(2).normal(size=matrix.shape[1])
-    rows = np.isin(fold, folds)
-    residual = target[rows] - matrix[rows] @ (solution / equations.scale)
-    np.testing.assert_array_equal(equations.scale[:-2], 1.0)  # only added columns are scaled
-    np.testing.assert_allclose(equations.scale[-2:] ** 2, np.mean(matrix[:, -2:] ** 2, axis=0))
-    got = equations.mean_square(solution, np.array(folds))
-    assert got == pytest.approx(np.mean(residual**2), rel=1e-9)
-
-
 def test_the_system_is_the_minimum_of_error_and_penalty():
     given = regression(5)
     given[0][:, -1] = 0.0  # a column of zeros does no harm

@@ -63,7 +63,7 @@ def relaxed(seed, start_s=0.0, initial_memory="free"):
 
 @pytest.fixture(scope="module")
 def of_relaxed():
-    return pj.diagnose(relaxed(1), ["drift"], levels=13)
+    return pj.diagnose(relaxed(1), ["drift"], levels=LEVELS)
 
 
 def test_a_wide_band_says_why_for_how_long_and_what_narrows_it(of_relaxed):

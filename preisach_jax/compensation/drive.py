@@ -219,7 +219,7 @@ def _span(
     near, far = (low, high) if start - low < high - start else (high, low)
     corners = np.rint(np.array([0, 0.2, 0.6, 1]) * (count - 1))  # rows, so that no end is cut off
     sweep = np.interp(np.arange(count), corners, [start, near, far, near])
-    within = model.predict(past.record(sweep, aux)).output[-count:]
+    within = replace(model, band=None).predict(past.record(sweep, aux)).output[-count:]
     return float(within.min()), float(within.max())
 
 

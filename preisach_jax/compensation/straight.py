@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def tracking(
         dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
         line = _fitted(found.wanted, found.drive)
         straight = limited(line, dt, limits_of(model, limits, slew)[0], past.last_input)
-        output = model.predict(past.record(straight, aux)).output[rows]
+        output = replace(model, band=None).predict(past.record(straight, aux)).output[rows]
     own = model.rms_validation
     return Tracking(
         float(np.hypot(_rms(found.expected - found.wanted), own)),

@@ -309,8 +309,10 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
 
 def _simulated(model: Model, record: Record) -> np.ndarray:
     """(time,) output of a model that was saturated low before the record, in output units."""
-    # On the clock of the model's own record, so that drift and ageing start anew.
-    return model.predict(replace(record, time=record.time + model.origin.start_s)).output
+    # On the clock of the model's own record, so that drift and ageing start anew. A band would
+    # cost as much as all refits.
+    here = replace(record, time=record.time + model.origin.start_s)
+    return replace(model, band=None).predict(here).output
 
 
 def _error(problem: Problem, levels: int, effects: Sequence[Effect]) -> float:

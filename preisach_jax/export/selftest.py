@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,8 @@ def _predicted(model: Model, described: Description, drive: np.ndarray, aux: Col
     first = start if start <= 0 <= stop + (stop - start) else 0.0
     time = first + np.arange(len(drive)) * described.step_s
     blank = np.full(len(drive), np.nan)
-    return model.predict(Record.from_arrays(time, drive, blank, aux=aux)).output
+    record = Record.from_arrays(time, drive, blank, aux=aux)
+    return replace(model, band=None).predict(record).output
 
 
 def _sample_by_sample(described: Description, drive: np.ndarray, aux: Columns) -> np.ndarray:

@@ -13,6 +13,7 @@ from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, is_ours, json_bytes, write_files
 from preisach_jax.plot.form import curves, dependence
 from preisach_jax.plot.remainder import drawn, remainder
+from preisach_jax.plot.style import png, svg
 from preisach_jax.report.content import comparison_page, diagnosis_page
 from preisach_jax.report.language import words
 from preisach_jax.report.several import several_page
@@ -191,7 +192,7 @@ def comparisons_json(comparisons: Mapping[str, Comparison]) -> dict[str, Any]:
 
 
 def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:
-    pictures = {f"{name}.png": plot.png(figure) for name, figure in figures.items()}
+    pictures = {f"{name}.png": png(figure) for name, figure in figures.items()}
     everything = {folder / name: content for name, content in {**files, **pictures}.items()}
     written = write_files(everything)
     # Figures of the run before are of other data, and beside the new page they would mislead.
@@ -211,11 +212,11 @@ def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figu
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sources = {name: _data_uri(plot.svg(figure)) for name, figure in figures.items()}
+    sources = {name: _data_uri(svg(figure)) for name, figure in figures.items()}
     # A file's name may hold bytes that are no text.
     text = environment.get_template(template).render(page, figures=sources)
     return text.encode(errors="replace")
 
 
-def _data_uri(svg: str) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode(errors="replace")).decode()
+def _data_uri(source: str) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(source.encode(errors="replace")).decode()

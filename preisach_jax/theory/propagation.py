@@ -160,7 +160,7 @@ def average_over_samples(
             f"sample holds {sample.size} events that are not in order: sort them with their values"
         )
     if not sample.size:
-        raise InputError("there are 0 events: give an input that passes thresholds")
+        raise InputError(f"there are {sample.size} events: give an input that passes thresholds")
     if not sample[0] <= first < last:
         raise InputError(
             f"the interval is {first} to {last}: it must not be empty, nor begin before the first "

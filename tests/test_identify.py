@@ -42,7 +42,6 @@ def one_thread():
 
 
 LEVELS = 5
-TOP = 75.0
 
 
 def wander(count=3000, seconds=6.0):

@@ -44,14 +44,16 @@ def sweep_of_noise(seeds: int = SEEDS) -> tuple[Callable[[], Any], dict[str, Any
 
 def lanes_of_one_input() -> tuple[Callable[[], Any], dict[str, Any]]:
     """The recursion over events, 1,024 outputs of one input at once."""
-    import jax.numpy as jnp
-    from relays import jax_adapt
+    import jax
+
+    from preisach_jax.filter.adaptive import AdaptiveFilter
 
     plane, x, z = _measured(LEVELS, LANES)
-    inputs, outputs = jnp.asarray(x), jnp.asarray(z)
+    adaptive = AdaptiveFilter(plane)
+    batch = jax.jit(jax.vmap(lambda z: adaptive.run(x, z, missing=False).weights))
 
     def run() -> np.ndarray:
-        return np.asarray(jax_adapt(plane, inputs, outputs))
+        return np.asarray(batch(z.T))
 
     return run, {"lanes": LANES, "samples": SAMPLES, "levels": LEVELS}
 

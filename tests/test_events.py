@@ -248,6 +248,7 @@ def test_unequal_thresholds_are_equal_ones_behind_a_map_of_the_input(x64, hyster
     online.block(x[:100], z[:100])
     for sample in zip(x[100:], z[100:], strict=True):
         online(*sample)
+    assert online.state is not None
     np.testing.assert_allclose(online.state.weights, wanted.weights, rtol=0, atol=1e-11)
 
 

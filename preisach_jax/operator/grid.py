@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, cast
 
 import equinox as eqx
@@ -37,7 +38,11 @@ class Grid(eqx.Module):
     own_thresholds: Any
 
     def __init__(
-        self, levels: int, low: float, high: float, thresholds: ArrayLike | None = None
+        self,
+        levels: int,
+        low: float,
+        high: float,
+        thresholds: ArrayLike | Sequence[float] | None = None,
     ) -> None:
         self.levels, self.low, self.high = _levels(levels), _limit(low), _limit(high)
         for name, limit in (("low", self.low), ("high", self.high)):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -57,7 +58,11 @@ class Plane(Grid):
     """
 
     def __init__(
-        self, levels: int, low: float, high: float, thresholds: ArrayLike | None = None
+        self,
+        levels: int,
+        low: float,
+        high: float,
+        thresholds: ArrayLike | Sequence[float] | None = None,
     ) -> None:
         super().__init__(levels, low, high, thresholds)
 
@@ -85,7 +90,8 @@ class Plane(Grid):
             >>> Plane.of(steep, levels=5).thresholds.round(2).tolist()
             [0.43, 0.47, 0.5, 0.52, 0.56]
         """
-        x, z = np.asarray(record.input, float), np.asarray(record.output, float)
+        x: np.ndarray = np.asarray(record.input, float)
+        z: np.ndarray = np.asarray(record.output, float)
         there = np.isfinite(x) & np.isfinite(z)
         x, z = x[there], z[there]
         low, high = (float(side(x)) if len(x) else np.nan for side in (np.min, np.max))
@@ -110,7 +116,8 @@ class Plane(Grid):
         share = 0.9 * density / max(density.sum(), np.finfo(float).tiny) + 0.1 / bins
         course = np.append(0.0, np.cumsum(share))
         quantiles = (np.arange(levels) + 0.5) / levels * course[-1]
-        return cls(levels, low, high, np.interp(quantiles, course, edges))
+        placed: np.ndarray = cast(Any, np).interp(quantiles, course, edges)
+        return cls(levels, low, high, placed)
 
     def padded(self, levels: int) -> Plane:
         """Give the plane more levels that no input reaches.

@@ -18,9 +18,12 @@ static int level_of(double x, double low, double per_unit, int levels) {
     return level < 0 ? 0 : level > levels ? levels : level;
 }
 
-static Memory at_rest(int levels) {
-    Memory memory = {levels, 0, calloc(levels, sizeof(int)), calloc(levels, sizeof(int))};
-    return memory;
+/* From saturated low. */
+static Memory begun_at(int levels, int level) {
+    Memory m = {levels, level, calloc(levels, sizeof(int)), calloc(levels, sizeof(int))};
+    for (int i = 0; i < level; i++) m.lowest[i] = level;
+    for (int i = 0; i < levels; i++) m.highest[i] = level;
+    return m;
 }
 
 /* After the crossings of one sample were dealt with. */
@@ -36,6 +39,12 @@ static void settle(Memory *m, int to) {
 
 static long cell(long i, long j) { return i * (i + 1) / 2 + j; }
 
+static double output_at(const Memory *m, const double *weights) {
+    double output = 0.0;
+    for (long c = 0; c < cell(m->level, 0); c++) output += weights[c];
+    return output;
+}
+
 /* For all relays that a move from m->level to `to` switches: c is the index of the cell. */
 #define FOR_SWITCHED(BODY)                                                          \
     if (to > m.level)                                                               \
@@ -48,12 +57,9 @@ static long cell(long i, long j) { return i * (i + 1) / 2 + j; }
 /* Weights (cells, lanes) are adapted in place to the outputs z (samples, lanes) of one input. */
 void adapt(int levels, long samples, int lanes, double low, double delta_x, const double *x,
            const double *z, double *weights) {
-    Memory m = at_rest(levels);
+    Memory m = begun_at(levels, level_of(x[0], low, 1 / delta_x, levels));
     double *error = malloc(lanes * sizeof(double)), *reference = malloc(lanes * sizeof(double));
     memcpy(reference, z, lanes * sizeof(double));
-    m.level = level_of(x[0], low, 1 / delta_x, levels);
-    for (int i = 0; i < levels; i++) m.lowest[i] = i < m.level ? m.level : 0;
-    for (int i = 0; i < levels; i++) m.highest[i] = m.level;
     for (long k = 1; k < samples; k++) {
         int to = level_of(x[k], low, 1 / delta_x, levels);
         if (to == m.level) continue;
@@ -85,13 +91,8 @@ void adapt(int levels, long samples, int lanes, double low, double delta_x, cons
    model's output at every sample, before its update. */
 void run(int levels, long samples, double low, double delta_x, const double *x, const double *z,
          double *weights, double *output) {
-    Memory m = at_rest(levels);
-    double now = 0.0, reference = z[0];
-    m.level = level_of(x[0], low, 1 / delta_x, levels);
-    for (int i = 0; i < levels; i++) m.lowest[i] = i < m.level ? m.level : 0;
-    for (int i = 0; i < levels; i++) m.highest[i] = m.level;
-    for (int i = 0; i < m.level; i++)
-        for (int j = 0; j <= i; j++) now += weights[cell(i, j)];
+    Memory m = begun_at(levels, level_of(x[0], low, 1 / delta_x, levels));
+    double now = output_at(&m, weights), reference = z[0];
     for (long k = 0; k < samples; k++) {
         int to = level_of(x[k], low, 1 / delta_x, levels);
         if (to == m.level) { output[k] = now; continue; }
@@ -112,13 +113,8 @@ void run(int levels, long samples, double low, double delta_x, const double *x, 
 /* Output (samples,) of the model with given weights. */
 void simulate(int levels, long samples, double low, double delta_x, const double *x,
               const double *weights, double *output) {
-    Memory m = at_rest(levels);
-    double now = 0.0;
-    m.level = level_of(x[0], low, 1 / delta_x, levels);
-    for (int i = 0; i < levels; i++) m.lowest[i] = i < m.level ? m.level : 0;
-    for (int i = 0; i < levels; i++) m.highest[i] = m.level;
-    for (int i = 0; i < m.level; i++)
-        for (int j = 0; j <= i; j++) now += weights[cell(i, j)];
+    Memory m = begun_at(levels, level_of(x[0], low, 1 / delta_x, levels));
+    double now = output_at(&m, weights);
     for (long k = 0; k < samples; k++) {
         int to = level_of(x[k], low, 1 / delta_x, levels);
         if (to != m.level) {

@@ -87,11 +87,9 @@ def run_fleet(
         np.stack([_lengthened(row, max(lengths)) for row in side])
         for side in zip(*rows, strict=True)
     )
-    z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
-    if all(
-        np.isfinite(own).all() for _, own in rows
-    ):  # rest with the input, and nothing is missing
-        z = np.stack([_lengthened(own, max(lengths)) for _, own in rows])
+    missing = not all(np.isfinite(own).all() for _, own in rows)
+    if missing:  # else the output rests with the input
+        z = np.where(np.arange(max(lengths)) < np.array(lengths)[:, None], z, np.nan)
     room = adaptive.room(x) if adaptive.hysteron == "relay" else None
     count = evenly(len(rows))
     x, z, until = (
@@ -104,7 +102,7 @@ def run_fleet(
     kinds = tuple(
         jax.ShapeDtypeStruct(one.shape, jax.dtypes.canonicalize_dtype(one.dtype)) for one in numbers
     )
-    run = _compiled_run(structure, kinds, room, x.shape, x.dtype, passes)
+    run = _compiled_run(structure, kinds, room, missing, x.shape, x.dtype, passes)
     found = gathered(run(numbers, (x, z, until)))
     return FleetResult(*(values[: len(rows)] for values in found))
 
@@ -288,6 +286,7 @@ def _compiled_run(
     structure: Any,
     kinds: tuple[jax.ShapeDtypeStruct, ...],
     room: Room | None,
+    missing: bool,
     shape: tuple[int, ...],
     dtype: np.dtype,
     passes: int,
@@ -296,7 +295,8 @@ def _compiled_run(
         adaptive: AdaptiveFilter = jax.tree.unflatten(structure, numbers)
 
         def identify(x: jax.Array, z: jax.Array, until: jax.Array) -> _Found:
-            weights, _, errors, switched, _ = adaptive.run(x, z, passes=passes, room=room)
+            found = adaptive.run(x, z, passes=passes, room=room, missing=missing)
+            weights, _, errors, switched, _ = found
             updated = switched > 0
             measured = jnp.isfinite(z) & (jnp.arange(len(z)) < until)
             left = z - simulate(adaptive.plane, weights, x, adaptive.hysteron)

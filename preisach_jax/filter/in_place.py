@@ -30,7 +30,6 @@ class Recursion:
     def __init__(self, filt: AdaptiveFilter, state: FilterState):
         dtype, plane = np.dtype(state.weights.dtype), filt.plane
         self._type, self._levels, self._ramps = dtype.type, plane.levels, filt.hysteron == "ramp"
-        self._low, self._high = self._type(plane.low), self._type(plane.high)
         self._thresholds = np.asarray(plane.thresholds, dtype).tolist()
         self._plane = plane
         self._on_below = np.tri(plane.levels + 1, plane.levels, -1, dtype)
@@ -125,11 +124,7 @@ class Recursion:
     def _move(self, x: float) -> None:
         """Bring the states to the next input, eq. (2)-(4)."""
         if self._ramps:
-            place = self._type(x)
-            if self._plane.own_thresholds is None:
-                place = (place - self._low) / (self._high - self._low) * self._levels
-            else:
-                place = position_on(self._plane, place)
+            place = position_on(self._plane, self._type(x))
             risen = fallen = min(max(float(place), 0.0), float(self._levels))
         else:
             # Of a threshold on which the input rests, `thresholds_reached` tells what is decided.

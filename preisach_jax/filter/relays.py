@@ -249,7 +249,7 @@ def _run(
     if blocks is None:
         blocks = relay_blocks(filt.plane, levels_along(filt.plane, x, start.input), room)
         if gaps is not True:
-            visits = visits_of(blocks.until, blocks.until, room and room.visits)
+            visits = visits_of(blocks.until, blocks.until, cast(Room, room).visits)
     given = (filt, z, blocks, visits, start)
     run = partial(_rows_of_passes, passes, adapt, state is not None, room is None)
     if gaps is None:
@@ -376,26 +376,22 @@ class _Recursion:
         count = jnp.cumsum(jnp.sum(cells < size, axis=1))
         upto = jnp.append(0, count)[jnp.minimum(until, len(cells))]
         area = jnp.diff(upto, prepend=0).at[visits.sample].get(mode="clip")
-        before = jnp.append(start.reference_output, z[:-1])  # of each sample
+        self.before = jnp.append(start.reference_output, z[:-1])  # of each sample
         there = (visits.reads | visits.writes) & (visits.block < len(cells))
         index = jnp.where(there[:, None], cells.at[visits.block].get(mode="clip"), size)
         index = index.astype(jnp.uint32)  # never negative: nothing is to be counted from the end
         self.leakage = None if filt.leakage is None else jnp.asarray(filt.leakage, z.dtype)
-        prior = jnp.zeros(())
-        if self.leakage is not None:
-            prior = jnp.broadcast_to(jnp.asarray(filt.initial_weight, z.dtype), (size,))
-        self.prior = prior
+        prior = jnp.zeros((), z.dtype) if self.leakage is None else filt.initial_weight
+        self.prior = jnp.broadcast_to(jnp.asarray(prior, z.dtype), (size,))
         self.steps = _Step(
             cells=index,
-            prior=jnp.zeros(len(index))
-            if prior.ndim == 0
-            else prior.at[index].get(mode="fill", fill_value=0.0),
+            prior=self.prior.at[index].get(mode="fill", fill_value=0.0),
             rising=rising.at[visits.block].get(mode="clip"),
             moves=moves.at[visits.block].get(mode="clip"),
             size=jnp.sum(index < size, axis=1).astype(z.dtype),
             area=area.astype(z.dtype),
             z=z.at[visits.sample].get(mode="clip"),
-            before=before.at[visits.sample].get(mode="clip"),
+            before=self.before.at[visits.sample].get(mode="clip"),
             reads=visits.reads,
             solves=visits.solves,
             writes=visits.writes,
@@ -414,7 +410,7 @@ class _Recursion:
         one = jnp.ones((), weights.dtype)
         numbers = _Numbers(rise, squared, zero, self.first_z, output, zero, initial, one)
         carry = _Carry(
-            kept=weights if self.leakage is None else weights - self.prior,
+            kept=weights - self.prior,
             states=states if self.gaps else zero,
             reference=reference if self.gaps else zero,
             numbers=jnp.stack(numbers),
@@ -424,9 +420,7 @@ class _Recursion:
         carry, rows = self._scan(self._visit, carry, self.steps, self._multiplied_out)
         rows = _Rows(*jnp.concatenate([first[jnp.newaxis], rows]).T)
         numbers = _Numbers(*carry.numbers)
-        weights = carry.kept
-        if self.leakage is not None:
-            weights = self.prior + numbers.factor * carry.kept
+        weights = self.prior + numbers.factor * carry.kept
         ends = self.blocks.states_after(self.plane, start.states)
         found = self._rows(rows)
         weights = jnp.where(self.lost[-1], jnp.nan, weights)
@@ -486,11 +480,7 @@ class _Recursion:
         before = jnp.append(0, done[:-1])
         reference = jnp.append(start.reference_output, steps.z)
         at = jnp.minimum(done - jnp.maximum(visits.extra, 1), len(sign) - 1)
-        base = (
-            jnp.append(start.reference_output, self.z[:-1])
-            if self.every_sample
-            else reference[before]
-        )
+        base = self.before if self.every_sample else reference[before]
         found = (
             output + rises[done] + gains[before],
             self.z - base - jnp.where(visits.learns, rise[at], 0.0),
@@ -613,8 +603,7 @@ class _Recursion:
         output = jnp.where(learns, rows.output[at], rows.output_after[at])
         base = jnp.where(learns, rows.base[at], rows.base_after[at])
         if self.every_sample:
-            before = jnp.append(self.start.reference_output, self.z[:-1])
-            base = jnp.where(learns, base, before)
+            base = jnp.where(learns, base, self.before)
         error = jnp.where(self.now <= self.starts, jnp.nan, self.z - base)
         switched = jnp.where(learns, rows.switched[at], 0.0)
         found = (output, error, switched)

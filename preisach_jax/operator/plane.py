@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, shown, whole_number
 from preisach_jax.operator.checks import as_float, require_hysteron
 from preisach_jax.operator.grid import Grid
 from preisach_jax.operator.hysteron import hysteron_step, position_on, thresholds_reached
 
 FINE = 32
 """Bins of the input for each threshold, when thresholds are placed where the output moves."""
+
+
+MOST_LEVELS = 10_000
+"""Of a plane: it has 50 million hysterons, each with a weight."""
+
+
+def _levels(value: int) -> int:
+    return whole_number("levels is", value, least=2, most=MOST_LEVELS)
+
+
+def _limit(value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"a limit of the plane is {shown(value)}: give a number") from error
 
 
 def _require_memory(kind: str) -> None:
@@ -64,7 +81,39 @@ class Plane(Grid):
         high: float,
         thresholds: ArrayLike | Sequence[float] | None = None,
     ) -> None:
-        super().__init__(levels, low, high, thresholds)
+        self.levels, self.low, self.high = _levels(levels), _limit(low), _limit(high)
+        for name, limit in (("low", self.low), ("high", self.high)):
+            if not math.isfinite(limit):
+                raise InputError(f"{name} is {limit}: the limits of the plane must be finite")
+        if not self.low < self.high:
+            raise InputError(f"low is {self.low} and high is {self.high}: low must be below high")
+        self.own_thresholds = None if thresholds is None else self._checked(thresholds)
+
+    def _checked(self, thresholds: Any) -> Any:
+        """Thresholds of one's own, in double precision if they are known."""
+        if np.shape(thresholds) != (self.levels,):
+            raise InputError(
+                f"thresholds has the shape {np.shape(thresholds)}: give ({self.levels},), one each"
+            )
+        if isinstance(thresholds, Tracer):
+            return cast(Any, thresholds)
+        try:
+            values = np.asarray(thresholds, float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"thresholds holds {shown(thresholds)}: give numbers") from error
+        used = values[: int(np.isfinite(values).sum())]
+        if not used.size or not np.all(values[used.size :] == np.inf):
+            raise InputError(
+                f"thresholds holds {shown(values)}: give numbers, and infinity only after the last"
+            )
+        steps = np.diff(used, prepend=self.low, append=self.high)
+        if not np.all(steps > 0):
+            k = int(np.argmax(steps <= 0))
+            raise InputError(
+                f"thresholds[{min(k, used.size - 1)}] is {used[min(k, used.size - 1)]}: give "
+                f"ascending thresholds between low, {self.low}, and high, {self.high}"
+            )
+        return thresholds if isinstance(thresholds, jax.Array) else values
 
     @classmethod
     def of(cls, record: Any, levels: int) -> Plane:

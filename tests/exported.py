@@ -108,7 +108,7 @@ def wild(samples, seed=0, low=LOW, high=HIGH):
     return np.clip(np.concatenate(course)[:samples], low, high)
 
 
-def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1):
+def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1, thresholds=None):
     """A model of some effects, named as in the library or as `FORMS` has them."""
     rng = np.random.default_rng(seed)
     u = smooth(2048, seed)
@@ -116,7 +116,7 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1):
     time = np.arange(len(u)) * STEP_S
     survey = Survey(float(time[-1]), STEP_S, time, u, z, 0.1 * rng.normal(size=len(u)))
     effects = tuple(_bound(name, survey) for name in names)
-    plane = Plane(levels=levels, low=LOW, high=HIGH)
+    plane = Plane(levels, LOW, HIGH, thresholds)
     chain = Chain(plane, effects, hysteron, polarity)
     values = {}
     for effect in effects:

@@ -279,12 +279,12 @@ def test_what_comes_back_within_cells_is_the_grid_of_relays(x64):
     time, values = wandering()
     record = Record.from_arrays(time, values, relay_output(values, relays_of(60, 5)))
     fit = pj.fit(record, levels=20)
-    within = within_cells_rms(record, fit.residual, 20)
+    within = within_cells_rms(record, fit.residual, fit.model.plane)
     assert within is not None
     assert 0.4 * fit.rms_validation < within <= 1.1 * fit.rms_validation
     # Noise of that size, in the place of the jumps, shares nothing from pass to pass.
     noise = np.std(fit.residual) * np.random.default_rng(6).normal(size=len(time))
-    by_chance = within_cells_rms(record, noise, 20)
+    by_chance = within_cells_rms(record, noise, fit.model.plane)
     assert by_chance is not None
     assert by_chance < 0.25 * within
 
@@ -299,7 +299,7 @@ def test_physics_that_a_finer_plane_fits_is_not_the_grid(x64):
     point = base_point(problem, 12)
     coarser = on_a_coarser_plane(problem, point)
     fit = pj.fit(record, levels=12)
-    within = within_cells_rms(record, fit.residual, 12)
+    within = within_cells_rms(record, fit.residual, fit.model.plane)
     assert within is not None
     grid = discretisation_rms(problem, point, coarser, within)
     assert grid <= 6 * within < 0.5 * fit.rms_validation
@@ -311,7 +311,7 @@ def test_physics_that_a_finer_plane_fits_is_not_the_grid(x64):
 def test_a_record_of_few_passes_does_not_tell_of_its_cells():
     time = np.arange(40.0)
     record = Record.from_arrays(time, np.abs(time - 20), time)
-    assert within_cells_rms(record, time, 10) is None
+    assert within_cells_rms(record, time, Plane(10, 0.0, 20.0)) is None
 
 
 def test_passes_of_other_parts_of_a_cell_do_not_tell():
@@ -320,4 +320,4 @@ def test_passes_of_other_parts_of_a_cell_do_not_tell():
     values = np.concatenate([below, below + 0.5])
     time = np.arange(len(values), dtype=float)
     record = Record.from_arrays(time, values, values)
-    assert within_cells_rms(record, np.cos(time), 4) is None
+    assert within_cells_rms(record, np.cos(time), Plane(4, 0.02, 3.95)) is None

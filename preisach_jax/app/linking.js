@@ -7,7 +7,7 @@
 
 const rows = source.data
 const count = rows.time.length
-const levels = plane.levels
+const levels = edges.length - 1
 const MOST_SHOWN = 2000
 
 function rows_inside(x, y, box) {
@@ -18,11 +18,21 @@ function rows_inside(x, y, box) {
   return found
 }
 
+// Positions on the plane run from 0 to the number of levels.
+function input_at(position) {
+  const cell = Math.min(Math.max(Math.floor(position), 0), levels - 1)
+  return edges[cell] + (position - cell) * (edges[cell + 1] - edges[cell])
+}
+
+function position_on(input) {
+  let cell = 0
+  while (cell < levels - 1 && input >= edges[cell + 1]) cell++
+  return cell + (input - edges[cell]) / (edges[cell + 1] - edges[cell])
+}
+
 function rows_that_switch(box) {
-  // Positions on the plane run from 0 to the number of levels; β lies on x and α on y.
-  const [beta0, beta1, alpha0, alpha1] = [box.x0, box.x1, box.y0, box.y1].map(
-    (value) => ((value - plane.low) / (plane.high - plane.low)) * levels,
-  )
+  // β lies on x and α on y.
+  const [beta0, beta1, alpha0, alpha1] = [box.x0, box.x1, box.y0, box.y1].map(position_on)
   const found = []
   for (let k = 1; k < count; k++) {
     const [now, before, other] = [rows.position[k], rows.position[k - 1], rows.departure[k]]
@@ -50,17 +60,18 @@ function switched_cells(chosen) {
       }
     }
   }
-  const width = (plane.high - plane.low) / levels
-  const [x, y] = [[], []]
+  const [x, y, width, height] = [[], [], [], []]
   for (let i = 0; i < levels; i++) {
     for (let j = 0; j <= i; j++) {
       if (seen[i * levels + j]) {
-        x.push(plane.low + (j + 0.5) * width)
-        y.push(plane.low + (i + 0.5) * width)
+        x.push((edges[j] + edges[j + 1]) / 2)
+        y.push((edges[i] + edges[i + 1]) / 2)
+        width.push(edges[j + 1] - edges[j])
+        height.push(edges[i + 1] - edges[i])
       }
     }
   }
-  return { x, y, width: x.map(() => width) }
+  return { x, y, width, height }
 }
 
 function staircase_at(row) {
@@ -80,11 +91,10 @@ function staircase_at(row) {
       end -= 2
     }
   }
-  const scale = (value) => plane.low + (value / levels) * (plane.high - plane.low)
   const [x, y] = [[], []]
   const corner = (beta, alpha) => {
-    x.push(scale(beta))
-    y.push(scale(alpha))
+    x.push(input_at(beta))
+    y.push(input_at(alpha))
   }
   for (let k = 1; k < extremes.length; k += 2) {
     corner(extremes[k - 1], extremes[k])

@@ -225,7 +225,7 @@ class Page(Opening):
     def _show_step(self) -> None:
         walk = self._walk
         assert walk is not None  # called for a step only
-        if self._views is None or self._views.levels != walk.step.fit.model.plane.levels:
+        if self._views is None or self._views.plane != walk.step.fit.model.plane:
             self._views = Views(walk.step, self._layout.axis.value)
             kept = self._is_drawn in ("Drive", "Compare")
             self._show_pane(self._is_drawn if kept else "Model")

@@ -10,7 +10,9 @@ from bokeh.palettes import PuOr11, Viridis256
 
 from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, keep_ranges, unformatted
 from preisach_jax.model import Model
-from preisach_jax.plot.axes import density_scale, plane_edges, shown_weights, with_unit
+from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, with_unit
+
+_NO_CELLS: dict[str, list[float]] = {"x": [], "y": [], "width": [], "height": []}
 
 
 class PlaneFigure:
@@ -28,9 +30,9 @@ class PlaneFigure:
 
     def __init__(self, model: Model):
         self.density: ColumnDataSource = ColumnDataSource(
-            {"x": [], "y": [], "width": [], "value": []}
+            {"x": [], "y": [], "width": [], "height": [], "value": []}
         )
-        self.cells: ColumnDataSource = ColumnDataSource({"x": [], "y": [], "width": []})
+        self.cells: ColumnDataSource = ColumnDataSource(_NO_CELLS)
         self.staircase: ColumnDataSource = ColumnDataSource({"x": [], "y": []})
         self._mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#E4E4E4")
         self.figure: Any = self._drawn(plane_edges(model)[1])
@@ -38,17 +40,18 @@ class PlaneFigure:
 
     def show(self, model: Model) -> None:
         """Show the density of a model, and nothing chosen."""
-        self.cells.data = {"x": [], "y": [], "width": []}
+        self.cells.data = _NO_CELLS
         self.staircase.data = {"x": [], "y": []}
         plane = model.plane
         edges, _ = plane_edges(model)
-        width = edges[1] - edges[0]
-        density = np.where(model.visited, shown_weights(model) / width**2, np.nan)
+        widths, centres = np.diff(edges), (edges[1:] + edges[:-1]) / 2
+        density = np.where(model.visited, shown_density(model), np.nan)
         factor, top, unit = density_scale(model, density)
         self.density.data = {
-            "x": edges[plane.beta_index] + width / 2,
-            "y": edges[plane.alpha_index] + width / 2,
-            "width": np.full(plane.cells, width),
+            "x": centres[plane.beta_index],
+            "y": centres[plane.alpha_index],
+            "width": widths[plane.beta_index],
+            "height": widths[plane.alpha_index],
             "value": factor * density,
         }
         signed = model.chain.signed
@@ -66,12 +69,12 @@ class PlaneFigure:
             )
         )
         drawn.rect(
-            "x", "y", "width", "width", source=self.density, line_color=None,
+            "x", "y", "width", "height", source=self.density, line_color=None,
             fill_color={"field": "value", "transform": self._mapper},
         )  # fmt: skip
         keep_ranges(drawn)
         drawn.rect(
-            "x", "y", "width", "width", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
+            "x", "y", "width", "height", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
             line_color=CHOSEN, line_alpha=0.6, level="overlay",
         )  # fmt: skip
         for shade, width in (("white", 4), ("black", 2)):

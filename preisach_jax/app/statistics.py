@@ -9,6 +9,8 @@ import numpy as np
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.fit import double_precision
 from preisach_jax.operator.branches import branch_starts
+from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 MOST_ROWS = 100_000
@@ -24,23 +26,22 @@ def drawn_rows(record: Record) -> np.ndarray:
     return np.union1d(regular, stats.reversals(record.input))
 
 
-def plane_course(record: Record, levels: int) -> tuple[np.ndarray, np.ndarray]:
+def plane_course(record: Record, plane: Plane) -> tuple[np.ndarray, np.ndarray]:
     """(time,) position of the input on the plane, and that from which its branch departs.
 
     Arguments:
         record: the measurement.
-        levels: levels N of the plane that its input spans.
+        plane: the plane that its input spans.
 
     Returns:
         Both from 0 (lowest) to N (highest).
 
     Example:
         >>> record = Record.from_arrays([0.0, 1.0, 2.0, 3.0], [0, 4, 2, 3], [0, 1, 1, 1])
-        >>> plane_course(record, 2)[1].tolist()
+        >>> plane_course(record, Plane(2, 0.0, 4.0))[1].tolist()
         [0.0, 0.0, 2.0, 1.0]
     """
-    low, span = record.input.min(), np.ptp(record.input)
-    position = levels * (record.input - low) / span
+    position = position_on(plane, record.input)
     path = np.concatenate([[0.0], position])
     with double_precision():
         start = np.asarray(branch_starts(path))

@@ -35,6 +35,7 @@ from preisach_jax.app.statistics import (
 )
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.model import Model
+from preisach_jax.operator.plane import Plane
 from preisach_jax.plot.axes import greatest, plane_edges, record_axes, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
 from preisach_jax.quantity import scaled
@@ -83,7 +84,7 @@ class Views:
         self._axis = key
         self._rows = drawn_rows(self._record)
         self._axes = record_axes(self._record)
-        course = plane_course(self._record, step.fit.model.plane.levels)
+        course = plane_course(self._record, step.fit.model.plane)
         self._course = [values[self._rows] for values in course]
         self.source: Any = ColumnDataSource(self._columns(step))
         self.highlight: ColumnDataSource = ColumnDataSource({name: [] for name in self.source.data})
@@ -126,9 +127,9 @@ class Views:
         self._started.data = {"time": [self._begun]}
 
     @property
-    def levels(self) -> int:
-        """Levels of the plane that is drawn."""
-        return self._step.steps[0].fit.model.plane.levels
+    def plane(self) -> Plane:
+        """The plane that is drawn."""
+        return self._step.steps[0].fit.model.plane
 
     def show(self, step: Exploration) -> None:
         """Show another step of the same record."""
@@ -299,7 +300,6 @@ class Views:
     def _link(self, model: Model) -> None:
         """Let a brush in one view light up all of them, in the browser."""
         edges, _ = plane_edges(model)
-        plane = {"levels": model.plane.levels, "low": edges[0], "high": edges[-1]}
         arguments = {
             "source": self.source,
             "highlight": self.highlight,
@@ -308,7 +308,7 @@ class Views:
             "stretch": self.stretch,
             "told": self.told,
             "started": self._started,  # what no view shows must be named here to be sent
-            "plane": plane,
+            "edges": edges,
             "colour": CHOSEN,
         }
 

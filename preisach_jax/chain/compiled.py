@@ -187,7 +187,7 @@ def _scaled(path: Array, low: Array, width: Array) -> Array:
 def compiled_on_a_plane(
     function: Callable[Concatenate[Plane, Course, Given], Result],
 ) -> Callable[Concatenate[Plane, Course, Given], Result]:
-    """Compile a function of a plane and a drive once for all planes of equal levels."""
+    """Compile a function of a plane and a drive once for all planes of a number of levels."""
 
     compiled = eqx.filter_jit(function)
 
@@ -198,7 +198,7 @@ def compiled_on_a_plane(
         def scaled(path: Array) -> Array:
             return _scaled(path, low, width)
 
-        unit = Plane(plane.levels, 0.0, 1.0)
+        unit = plane.scaled()
         return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)
 
     return call

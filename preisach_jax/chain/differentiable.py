@@ -24,7 +24,6 @@ from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, o
 from preisach_jax.chain.output import behind_hysteresis
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import Signals
-from preisach_jax.operator.plane import Plane
 
 
 class Run(eqx.Module):
@@ -95,7 +94,7 @@ def on_the_unit_plane(chain: Chain) -> tuple[Chain, tuple[np.ndarray, np.ndarray
     """
     plane = chain.plane
     scale = np.asarray(plane.low), np.asarray(plane.high - plane.low)
-    unit = replace(chain, plane=Plane(plane.levels, 0.0, 1.0))
+    unit = replace(chain, plane=plane.scaled())
     return jax.tree.map(as_array, unit), scale
 
 

@@ -28,6 +28,7 @@ from preisach_jax.effects.base import (
     Values,
 )
 from preisach_jax.operator.feedback import fed_back_states
+from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import Paths
 
@@ -155,7 +156,7 @@ def _reached(chain: Chain, path: jax.Array) -> np.ndarray:
     plane = chain.plane
     if chain.hysteron == "relay":
         return (np.asarray(path)[:, None] >= plane.thresholds).astype(float)
-    position = (np.asarray(path) - plane.low) / plane.delta_x
+    position = position_on(plane, np.asarray(path))
     return np.clip(position[:, None] - np.arange(plane.levels), 0.0, 1.0)
 
 
@@ -185,7 +186,7 @@ def _switched_output(
 
     def switched(path: Array, weights: Array) -> Array:
         whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
-        position = (path - plane.low) / plane.delta_x
+        position = position_on(plane, path)
         if hysteron == "relay":
             position = jnp.floor(position + 0.5)
         position = jnp.clip(position, 0.0, plane.levels)
@@ -242,7 +243,7 @@ def hysteresis_output(
     sign = chain.polarity  # what is fed back rises with the input
     shift = jnp.zeros_like(path) if widened is None else widened
     output = _fed_back_operator(
-        Plane(chain.plane.levels, 0.0, 1.0),
+        chain.plane.scaled(),
         jax.tree.map(as_array, inside),
         [as_arrays(values[effect.name]) for effect in inside],
         (path, signals.time, shift, sign * first_run),

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from preisach_jax.operator.hysteron import input_at, position_on
 from preisach_jax.operator.plane import Plane
 
 MOST_TRIALS = 80
@@ -25,15 +26,17 @@ MOST_TRIALS = 80
 
 
 class Operator(eqx.Module):
-    """A Preisach operator on positions 0 to `levels`, rising with its input.
+    """A Preisach operator on an input from 0 to `levels`, with which it rises.
 
     Attributes:
+        plane: from 0 to `levels`, with the thresholds where they lie.
         weights: (start, levels, levels) weights of the states that were off before the first
             sample, and of those that were on.
         all_widen: whether a widening also moves the thresholds of reversible hysterons, α = β.
         relays: whether hysterons are relays.
     """
 
+    plane: Plane
     weights: Array
     all_widen: bool = eqx.field(static=True)
     relays: bool = eqx.field(static=True)
@@ -45,7 +48,10 @@ class Operator(eqx.Module):
         laid_out = np.zeros((2, plane.levels, plane.levels))
         laid_out[0][cells] = weights - memory
         laid_out[1][cells] = memory
-        return Operator(jnp.asarray(laid_out), all_widen, relays)
+        own = plane.own_thresholds
+        own = None if own is None else (own - plane.low) / plane.delta_x
+        scaled = Plane(plane.levels, 0.0, float(plane.levels), own)
+        return Operator(scaled, jnp.asarray(laid_out), all_widen, relays)
 
     @property
     def levels(self) -> int:
@@ -68,6 +74,7 @@ class Operator(eqx.Module):
 
     def _reached(self, position: Array) -> Array:
         index = jnp.arange(self.levels, dtype=self.weights.dtype)
+        position = position_on(self.plane, jnp.asarray(position, index.dtype))
         if self.relays:
             return (position > index + 0.5).astype(index.dtype)
         return jnp.clip(position - index, 0.0, 1.0)
@@ -172,7 +179,7 @@ def _nearest_step(
     high: Array,
 ) -> Array:
     """Between two thresholds of relays all positions are alike: the middle of the best of them."""
-    middles = jnp.arange(operator.levels + 1, dtype=states.dtype)
+    middles = input_at(operator.plane, jnp.arange(operator.levels + 1, dtype=states.dtype))
 
     def missed(position: Array) -> Array:
         return jnp.abs(operator.moved(states, position, widening)[0] - wanted)
@@ -203,26 +210,27 @@ def inverse(
 ) -> tuple[Array, Array]:
     """Positions along a wanted output, and the outputs that they give, `(time,)` each.
 
-    Arguments:
-        operator: the operator.
-        state: what `follow` gives of the past.
-        wanted: (time,) wanted outputs.
-        widening: (time,) by how much thresholds move outward, in positions.
-        bounds: what each sample allows, `(time,)` each.
+        Arguments:
+            operator: the operator.
+            state: what `follow` gives of the past.
+            wanted: (time,) wanted outputs.
+            widening: (time,) by how much thresholds move outward, in positions.
+            bounds: what each sample allows, `(time,)` each.
 
-    Returns:
-        Positions and outputs.
+        Returns:
+            Positions and outputs.
 
-    Example:
-        >>> import numpy as np
-        >>> from preisach_jax.operator.plane import Plane
-        >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
-        >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
-        >>> wanted = jnp.asarray([1.5, 3.0, 1.0])
-        >>> free = Bounds(0 * wanted, 0 * wanted + 2, wanted + jnp.inf, wanted * jnp.nan)
-        >>> state = follow(operator, jnp.zeros(1), jnp.zeros(1))
-        >>> inverse(operator, state, wanted, 0 * wanted, free)[1].tolist()
-        [1.5, 3.0, 1.0]
+        Example:
+            >>> import numpy as np
+            >>> from preisach_jax.operator.hysteron import input_at, position_on
+    from preisach_jax.operator.plane import Plane
+            >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
+            >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
+            >>> wanted = jnp.asarray([1.5, 3.0, 1.0])
+            >>> free = Bounds(0 * wanted, 0 * wanted + 2, wanted + jnp.inf, wanted * jnp.nan)
+            >>> state = follow(operator, jnp.zeros(1), jnp.zeros(1))
+            >>> inverse(operator, state, wanted, 0 * wanted, free)[1].tolist()
+            [1.5, 3.0, 1.0]
     """
     step = partial(inverse_step, operator)
 

@@ -286,7 +286,7 @@ class Causal:
         aim = self.before_sensor(wanted) - self.beside(time, lags) - state.follow
         signal = behind(state.behind, state.signal, (state.aim, aim))
         gain = self.gain(time)
-        operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
+        operator = replace(self.operator(), weights=state.weights)
 
         def found(width: Array) -> Array:
             target = signal / gain
@@ -334,7 +334,7 @@ class Causal:
         chain = self.forward.chain
         plane, time = chain.plane, state.time + self.step_s
         unit = (plane.high - plane.low) / plane.levels
-        operator = Operator(state.weights, self.operator().all_widen, self.operator().relays)
+        operator = replace(self.operator(), weights=state.weights)
         reach = self._slew * self.step_s
         driven = jnp.clip(drive, state.drive - reach, state.drive + reach)
         before, path = self._in_front.passed(state.before, driven)

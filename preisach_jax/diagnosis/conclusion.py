@@ -160,7 +160,7 @@ def concluded(
         if step is not known:
             known, planes = step, signed_planes(step)
         now, other = planes
-        within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane.levels)
+        within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane)
         discretisation = discretisation_rms(step.all_hysterons, now, other, within)
         progress("measuring the error budget", 0.9)
         budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)

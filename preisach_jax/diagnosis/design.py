@@ -23,7 +23,6 @@ from preisach_jax.files import write_files
 from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
 from preisach_jax.identify import Problem, thinned_rows, with_all_rows
 from preisach_jax.model import Model, without_effects
-from preisach_jax.operator.plane import Plane
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 
@@ -298,11 +297,12 @@ def _on_coarse_plane(model: Model, levels: int, record: Record, rows: np.ndarray
     """
     bare = without_effects(model, [effect.name for effect in model.effects])
     problem = _problem(record, _simulated(bare, record), rows)
-    point = with_all_rows(base_point(problem, levels)).coefficients()
+    found = with_all_rows(base_point(problem, levels))
+    point = found.coefficients()
     zeros = np.zeros_like(point.weights)
     return replace(
         model,
-        chain=replace(model.chain, plane=Plane(levels, model.plane.low, model.plane.high)),
+        chain=replace(model.chain, plane=found.chain.plane),
         coefficients=Coefficients(point.weights, zeros, point.offset, model.coefficients.added),
     )
 

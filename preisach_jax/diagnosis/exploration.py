@@ -233,8 +233,8 @@ class Exploration:
         if "budget" not in self._cache:
             with double_precision():
                 coarse = on_a_coarser_plane(self.problem, self.point)
-                levels = self.point.chain.plane.levels
-                within = within_cells_rms(self.record, self.fit.residual, levels)
+                plane = self.point.chain.plane
+                within = within_cells_rms(self.record, self.fit.residual, plane)
                 grid = discretisation_rms(self.problem, self.point, coarse, within)
                 whole = Problem.of(self.record, FINAL_ROWS)
                 floor = Floor.of(whole, self.fit)

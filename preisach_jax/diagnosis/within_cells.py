@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.course import last_move
 
@@ -17,7 +19,7 @@ LEAST_TOLD = 0.2
 """Share of the passes that must have a pair for the estimate to count."""
 
 
-def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float | None:
+def within_cells_rms(record: Record, residual: np.ndarray, plane: Plane) -> float | None:
     r"""RMS of the part of a residual that is finer than a cell and comes back pass after pass.
 
     Along one pass of the input through a cell of the plane, a model of even ramps can follow the
@@ -30,7 +32,7 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
     Arguments:
         record: the record.
         residual: (time,) measured minus predicted output.
-        levels: levels N of the plane.
+        plane: the Preisach plane.
 
     Returns:
         The RMS in output units; None where too few passes have enough rows, or none of
@@ -40,18 +42,18 @@ def within_cells_rms(record: Record, residual: np.ndarray, levels: int) -> float
         >>> t = np.arange(8000) / 1000
         >>> u = 0.5 - 0.5 * np.cos(2 * np.pi * t)
         >>> ripple = np.sin(2 * np.pi * 10 * u)
-        >>> record = Record.from_arrays(t, u, ripple)
-        >>> 0.4 < within_cells_rms(record, ripple, 10) < 0.8
+        >>> record, plane = Record.from_arrays(t, u, ripple), Plane(10, 0.0, 1.0)
+        >>> 0.4 < within_cells_rms(record, ripple, plane) < 0.8
         True
-        >>> bool(within_cells_rms(record, t, 10) < 0.02)
+        >>> bool(within_cells_rms(record, t, plane) < 0.02)
         True
     """
     rows = np.flatnonzero(record.measured)
     values = record.input[rows]
     moved = np.diff(values, prepend=values[:1]) != 0
     rising = last_move(values) > 0
-    place = (values - values.min()) / np.ptp(values) * levels
-    cell = np.clip(place.astype(int), 0, levels - 1)
+    place = position_on(plane, values)
+    cell = np.clip(place.astype(int), 0, plane.levels - 1)
     turned = np.diff(rising, prepend=not rising[0])
     starts = np.searchsorted(rows, record.starts)
     turned[starts[starts < len(rows)]] = True  # behind some start nothing may be measured

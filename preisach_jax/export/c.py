@@ -153,7 +153,8 @@ def view(model: Description) -> dict[str, Any]:
         "aux_first": "".join(f", s->{name}" for name in aux),
         "sums": sums_below(off, model.levels).tolist(),
         "diagonal": diagonal.tolist(),
-        "thresholds": ((np.arange(model.levels) + 0.5) * (1.0 / model.levels)).tolist(),
+        "thresholds": model.plane.thresholds.tolist(),
+        "equal_cells": model.plane.own_thresholds is None,
     }
 
 

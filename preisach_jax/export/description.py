@@ -19,6 +19,7 @@ from preisach_jax.model import (
     exactly_summable,
     without_effects,
 )
+from preisach_jax.operator.plane import Plane
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class Description:
 
     Attributes:
         levels, low, high: the Preisach plane.
+        plane: the same from 0 to 1, with its thresholds.
         hysteron: `"ramp"` or `"relay"`.
         polarity: 1 where the output rises with the input, -1 where it falls.
         weights: (cells,) weights in output units, in the order of the plane.
@@ -74,6 +76,7 @@ class Description:
     levels: int
     low: float
     high: float
+    plane: Plane
     hysteron: str
     polarity: int
     weights: np.ndarray
@@ -136,6 +139,7 @@ def describe(
         plane.levels,
         plane.low,
         plane.high,
+        plane.scaled(),
         model.chain.hysteron,
         model.chain.polarity,
         exactly_summable(weights) if model.chain.hysteron == "relay" else weights,

@@ -15,6 +15,7 @@ import numpy as np
 
 from preisach_jax.effects.places import Place
 from preisach_jax.export.description import Description, Part
+from preisach_jax.operator.hysteron import position_on
 
 State = dict[str, np.ndarray]
 
@@ -237,11 +238,10 @@ def _cells(levels: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _reached(model: Description, now: float, before: float) -> tuple[np.ndarray, np.ndarray]:
     """How far an input has reached thresholds α, and how far it has not left thresholds β."""
-    index = np.arange(model.levels)
     if model.hysteron == "ramp":
-        reached = np.clip(now * model.levels - index, 0.0, 1.0)
+        reached = np.clip(position_on(model.plane, now) - np.arange(model.levels), 0.0, 1.0)
         return reached, reached
-    thresholds = (index + 0.5) * (1.0 / model.levels)
+    thresholds = model.plane.thresholds
     on_alpha = now >= thresholds if now > before else now > thresholds
     on_beta = now > thresholds if now < before else now >= thresholds
     return on_alpha.astype(float), on_beta.astype(float)

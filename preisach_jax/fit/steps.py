@@ -11,7 +11,6 @@ import numpy as np
 from preisach_jax.chain.runs import response
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import Effect, HysteresisEffect
-from preisach_jax.fit.start import plane_of
 from preisach_jax.identify import (
     VALIDATION,
     Point,
@@ -177,7 +176,7 @@ def without_effect(problem: Problem, point: Point, name: str) -> Point:
 
 def at_levels(problem: Problem, point: Point, levels: int) -> Point:
     """The same model on a plane of other levels, refitted."""
-    chain = replace(point.chain, plane=plane_of(problem, levels))
+    chain = replace(point.chain, plane=point.chain.plane.with_levels(levels))
     return settled(problem, evaluate(problem, chain, point.values, point.strength, point))
 
 

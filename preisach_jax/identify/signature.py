@@ -28,7 +28,6 @@ from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify import Point, Problem, linearise, starts_of
 from preisach_jax.identify.regression import solve_nonnegative
-from preisach_jax.operator.plane import Plane
 
 COARSE_LEVELS = 19
 """Levels of the plane on which the signature of moved thresholds is computed."""
@@ -353,5 +352,5 @@ def _with_room(point: Point, effect: Effect) -> tuple[Chain, Coefficients]:
     if isinstance(effect, HysteresisEffect) and plane.levels > COARSE_LEVELS:
         # Moved thresholds are followed one by one, and change the output alike on a coarser plane.
         present = coarsened(plane, present, COARSE_LEVELS)
-        chain = replace(chain, plane=Plane(COARSE_LEVELS, plane.low, plane.high))
+        chain = replace(chain, plane=plane.with_levels(COARSE_LEVELS))
     return chain, present

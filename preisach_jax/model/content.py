@@ -15,6 +15,7 @@ FORMAT_VERSION = 3
 
 def content_of(model: Model) -> dict[str, Any]:
     """The content of the file of a model."""
+    own = model.plane.own_thresholds
     origin = asdict(model.origin) | {"history": model.origin.history.tolist()}
     return {
         "format": FORMAT,
@@ -24,6 +25,7 @@ def content_of(model: Model) -> dict[str, Any]:
         "levels": model.plane.levels,
         "low": model.plane.low,
         "high": model.plane.high,
+        **({} if own is None else {"thresholds": own.tolist()}),
         "offset": model.offset,
         "weights": model.weights.tolist(),
         "memory": model.coefficients.memory.tolist(),

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired
 
 import numpy as np
 
@@ -193,6 +193,7 @@ _CONTENT = of_keys(
         "levels": whole(2),
         "low": number(),
         "high": number(),
+        "thresholds": NotRequired[numbers],
         "offset": number(),
         "weights": numbers,
         "memory": numbers,
@@ -226,7 +227,7 @@ def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
     """A model from checked content; what belongs together is checked first."""
     _check_plane(content)
     effects = _effects_from(content["effects"], kinds)
-    plane = Plane(content["levels"], content["low"], content["high"])
+    plane = Plane(content["levels"], content["low"], content["high"], content.get("thresholds"))
     weights = content["weights"]
     polarity = -1 if weights.sum() < 0 else 1
     signed = bool((weights < 0).any() and (weights > 0).any())

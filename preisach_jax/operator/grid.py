@@ -16,6 +16,9 @@ class Grid(eqx.Module):
     high: float = eqx.field(static=True)
     own_thresholds: Any
 
+    def __hash__(self) -> int:
+        return hash((self.levels, self.low, self.high))  # arrays have none
+
     @property
     def cells(self) -> int:
         """L = N(N+1)/2, the number of hysterons."""

@@ -28,14 +28,39 @@ def position_on(plane: Grid, x: Any) -> Any:
     if plane.own_thresholds is None:
         low, high = x.dtype.type(plane.low), x.dtype.type(plane.high)
         return (x - low) / (high - low) * plane.levels
-    known = isinstance(x, np.ndarray | np.generic) and isinstance(plane.own_thresholds, np.ndarray)
+    xp, knots, places = _knots(plane, x)
+    return xp.interp(x, knots, places).astype(x.dtype)
+
+
+def input_at(plane: Grid, position: Any) -> Any:
+    """Input at a position on an axis of the plane, 0 to levels: the inverse of `position_on`.
+
+    Arguments:
+        plane: the Preisach plane.
+        position: positions, a floating array of JAX or NumPy.
+
+    Returns:
+        Inputs in the unit of the plane, of the kind, type and shape of `position`.
+    """
+    if plane.own_thresholds is None:
+        return plane.low + plane.delta_x * position
+    xp, knots, places = _knots(plane, position)
+    return xp.interp(position, places, knots).astype(position.dtype)
+
+
+def _knots(plane: Grid, like: Any) -> tuple[Any, Any, Any]:
+    """NumPy or JAX, and (levels + 2,) inputs and the positions at them, between which it is linear.
+
+    They are the lower limit, the thresholds that there are, and the upper limit.
+    """
+    own, dtype = plane.own_thresholds, like.dtype
+    known = isinstance(like, np.ndarray | np.generic) and isinstance(own, np.ndarray)
     xp: Any = np if known else jnp
-    own = xp.asarray(plane.own_thresholds, x.dtype)
+    own = xp.asarray(own, dtype)
     used, number = xp.sum(xp.isfinite(own)), xp.arange(plane.levels + 2)
-    knots = xp.concatenate([xp.full(1, plane.low, x.dtype), own, xp.full(1, np.inf, x.dtype)])
+    knots = xp.concatenate([xp.full(1, plane.low, dtype), own, xp.full(1, np.inf, dtype)])
     knots = xp.where(number == used + 1, plane.high, knots)
-    places = xp.clip(number - 0.5, 0.0, used)
-    return xp.interp(x, knots.astype(x.dtype), places.astype(x.dtype)).astype(x.dtype)
+    return xp, knots.astype(dtype), xp.clip(number - 0.5, 0.0, used).astype(dtype)
 
 
 def thresholds_reached(

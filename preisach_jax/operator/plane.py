@@ -15,7 +15,12 @@ from jax.typing import ArrayLike
 from preisach_jax.errors import InputError, shown, whole_number
 from preisach_jax.operator.checks import as_float, require_hysteron
 from preisach_jax.operator.grid import Grid
-from preisach_jax.operator.hysteron import hysteron_step, position_on, thresholds_reached
+from preisach_jax.operator.hysteron import (
+    hysteron_step,
+    input_at,
+    position_on,
+    thresholds_reached,
+)
 
 FINE = 32
 """Bins of the input for each threshold, when thresholds are placed where the output moves."""
@@ -116,7 +121,7 @@ class Plane(Grid):
         return thresholds if isinstance(thresholds, jax.Array) else values
 
     @classmethod
-    def of(cls, record: Any, levels: int) -> Plane:
+    def of(cls, record: Any, levels: int, limits: tuple[float, float] | None = None) -> Plane:
         """Place the thresholds where the output of a record moves.
 
         They are quantiles of the input: equal parts of 0.9 of how much the output moves, in the
@@ -125,9 +130,11 @@ class Plane(Grid):
         Arguments:
             record: has an `input` and an `output`, (time,) each.
             levels: N, the levels of each axis.
+            limits: lower and upper limit of the plane, in the unit of the input; by default the
+                range of the input.
 
         Returns:
-            The plane, over the range of the input.
+            The plane.
 
         Raises:
             InputError: the input does not move, or a value is not a number.
@@ -144,6 +151,7 @@ class Plane(Grid):
         there = np.isfinite(x) & np.isfinite(z)
         x, z = x[there], z[there]
         low, high = (float(side(x)) if len(x) else np.nan for side in (np.min, np.max))
+        low, high = limits or (low, high)
         if not low < high:
             raise InputError(
                 f"the input goes from {low} to {high}: give a record whose input moves"
@@ -167,6 +175,41 @@ class Plane(Grid):
         quantiles = (np.arange(levels) + 0.5) / levels * course[-1]
         placed: np.ndarray = cast(Any, np).interp(quantiles, course, edges)
         return cls(levels, low, high, placed)
+
+    def scaled(self) -> Plane:
+        """Give the same plane from 0 to 1.
+
+        Returns:
+            The plane, with its inputs taken from `low` and by the range.
+
+        Example:
+            >>> Plane(levels=2, low=0.0, high=4.0, thresholds=[1.0, 2.0]).scaled().thresholds
+            array([0.25, 0.5 ])
+        """
+        own = self.own_thresholds
+        own = None if own is None else (own - self.low) / (self.high - self.low)
+        return Plane(self.levels, 0.0, 1.0, own)
+
+    def with_levels(self, levels: int) -> Plane:
+        """Give a plane of other levels, whose thresholds lie as densely.
+
+        Arguments:
+            levels: how many levels it is to have.
+
+        Returns:
+            The plane, over the same range.
+
+        Raises:
+            InputError: `levels` is below 2.
+
+        Example:
+            >>> Plane(levels=2, low=0.0, high=4.0, thresholds=[1.0, 2.0]).with_levels(4).thresholds
+            array([0.5 , 1.25, 1.75, 3.  ])
+        """
+        if self.own_thresholds is None or levels == self.levels:
+            return self if levels == self.levels else Plane(levels, self.low, self.high)
+        centres = (np.arange(_levels(levels)) + 0.5) / levels * self.levels
+        return Plane(levels, self.low, self.high, input_at(self, centres))
 
     def padded(self, levels: int) -> Plane:
         """Give the plane more levels that no input reaches.

@@ -8,6 +8,7 @@ import numpy as np
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.model import Model
+from preisach_jax.operator.hysteron import input_at
 from preisach_jax.quantity import scaled
 from preisach_jax.record import Record
 from preisach_jax.record.units import split_unit
@@ -86,9 +87,29 @@ def with_unit(name: str, unit: str) -> str:
 def plane_edges(model: Model) -> tuple[np.ndarray, str]:
     """(levels + 1,) borders of a model's cells on either axis, and the unit that they are in."""
     plane = model.plane
-    edges = plane.low + plane.delta_x * np.arange(plane.levels + 1)
+    edges = input_at(plane, np.arange(plane.levels + 1.0))
     factor, shown = scaled(greatest(edges), model.units.get("input", ""))
     return factor * edges, shown
+
+
+def shown_range(model: Model) -> tuple[float, float]:
+    """Part of the range of `plane_edges` that is shown: all of it, or where most thresholds lie.
+
+    A narrow steep loop would be a dot on the whole plane.
+    """
+    edges, _ = plane_edges(model)
+    levels = model.plane.levels
+    low, high = edges[[levels // 10, levels - levels // 10]]
+    low, high = max(edges[0], low - (high - low) / 4), min(edges[-1], high + (high - low) / 4)
+    if high - low > (edges[-1] - edges[0]) / 2:
+        low, high = edges[0], edges[-1]
+    return float(low), float(high)
+
+
+def shown_density(model: Model) -> np.ndarray:
+    """(cells,) weights as they are shown, over the area of their cells in that of `plane_edges`."""
+    plane, widths = model.plane, np.diff(plane_edges(model)[0])
+    return shown_weights(model) / (widths[plane.alpha_index] * widths[plane.beta_index])
 
 
 def shown_weights(model: Model) -> np.ndarray:

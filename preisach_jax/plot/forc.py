@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from preisach_jax.plot.axes import plane_edges, shown_weights, with_unit
+from preisach_jax.plot.axes import plane_edges, shown_density, shown_range, shown_weights, with_unit
 from preisach_jax.plot.plane import draw_cells, unvisited_patch
 from preisach_jax.plot.style import STYLE
 
@@ -51,13 +51,14 @@ def forc_diagram(model: Model) -> Figure:
     alpha, beta = np.meshgrid(edges, edges, indexing="ij")
     turns = plane.alpha_index != plane.beta_index
     weights = shown_weights(model)
-    values = np.where(turns, weights / (2 * (edges[1] - edges[0]) ** 2), np.nan)
+    values = np.where(turns, shown_density(model) / 2, np.nan)
     figure = Figure(figsize=(4.4, 5.6), layout="constrained")
     axes = figure.add_subplot()
     draw_cells(axes, model, ((alpha - beta) / 2, (alpha + beta) / 2), values, "FORC density ρ")
     axes.axhline(0, color="0.3", lw=0.8)
-    axes.set_xlim(0, (edges[-1] - edges[0]) / 2)
-    axes.set_ylim(edges[0], edges[-1])
+    low, high = shown_range(model)
+    axes.set_xlim(0, (high - low) / 2)
+    axes.set_ylim(low, high)
     axes.set_xlabel(with_unit("Hc = (α - β)/2", shown))
     axes.set_ylabel(with_unit("Hu = (α + β)/2", shown))
     total = weights.sum()

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from preisach_jax.plot.axes import density_scale, plane_edges, shown_weights, with_unit
+from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, shown_range, with_unit
 from preisach_jax.plot.style import STYLE
 
 if TYPE_CHECKING:
@@ -31,12 +31,14 @@ def density(model: Model) -> Figure:
     edges, shown = plane_edges(model)
     figure = Figure(figsize=(5.6, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    area = (edges[1] - edges[0]) ** 2
-    draw_cells(axes, model, (edges, edges), shown_weights(model) / area, "density")
+    draw_cells(axes, model, (edges, edges), shown_density(model), "density")
     axes.plot(edges[[0, -1]], edges[[0, -1]], color="0.3", lw=0.8)
     axes.set_xlabel(with_unit("switching-off threshold β", shown))
     axes.set_ylabel(with_unit("switching-on threshold α", shown))
-    axes.set_title("Density on the Preisach plane")
+    low, high = shown_range(model)
+    axes.set(xlim=(low, high), ylim=(low, high))
+    part = "" if low == edges[0] else f", of {edges[0]:.3g} to {edges[-1]:.3g} {shown}".rstrip()
+    axes.set_title(f"Density on the Preisach plane{part}")
     visited = np.asarray(model.visited, dtype=bool)
     if not visited.all():
         share = 100 * (1 - visited.mean())

@@ -5,12 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
+from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.palettes import PuOr11, Viridis256
 
-from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, keep_ranges, unformatted
+from preisach_jax.app.drawing import (
+    CHOSEN,
+    brushed,
+    drawn_figure,
+    limits_of,
+    span,
+    unformatted,
+)
 from preisach_jax.model import Model
-from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, with_unit
+from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, shown_range, with_unit
 
 _NO_CELLS: dict[str, list[float]] = {"x": [], "y": [], "width": [], "height": []}
 
@@ -54,6 +61,8 @@ class PlaneFigure:
             "height": widths[plane.alpha_index],
             "value": factor * density,
         }
+        for shown in (self.figure.x_range, self.figure.y_range):
+            span(shown, *limits_of(np.array(shown_range(model))))
         signed = model.chain.signed
         self._mapper.update(
             palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
@@ -66,13 +75,14 @@ class PlaneFigure:
                 "Preisach plane",
                 with_unit("switching-off threshold β", unit),
                 with_unit("switching-on threshold α", unit),
+                x_range=Range1d(),
+                y_range=Range1d(),
             )
         )
         drawn.rect(
             "x", "y", "width", "height", source=self.density, line_color=None,
             fill_color={"field": "value", "transform": self._mapper},
         )  # fmt: skip
-        keep_ranges(drawn)
         drawn.rect(
             "x", "y", "width", "height", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
             line_color=CHOSEN, line_alpha=0.6, level="overlay",

@@ -176,6 +176,17 @@ class Plane(Grid):
         placed: np.ndarray = cast(Any, np).interp(quantiles, course, edges)
         return cls(levels, low, high, placed)
 
+    @property
+    def edges(self) -> np.ndarray:
+        """(levels + 1,) borders of the cells of an axis, midway between thresholds in position."""
+        return np.asarray(input_at(self, np.arange(self.levels + 1.0)))
+
+    @property
+    def areas(self) -> np.ndarray:
+        """(cells,) area of each cell: a density is a weight over it."""
+        widths = np.diff(self.edges)
+        return widths[self.alpha_index] * widths[self.beta_index]
+
     def scaled(self) -> Plane:
         """Give the same plane from 0 to 1.
 

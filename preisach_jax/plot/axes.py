@@ -8,7 +8,6 @@ import numpy as np
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.model import Model
-from preisach_jax.operator.hysteron import input_at
 from preisach_jax.quantity import scaled
 from preisach_jax.record import Record
 from preisach_jax.record.units import split_unit
@@ -87,7 +86,7 @@ def with_unit(name: str, unit: str) -> str:
 def plane_edges(model: Model) -> tuple[np.ndarray, str]:
     """(levels + 1,) borders of a model's cells on either axis, and the unit that they are in."""
     plane = model.plane
-    edges = input_at(plane, np.arange(plane.levels + 1.0))
+    edges = plane.edges
     factor, shown = scaled(greatest(edges), model.units.get("input", ""))
     return factor * edges, shown
 
@@ -108,8 +107,9 @@ def shown_range(model: Model) -> tuple[float, float]:
 
 def shown_density(model: Model) -> np.ndarray:
     """(cells,) weights as they are shown, over the area of their cells in that of `plane_edges`."""
-    plane, widths = model.plane, np.diff(plane_edges(model)[0])
-    return shown_weights(model) / (widths[plane.alpha_index] * widths[plane.beta_index])
+    edges = plane_edges(model)[0]
+    factor = (edges[-1] - edges[0]) / (model.plane.high - model.plane.low)
+    return shown_weights(model) / (factor**2 * model.plane.areas)
 
 
 def shown_weights(model: Model) -> np.ndarray:

@@ -37,7 +37,9 @@ def density(model: Model) -> Figure:
     axes.set_ylabel(with_unit("switching-on threshold α", shown))
     low, high = shown_range(model)
     axes.set(xlim=(low, high), ylim=(low, high))
-    part = "" if low == edges[0] else f", of {edges[0]:.3g} to {edges[-1]:.3g} {shown}".rstrip()
+    part = (
+        "" if low == edges[0] else f": part of {edges[0]:.3g} to {edges[-1]:.3g} {shown}".rstrip()
+    )
     axes.set_title(f"Density on the Preisach plane{part}")
     visited = np.asarray(model.visited, dtype=bool)
     if not visited.all():

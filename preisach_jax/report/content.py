@@ -313,12 +313,14 @@ def software_rows() -> list[tuple[str, str]]:
 
 def _method(found: Diagnosis) -> list[str]:
     plane = found.model.plane
+    even = plane.own_thresholds is None
+    placed = "equal cells" if even else "thresholds where the output moves"
     return [
         "The output is modelled as a weighted sum of hysterons on the Preisach plane [1, 2] in "
         f"the discrete-time form of [3], with {plane.levels} levels an axis "
-        f"({plane.cells:,} cells) and switching ramps one cell wide in place of jumps. Weights "
-        "are non-negative and smooth; cross-validation chooses how smooth. They are found by "
-        "linear least squares at each value of the effects' parameters, which are found by "
+        f"({plane.cells:,} cells), {placed} and switching ramps one cell wide in place of jumps. "
+        "Weights are non-negative and smooth; cross-validation chooses how smooth. They are found "
+        "by linear least squares at each value of the effects' parameters, which are found by "
         "Gauss-Newton steps (variable projection [4]).",
         _held_out(found.base.record),
         "An effect is named only if it passes two tests. First, the held-out mean square falls by "

@@ -78,6 +78,8 @@ def rows_in_language(rows: Iterable[tuple[str, ...]], language: str) -> list[tup
 def method_in_german(found: Diagnosis) -> list[str]:
     """How a diagnosis was made, in paragraphs."""
     plane, record = found.model.plane, found.base.record
+    even = plane.own_thresholds is None
+    placed = "" if even else ", deren Schwellen liegen, wo sich der Ausgang bewegt"
     held_out = (
         f"Die gemessenen Zeilen sind in {BLOCKS} zusammenhängende Blöcke geteilt; jeder {FOLDS}. "
         "Block ist zurückgehalten, das Gedächtnis läuft durch ihn hindurch. Fehler auf "
@@ -97,7 +99,8 @@ def method_in_german(found: Diagnosis) -> list[str]:
         )
     return [
         "Der Ausgang ist eine gewichtete Summe von Hysteronen auf der Preisach-Ebene [1, 2] in der "
-        f"zeitdiskreten Form von [3], mit {plane.levels} Stufen je Achse ({plane.cells} Zellen); "
+        f"zeitdiskreten Form von [3], mit {plane.levels} Stufen je Achse "
+        f"({plane.cells} Zellen){placed}; "
         "statt zu springen, schalten die Hysteronen über die Breite einer Zelle. Die Gewichte sind "
         "nicht negativ und glatt; wie glatt, entscheidet die Kreuzvalidierung. Zu gegebenen "
         "Parametern der Effekte folgen sie aus linearen kleinsten Quadraten; die Parameter selbst "

@@ -51,6 +51,7 @@ from preisach_jax.fit import (
 )
 from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
 from preisach_jax.identify.regression import solve_nonnegative
+from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 LEVELS = 9

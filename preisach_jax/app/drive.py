@@ -26,9 +26,9 @@ from preisach_jax.app.drive_figures import DriveFigures
 from preisach_jax.app.driving import Driven, Order, command_shown, course_of, outcome
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
+from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
-from preisach_jax.present.model import model_name
 from preisach_jax.quantity import pretty_unit
 
 DRAWN, FROM_FILE = "Drawn points", "From a file"

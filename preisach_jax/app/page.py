@@ -18,10 +18,10 @@ from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
 from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
 from preisach_jax.app.views import Views
+from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.fit import Progress
-from preisach_jax.present.model import model_name
 
 
 class Page(Opening):
@@ -225,7 +225,7 @@ class Page(Opening):
     def _show_step(self) -> None:
         walk = self._walk
         assert walk is not None  # called for a step only
-        if self._views is None or self._views.plane != walk.step.fit.model.plane:
+        if self._views is None or self._views.drawn_plane != walk.step.fit.model.plane:
             self._views = Views(walk.step, self._layout.axis.value)
             kept = self._is_drawn in ("Drive", "Compare")
             self._show_pane(self._is_drawn if kept else "Model")

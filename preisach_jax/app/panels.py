@@ -14,13 +14,14 @@ import panel as pn
 from bokeh.models import GlobalInlineStyleSheet, InlineStyleSheet
 from markupsafe import Markup
 
+from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
 from preisach_jax.look import Look
 from preisach_jax.present.diagnosis import form_lines, headline
-from preisach_jax.present.model import model_name, parameter_rows
+from preisach_jax.present.model import parameter_rows
 from preisach_jax.present.record import record_lines
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
@@ -165,10 +166,19 @@ def ladder(step: Exploration, found: Diagnosis | None) -> str:
         )  # fmt: skip
     budget = found.budget if found else step.known_budget
     return str(
-        Markup('<ol class="ladder" aria-label="Held-out error, RMS">{}</ol>{}{}').format(
-            Markup("").join(lines), _floor(budget) if budget else "", _amounts(step)
+        Markup('{}<ol class="ladder" aria-label="Held-out error, RMS">{}</ol>{}{}').format(
+            _without_hysteresis(step),
+            Markup("").join(lines),
+            _floor(budget) if budget else "",
+            _amounts(step),
         )
     )
+
+
+def _without_hysteresis(step: Exploration) -> Markup:
+    unit = step.record.output_unit
+    errors = [f"{m.name} {quantity(m.rms_validation, unit, 3)}" for m in step.memoryless]
+    return Markup('<p class="budget">Without hysteresis: {}.</p>').format(", ".join(errors))
 
 
 def _amounts(step: Exploration) -> Markup:

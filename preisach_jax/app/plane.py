@@ -19,7 +19,7 @@ from preisach_jax.app.drawing import (
 from preisach_jax.model import Model
 from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, shown_range, with_unit
 
-_NO_CELLS: dict[str, list[float]] = {"x": [], "y": [], "width": [], "height": []}
+_NO_CELLS: dict[str, Any] = {"x": [], "y": [], "width": [], "height": []}
 
 
 class PlaneFigure:

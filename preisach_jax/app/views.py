@@ -127,7 +127,7 @@ class Views:
         self._started.data = {"time": [self._begun]}
 
     @property
-    def plane(self) -> Plane:
+    def drawn_plane(self) -> Plane:
         """The plane that is drawn."""
         return self._step.steps[0].fit.model.plane
 

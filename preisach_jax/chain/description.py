@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -39,6 +39,11 @@ whose past is not known."""
 
 EffectValues = Mapping[str, Mapping[str, float]]
 """Values of the nonlinear parameters, by effect and by name."""
+
+
+def model_name(effects: Iterable[str]) -> str:
+    """A model by its effects."""
+    return " + ".join(("Preisach model", *effects))
 
 
 class Chain(eqx.Module):

@@ -12,6 +12,7 @@ from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
 from preisach_jax.diagnosis.finals import Final, FinalFits
 from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.margin import close_calls
+from preisach_jax.diagnosis.memoryless import memoryless
 from preisach_jax.diagnosis.past import of_the_first_rise, of_the_past
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
@@ -28,7 +29,13 @@ from preisach_jax.diagnosis.trial import (
 )
 from preisach_jax.diagnosis.walk import with_rival_leading
 from preisach_jax.diagnosis.within_cells import within_cells_rms
-from preisach_jax.diagnosis.wording import located, next_experiment, notes_on, sentence
+from preisach_jax.diagnosis.wording import (
+    located,
+    next_experiment,
+    notes_on,
+    of_hysteresis,
+    sentence,
+)
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit, Progress, in_silence
 from preisach_jax.identify import Point
@@ -104,11 +111,14 @@ def assembled(
         if bound.effect not in silent
     )
     close = close_calls(findings, candidates, budget, met)
+    without_hysteresis = memoryless(fits[0], tolerance)
+    said = sentence(verdict, findings, budget, fits, tolerance, close)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence(verdict, findings, budget, fits, tolerance, close),
+        sentence=" ".join([said, *of_hysteresis(without_hysteresis, budget.unit, last.record)]),
         close=close,
         findings=findings,
+        memoryless=without_hysteresis,
         ladder=tuple(Rung.of(fit) for fit in fits),
         budget=budget,
         candidates=candidates,

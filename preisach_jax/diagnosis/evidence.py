@@ -156,22 +156,36 @@ def compare_fits(simple: Fit, rich: Fit) -> Evidence:
     Returns:
         The evidence; positive numbers speak for `rich`.
     """
+    spent = sum(len(effect.parameters()) for effect in rich.model.effects)
+    spent += int(np.count_nonzero(rich.model.weights)) if rich.model.chain.mechanics else 0
+    return compare_residuals(simple.residual, rich, spent)
+
+
+def compare_residuals(simple: np.ndarray, rich: Fit, spent: int = 0) -> Evidence:
+    """Evidence for a fit against what another model leaves.
+
+    Arguments:
+        simple: (time,) the residual to beat, in output units.
+        rich: the fit that should be better.
+        spent: how many parameters more it has.
+
+    Returns:
+        The evidence; positive numbers speak for `rich`.
+    """
     measured, held_out = rich.record.measured, rich.validation
     starts = np.cumsum(np.diff(held_out.astype(int), prepend=0) == 1)[held_out]
 
-    def squares(fit: Fit) -> np.ndarray:
-        sums = np.bincount(starts, fit.residual[held_out] ** 2)[1:]
+    def squares(residual: np.ndarray) -> np.ndarray:
+        sums = np.bincount(starts, residual[held_out] ** 2)[1:]
         return np.asarray(sums / np.bincount(starts)[1:])
 
-    gain = 1 - simple_ratio(rich.rms_validation**2, simple.rms_validation**2)
-    spent = sum(len(effect.parameters()) for effect in rich.model.effects)
-    spent += int(np.count_nonzero(rich.model.weights)) if rich.model.chain.mechanics else 0
+    before, after = (float(np.mean(e[held_out] ** 2)) for e in (simple, rich.residual))
     return _evidence_of(
-        simple.residual[measured],
+        simple[measured],
         rich.residual[measured],
         squares(simple),
-        squares(rich),
-        gain,
+        squares(rich.residual),
+        1 - simple_ratio(after, before),
         spent,
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.budget import (
     Floor,
     budget_of_residual,
@@ -15,6 +16,7 @@ from preisach_jax.diagnosis.budget import (
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare, compare_fits
 from preisach_jax.diagnosis.limits import limits
+from preisach_jax.diagnosis.memoryless import Memoryless, memoryless
 from preisach_jax.diagnosis.past import of_the_past
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.selection import effects_to_try
@@ -67,8 +69,6 @@ class Exploration:
     _cache: dict[str, Any] = field(default_factory=dict[str, Any], repr=False)
 
     def __repr__(self) -> str:
-        from preisach_jax.present.model import model_name
-
         name = model_name(self.effects)
         return f"<Exploration of {self.record.name}: {name}, {self.fit.rms_validation:.4g} RMS>"
 
@@ -240,6 +240,14 @@ class Exploration:
                 floor = Floor.of(whole, self.fit)
                 self._cache["budget"] = error_budget(whole, self.fit, floor, grid)
         return self._cache["budget"]
+
+    @property
+    def memoryless(self) -> tuple[Memoryless, ...]:
+        """What models without hysteresis do on the same rows."""
+        first = self.steps[0]
+        if "memoryless" not in first._cache:
+            first._cache["memoryless"] = memoryless(first.fit)
+        return first._cache["memoryless"]
 
     @property
     def known_candidates(self) -> tuple[Candidate, ...]:

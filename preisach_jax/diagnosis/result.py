@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.form import SparseForm
 from preisach_jax.diagnosis.limits import Limit
+from preisach_jax.diagnosis.memoryless import Memoryless
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
@@ -30,6 +32,11 @@ class Rung:
     rms_validation: float
     max_abs_validation: float
     fit_percent: float
+
+    @property
+    def name(self) -> str:
+        """The model by its effects."""
+        return model_name(self.effects)
 
     @staticmethod
     def of(fit: Fit) -> Rung:
@@ -148,6 +155,7 @@ class Diagnosis:
         sentence: the verdict in one sentence, and in a second one if it is close.
         close: what a little more or less data could turn; empty if the verdict is clear.
         findings: one an effect, in the order in which they were added.
+        memoryless: what models without hysteresis do on the same rows.
         ladder: one rung a model, first the base.
         budget: what the last error is made of.
         candidates: all effects tried.
@@ -166,6 +174,7 @@ class Diagnosis:
     sentence: str
     close: tuple[str, ...]
     findings: tuple[Finding, ...]
+    memoryless: tuple[Memoryless, ...]
     ladder: tuple[Rung, ...]
     budget: Budget
     candidates: tuple[Candidate, ...]
@@ -218,6 +227,11 @@ class Diagnosis:
         return self.final.model
 
     @property
+    def rungs(self) -> tuple[Memoryless | Rung, ...]:
+        """All models on the same held-out rows, from a straight line to the last effect."""
+        return (*self.memoryless, *self.ladder)
+
+    @property
     def remainder_in_words(self) -> list[str]:
         """What the remainder goes with most, a text each."""
         return [relation.text for relation in self.remainder[:MOST_RELATIONS]]
@@ -230,6 +244,7 @@ class Diagnosis:
             "close": list(self.close),
             "effects": list(self.effects),
             "findings": [asdict(finding) for finding in self.findings],
+            "memoryless": [asdict(model) for model in self.memoryless],
             "ladder": [asdict(rung) for rung in self.ladder],
             "budget": self.budget.to_json(),
             "candidates": [asdict(candidate) for candidate in self.candidates],

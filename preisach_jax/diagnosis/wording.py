@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from preisach_jax.diagnosis.memoryless import Memoryless
 from preisach_jax.diagnosis.residuals import (
     cumulated_periodogram,
     in_sequence,
@@ -126,6 +127,22 @@ def _verdict(
         f"The plain hysteresis model lacks {named}: with {added}, the error falls from {first} to "
         f"{last}; {rest}."
     )
+
+
+def of_hysteresis(models: Sequence[Memoryless], unit: str, record: Record) -> list[str]:
+    """A sentence where a model without hysteresis does as well, or nearly."""
+    for kind in ("does_as_well", "does_nearly"):
+        for model in models:
+            if not getattr(model, kind):
+                continue
+            error = (
+                f"{quantity(model.rms_validation, unit, digits=3)} RMS "
+                f"({number(100 * model.rms_validation / stroke_of(record), 2)} % of the stroke)"
+            )
+            if kind == "does_as_well":
+                return [f"No hysteresis: a {model.name} does as well, {error}."]
+            return [f"There is little hysteresis: a {model.name} alone leaves {error}."]
+    return []
 
 
 def _with_family(finding: Finding) -> str:

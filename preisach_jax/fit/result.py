@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from preisach_jax.chain.description import model_name
 from preisach_jax.fit.training import Training
 from preisach_jax.identify import (
     Point,
@@ -84,6 +85,11 @@ class Fit:
     def effects(self) -> tuple[str, ...]:
         """Names of the effects in the model."""
         return tuple(effect.name for effect in self.model.effects)
+
+    @property
+    def name(self) -> str:
+        """The model by its effects."""
+        return model_name(self.effects)
 
     @property
     def residual(self) -> np.ndarray:

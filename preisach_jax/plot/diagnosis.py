@@ -36,8 +36,9 @@ def waterfall(found: Diagnosis) -> Figure:
     Example:
         >>> waterfall(found)  # doctest: +SKIP
     """
-    errors = np.array([rung.rms_validation for rung in found.ladder])
-    names = ["rate-independent\nPreisach model"]
+    errors = np.array([rung.rms_validation for rung in found.rungs])
+    names = ["straight\nline", "single-valued\ncurve", "Preisach\nmodel"]
+    base = len(found.memoryless)
     for fewer, more in zip(found.ladder, found.ladder[1:], strict=False):
         added = [name for name in more.effects if name not in fewer.effects]
         names.append("\n".join(f"+ {name}" for name in added) or "refitted")
@@ -51,7 +52,7 @@ def waterfall(found: Diagnosis) -> Figure:
     axes = figure.add_subplot()
     bottom = 0.5 * least if logarithmic else 0.0
     for place, error in enumerate(errors):
-        shade = BEFORE if place == 0 else AFTER
+        shade = AFTER if place > base else BEFORE
         axes.bar(place, error - bottom, bottom=bottom, width=0.62, color=shade, zorder=2)
         label = f"{number(error, 3)} {unit}".rstrip()
         if place:
@@ -61,7 +62,7 @@ def waterfall(found: Diagnosis) -> Figure:
                 edgecolor=AFTER, linestyle=":", hatch="///", alpha=0.35, zorder=2,
             )  # fmt: skip
             axes.plot([place - 0.69, place + 0.31], [errors[place - 1]] * 2, color="0.4", lw=0.8)
-            label += f"\n−{100 * saved / errors[place - 1]:.0f} %"
+            label += f"\n{-100 * saved / errors[place - 1]:+.0f} %".replace("-", "−")
         inside = logarithmic or error > 0.2 * errors.max()
         box = {"facecolor": shade, "lw": 0, "pad": 1} if inside else None
         axes.annotate(

@@ -33,7 +33,7 @@ def headline(found: Diagnosis) -> str:
 
 def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
     """The ladder as texts: one row a model, errors in one common unit."""
-    return error_rows(found.ladder, found.base.record)
+    return error_rows(found.rungs, found.base.record)
 
 
 def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
@@ -140,7 +140,7 @@ def as_html(found: Diagnosis) -> str:
     return html.block(
         html.heading(f"{headline(found)} ({found.verdict})"),
         html.sentence(found.sentence),
-        html.table(*error_table(found.ladder, record), numbers_from=1),
+        html.table(*error_table(found.rungs, record), numbers_from=1),
         html.table(*run_table(found.final.by_record, record), numbers_from=1),
         html.table(headers, finding_rows(found.findings)),
         html.table(*loss_table(found.final.loss, record), numbers_from=0),
@@ -167,10 +167,9 @@ def as_text(found: Diagnosis) -> str:
         return quantity(value, budget.unit)
 
     lines = [f"{found.verdict}: {found.sentence}", *found.notes, ""]
-    for rung in found.ladder:
-        name = " + ".join(rung.effects) or "rate-independent Preisach model"
+    for rung in found.rungs:
         lines.append(
-            f"  {name}: held-out error {shown(rung.rms_validation)} RMS, "
+            f"  {rung.name}: held-out error {shown(rung.rms_validation)} RMS, "
             f"{shown(rung.max_abs_validation)} at most, fit {rung.fit_percent:.2f} %"
         )
     lines += [f"  {line}" for line in run_lines(found.final.by_record, budget.unit)]

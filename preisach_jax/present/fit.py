@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from preisach_jax.present import html
 from preisach_jax.present.loss import loss_lines, loss_table
-from preisach_jax.present.model import chain_table, model_line, model_name
+from preisach_jax.present.model import chain_table, model_line
 from preisach_jax.quantity import number, scaled
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ class Errors(Protocol):
     """What a model leaves of a record: a fit, or a rung of a ladder."""
 
     @property
-    def effects(self) -> tuple[str, ...]: ...
+    def name(self) -> str: ...
     @property
     def rms_identification(self) -> float: ...
     @property
@@ -40,7 +40,7 @@ def error_rows(models: Sequence[Errors], record: Record) -> list[dict[str, str]]
     for model in models:
         rows.append(
             {
-                "model": model_name(model.effects),
+                "model": model.name,
                 "rms_identification": number(factor * model.rms_identification),
                 "rms_validation": number(factor * model.rms_validation),
                 "max_abs_validation": number(factor * model.max_abs_validation),

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from preisach_jax.chain.description import model_name
 from preisach_jax.present import html
 from preisach_jax.quantity import interval, number, quantity, scaled
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model, ParameterEstimate
-
-
-def model_name(effects: Iterable[str]) -> str:
-    """A model by its effects."""
-    return " + ".join(("Preisach model", *effects))
 
 
 def plane_text(model: Model) -> str:

@@ -256,7 +256,22 @@ def verdict_sentence(found: Diagnosis, language: str) -> str:
     """The verdict in one sentence of a language, and whether it is close."""
     if language == "en":
         return found.sentence
-    return _german_sentence(found) + (" Das Urteil ist knapp." if found.close else "")
+    close = " Das Urteil ist knapp." if found.close else ""
+    return _german_sentence(found) + close + _hysteresis_in_german(found)
+
+
+def _hysteresis_in_german(found: Diagnosis) -> str:
+    for kind, text in (
+        ("does_as_well", " Keine Hysterese: {} sagt den Ausgang ebenso gut voraus."),
+        ("does_nearly", " Es gibt wenig Hysterese: {} lässt kaum einen Fehler."),
+    ):
+        for model in found.memoryless:
+            if getattr(model, kind):
+                return text.format(_MEMORYLESS_DE[model.name])
+    return ""
+
+
+_MEMORYLESS_DE = {"straight line": "eine Gerade", "single-valued curve": "eine eindeutige Kurve"}
 
 
 def _german_sentence(found: Diagnosis) -> str:

@@ -1,0 +1,93 @@
+"""Below the Preisach model stand a straight line and a curve: is there hysteresis at all?"""
+
+import json
+
+import numpy as np
+import pytest
+
+import preisach_jax as pj
+from preisach_jax.diagnosis.memoryless import memoryless
+from preisach_jax.plot.diagnosis import waterfall
+from preisach_jax.present.diagnosis import as_text
+from preisach_jax.report.language import verdict_sentence
+
+T = np.arange(2400) / 100
+U = 5 - 5 * np.cos(T * (1 + T / 40))
+
+
+def plays(values):
+    """Six plays of growing width, one by one."""
+    out = np.zeros(len(values))
+    for width in np.linspace(0.2, 2.0, 6):
+        state = 0.0
+        for k, x in enumerate(values):
+            state = min(max(state, x - width), x + width)
+            out[k] += state / 6
+    return out
+
+
+STAGES = {"line": 0.3 * U + 1.0, "curve": 0.3 * U + 0.4 * np.tanh(U - 4), "loop": 0.3 * plays(U)}
+
+
+@pytest.fixture(scope="module")
+def found():
+    rng = np.random.default_rng(4)
+    return {
+        name: pj.diagnose(
+            pj.Record.from_arrays(T, U, z + 2e-3 * rng.normal(size=len(z))), ["drift"], levels=13
+        )
+        for name, z in STAGES.items()
+    }
+
+
+def test_their_errors_are_those_of_least_squares(found):
+    fit = found["curve"].base
+    line, curve = found["curve"].memoryless
+    rows, held_out = fit.identification, fit.validation
+    slope, offset = np.polyfit(U[rows], fit.record.output[rows], 1)
+    missed = fit.record.output - slope * U - offset
+    assert line.rms_validation == pytest.approx(np.sqrt(np.mean(missed[held_out] ** 2)))
+    assert line.rms_identification == pytest.approx(np.sqrt(np.mean(missed[rows] ** 2)))
+    edges = fit.model.plane.edges
+    hats = np.array([np.interp(U, edges, one) for one in np.eye(len(edges))]).T
+    values = np.linalg.lstsq(hats[rows], fit.record.output[rows], rcond=None)[0]
+    missed = fit.record.output - hats @ values
+    assert curve.rms_validation == pytest.approx(np.sqrt(np.mean(missed[held_out] ** 2)))
+    assert curve.max_abs_validation == pytest.approx(np.abs(missed[held_out]).max())
+
+
+def test_no_hysteresis_is_a_sentence_of_its_own(found):
+    sentences = {name: one.sentence for name, one in found.items()}
+    assert "No hysteresis: a straight line does as well" in sentences["line"]
+    assert "No hysteresis: a single-valued curve does as well" in sentences["curve"]
+    assert "hysteresis: a" not in sentences["loop"]
+    assert [one.does_as_well for one in found["curve"].memoryless] == [False, True]
+    assert "Keine Hysterese: eine Gerade" in verdict_sentence(found["line"], "de")
+    assert all(one.verdict == "adequate" for one in found.values())
+
+
+def test_little_hysteresis_is_said_to_be_little(found):
+    rng = np.random.default_rng(5)
+    z = STAGES["line"] + 2e-3 * plays(U) + 2e-5 * rng.normal(size=len(U))
+    fit = pj.fit(pj.Record.from_arrays(T, U, z), levels=13)
+    line, _ = memoryless(fit)
+    assert (line.does_as_well, line.does_nearly) == (False, True)
+    assert memoryless(found["loop"].base, tolerance=1.0)[0].does_nearly
+
+
+def test_all_rungs_stand_in_every_table_and_figure(found):
+    one = found["loop"]
+    rows = json.loads(json.dumps(one.to_json()))["memoryless"]
+    assert [row["name"] for row in rows] == ["straight line", "single-valued curve"]
+    errors = [rung.rms_validation for rung in one.rungs]
+    assert min(errors[:2]) > 10 * errors[2]
+    text = as_text(one)
+    assert text.index("straight line:") < text.index("curve:") < text.index("Preisach model:")
+    ticks = [tick.get_text() for tick in waterfall(one).axes[0].get_xticklabels()]
+    assert ticks == ["straight\nline", "single-valued\ncurve", "Preisach\nmodel"]
+
+
+def test_several_records_have_a_constant_each():
+    parts = [pj.Record.from_arrays(T, U, 0.3 * U + shift) for shift in (0.0, 5.0)]
+    fit = pj.fit(parts, levels=5)
+    assert memoryless(fit)[0].rms_validation < 1e-9

@@ -213,6 +213,19 @@ def test_a_run_has_the_room_that_the_filter_asks_for(x64):
     assert AdaptiveFilter(plane).room(xs).visits < room.visits
 
 
+def test_outputs_that_are_missing_against_what_was_said_are_not_lost_silently(x64):
+    x, z = of_relays(np.random.default_rng(17))
+    outputs = np.stack([z, 2.0 * z])
+    outputs[1, len(z) // 2 :] = np.nan
+    filt = AdaptiveFilter(PLANE)
+    found = jax.jit(jax.vmap(lambda z: filt.run(x, z, missing=False)))(outputs)
+    whole = filt.run(x, z)
+    np.testing.assert_allclose(found.weights[0], whole.weights, rtol=0, atol=1e-12)
+    assert np.isnan(found.weights[1]).all()
+    assert np.isnan(found.output[1, len(z) // 2 :]).all()
+    assert np.isfinite(found.output[1, : len(z) // 2]).all()
+
+
 # --- planes ---
 
 

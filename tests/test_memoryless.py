@@ -1,14 +1,16 @@
 """Below the Preisach model stand a straight line and a curve: is there hysteresis at all?"""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.memoryless import memoryless
+from preisach_jax.diagnosis.wording import sentence
 from preisach_jax.plot.diagnosis import waterfall
-from preisach_jax.present.diagnosis import as_text
+from preisach_jax.present.diagnosis import as_text, headline
 from preisach_jax.report.language import verdict_sentence
 
 T = np.arange(2400) / 100
@@ -91,3 +93,15 @@ def test_several_records_have_a_constant_each():
     parts = [pj.Record.from_arrays(T, U, 0.3 * U + shift) for shift in (0.0, 5.0)]
     fit = pj.fit(parts, levels=5)
     assert memoryless(fit)[0].rms_validation < 1e-9
+
+
+@pytest.mark.parametrize(("noise", "limited"), [(1e-3, True), (0.02, False)])
+def test_a_plane_that_is_the_limit_is_said_to_be(found, noise, limited):
+    one = found["loop"]
+    budget = replace(one.budget, noise=noise, discretisation=0.03, unexplained=0.0)
+    said = sentence("adequate", (), budget, one.steps)
+    assert ("No effect can be seen" in said and "the plane is the limit" in said) == limited
+    assert ("Nothing is missing" in said) != limited
+    told = replace(one, budget=budget)
+    assert ("the cells of the plane are the limit" in headline(told)) == limited
+    assert ("Zellen der Ebene" in verdict_sentence(told, "de")) == limited

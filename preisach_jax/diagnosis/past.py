@@ -8,6 +8,7 @@ from preisach_jax.chain import first_run_output
 from preisach_jax.chain.driven import drive
 from preisach_jax.chain.runs import signals_of
 from preisach_jax.model import Model
+from preisach_jax.operator.hysteron import position_on
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.course import reversals
@@ -66,11 +67,12 @@ def of_the_first_rise(record: Record, model: Model, error: float) -> tuple[str, 
     if record.runs or model.chain.mechanics is not None:
         return ()
     # From inside its range, what the first passage switches may be the plane's own memory.
-    first, cell = record.input[0], model.plane.delta_x
-    if min(first - record.input.min(), record.input.max() - first) > cell:
+    position = position_on(model.plane, record.input)
+    first = position[0]
+    if min(first - position.min(), position.max() - first) > 1.0:
         return ()
-    farthest = int(np.argmax(np.abs(record.input - first)))
-    if np.abs(record.input[farthest:] - first).min() > cell:
+    farthest = int(np.argmax(np.abs(position - first)))
+    if np.abs(position[farthest:] - first).min() > 1.0:
         return ()  # it never comes back: there is no later passage
     course = drive(model.chain, model.values, signals_of(record))
     output = np.asarray(first_run_output(model.chain, course, model.coefficients.first_run))

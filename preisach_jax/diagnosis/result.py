@@ -20,6 +20,9 @@ from preisach_jax.quantity import quantity
 MOST_RELATIONS = 4
 """Relations of the remainder that are told in words."""
 
+TIMES_THE_NOISE, SHARE_OF_STROKE = 3.0, 2e-3
+"""Discretisation over noise and over the stroke beyond which the plane is said to be the limit."""
+
 VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
 
 
@@ -130,6 +133,14 @@ class Budget:
         """
         memory = min(self.memory, self.noise)
         return float(np.linalg.norm([self.noise, self.discretisation, memory, self.jumps]))
+
+    def is_of_the_plane(self, stroke: float) -> bool:
+        """Whether the cells of the plane, not noise, set how well a model can predict.
+
+        Arguments:
+            stroke: range of the output, in its unit.
+        """
+        return self.discretisation > max(TIMES_THE_NOISE * self.noise, SHARE_OF_STROKE * stroke)
 
     @property
     def is_met(self) -> bool:

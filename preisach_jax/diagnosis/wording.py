@@ -106,6 +106,15 @@ def _verdict(
     if not budget.is_met:
         allowed = quantity(tolerance, budget.unit, digits=3)
         rest += f", and {unexplained} within the tolerance of {allowed}"
+    if verdict != "unexplained" and budget.is_of_the_plane(stroke):
+        rest = (
+            f"mostly what {fits[-1].model.chain.size_text} cannot follow "
+            f"({quantity(budget.discretisation, budget.unit, digits=3)}, with a noise of "
+            f"{quantity(budget.noise, budget.unit, digits=3)}): the plane is the limit, and "
+            "whatever is smaller than that cannot be seen"
+        )
+    if verdict == "adequate" and budget.is_of_the_plane(stroke):
+        return f"No effect can be seen: the plain hysteresis model leaves {last}, {rest}."
     if verdict == "adequate":
         return (
             f"Nothing is missing: the plain hysteresis model predicts the output to {last}, "

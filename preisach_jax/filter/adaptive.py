@@ -313,7 +313,8 @@ class AdaptiveFilter(eqx.Module):
                 as `room` finds it; by default as much as there are samples. From the sample on for
                 which there is none, all is NaN.
             missing: whether outputs may be missing, if they are traced; without it, both cases are
-                compiled for relays, in twice the time. One that is missing then makes all NaN.
+                compiled for relays, in twice the time. From one that is missing all the same, all
+                is NaN.
 
         Returns:
             The weights after the last sample, the rows of each sample and the final state, all of

@@ -372,6 +372,8 @@ class _Recursion:
             visits = visits_of(until, learnt, 2 * len(cells))
         visits = Visits(*(jnp.asarray(each) for each in visits))
         self.lost = (jnp.asarray(blocks.until) > room) | (visits.done > len(visits.block))
+        if not gaps and not self.every_sample:  # it was said that no output is missing
+            self.lost = self.lost | (jnp.cumsum(jnp.isnan(z)) > 0)
         self.visits, self.blocks, self.now, self.first_z = visits, blocks, now, first_z
         count = jnp.cumsum(jnp.sum(cells < size, axis=1))
         upto = jnp.append(0, count)[jnp.minimum(until, len(cells))]

@@ -33,6 +33,7 @@ from preisach_jax.model.requirements import check_record
 from preisach_jax.model.spread import Numbers, differences, spread_of
 from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
+from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import AS_FITTED, Record
 
@@ -212,7 +213,8 @@ class Model:
 
     def _check_start(self, record: Record) -> None:
         first, began = float(record.input[0]), float(self.origin.history[1, 0])
-        if abs(first - began) > self.plane.delta_x:
+        places = position_on(self.plane, np.array([first, began]))
+        if abs(places[0] - places[1]) > 1.0:  # by more than a cell
             unit = self.units.get("input", "")
             raise InputError(
                 f"{record.name}: its first input is {first:.6g} {unit}, and that of "

@@ -27,6 +27,8 @@ def headline(found: Diagnosis) -> str:
     """The verdict of a diagnosis in a few words."""
     if found.verdict == "adequate" and found.next_experiment is not None:
         return "No missing effect is visible, but this record could hardly show one"
+    if found.verdict == "adequate" and found.budget.is_of_the_plane(found.base.record.output_range):
+        return "No effect can be seen: the cells of the plane are the limit"
     several = len(found.effects) > 1 and found.verdict == "explained"
     return "The missing effects were found" if several else _HEADLINES[found.verdict]
 

@@ -248,6 +248,8 @@ def verdict_headline(found: Diagnosis, language: str) -> str:
         return headline(found)
     if found.verdict == "adequate" and found.next_experiment is not None:
         return "Kein fehlender Effekt ist zu erkennen, aber diese Messung könnte kaum einen zeigen"
+    if found.verdict == "adequate" and found.budget.is_of_the_plane(found.base.record.output_range):
+        return "Kein Effekt ist zu sehen: Die Zellen der Ebene sind die Grenze"
     several = len(found.effects) > 1 and found.verdict == "explained"
     return "Die fehlenden Effekte wurden gefunden" if several else _HEADLINES_DE[found.verdict]
 
@@ -285,6 +287,14 @@ def _german_sentence(found: Diagnosis) -> str:
     rest = "Rauschen und das Gitter des Modells"
     if not budget.is_met:
         rest += f", und {left} innerhalb der Toleranz"
+    if found.verdict != "unexplained" and budget.is_of_the_plane(stroke):
+        rest = (
+            "vor allem, was die Zellen der Ebene nicht wiedergeben "
+            f"({quantity(budget.discretisation, budget.unit, 3)}; Rauschen: "
+            f"{quantity(budget.noise, budget.unit, 3)})"
+        )
+    if found.verdict == "adequate" and budget.is_of_the_plane(stroke):
+        return f"Kein Effekt ist zu sehen: Das reine Hysteresemodell lässt {last}, {rest}."
     if found.verdict == "adequate":
         return (
             "Es fehlt nichts: Das reine Hysteresemodell sagt den Ausgang auf "

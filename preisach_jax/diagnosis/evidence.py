@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from preisach_jax.fit import Fit
-from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.identify import FOLDS, VALIDATION, Point, Problem
+from preisach_jax.identify.blocks import BLOCKS
 from preisach_jax.identify.signature import Prospect, amounts_of
 
 LEAST_GAIN = 0.05
@@ -26,6 +27,8 @@ LEAST_DELTA_BIC = 10.0
 """Fall of the whitened criterion below which nothing is named."""
 
 AR_ORDER = 20
+
+HELD_OUT_BLOCKS = BLOCKS // FOLDS
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,8 @@ def compare_residuals(simple: np.ndarray, rich: Fit, spent: int = 0) -> Evidence
     """
     measured, held_out = rich.record.measured, rich.validation
     starts = np.cumsum(np.diff(held_out.astype(int), prepend=0) == 1)[held_out]
+    if starts[-1] < HELD_OUT_BLOCKS // 2:  # whole runs are held out
+        starts = 1 + np.arange(len(starts)) * HELD_OUT_BLOCKS // len(starts)
 
     def squares(residual: np.ndarray) -> np.ndarray:
         sums = np.bincount(starts, residual[held_out] ** 2)[1:]

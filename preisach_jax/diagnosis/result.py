@@ -166,7 +166,6 @@ class Diagnosis:
         sentence: the verdict in one sentence, and in a second one if it is close.
         close: what a little more or less data could turn; empty if the verdict is clear.
         findings: one an effect, in the order in which they were added.
-        memoryless: what models without hysteresis do on the same rows.
         ladder: one rung a model, first the base.
         budget: what the last error is made of.
         candidates: all effects tried.
@@ -179,13 +178,13 @@ class Diagnosis:
         notes: what a reader must know of the record and of what was tried.
         steps: the fit of each rung.
         form: the sparse form of what remains that was asked for (`find_form`), or None.
+        memoryless: what models without hysteresis do on the rows of the ladder.
     """
 
     verdict: str
     sentence: str
     close: tuple[str, ...]
     findings: tuple[Finding, ...]
-    memoryless: tuple[Memoryless, ...]
     ladder: tuple[Rung, ...]
     budget: Budget
     candidates: tuple[Candidate, ...]
@@ -197,6 +196,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     steps: tuple[Fit, ...]
     form: SparseForm | None = None
+    memoryless: tuple[Memoryless, ...] = ()
 
     @property
     def leaves_a_part(self) -> bool:

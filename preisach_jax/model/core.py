@@ -21,6 +21,7 @@ from preisach_jax.chain import (
     signals_of,
     stated_start,
 )
+from preisach_jax.chain.description import model_name
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.errors import InputError
@@ -102,6 +103,11 @@ class Model:
     def effects(self) -> tuple[Effect, ...]:
         """The effects, in order."""
         return self.chain.effects
+
+    @property
+    def name(self) -> str:
+        """The model by its effects."""
+        return model_name(effect.name for effect in self.effects)
 
     def with_budget(self, noise: float, discretisation: float) -> Model:
         """The same model, knowing what its error is made of."""

@@ -37,7 +37,7 @@ def waterfall(found: Diagnosis) -> Figure:
         >>> waterfall(found)  # doctest: +SKIP
     """
     errors = np.array([rung.rms_validation for rung in found.rungs])
-    names = ["straight\nline", "single-valued\ncurve", "Preisach\nmodel"]
+    names = [rung.name.replace(" ", "\n") for rung in (*found.memoryless, found.ladder[0])]
     base = len(found.memoryless)
     for fewer, more in zip(found.ladder, found.ladder[1:], strict=False):
         added = [name for name in more.effects if name not in fewer.effects]

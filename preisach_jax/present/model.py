@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from preisach_jax.chain.description import model_name
 from preisach_jax.present import html
 from preisach_jax.quantity import interval, number, quantity, scaled
 
@@ -39,8 +38,7 @@ def model_rows(model: Model) -> list[tuple[str, str]]:
 def model_line(model: Model) -> str:
     """A model in one line: its effects, its levels, its error."""
     error = quantity(model.rms_validation, model.units.get("output", ""), 3)
-    name = model_name(effect.name for effect in model.effects)
-    return f"{name}, {model.chain.size_text}, held-out error {error} RMS"
+    return f"{model.name}, {model.chain.size_text}, held-out error {error} RMS"
 
 
 MOST_SHOWN = 8

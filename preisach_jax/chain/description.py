@@ -123,7 +123,8 @@ class Chain(eqx.Module):
     def size_text(self) -> str:
         """How many numbers the hysteresis has, in words."""
         one_state = self.mechanics is not None and self.mechanics.has_one_state
-        return "Bouc-Wen law" if one_state else f"{self.plane.levels} levels"
+        placed = "" if self.plane.own_thresholds is None else " where the output moves"
+        return "Bouc-Wen law" if one_state else f"{self.plane.levels} levels{placed}"
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
         """The same plane and hysterons with other effects."""

@@ -111,14 +111,11 @@ def assembled(
         if bound.effect not in silent
     )
     close = close_calls(findings, candidates, budget, met)
-    without_hysteresis = memoryless(fits[0], tolerance)
-    said = sentence(verdict, findings, budget, fits, tolerance, close)
-    return Diagnosis(
+    found = Diagnosis(
         verdict=verdict,
-        sentence=" ".join([said, *of_hysteresis(without_hysteresis, budget.unit, last.record)]),
+        sentence=sentence(verdict, findings, budget, fits, tolerance, close),
         close=close,
         findings=findings,
-        memoryless=without_hysteresis,
         ladder=tuple(Rung.of(fit) for fit in fits),
         budget=budget,
         candidates=candidates,
@@ -129,7 +126,9 @@ def assembled(
         remainder=() if met else relations(record, last.residual, _lines(last.model)),
         notes=tuple(notes),
         steps=tuple(fits),
+        memoryless=memoryless(fits[0], tolerance),
     )
+    return replace(found, sentence=" ".join([*of_hysteresis(found), found.sentence]))
 
 
 def _lines(model: Model) -> dict[str, tuple[float, ...]]:

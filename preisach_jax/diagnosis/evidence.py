@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from preisach_jax.fit import Fit
-from preisach_jax.identify import FOLDS, VALIDATION, Point, Problem
-from preisach_jax.identify.blocks import BLOCKS
+from preisach_jax.identify import VALIDATION, Point, Problem
 from preisach_jax.identify.signature import Prospect, amounts_of
 
 LEAST_GAIN = 0.05
@@ -27,8 +26,6 @@ LEAST_DELTA_BIC = 10.0
 """Fall of the whitened criterion below which nothing is named."""
 
 AR_ORDER = 20
-
-HELD_OUT_BLOCKS = BLOCKS // FOLDS
 
 
 @dataclass(frozen=True)
@@ -159,38 +156,22 @@ def compare_fits(simple: Fit, rich: Fit) -> Evidence:
     Returns:
         The evidence; positive numbers speak for `rich`.
     """
-    spent = sum(len(effect.parameters()) for effect in rich.model.effects)
-    spent += int(np.count_nonzero(rich.model.weights)) if rich.model.chain.mechanics else 0
-    return compare_residuals(simple.residual, rich, spent)
-
-
-def compare_residuals(simple: np.ndarray, rich: Fit, spent: int = 0) -> Evidence:
-    """Evidence for a fit against what another model leaves.
-
-    Arguments:
-        simple: (time,) the residual to beat, in output units.
-        rich: the fit that should be better.
-        spent: how many parameters more it has.
-
-    Returns:
-        The evidence; positive numbers speak for `rich`.
-    """
     measured, held_out = rich.record.measured, rich.validation
     starts = np.cumsum(np.diff(held_out.astype(int), prepend=0) == 1)[held_out]
-    if starts[-1] < HELD_OUT_BLOCKS // 2:  # whole runs are held out
-        starts = 1 + np.arange(len(starts)) * HELD_OUT_BLOCKS // len(starts)
 
-    def squares(residual: np.ndarray) -> np.ndarray:
-        sums = np.bincount(starts, residual[held_out] ** 2)[1:]
+    def squares(fit: Fit) -> np.ndarray:
+        sums = np.bincount(starts, fit.residual[held_out] ** 2)[1:]
         return np.asarray(sums / np.bincount(starts)[1:])
 
-    before, after = (float(np.mean(e[held_out] ** 2)) for e in (simple, rich.residual))
+    gain = 1 - simple_ratio(rich.rms_validation**2, simple.rms_validation**2)
+    spent = sum(len(effect.parameters()) for effect in rich.model.effects)
+    spent += int(np.count_nonzero(rich.model.weights)) if rich.model.chain.mechanics else 0
     return _evidence_of(
-        simple[measured],
+        simple.residual[measured],
         rich.residual[measured],
         squares(simple),
-        squares(rich.residual),
-        1 - simple_ratio(after, before),
+        squares(rich),
+        gain,
         spent,
     )
 

@@ -6,13 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare_residuals
+from preisach_jax.diagnosis.evidence import LEAST_GAIN, simple_ratio
 from preisach_jax.fit import Fit
 from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
 
 LITTLE = 2e-3
 """Held-out error of a model without hysteresis, over the stroke, below which there is little."""
+
+
+MOST_BY_CHANCE = 0.5
+"""Mean square of the Preisach model, over that without hysteresis, that its weights may leave of
+noise on the rows that identify it."""
+
+
+MOST_UNLIKE = 1.5
+"""RMS error on the rows that identify, over that on the rows held out, beyond which these are not
+like those: with a drive of one period, all of them may lie where the loop is closed."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +32,10 @@ class Memoryless:
     Attributes:
         name: "straight line" or "single-valued curve".
         rms_identification, rms_validation, max_abs_validation, fit_percent: as of other models.
-        does_as_well: whether the Preisach model is no better on the held-out rows by more than
-            chance.
+        does_as_well: whether the mean square of the Preisach model is hardly less on the held-out
+            rows, and no less than by its many weights on the others.
         does_nearly: whether it leaves little of the stroke, or less than what does not matter.
+        offset, slope: of the line, at no input and by the input, in the units of the record.
     """
 
     name: str
@@ -34,6 +45,8 @@ class Memoryless:
     fit_percent: float
     does_as_well: bool
     does_nearly: bool
+    offset: float | None
+    slope: float | None
 
 
 def memoryless(fit: Fit, tolerance: float = 0.0) -> tuple[Memoryless, Memoryless]:
@@ -59,25 +72,45 @@ def memoryless(fit: Fit, tolerance: float = 0.0) -> tuple[Memoryless, Memoryless
     constants[~constants.any(axis=1)] = 1 / constants.shape[1]  # of the mean of the other runs
     least = max(tolerance, LITTLE * record.output_range)
     found: list[Memoryless] = []
-    for name, columns in (("straight line", position), ("single-valued curve", ramps)):
+    eps = float(np.finfo(float).eps) * float(np.nanmax(np.abs(record.output)))
+    line = record.input[:, np.newaxis]
+    for name, columns in (("straight line", line), ("single-valued curve", ramps)):
         matrix = np.concatenate([constants, columns], axis=1)
         rows = fit.identification
         solution = np.linalg.lstsq(matrix[rows], record.output[rows], rcond=None)[0]
         residual = record.output - matrix @ solution
-        # The whitened criterion is not asked: a loop is easily predicted from row to row.
-        evidence = compare_residuals(residual, fit)
         held_out, output = residual[fit.validation], record.output[fit.validation]
         spread = np.linalg.norm(output - output.mean())
-        rms = float(np.sqrt(np.mean(held_out**2)))
+        rms, rms_identification = (
+            float(np.sqrt(np.mean(each**2))) for each in (held_out, residual[rows])
+        )
+        falls = simple_ratio(fit.rms_validation**2, rms**2)
+        inside = simple_ratio(fit.rms_identification**2, rms_identification**2)
         found.append(
             Memoryless(
                 name,
-                float(np.sqrt(np.mean(residual[rows] ** 2))),
+                rms_identification,
                 rms,
                 float(np.max(np.abs(held_out))),
                 float(100 * (1 - np.linalg.norm(held_out) / spread)),
-                not (evidence.gain >= LEAST_GAIN and evidence.z >= evidence.least_z),
-                rms <= least,
+                falls > 1 - LEAST_GAIN
+                and inside > MOST_BY_CHANCE
+                and rms_identification <= MOST_UNLIKE * max(rms, eps),
+                max(rms, rms_identification) <= least,
+                float(solution[:-1].mean()) if name == "straight line" else None,
+                float(solution[-1]) if name == "straight line" else None,
             )
         )
     return found[0], found[1]
+
+
+def sufficient(models: tuple[Memoryless, ...], is_all_noise: bool) -> Memoryless | None:
+    """The simplest model without hysteresis that does as well, if what is left is little or noise.
+
+    Arguments:
+        models: the line and the curve.
+        is_all_noise: whether what the Preisach model leaves is noise; where its cells are the
+            limit, or something is missing, that a curve does as well says nothing.
+    """
+    fit = (m for m in models if m.does_as_well and (m.does_nearly or is_all_noise))
+    return next(fit, None)

@@ -11,7 +11,7 @@ import numpy as np
 from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.form import SparseForm
 from preisach_jax.diagnosis.limits import Limit
-from preisach_jax.diagnosis.memoryless import Memoryless
+from preisach_jax.diagnosis.memoryless import Memoryless, sufficient
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
@@ -236,6 +236,12 @@ class Diagnosis:
     def model(self) -> Model:
         """The final model."""
         return self.final.model
+
+    @property
+    def without_hysteresis(self) -> Memoryless | None:
+        """The simplest model without hysteresis that does as well; None if hysteresis is seen."""
+        of_the_plane = self.budget.is_of_the_plane(self.base.record.output_range)
+        return sufficient(self.memoryless, self.verdict == "adequate" and not of_the_plane)
 
     @property
     def rungs(self) -> tuple[Memoryless | Rung, ...]:

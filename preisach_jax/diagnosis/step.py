@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from preisach_jax.diagnosis.budget import by_another_plane, refined_levels
+from preisach_jax.diagnosis.evidence import simple_ratio
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.diagnosis.trial import Row, Trial
@@ -173,7 +174,7 @@ def on_a_refined_plane(
             return replace(step, other=None).compared
         announce(f"trying a plane of {finer} levels")
         other = at_levels(step.problem, step.now, finer)
-        fall = 1 - other.validation_mean_square / step.now.validation_mean_square
+        fall = 1 - simple_ratio(other.validation_mean_square, step.now.validation_mean_square)
         if levels_are_given or not fall > REFINEMENT_PAYS:
             return replace(step, other=other)
         before = [at_levels(step.problem, point, finer) for point in step.path[:-1]]

@@ -15,7 +15,7 @@ from preisach_jax.diagnosis.residuals import (
     longest_lag,
     reversals,
 )
-from preisach_jax.diagnosis.result import Budget, Candidate, Experiment, Finding
+from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding
 from preisach_jax.diagnosis.tolerance import stroke_of
 from preisach_jax.effects.base import Effect
 from preisach_jax.fit import Fit
@@ -138,20 +138,28 @@ def _verdict(
     )
 
 
-def of_hysteresis(models: Sequence[Memoryless], unit: str, record: Record) -> list[str]:
+def of_hysteresis(found: Diagnosis) -> list[str]:
     """A sentence where a model without hysteresis does as well, or nearly."""
-    for kind in ("does_as_well", "does_nearly"):
-        for model in models:
-            if not getattr(model, kind):
-                continue
-            error = (
-                f"{quantity(model.rms_validation, unit, digits=3)} RMS "
-                f"({number(100 * model.rms_validation / stroke_of(record), 2)} % of the stroke)"
-            )
-            if kind == "does_as_well":
-                return [f"No hysteresis: a {model.name} does as well, {error}."]
-            return [f"There is little hysteresis: a {model.name} alone leaves {error}."]
-    return []
+    stroke, unit = found.base.record.output_range, found.budget.unit
+
+    def error(model: Memoryless) -> str:
+        share = number(100 * model.rms_validation / stroke, 2)
+        return f"{quantity(model.rms_validation, unit, digits=3)} RMS ({share} % of the stroke)"
+
+    enough = found.without_hysteresis
+    if enough is not None:
+        law = ""
+        if enough.slope is not None and enough.offset is not None:
+            law = f" ({number(enough.offset)} + {number(enough.slope)} times the input)"
+        return [
+            f"No hysteresis: a {enough.name}{law} does as well as the plain hysteresis model, "
+            f"{error(enough)}."
+        ]
+    return [
+        f"There is little hysteresis: a {model.name} alone leaves {error(model)}."
+        for model in found.memoryless
+        if model.does_nearly
+    ][:1]
 
 
 def _with_family(finding: Finding) -> str:

@@ -12,8 +12,9 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
-from preisach_jax.errors import InputError
+from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.checks import (
+    MOST_SAMPLES,
     check_start,
     checked_adapt,
     input_and_output,
@@ -267,8 +268,10 @@ class AdaptiveFilter(eqx.Module):
         """Weights after an update with the difference s of the states, and whether there is one."""
         rule = self.rule(weights.dtype)
         learns = learns if self.dead_zone is None else learns & rule.learns(error)
-        # The inner `where` keeps 0/0 out of the gradient, the outer one out of the update.
-        rate = jnp.where(learns, rule.rate(error, jnp.where(learns, squared, 1.0)), 0.0)
+        # The inner `where` keeps NaN and 0/0 out of the gradient, the outer one out of the update.
+        rate = jnp.where(
+            learns, rule.rate(jnp.where(learns, error, 0.0), jnp.where(learns, squared, 1.0)), 0.0
+        )
         if self.leakage is not None:
             prior = jnp.asarray(self.initial_weight, weights.dtype)
             leakage = jnp.where(learns, jnp.asarray(self.leakage, weights.dtype), 0.0)
@@ -294,6 +297,9 @@ class AdaptiveFilter(eqx.Module):
         Each pass starts from the memory at the beginning of the first one, and from the weights at
         the end of the one before. A noise-free record is so learnt to the end; with noise the
         weights settle on a cycle that fits the noise as well.
+
+        Where values are traced none is checked: an input beyond the plane saturates, and one that
+        is NaN, an infinite output or a step size out of its range is computed with.
 
         Arguments:
             x: (time,) input, in the unit of the plane.
@@ -337,6 +343,8 @@ class AdaptiveFilter(eqx.Module):
         if count != passes or count < 1:
             raise InputError(f"passes is {passes!r}: give a whole number of at least 1")
         adapt = checked_adapt(adapt)
+        if room is not None and not isinstance(room, Room):
+            room = whole_number("room is", room, least=1, most=MOST_SAMPLES)
         chosen = chosen_form(form, self._why_no_events(x, z, state))
         few = form == "auto" and self.plane.levels < LEVELS_FOR_MOVES
         if chosen == "dense" or (self.hysteron == "ramp" and few):

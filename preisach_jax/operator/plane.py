@@ -128,7 +128,7 @@ class Plane(Grid):
         mean, while the input passes, and of 0.1 of the input's own range.
 
         Arguments:
-            record: has an `input` and an `output`, (time,) each.
+            record: has an `input` and an `output`, (time,) each; rows with NaN are left out.
             levels: N, the levels of each axis.
             limits: lower and upper limit of the plane, in the unit of the input; by default the
                 range of the input.
@@ -137,7 +137,7 @@ class Plane(Grid):
             The plane.
 
         Raises:
-            InputError: the input does not move, or a value is not a number.
+            InputError: the input does not move, or `levels` is below 2.
 
         Example:
             >>> from types import SimpleNamespace
@@ -146,6 +146,7 @@ class Plane(Grid):
             >>> Plane.of(steep, levels=5).thresholds.round(2).tolist()
             [0.43, 0.47, 0.5, 0.52, 0.56]
         """
+        levels = _levels(levels)
         x: np.ndarray = np.asarray(record.input, float)
         z: np.ndarray = np.asarray(record.output, float)
         there = np.isfinite(x) & np.isfinite(z)
@@ -154,7 +155,8 @@ class Plane(Grid):
         low, high = limits or (low, high)
         if not low < high:
             raise InputError(
-                f"the input goes from {low} to {high}: give a record whose input moves"
+                f"the plane goes from {low} to {high}: give a record whose input moves, or "
+                "ascending limits"
             )
         bins = FINE * levels
         edges = np.linspace(low, high, bins + 1)

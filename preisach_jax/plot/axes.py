@@ -98,8 +98,8 @@ def shown_range(model: Model) -> tuple[float, float]:
     """
     edges, _ = plane_edges(model)
     levels = model.plane.levels
-    low, high = edges[[levels // 10, levels - levels // 10]]
-    low, high = max(edges[0], low - (high - low) / 4), min(edges[-1], high + (high - low) / 4)
+    low, high = edges[[levels // 5, levels - levels // 5]]
+    low, high = max(edges[0], 2 * low - high), min(edges[-1], 2 * high - low)
     if high - low > (edges[-1] - edges[0]) / 2:
         low, high = edges[0], edges[-1]
     return float(low), float(high)

@@ -27,6 +27,8 @@ def headline(found: Diagnosis) -> str:
     """The verdict of a diagnosis in a few words."""
     if found.verdict == "adequate" and found.next_experiment is not None:
         return "No missing effect is visible, but this record could hardly show one"
+    if not found.effects and found.without_hysteresis is not None:
+        return "There is no hysteresis to be seen"
     if found.verdict == "adequate" and found.budget.is_of_the_plane(found.base.record.output_range):
         return "No effect can be seen: the cells of the plane are the limit"
     several = len(found.effects) > 1 and found.verdict == "explained"

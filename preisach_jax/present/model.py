@@ -21,8 +21,7 @@ def plane_text(model: Model) -> str:
     falls = ", output falls as the input rises" if model.chain.polarity < 0 else ""
     if model.chain.signed:
         falls = ", weights of both signs"
-    where = "" if plane.own_thresholds is None else ", thresholds where the output moves"
-    return f"{model.chain.size_text}, {plane.cells:,} cells, {axis} from {span}{where}{falls}"
+    return f"{model.chain.size_text}, {plane.cells:,} cells, {axis} from {span}{falls}"
 
 
 def model_rows(model: Model) -> list[tuple[str, str]]:

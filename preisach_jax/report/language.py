@@ -248,6 +248,8 @@ def verdict_headline(found: Diagnosis, language: str) -> str:
         return headline(found)
     if found.verdict == "adequate" and found.next_experiment is not None:
         return "Kein fehlender Effekt ist zu erkennen, aber diese Messung könnte kaum einen zeigen"
+    if not found.effects and found.without_hysteresis is not None:
+        return "Es ist keine Hysterese zu sehen"
     if found.verdict == "adequate" and found.budget.is_of_the_plane(found.base.record.output_range):
         return "Kein Effekt ist zu sehen: Die Zellen der Ebene sind die Grenze"
     several = len(found.effects) > 1 and found.verdict == "explained"
@@ -259,18 +261,15 @@ def verdict_sentence(found: Diagnosis, language: str) -> str:
     if language == "en":
         return found.sentence
     close = " Das Urteil ist knapp." if found.close else ""
-    return _german_sentence(found) + close + _hysteresis_in_german(found)
+    return _hysteresis_in_german(found) + _german_sentence(found) + close
 
 
 def _hysteresis_in_german(found: Diagnosis) -> str:
-    for kind, text in (
-        ("does_as_well", " Keine Hysterese: {} sagt den Ausgang ebenso gut voraus."),
-        ("does_nearly", " Es gibt wenig Hysterese: {} lässt kaum einen Fehler."),
-    ):
-        for model in found.memoryless:
-            if getattr(model, kind):
-                return text.format(_MEMORYLESS_DE[model.name])
-    return ""
+    if (enough := found.without_hysteresis) is not None:
+        name = _MEMORYLESS_DE[enough.name]
+        return f"Keine Hysterese: {name} sagt den Ausgang ebenso gut voraus. "
+    nearly = [_MEMORYLESS_DE[model.name] for model in found.memoryless if model.does_nearly]
+    return f"Es gibt wenig Hysterese: {nearly[0]} lässt kaum einen Fehler. " if nearly else ""
 
 
 _MEMORYLESS_DE = {"straight line": "eine Gerade", "single-valued curve": "eine eindeutige Kurve"}

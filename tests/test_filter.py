@@ -383,3 +383,18 @@ def test_whole_numbers_of_python_are_taken_as_reals(precision):
     result = AdaptiveFilter(PLANE).run(x, z)
     assert result.weights.dtype == precision
     assert float(result.weights.sum()) == pytest.approx(18, rel=1e-5)
+
+
+@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
+def test_the_gradient_in_the_step_size_is_finite_where_outputs_are_missing(x64, hysteron):
+    plane = Plane(levels=4, low=0.0, high=10.0)
+    x = 5 + 4 * np.sin(np.arange(40) * 0.5)
+    z = 3 * x
+    z[20] = np.nan
+
+    def total(step_size):
+        filt = AdaptiveFilter(plane, hysteron, step_size=step_size)
+        return filt.run(x, z, form="dense").weights.sum()
+
+    slope = (total(0.5 + 1e-6) - total(0.5 - 1e-6)) / 2e-6
+    assert float(jax.grad(total)(0.5)) == pytest.approx(float(slope), rel=1e-5)

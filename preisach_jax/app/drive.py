@@ -26,7 +26,6 @@ from preisach_jax.app.drive_figures import DriveFigures
 from preisach_jax.app.driving import Driven, Order, command_shown, course_of, outcome
 from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.layout import BLOCK, WRAP, button, plots, styled
-from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
@@ -105,7 +104,7 @@ class DriveView:
         def show() -> None:
             self._preview()
             if had_result and not self._told.object:
-                name = model_name(step.effects)
+                name = step.fit.name
                 self._told.object = panels.doing(f"The model is now {name}: find the drive again.")
 
         self._hand_over(show)

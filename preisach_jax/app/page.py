@@ -18,7 +18,6 @@ from preisach_jax.app.project import Project
 from preisach_jax.app.script import Click
 from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
 from preisach_jax.app.views import Views
-from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.fit import Progress
@@ -235,7 +234,7 @@ class Page(Opening):
         if self._drive is not None:
             self._drive.use(walk.step)
         if self._compare is not None:
-            self._compare.outdated(model_name(walk.step.effects))
+            self._compare.outdated(walk.step.fit.name)
         self._layout.downloads.objects = self._layout.project.objects = []
         self._refresh()
 

@@ -14,7 +14,6 @@ import panel as pn
 from bokeh.models import GlobalInlineStyleSheet, InlineStyleSheet
 from markupsafe import Markup
 
-from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
@@ -235,7 +234,7 @@ def _judgement(step: Exploration, found: Diagnosis | None) -> tuple[str, Markup,
             lines.append(f"Record next: {found.next_experiment.text}")
         words = Markup("").join(paragraph.format(line) for line in lines)
         return headline(found), words, found.budget.is_met
-    name = model_name(step.effects)
+    name = step.fit.name
     budget = step.known_budget
     if budget is None:
         return name, paragraph.format("Estimating how much of this is noise."), None

@@ -48,10 +48,7 @@ class Operator(eqx.Module):
         laid_out = np.zeros((2, plane.levels, plane.levels))
         laid_out[0][cells] = weights - memory
         laid_out[1][cells] = memory
-        own = plane.own_thresholds
-        own = None if own is None else (own - plane.low) / plane.delta_x
-        scaled = Plane(plane.levels, 0.0, float(plane.levels), own)
-        return Operator(scaled, jnp.asarray(laid_out), all_widen, relays)
+        return Operator(plane.scaled(plane.levels), jnp.asarray(laid_out), all_widen, relays)
 
     @property
     def levels(self) -> int:
@@ -210,27 +207,26 @@ def inverse(
 ) -> tuple[Array, Array]:
     """Positions along a wanted output, and the outputs that they give, `(time,)` each.
 
-        Arguments:
-            operator: the operator.
-            state: what `follow` gives of the past.
-            wanted: (time,) wanted outputs.
-            widening: (time,) by how much thresholds move outward, in positions.
-            bounds: what each sample allows, `(time,)` each.
+    Arguments:
+        operator: the operator.
+        state: what `follow` gives of the past.
+        wanted: (time,) wanted outputs.
+        widening: (time,) by how much thresholds move outward, in positions.
+        bounds: what each sample allows, `(time,)` each.
 
-        Returns:
-            Positions and outputs.
+    Returns:
+        Positions and outputs.
 
-        Example:
-            >>> import numpy as np
-            >>> from preisach_jax.operator.hysteron import input_at, position_on
-    from preisach_jax.operator.plane import Plane
-            >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
-            >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
-            >>> wanted = jnp.asarray([1.5, 3.0, 1.0])
-            >>> free = Bounds(0 * wanted, 0 * wanted + 2, wanted + jnp.inf, wanted * jnp.nan)
-            >>> state = follow(operator, jnp.zeros(1), jnp.zeros(1))
-            >>> inverse(operator, state, wanted, 0 * wanted, free)[1].tolist()
-            [1.5, 3.0, 1.0]
+    Example:
+        >>> import numpy as np
+        >>> from preisach_jax.operator.plane import Plane
+        >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
+        >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
+        >>> wanted = jnp.asarray([1.5, 3.0, 1.0])
+        >>> free = Bounds(0 * wanted, 0 * wanted + 2, wanted + jnp.inf, wanted * jnp.nan)
+        >>> state = follow(operator, jnp.zeros(1), jnp.zeros(1))
+        >>> inverse(operator, state, wanted, 0 * wanted, free)[1].tolist()
+        [1.5, 3.0, 1.0]
     """
     step = partial(inverse_step, operator)
 

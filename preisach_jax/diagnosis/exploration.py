@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.budget import (
     Floor,
     budget_of_residual,
@@ -69,8 +68,8 @@ class Exploration:
     _cache: dict[str, Any] = field(default_factory=dict[str, Any], repr=False)
 
     def __repr__(self) -> str:
-        name = model_name(self.effects)
-        return f"<Exploration of {self.record.name}: {name}, {self.fit.rms_validation:.4g} RMS>"
+        fit = self.fit
+        return f"<Exploration of {self.record.name}: {fit.name}, {fit.rms_validation:.4g} RMS>"
 
     def _repr_html_(self) -> str:
         from preisach_jax.present.diagnosis import step_as_html

@@ -12,13 +12,11 @@ from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
 
 LITTLE = 2e-3
-"""Held-out error of a model without hysteresis, over the stroke, below which there is little."""
-
+"""RMS over the stroke below which hysteresis, or what cells cannot follow, is little."""
 
 MOST_BY_CHANCE = 0.5
 """Mean square of the Preisach model, over that without hysteresis, that its weights may leave of
 noise on the rows that identify it."""
-
 
 MOST_UNLIKE = 1.5
 """RMS error on the rows that identify, over that on the rows held out, beyond which these are not

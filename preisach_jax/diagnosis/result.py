@@ -11,7 +11,7 @@ import numpy as np
 from preisach_jax.chain.description import model_name
 from preisach_jax.diagnosis.form import SparseForm
 from preisach_jax.diagnosis.limits import Limit
-from preisach_jax.diagnosis.memoryless import Memoryless, sufficient
+from preisach_jax.diagnosis.memoryless import LITTLE, Memoryless, sufficient
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model, ParameterEstimate
@@ -20,8 +20,8 @@ from preisach_jax.quantity import quantity
 MOST_RELATIONS = 4
 """Relations of the remainder that are told in words."""
 
-TIMES_THE_NOISE, SHARE_OF_STROKE = 3.0, 2e-3
-"""Discretisation over noise and over the stroke beyond which the plane is said to be the limit."""
+TIMES_THE_NOISE = 3.0
+"""Discretisation over noise beyond which the plane is said to be the limit, unless it is little."""
 
 VERDICTS = ("adequate", "explained", "partly_explained", "unexplained")
 
@@ -140,7 +140,7 @@ class Budget:
         Arguments:
             stroke: range of the output, in its unit.
         """
-        return self.discretisation > max(TIMES_THE_NOISE * self.noise, SHARE_OF_STROKE * stroke)
+        return self.discretisation > max(TIMES_THE_NOISE * self.noise, LITTLE * stroke)
 
     @property
     def is_met(self) -> bool:

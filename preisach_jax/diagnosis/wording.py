@@ -96,11 +96,7 @@ def _verdict(
     tolerance: float,
 ) -> str:
     stroke = stroke_of(fits[0].record)
-    first, last = (
-        f"{quantity(fit.rms_validation, budget.unit, digits=3)} RMS "
-        f"({number(100 * fit.rms_validation / stroke, 2)} % of the stroke)"
-        for fit in (fits[0], fits[-1])
-    )
+    first, last = (_error(fit, budget.unit, stroke) for fit in (fits[0], fits[-1]))
     unexplained = quantity(budget.unexplained, budget.unit, digits=3)
     rest = "noise and discretisation"
     if not budget.is_met:
@@ -138,14 +134,14 @@ def _verdict(
     )
 
 
+def _error(model: Fit | Memoryless, unit: str, stroke: float) -> str:
+    share = number(100 * model.rms_validation / stroke, 2)
+    return f"{quantity(model.rms_validation, unit, digits=3)} RMS ({share} % of the stroke)"
+
+
 def of_hysteresis(found: Diagnosis) -> list[str]:
     """A sentence where a model without hysteresis does as well, or nearly."""
     stroke, unit = found.base.record.output_range, found.budget.unit
-
-    def error(model: Memoryless) -> str:
-        share = number(100 * model.rms_validation / stroke, 2)
-        return f"{quantity(model.rms_validation, unit, digits=3)} RMS ({share} % of the stroke)"
-
     enough = found.without_hysteresis
     if enough is not None:
         law = ""
@@ -153,10 +149,10 @@ def of_hysteresis(found: Diagnosis) -> list[str]:
             law = f" ({number(enough.offset)} + {number(enough.slope)} times the input)"
         return [
             f"No hysteresis: a {enough.name}{law} does as well as the plain hysteresis model, "
-            f"{error(enough)}."
+            f"{_error(enough, unit, stroke)}."
         ]
     return [
-        f"There is little hysteresis: a {model.name} alone leaves {error(model)}."
+        f"There is little hysteresis: a {model.name} alone leaves {_error(model, unit, stroke)}."
         for model in found.memoryless
         if model.does_nearly
     ][:1]

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from preisach_jax.chain.description import model_name
 from preisach_jax.fit.training import Training
 from preisach_jax.identify import (
     Point,
@@ -89,7 +88,7 @@ class Fit:
     @property
     def name(self) -> str:
         """The model by its effects."""
-        return model_name(self.effects)
+        return self.model.name
 
     @property
     def residual(self) -> np.ndarray:

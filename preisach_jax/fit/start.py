@@ -94,22 +94,18 @@ def base_point(problem: Problem, levels: int) -> Point:
     Its thresholds are equally spaced, unless they predict what is held out much better where the
     output moves.
     """
-    signs, even = _signs(problem), plane_of(problem, levels)
-    point = _base_point(problem, even, *signs)
-    slot = ("spacing",)
-    if slot not in problem.cache:
-        measured = np.zeros(len(problem.record.input), bool)
-        measured[problem.rows[np.isin(problem.fold, problem.identified)]] = True
-        seen = SimpleNamespace(
-            input=problem.record.input, output=np.where(measured, problem.record.output, np.nan)
-        )
-        uneven = _base_point(problem, Plane.of(seen, levels, (even.low, even.high)), *signs)
-        least = SPACING_PAYS * point.validation_mean_square
-        pays = uneven.validation_mean_square < least
-        problem.cache[slot] = uneven.chain.plane if pays else even
-        return uneven if pays else point
-    plane = problem.cache[slot].with_levels(levels)
-    return point if plane.own_thresholds is None else _base_point(problem, plane, *signs)
+    signs, slot, record = _signs(problem), ("spacing",), problem.record
+    if slot in problem.cache:
+        return _base_point(problem, problem.cache[slot].with_levels(levels), *signs)
+    even = _base_point(problem, plane_of(problem, levels), *signs)
+    plane, rows = even.chain.plane, problem.rows[np.isin(problem.fold, problem.identified)]
+    seen = SimpleNamespace(input=record.input, output=np.full(len(record), np.nan))
+    seen.output[rows] = record.output[rows]
+    uneven = _base_point(problem, Plane.of(seen, levels, (plane.low, plane.high)), *signs)
+    least = SPACING_PAYS * even.validation_mean_square
+    point = uneven if uneven.validation_mean_square < least else even
+    problem.cache[slot] = point.chain.plane
+    return point
 
 
 def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:

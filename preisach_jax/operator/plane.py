@@ -189,19 +189,22 @@ class Plane(Grid):
         widths = np.diff(self.edges)
         return widths[self.alpha_index] * widths[self.beta_index]
 
-    def scaled(self) -> Plane:
-        """Give the same plane from 0 to 1.
+    def scaled(self, high: float = 1.0) -> Plane:
+        """Give the same plane from 0 to another upper limit.
+
+        Arguments:
+            high: the upper limit, above 0.
 
         Returns:
-            The plane, with its inputs taken from `low` and by the range.
+            The plane, with its thresholds where they lie.
 
         Example:
             >>> Plane(levels=2, low=0.0, high=4.0, thresholds=[1.0, 2.0]).scaled().thresholds
             array([0.25, 0.5 ])
         """
         own = self.own_thresholds
-        own = None if own is None else (own - self.low) / (self.high - self.low)
-        return Plane(self.levels, 0.0, 1.0, own)
+        own = None if own is None else (own - self.low) / (self.high - self.low) * high
+        return Plane(self.levels, 0.0, high, own)
 
     def with_levels(self, levels: int) -> Plane:
         """Give a plane of other levels, whose thresholds lie as densely.

@@ -277,7 +277,7 @@ def show_diagnosis(found: Diagnosis) -> None:
     say(f"\n{headline(found)} ({found.verdict}).\n{found.sentence}\n")
     for text in found.notes:
         say(f"Note: {text}\n")
-    table(*error_table(found.rungs, found.base.record))
+    table(*error_table(found.ladder, found.base.record, found.memoryless))
     if found.final.by_record:
         say()
         table(*run_table(found.final.by_record, found.base.record))

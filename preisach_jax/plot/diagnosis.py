@@ -43,14 +43,14 @@ def waterfall(found: Diagnosis) -> Figure:
         added = [name for name in more.effects if name not in fewer.effects]
         names.append("\n".join(f"+ {name}" for name in added) or "refitted")
     floor = float(np.hypot(found.budget.noise, found.budget.discretisation))
-    factor, unit = scaled(errors.max(), found.budget.unit)
+    factor, unit = scaled(errors[base:].max(), found.budget.unit)
     errors, floor = factor * errors, factor * floor
     least = min(errors.min(), floor) if floor > 0 else errors.min()
     logarithmic = bool(errors.max() > 10 * max(least, 1e-300))
     width = min(4.2 + 1.1 * len(errors), 11)
     figure = Figure(figsize=(width, 3.6), layout="constrained")
     axes = figure.add_subplot()
-    bottom = 0.5 * least if logarithmic else 0.0
+    bottom = 0.3 * least if logarithmic else 0.0  # two lines of text have room
     for place, error in enumerate(errors):
         shade = AFTER if place > base else BEFORE
         axes.bar(place, error - bottom, bottom=bottom, width=0.62, color=shade, zorder=2)

@@ -37,7 +37,7 @@ def headline(found: Diagnosis) -> str:
 
 def ladder_rows(found: Diagnosis) -> list[dict[str, str]]:
     """The ladder as texts: one row a model, errors in one common unit."""
-    return error_rows(found.rungs, found.base.record)
+    return error_rows(found.ladder, found.base.record, found.memoryless)
 
 
 def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
@@ -144,7 +144,7 @@ def as_html(found: Diagnosis) -> str:
     return html.block(
         html.heading(f"{headline(found)} ({found.verdict})"),
         html.sentence(found.sentence),
-        html.table(*error_table(found.rungs, record), numbers_from=1),
+        html.table(*error_table(found.ladder, record, found.memoryless), numbers_from=1),
         html.table(*run_table(found.final.by_record, record), numbers_from=1),
         html.table(headers, finding_rows(found.findings)),
         html.table(*loss_table(found.final.loss, record), numbers_from=0),

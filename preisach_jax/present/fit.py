@@ -32,12 +32,20 @@ class Errors(Protocol):
     def fit_percent(self) -> float: ...
 
 
-def error_rows(models: Sequence[Errors], record: Record) -> list[dict[str, str]]:
-    """Errors of models of one record as texts: one row a model, in one common unit."""
+def error_rows(
+    models: Sequence[Errors], record: Record, below: Sequence[Errors] = ()
+) -> list[dict[str, str]]:
+    """Errors of models of one record as texts: one row a model, in one common unit.
+
+    Arguments:
+        models: the models, whose errors choose the unit.
+        record: their record.
+        below: models without hysteresis, which come first.
+    """
     greatest = max(model.rms_validation for model in models)
     factor, unit = scaled(greatest, record.output_unit)
     rows: list[dict[str, str]] = []
-    for model in models:
+    for model in (*below, *models):
         rows.append(
             {
                 "model": model.name,
@@ -53,10 +61,10 @@ def error_rows(models: Sequence[Errors], record: Record) -> list[dict[str, str]]
 
 
 def error_table(
-    models: Sequence[Errors], record: Record
+    models: Sequence[Errors], record: Record, below: Sequence[Errors] = ()
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headers with units, and the rows of `error_rows` below them."""
-    rows = error_rows(models, record)
+    rows = error_rows(models, record, below)
     unit = f" ({rows[0]['unit']})" if rows[0]["unit"] else ""
     columns = {
         "model": "model",

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from preisach_jax.errors import InputError, PrecisionWarning
     from preisach_jax.filter.adaptive import AdaptiveFilter
     from preisach_jax.filter.comparison import compare_recursions
-    from preisach_jax.filter.fleet import FleetResult, fleet_to_folder, run_fleet
+    from preisach_jax.filter.fleet import FleetResult, run_fleet
     from preisach_jax.filter.least_squares import RecursiveLeastSquares
     from preisach_jax.filter.online import OnlineFilter
     from preisach_jax.fit import Fit, fit
@@ -97,7 +97,6 @@ __all__ = [
     "explore",
     "find_form",
     "fit",
-    "fleet_to_folder",
     "look",
     "loss_per_cycle",
     "parameter",
@@ -151,7 +150,6 @@ _HOMES = {
     "explore": "diagnosis.exploration",
     "find_form": "diagnosis",
     "fit": "fit",
-    "fleet_to_folder": "filter.fleet",
     "look": "look",
     "loss_per_cycle": "loss",
     "parameter": "effects.parameter",

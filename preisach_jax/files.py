@@ -69,8 +69,9 @@ def file_name(thing: str) -> str:
 _OURS = re.compile(
     rb"""
     t,z_pred,z_low,z_high\n | t,u,z_expected,z_low,z_high,reachable\n
-    | record,samples,updates,error | t_s,[^\n]*\n0e0,
-    | \{\s*"format":[ ] (?: "preisach_jax | \d+,\s*"(?:rows|work|settings)":)
+    | t_s,[^\n]*\n0e0,
+    | \{\s*"format":[ ] (?: "preisach_jax | \d+,\s*"rows":)
+    | \{\s*"sha256":[ ]"\w+",\s*"settings":[ ]\{\s*"does":
     | \{\s*"verdict":[ ]"\w+",\s*"sentence": | \{\s*"comparisons":[ ]\[\s*\{\s*"name":
     | \{\s*"record":[ ]\{\s*"name":[ ][^\n]*\s*"sha256":
     | \{\s*"effects":[ ]\[[^]]*\],\s*"parameters":
@@ -83,6 +84,9 @@ _OURS = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 _HEAD_BYTES = 4096
+
+PARQUET_MARK = b"written by preisach_jax"
+"""Key in the metadata of a Parquet file, which stands at its end."""
 
 
 def marked_csv(content: bytes) -> bytes:
@@ -100,9 +104,10 @@ def is_ours(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
-            if head.startswith(b"%PDF"):  # which says at its end who wrote it
+            if head.startswith((b"%PDF", b"PAR1")):  # which say at their ends who wrote them
                 file.seek(-min(_HEAD_BYTES, path.stat().st_size), os.SEEK_END)
-                return b"/Producer (preisach_jax)" in file.read()
+                end = file.read()
+                return b"/Producer (preisach_jax)" in end or PARQUET_MARK in end
             if head.startswith(b"PK"):
                 with zipfile.ZipFile(file) as fmu, fmu.open("modelDescription.xml") as text:
                     return b'generationTool="preisach_jax' in text.read(16 * _HEAD_BYTES)

@@ -13,7 +13,7 @@ PACKAGE = Path(preisach_jax.__file__).parent
 
 # From below: a file may import from those before its own layer, and within its layer.
 LAYERS: Sequence[str] = (
-    "errors escape quantity files cores devices work operator filter signals plant piezo frequency "
+    "errors escape quantity files cores devices operator filter signals plant piezo frequency "
     "theory sweep record look effects mechanics chain model loss export compensation identify fit "
     "diagnosis present paper plot report app cli __main__"
 ).split()
@@ -94,6 +94,6 @@ except RuntimeError:
     assert out[-1] == "for"
     # SciPy loads its parts when they are used; these take longer than all of this package.
     assert not loaded & {
-        "matplotlib", "pandas", "pyarrow", "pydantic", "zarr", "typer", "rich", "jinja2", "panel",
-        "bokeh", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.ndimage",
+        "matplotlib", "pandas", "pyarrow", "pydantic", "distributed", "typer", "rich", "jinja2",
+        "panel", "bokeh", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.ndimage",
     }  # fmt: skip

@@ -1,14 +1,20 @@
-"""`preisach fleet`: what it writes and shows, and what it refuses."""
+"""`preisach fleet`: many records on workers of Dask, what it writes, keeps and refuses."""
 
-import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from preisach_jax.cli import main
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.fleet import run_fleet
-from preisach_jax.operator.plane import Plane
+import preisach_jax as pj
+from preisach_jax.cli import fleet, main
+
+pytest.importorskip("distributed")
+pytest.importorskip("pyarrow")
 
 
 @pytest.fixture(scope="module")
@@ -17,15 +23,13 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fleet")
     rng, paths = np.random.default_rng(2), []
     for k in range(3):
-        t = np.arange(600 + 50 * (k > 0)) / 100
-        x = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
-        z = (2 + k) * x + 0.01 * rng.normal(size=len(t))
+        t = np.arange(600) / 100
+        u = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
+        z = (2 + k) * u + 0.01 * rng.normal(size=len(t))
         cells = [f"{value:.5f}" for value in z]
         if k == 1:
             cells[100:110] = [""] * 10
-        rows = [
-            f"{time:.2f},{value:.5f},{cell}" for time, value, cell in zip(t, x, cells, strict=True)
-        ]
+        rows = [f"{a:.2f},{b:.5f},{c}" for a, b, c in zip(t, u, cells, strict=True)]
         paths.append(folder / f"stage{k}.csv")
         paths[-1].write_text("\n".join(["t_s,u_V,z_um", *rows]) + "\n")
     return paths
@@ -35,61 +39,135 @@ def run(*words):
     return main(["fleet", *map(str, words)])
 
 
-def test_it_writes_what_the_filter_finds_of_each(files, tmp_path, capsys, x64):
-    words = (*files, "--out", tmp_path, "--levels", 5, "--low", -1, "--high", 11, "--passes", 2)
-    assert run(*words, "--chunk", 2) == 0
-    shown = capsys.readouterr().out
-    table = list(csv.DictReader((tmp_path / "fleet.csv").read_text().splitlines()))
-    data = [np.genfromtxt(path, delimiter=",", skip_header=1).T for path in files]
-    adaptive = AdaptiveFilter(Plane(5, -1.0, 11.0), "ramp")
-    expected = run_fleet(adaptive, [x for _, x, _ in data], [z for _, _, z in data], 2)
-    for k, row in enumerate(table):
-        assert row["record"] == files[k].name
-        assert int(row["samples"]) == len(data[k][0])
-        assert int(row["updates"]) == expected.updates[k]
-        assert float(row["error (um)"]) == pytest.approx(expected.error[k])
-        replay = float(row["replay_error (um)"])
-        assert replay == pytest.approx(expected.replay_error[k])
-        assert float(row["offset (um)"]) == pytest.approx(expected.offset[k])
-        percent = 100 * replay / (np.nanmax(data[k][2]) - np.nanmin(data[k][2]))
-        assert float(row["replay_error (%)"]) == pytest.approx(percent)
-        assert percent < 5
-    assert "error (µm)" in shown
-    assert sorted(path.name for path in (tmp_path / "done").iterdir()) == [
-        "records_0000-0001.json", "records_0002-0002.json",
-    ]  # fmt: skip
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """The tasks run in a thread of this process: nothing need be started."""
+    from distributed import Client, as_completed
+
+    @fleet.contextmanager
+    def client(workers, scheduler):
+        with Client(processes=False, n_workers=1, threads_per_worker=1,
+                    dashboard_address=None) as own:  # fmt: skip
+            yield own, as_completed()
+
+    monkeypatch.setattr(fleet, "_client", client)
 
 
-def test_it_goes_on_and_says_so_when_it_was_interrupted(files, tmp_path, capsys, monkeypatch):
-    calls, genuine = [], run_fleet
+def written(out):
+    """When the row of each record was written."""
+    return {path.parent.name: path.stat().st_mtime_ns for path in out.glob("*/fleet.json")}
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_each_record_has_its_folder_and_row_and_is_done_once(files, tmp_path, capsys):
+    torn, out = tmp_path / "torn.csv", tmp_path / "out"
+    torn.write_text("a,b\n")
+    words = (*files, torn, "--fit", "--levels", 5, "--out", out)
+    assert run(*words) == 2  # what cannot be read is told, and the others are done
+    said = capsys.readouterr().err
+    assert "1 of 4 records came to nothing" in said
+    assert "torn.csv: there is no row" in said
+    table = pd.read_parquet(out / "fleet.parquet").set_index("record")
+    for path in files:
+        model = pj.Model.load(tmp_path / "out" / path.stem / "model.json")
+        row, fit = table.loc[str(path)], pj.fit(pj.Record.load(path), levels=5)
+        assert model.to_json()["weights"] == fit.model.to_json()["weights"]
+        assert row.rms == fit.rms_validation
+        assert row.percent_of_stroke == pytest.approx(100 * row.rms / fit.record.output_range)
+        assert (row.unit, row.levels, row.why_not) == ("um", 5, "")
+    assert "there is no row" in table.loc[str(torn)].why_not
+
+    torn.write_text(files[0].read_text())
+    before = written(out)
+    assert run(*words) == 0
+    assert "3 of 4 were done before, and are kept" in capsys.readouterr().out
+    assert written(out).items() > before.items()
+    assert sorted(path.name for path in (out / "torn").iterdir()) == ["fleet.json", "model.json"]
+    before = written(out)
+    assert run(*files, "--fit", "--levels", 4, "--out", out) == 0  # other settings
+    assert sum(time != before[name] for name, time in written(out).items()) == 3
+    before = written(out)
+    assert run(files[0], "--fit", "--levels", 4, "--out", out, "--restart") == 0
+    assert [name for name, time in written(out).items() if time != before[name]] == ["stage0"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_diagnosis_of_each_is_its_report(files, tmp_path, capsys):
+    assert run(files[0], "--effects", "drift", "--levels", 5, "--out", tmp_path, "--json") == 0
+    (row,) = json.loads(capsys.readouterr().out)["records"]
+    found = json.loads((tmp_path / "stage0" / "diagnosis.json").read_text())
+    assert (row["verdict"], row["effects"]) == (found["verdict"], ", ".join(found["effects"]))
+    assert row["rms"] == found["ladder"][-1]["rms_validation"]
+    assert (tmp_path / "stage0" / "report.html").exists()
+
+
+DYING = """
+import os, signal, sys
+from preisach_jax.cli import fleet, main
+
+genuine = fleet.study
+
+def dying(record, settings):
+    mark = os.environ["MARK"]
+    if record.name == "stage1.csv" and not os.path.exists(mark):
+        open(mark, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return genuine(record, settings)
+
+if __name__ == "__main__":
+    fleet.study = dying
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_loses_nothing(files, tmp_path):
+    program = tmp_path / "dying.py"
+    program.write_text(DYING)
+    words = ["fleet", *files, "--fit", "--levels", 5, "--workers", 2, "--out", tmp_path / "out"]
+    environment = {**os.environ, "MARK": str(tmp_path / "mark"), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, program, *map(str, words)], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "mark").exists()
+    table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
+    assert table.record.tolist() == [str(path) for path in files]
+    assert not table.why_not.any()
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_interruption_keeps_what_was_finished(files, tmp_path, monkeypatch, capsys):
+    genuine, words = fleet._done, (*files, "--fit", "--levels", 5, "--out", tmp_path)
 
     def interrupted(*arguments):
-        calls.append(len(arguments[1]))
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return genuine(*arguments)
+        yield next(genuine(*arguments))
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr("preisach_jax.filter.fleet.run_fleet", interrupted)
-    words = (*files, "--out", tmp_path, "--levels", 5, "--chunk", 1)
-    assert run(*words) == 130
-    assert "keeps the finished chunks; resume with: preisach fleet" in capsys.readouterr().err
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet, "_done", interrupted)
+        assert run(*words) == 130
+    assert "keeps what was finished; resume with: preisach fleet" in capsys.readouterr().err
+    assert len(pd.read_parquet(tmp_path / "fleet.parquet")) == 1
     assert run(*words) == 0
-    assert calls == [1, 1, 1, 1]
-    assert run(*words, "--restart") == 0
-    assert calls == [1] * 7
+    assert "1 of 3 were done before, and are kept" in capsys.readouterr().out
+    assert len(pd.read_parquet(tmp_path / "fleet.parquet")) == 3
 
 
 @pytest.mark.parametrize(
     ("words", "fragments"),
     [
-        (["--levels", 1], ["--levels is 1"]),
-        (["--high", 8], ["stage0.csv: the input reaches from", "to 8: move --low and --high"]),
-        (["--hysteron", "play"], ["--hysteron is 'play'"]),
-        (["--input", "x"], ["stage0.csv", "x"]),
-        (["--process", 0], ["--coordinator"]),
+        (["--levels", 1], ["levels is 1"]),
+        (["--effects", "creeep"], ["creeep", "creep"]),
+        (["--workers", 0], ["--workers", "0"]),
+        (["--scheduler", "tcp://127.0.0.1:1"], ["--scheduler is 'tcp://127.0.0.1:1'", "answered"]),
     ],
 )
-def test_mistakes_are_one_line_that_names_the_option(words, fragments, files, tmp_path, capsys):
+def test_mistakes_are_one_line_that_names_the_option(
+    words, fragments, files, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(fleet, "CONNECTING_S", 1)
     assert run(*files, "--out", tmp_path, *words) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert len([line for line in error if line.startswith("preisach:")]) == 1
@@ -97,17 +175,20 @@ def test_mistakes_are_one_line_that_names_the_option(words, fragments, files, tm
         assert fragment in error[-1]
 
 
-def test_records_that_do_not_belong_together_are_told(files, tmp_path, capsys):
+@pytest.mark.usefixtures("in_this_process")
+def test_a_record_twice_and_names_alike(files, tmp_path, capsys):
     assert run(files[0], files[0], "--out", tmp_path) == 2
-    assert "stage0.csv is given twice" in capsys.readouterr().err
-    other = tmp_path / "other.csv"
-    other.write_text(files[0].read_text().replace("z_um", "z_nm"))
-    assert run(files[1], other, "--out", tmp_path / "out") == 2
-    assert "its output has the unit 'nm', and that of" in capsys.readouterr().err
-    micro = tmp_path / "micro.csv"  # one unit, however it is written
-    micro.write_text(files[1].read_text().replace("z_um", "z (µm)"), encoding="utf-8")
-    assert run(files[0], micro, "--out", tmp_path / "out", "--levels", 5, "--chunk", 1) == 0
-    assert run(files[0], micro, "--out", tmp_path / "out", "--levels", 6, "--chunk", 1) == 2
-    assert "holds a fleet with levels 5 and not 6" in capsys.readouterr().err
-    assert run(*files, "--out", files[0].parent) == 2
-    assert "the folder of" in capsys.readouterr().err
+    assert "stage0.csv: this record is given twice" in capsys.readouterr().err
+    other = tmp_path / "b" / "stage0.csv"
+    other.parent.mkdir()
+    other.write_text(files[1].read_text())
+    assert run(files[0], other, "--fit", "--levels", 5, "--out", tmp_path / "out") == 0
+    folders = [path.name for path in (tmp_path / "out").iterdir() if path.is_dir()]
+    assert sorted(folders) == sorted([f"{files[0].parent.name}_stage0_csv", "b_stage0_csv"])
+
+
+def test_without_dask_what_to_install_is_told(files, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert run(*files, "--out", tmp_path) == 2
+    assert "pip install 'preisach_jax[cluster]'" in capsys.readouterr().err
+    assert not Path(tmp_path, "fleet.parquet").exists()

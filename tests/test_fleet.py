@@ -8,7 +8,7 @@ from oracles import PLANE
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.fleet import fleet_to_folder, run_fleet
+from preisach_jax.filter.fleet import run_fleet
 from preisach_jax.operator.states import hysteron_states
 
 OPTIONS = {"dead_zone": 0.2, "error_limit": 0.5, "leakage": 0.03}
@@ -81,63 +81,11 @@ def test_unsound_records_are_told_by_their_number(inputs, outputs, passes, messa
         run_fleet(AdaptiveFilter(PLANE), inputs, outputs, passes)
 
 
-def test_a_fleet_goes_on_in_its_folder(x64, tmp_path, monkeypatch):
-    adaptive, pairs = AdaptiveFilter(PLANE), list(zip(*records(), strict=True))
-    whole = run_fleet(adaptive, *records())
-    calls, genuine = [], run_fleet
-
-    def interrupted(adaptive, inputs, outputs, passes):
-        calls.append(len(inputs))
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return genuine(adaptive, inputs, outputs, passes)
-
-    monkeypatch.setattr("preisach_jax.filter.fleet.run_fleet", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
-    done = [path.name for path in (tmp_path / "done").iterdir()]
-    assert done == ["records_0000-0001.json"]
-    found = fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
-    assert found is not None
-    assert calls == [2, 2, 2]
-    for one, other in zip(found, whole, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
-    fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
-    assert calls == [2, 2, 2]
-    # More records continue it, in any order; other records, and another filter, do not.
-    extra = (pairs[0][0], pairs[0][1] + 1.0)
-    found = fleet_to_folder(tmp_path, adaptive, [extra, *pairs[::-1]], chunk=2)
-    assert found is not None
-    assert calls == [2, 2, 2, 1]
-    np.testing.assert_allclose(found.weights[1:], whole.weights[::-1], atol=1e-12)
-    assert found.offset[0] == pytest.approx(whole.offset[0] + 1.0)
-    with pytest.raises(InputError, match="holds a fleet with records 5 and not 4"):
-        fleet_to_folder(tmp_path, adaptive, pairs, chunk=2)
-    with pytest.raises(InputError, match="holds a fleet with passes 1 and not 2"):
-        fleet_to_folder(tmp_path, adaptive, [*pairs, extra], passes=2, chunk=2)
-
-
-def test_what_is_no_filter_fleet_or_list_of_names_is_told(tmp_path):
-    adaptive, pairs = AdaptiveFilter(PLANE), list(zip(*records(), strict=True))
+def test_what_is_no_filter_is_told():
     other: Any = PLANE
     none: Any = None
     one: Any = [[1.0]]
-    for call, message in (
-        (lambda: run_fleet(other, one, one), "the filter is Plane"),
-        (lambda: run_fleet(adaptive, none, one), "the inputs are NoneType"),
-        (lambda: fleet_to_folder(tmp_path, adaptive, [none]), "give input and output of each"),
-        (lambda: fleet_to_folder(tmp_path, adaptive, pairs, ["a"]), "there are 1 names of 4 reco"),
-    ):
-        with pytest.raises(InputError, match=message):
-            call()
-
-
-def test_any_reader_opens_the_arrays_of_a_fleet(x64, tmp_path):
-    xarray = pytest.importorskip("xarray")
-    found = fleet_to_folder(tmp_path, AdaptiveFilter(PLANE), list(zip(*records(), strict=True)))
-    assert found is not None
-    read = xarray.open_zarr(tmp_path / "fleet.zarr", consolidated=False)
-    assert read["weights"].dims == ("record", "cell")
-    np.testing.assert_array_equal(read["weights"], found.weights)
-    assert read.attrs["levels"] == PLANE.levels
-    assert read.attrs["names"] == ["0", "1", "2", "3"]
+    with pytest.raises(InputError, match="the filter is Plane"):
+        run_fleet(other, one, one)
+    with pytest.raises(InputError, match="the inputs are NoneType"):
+        run_fleet(AdaptiveFilter(PLANE), none, one)

@@ -43,10 +43,9 @@ WRITERS = {
     "export fmu": ([*MODEL, "--to", "fmu", "--out", "f"], ["f/stage.fmu"]),
     "fleet": (
         [*RECORD, "--out", "f"],
-        ["f/fleet.csv", "f/manifest.json", "f/fleet.zarr/zarr.json", "f/fleet.zarr",
-         "f/done/records_0000-0015.json"],
+        ["f/fleet.parquet", "f/stage/fleet.json", "f/stage/model.json"],
     ),
-    "sweep": (["--out", "s"], ["s/sweep.json", "s/sweep.zarr/zarr.json"]),
+    "sweep": (["--out", "s"], ["s/sweep.json"]),
     "figures": (["--only", "1", "--out", "f"], ["f/figure_01.pdf", "f/figure_01.png"]),
     "look": ([*RECORD, "--plot", "l.png"], ["l.png"]),
     "simulate": (["--seconds", "3", "--out", "s.csv", "--truth", "t.json"], ["s.csv", "t.json"]),
@@ -120,16 +119,13 @@ EACH_KIND = ("r/diagnosis.json", "p.csv", "c/preisach_model.c", "f/stage.fmu", "
 def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, capsys):
     path = place / file
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".zarr":
-        path.mkdir()
     contents = MINE if file in EACH_KIND else MINE[:1]
-    for content in contents if path.suffix != ".zarr" else [b""]:
-        if content:
-            path.write_bytes(content)
+    for content in contents:
+        path.write_bytes(content)
         before = state(place)
         said = refused(capsys, words_of(name))
         assert "--force" in said
-        assert file.replace("/zarr.json", "") in said
+        assert file in said
         assert state(place) == before
 
 
@@ -175,14 +171,6 @@ def test_force_replaces_what_is_somebody_elses_and_never_what_is_read(place, cap
             words[1], before = "README.md", state(place)
         assert "this file is read" in refused(capsys, [*words, "--force"])
         assert state(place) == before
-
-
-def test_a_store_of_other_work_does_not_make_one_ours(place, capsys):
-    out = place / "f"
-    (out / "fleet.zarr").mkdir(parents=True)
-    (out / "manifest.json").write_text(json.dumps({"format": 2, "work": "sweep"}))
-    assert "fleet.zarr" in refused(capsys, [*words_of("fleet"), "--restart"])
-    assert (out / "fleet.zarr").is_dir()
 
 
 def test_a_report_again_holds_no_figures_of_the_run_before(place):

@@ -24,7 +24,6 @@ from preisach_jax.sweep import (
     true_weights,
 )
 from preisach_jax.theory import largest_slope
-from preisach_jax.work.manifest import made_with
 
 # One setting for most tests, so that little has to be compiled.
 LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
@@ -254,10 +253,6 @@ def test_what_is_saved_is_read_back_and_what_is_damaged_refused(whole, tmp_path)
             Sweep.load(path)
 
 
-def chunk_names(folder):
-    return sorted(path.name for path in (folder / "done").iterdir())
-
-
 def run_to(folder, key=KEY, **changes):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES}
     return storage.sweep_to_folder(folder, key, **({**settings, "chunk": CHUNK} | changes))
@@ -276,87 +271,61 @@ def computed(monkeypatch):
     return seen
 
 
-def test_a_folder_holds_the_sweep(whole, tmp_path, computed):
-    shown = []
-    found = run_to(tmp_path / "new", progress=lambda *now: shown.append(now))
-    assert found is not None
+def test_a_folder_holds_the_sweep_and_goes_on(whole, tmp_path, computed):
+    out, shown = tmp_path / "new", []
+    check_same(run_to(out, seeds=3), sweep(KEY, LEVELS, NOISE, 3, SAMPLES), rtol=1e-12)
+    found = run_to(out, progress=lambda *now: shown.append(now))
     check_same(found, whole, rtol=1e-12)
-    check_same(Sweep.load(tmp_path / "new"), whole, rtol=1e-12)
-    assert computed == [[0, 1], [2, 3]]
-    assert shown == [("chunk 1 of 2", 0.0), ("chunk 2 of 2", 0.5)]
-    assert chunk_names(tmp_path / "new") == ["seeds_0000-0001.json", "seeds_0002-0003.json"]
-    content = json.loads((tmp_path / "new" / "sweep.json").read_text())
+    check_same(Sweep.load(out), whole, rtol=1e-12)
+    assert computed == [[0, 1], [2], [3]]
+    assert shown == [("seed 4 of 4", 0.75)]
+    content = json.loads((out / "sweep.json").read_text())
     assert content == json.loads(json.dumps(found.to_json()))
-    # It is not repeated unless restarted, and not trusted without its manifest.
-    run_to(tmp_path / "new")
-    assert computed == [[0, 1], [2, 3]]
-    (tmp_path / "new" / "manifest.json").unlink()
-    run_to(tmp_path / "new")
-    run_to(tmp_path / "new", resume=False)
-    assert computed == [[0, 1], [2, 3]] * 3
-    with pytest.raises(InputError, match="is no archive of arrays"):
-        Sweep.load(tmp_path / "new" / "sweep.json")
-
-
-def test_broken_chunks_are_computed_again_and_told(whole, tmp_path, computed):
-    run_to(tmp_path)
-    first, second = (tmp_path / "done" / name for name in chunk_names(tmp_path))
-    rows = tmp_path / "sweep.zarr" / "noise_part" / "c" / "0" / "0" / "0"
-    for path, content in [
-        (first, first.read_bytes()[:-100]),
-        (first, second.read_bytes()),
-        (rows, rows.with_name("1").read_bytes()),
-        (rows, None),
-    ]:
-        computed.clear()
-        if content is None:
-            path.unlink()
-        else:
-            path.write_bytes(content)
-        notes = []
-        check_same(run_to(tmp_path, announce=notes.append), whole, rtol=1e-12)
-        assert computed == [[0, 1]]
-        assert len(notes) == 1
-        assert notes[0].startswith(f"computed again: {first} or its part of sweep.zarr cannot be")
-
-
-def test_more_seeds_continue_a_sweep(whole, tmp_path, computed):
-    run_to(tmp_path, seeds=3)
-    check_same(run_to(tmp_path), whole, rtol=1e-12)
-    # The chunk of the third seed alone is not whole any more.
-    assert computed == [[0, 1], [2], [2, 3]]
-    check_same(storage.load_folder(tmp_path), whole, rtol=1e-12)
-    with pytest.raises(InputError, match="seeds 0,1,2,3 and not 0,1,2"):
-        run_to(tmp_path, seeds=3)
+    # It is not repeated unless it is restarted.
+    run_to(out)
+    assert computed == [[0, 1], [2], [3]]
+    run_to(out, resume=False)
+    assert computed[3:] == [[0, 1], [2, 3]]
+    names = ["seeds_0000-0001.npz", "seeds_0002-0003.npz", "sweep.json"]
+    assert sorted(path.name for path in out.iterdir()) == names
 
 
 @pytest.mark.parametrize(
-    ("settings", "content", "message"),
+    ("settings", "message"),
     [
-        ({"key": jax.random.key(9)}, {}, "with key 0,7 and not 0,9: choose another.*--restart"),
-        ({"seeds": range(9, 49)}, {}, r"seeds 0,1,2,3 and not 9 \.\.\. 48 \(40 values\):"),
-        ({"samples": 1001, "chunk": 1}, {}, "samples 1000 and not 1001, chunk 2 and not 1:"),
-        ({}, {"made_with": {"jax": "0.1"}}, "jax 0.1 and not"),
-        ({}, {"format": 3}, "has the format 3, and 2 is the newest"),
-        ({}, {"settings": {}}, "cannot be read as the manifest"),
-        ({}, {"work": "fleet"}, "holds a fleet and no sweep"),
+        ({"key": jax.random.key(9)}, "with key 0,7 and not 0,9: choose another.*--restart"),
+        ({"samples": 1001}, "samples 1000 and not 1001:"),
+        ({"noise": (0.5,)}, r"noise 0\.05,0\.5 and not 0\.5:"),
     ],
 )
-def test_a_folder_of_other_settings_or_another_version_is_left_alone(
-    settings, content, message, tmp_path, computed
-):
-    own = storage.sweep_settings(KEY, *SETTINGS, CHUNK)
-    whole = {"format": 2, "work": "sweep", "settings": own, "made_with": made_with()}
-    if "made_with" in content:
-        content = {"made_with": made_with() | content["made_with"]}
-    written = json.dumps(whole | content)
-    (tmp_path / "manifest.json").write_text(written)
+def test_a_folder_of_other_settings_is_left_alone(settings, message, whole, tmp_path, computed):
+    path = tmp_path / "seeds_0000-0003.npz"
+    whole.save(path)
+    written = path.read_bytes()
     with pytest.raises(InputError, match=message):
         run_to(tmp_path, **settings)
-    assert (tmp_path / "manifest.json").read_text() == written
+    assert path.read_bytes() == written
     assert not computed
-    with pytest.raises(InputError, match=r"there is no manifest\.json; give a folder"):
-        storage.load_folder(tmp_path / "done")
+    path.write_bytes(written[:-9])
+    for resume in (True, False):
+        with pytest.raises(InputError, match=r"seeds_0000-0003\.npz cannot be read as a sweep"):
+            run_to(tmp_path, resume=resume)
+    assert path.read_bytes() == written[:-9]
+    path.unlink()
+    with pytest.raises(InputError, match="give a folder that a sweep wrote"):
+        Sweep.load(tmp_path)
+
+
+def test_too_little_memory_for_a_chunk_is_told(tmp_path, monkeypatch):
+    def small(key, levels, noise, seeds, samples):
+        if len(seeds) > 1:
+            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes")
+        return sweep(key, levels, noise, seeds, samples)
+
+    monkeypatch.setattr(storage, "sweep", small)
+    with pytest.raises(InputError, match="too small for 2 seeds at once: give a smaller chunk"):
+        run_to(tmp_path)
+    assert run_to(tmp_path, chunk=1).seeds.tolist() == [0, 1, 2, 3]
 
 
 # Last, as it compiles anew what all tests above share.

@@ -92,15 +92,6 @@ def run(words: list[str]) -> int:
         # A terminal that has no µ shows a question mark, and the work is not lost for it.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
-    code = _run(words)
-    if code != OK and "preisach_jax.devices" in sys.modules:
-        from preisach_jax.devices import abandon
-
-        abandon(code)
-    return code
-
-
-def _run(words: list[str]) -> int:
     if not words and COMPLETION not in os.environ:  # a shell asks there, and gives no words
         return start()
     try:

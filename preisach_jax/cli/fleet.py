@@ -1,271 +1,365 @@
-"""`preisach fleet`: one adaptive filter on the records of many stages."""
+"""`preisach fleet`: many records, each diagnosed or fitted as a task of Dask."""
 
 from __future__ import annotations
 
-import csv
-import io
+import logging
 import os
-from collections.abc import Sequence
-from functools import partial
+import tempfile
+import time
+import warnings
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import Force
-from preisach_jax.cli.resumable import (
-    Chunk,
-    Coordinator,
-    Distributed,
-    Process,
-    Processes,
-    Resume,
-    check_work,
-    named_by_option,
-    run_in_folder,
-    start_devices,
-)
+from preisach_jax.cli.compiled import kept_between_runs
+from preisach_jax.cli.options import (
+    READING,
+    Effects,
+    Force,
+    Levels,
+    check_choice,
+    effect_names,
+    with_effects,
+)  # fmt: skip
+from preisach_jax.cli.resumable import Resume, resumable
 from preisach_jax.cli.shared import command
-from preisach_jax.errors import InputError
-from preisach_jax.quantity import pretty_unit
+from preisach_jax.errors import InputError, whole_number
+from preisach_jax.quantity import quantity
 
 if TYPE_CHECKING:
-    from preisach_jax.filter.fleet import FleetResult
-    from preisach_jax.operator.plane import Plane
     from preisach_jax.record import ReadOptions, Record
 
-_NAMES = ("levels", "low", "high", "hysteron", "passes", "step_size", "chunk")
+TABLE, ROW = "fleet.parquet", "fleet.json"
 
-TABLE = "fleet.csv"
 SHOWN = 20
 """Records that are printed, and no more."""
+
+MOST_WAITING = 256
+"""Records that are handed to the scheduler before others are done."""
+
+CONNECTING_S = 30
+"""Seconds within which a scheduler must answer."""
+
+Row = dict[str, Any]
+"""What the table tells of one record; errors in the unit of its output."""
 
 
 @command(
     "preisach fleet stages/*.csv --out fleet",
-    "preisach fleet stages/*.csv --out fleet --levels 37 --low 0 --high 75",
-    "preisach fleet stages/*.csv --out fleet --json --quiet > fleet.json",
-    reads=("time", "input", "output", "rate", "unit"),
+    "preisach fleet stages/*.csv --fit --effects creep,delay --levels 25 --out fleet",
+    "preisach fleet stages/*.csv --scheduler tcp://node1:8786 --out fleet",
+    reads=READING,
 )
 def fleet(
     context: typer.Context,
-    data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="records of like stages")],
+    data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="a record of each stage")],
     columns: ReadOptions,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="folder of the results; a fleet in it is resumed")
+        Path, typer.Option(metavar="DIR", help="folder of the results; what it holds is kept")
     ],
-    levels: Annotated[int, typer.Option(metavar="N", help="levels of the Preisach plane")] = 37,
-    low: Annotated[
-        float | None,
-        typer.Option(
-            metavar="X",
-            help="lower limit of the plane [of all inputs; give it if records may follow]",
-        ),
+    effects: Effects = None,
+    levels: Levels = None,
+    fit: Annotated[
+        bool, typer.Option("--fit", help="fit the effects of --effects; diagnose nothing")
+    ] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="W", help="processes on this machine [one a core]"),
     ] = None,
-    high: Annotated[
-        float | None, typer.Option(metavar="X", help="upper limit of the plane [of all inputs]")
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="a Dask scheduler whose workers do it instead"),
     ] = None,
-    hysteron: Annotated[str, typer.Option(metavar="KIND", help="ramp or relay")] = "ramp",
-    passes: Annotated[int, typer.Option(metavar="P", help="number of passes over each record")] = 5,
-    step_size: Annotated[
-        float, typer.Option(metavar="MU", help="step size; below 1 for noisy records")
-    ] = 1.0,
-    chunk: Chunk = 16,
     resume: Resume = True,
-    distributed: Distributed = False,
-    coordinator: Coordinator = None,
-    processes: Processes = None,
-    process: Process = None,
     force: Force = False,
-) -> dict[str, Any] | None:
-    """Identify many stages at once by the adaptive filter, each from saturated low."""
-    from preisach_jax.devices import disconnect, is_first
-    from preisach_jax.files import is_same, write_files
-    from preisach_jax.filter.adaptive import AdaptiveFilter
-    from preisach_jax.filter.fleet import fleet_to_folder
-    from preisach_jax.operator.plane import Plane
+) -> dict[str, Any]:
+    """Diagnose or fit many records, one after another on every core or host."""
+    from preisach_jax.files import check_folder, json_bytes, write_files
 
-    check_work(out, "fleet", "record", data, TABLE, force)
-    if inside := next(
-        (path for path in data if is_same(Path(os.path.realpath(path)).parent, out)), None
-    ):
+    for package in ("distributed", "pyarrow"):
+        if find_spec(package) is None:
+            raise InputError(
+                f"the package {package} is missing: pip install 'preisach_jax[cluster]'"
+            )
+    names = effect_names(effects)
+    check_choice(names, levels)
+    if workers is not None:
+        whole_number("--workers is", workers, 1)
+    folders = [out / name for name in _folder_names(data)]
+    check_folder(out, data, [TABLE], force=force)
+    for folder in folders:
+        check_folder(folder, data, [ROW, "model.json"], force=force)
+    rows: dict[int, Row] = {}
+    records = dict(_loaded(data, with_effects(columns, names), rows))
+    settings = {
+        "does": "fit" if fit else "diagnose",
+        "effects": names,
+        "levels": levels,
+        "version": version("preisach_jax"),
+    }
+    for k in list(records) if resume else ():
+        held = _held(folders[k] / ROW)
+        if held and held["settings"] == settings and held["sha256"] == records[k].sha256:
+            rows[k] = held["row"]
+            del records[k]
+    if held := sum(not row["why_not"] for row in rows.values()):
+        screen.note(f"{held} of {len(data)} were done before, and are kept")
+    try:
+        with resumable(out, context.obj["command"]):
+            for k, row, files in _done(records, settings, workers, scheduler):
+                rows[k] = {"record": str(data[k]), **row}
+                if files:
+                    about = {"sha256": records[k].sha256, "settings": settings, "row": rows[k]}
+                    files[ROW] = json_bytes(about)
+                write_files({folders[k] / name: content for name, content in files.items()})
+    finally:
+        table = [rows[k] for k in sorted(rows)]
+        if table:
+            _write_table(out / TABLE, table)
+    _show(table)
+    screen.say(f"\nTable: {out / TABLE}; one folder a record in {out}")
+    failed = [row for row in table if row["why_not"]]
+    if failed:
         raise InputError(
-            f"--out is {out}, the folder of {inside}: choose another, or the table of results is "
-            "taken for a record later"
+            f"{len(failed)} of {len(table)} records came to nothing ({failed[0]['why_not']}); the "
+            f"column why_not of {out / TABLE} has all: mend or leave them out, and give the same "
+            "command again"
         )
-    start_devices(distributed, coordinator, processes, process)
-    records = _load(data, {**columns, "initial_memory": "low"})
-    low = min(record.input.min() for record in records) if low is None else low
-    high = max(record.input.max() for record in records) if high is None else high
-    plane = named_by_option(_NAMES, Plane, levels, low, high)
-    _check_range(data, records, plane)
-    adaptive = named_by_option(
-        _NAMES, partial(AdaptiveFilter, plane, hysteron, step_size=step_size)
-    )
-    pairs = [(record.input, record.output) for record in records]
-    names = _names(data)
-
-    def run(**watchers: Any) -> FleetResult | None:
-        work = partial(fleet_to_folder, out, adaptive, pairs, names, passes, chunk, resume)
-        return named_by_option(_NAMES, partial(work, **watchers))
-
-    found = run_in_folder(out, context.obj["command"], run)
-    content = None
-    if found is not None and is_first():
-        unit_of_output = records[0].output_unit
-        rows = _rows(names, records, found)
-        write_files({out / TABLE: _table(unit_of_output, rows)})
-        _show(unit_of_output, rows)
-        screen.say(f"\nTable: {out / TABLE}; weights: {out / 'fleet.zarr'}")
-        content = screen.written(
-            [out / TABLE, out / "fleet.zarr"],
-            unit=unit_of_output,
-            records=[row._asdict() for row in rows],
-        )
-    disconnect()
-    return content
+    return screen.written([out / TABLE, *folders], records=table)
 
 
-def _load(paths: Sequence[Path], columns: ReadOptions) -> list[Record]:
-    """All records; those of a fleet have the same units.
+def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes], Row]:
+    """Diagnose or fit one record, in a worker: the files of its folder, and its row."""
+    import jax
 
-    Raises:
-        InputError: if one cannot be loaded, is given twice or has other units than the first.
-    """
+    from preisach_jax.diagnosis import diagnose
+    from preisach_jax.files import json_bytes
+    from preisach_jax.fit import fit
+    from preisach_jax.report import write_report
+
+    names, levels = settings["effects"], settings["levels"]
+    begin = time.perf_counter()
+    with jax.enable_x64(True), kept_between_runs():
+        if settings["does"] == "fit":
+            last = fit(record, names, levels)
+            verdict, effects, base = "", names, {}
+            files = {"model.json": json_bytes(last.model.to_json())}
+        else:
+            found = diagnose(record, names or None, levels)
+            verdict, effects, last = found.verdict, found.effects, found.final
+            base = {"rms_base": found.base.rms_validation}
+            with tempfile.TemporaryDirectory() as folder:
+                place = Path(folder)
+                files = {
+                    path.relative_to(place).as_posix(): path.read_bytes()
+                    for path in write_report(found, place)
+                }
+    row = {
+        "verdict": verdict,
+        "effects": ", ".join(effects),
+        **base,
+        "rms": last.rms_validation,
+        "unit": record.output_unit,
+        "percent_of_stroke": 100 * last.rms_validation / record.output_range,
+        "levels": last.model.plane.levels,
+        "seconds": time.perf_counter() - begin,
+        "why_not": "",
+    }
+    return files, row
+
+
+def _loaded(
+    paths: Sequence[Path], columns: ReadOptions, rows: dict[int, Row]
+) -> Iterator[tuple[int, Record]]:
+    """The records by their numbers; what cannot be read gets its row."""
     from preisach_jax.record import Record
-    from preisach_jax.record.blemishes import torn_line
 
-    records: list[Record] = []
+    seen: set[str] = set()
     for number, path in enumerate(paths):
-        if path in paths[:number]:
-            raise InputError(f"{path} is given twice: give each record once")
+        place = os.path.realpath(path)
+        if place in seen:
+            raise InputError(f"{path}: this record is given twice; give each record once")
+        seen.add(place)
         notes: list[str] = []
-        record = Record.load(path, **{**columns, "announce": notes.append})
-        for role in ("input", "output"):
-            here, first = (one.channels[role].unit for one in (record, (records or [record])[0]))
-            if pretty_unit(here) != pretty_unit(first):
-                raise InputError(
-                    f"{path}: its {role} has the unit {here!r}, and that of {paths[0]} {first!r}: "
-                    "convert the numbers of one of them (--unit only names a unit and converts "
-                    "nothing)"
-                )
+        try:
+            record = Record.load(path, **{**columns, "announce": notes.append})
+        except InputError as error:
+            rows[number] = {"record": str(path), **_failed(error)}
+            continue
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)
-        elif record.torn_row is not None:
-            screen.note(f"{path}: {torn_line(record)}")
-        records.append(record)
-    if len(paths) > SHOWN:
-        samples = sum(len(record.time) for record in records)
-        screen.note(f"{len(records)} records, {samples:,} samples in all")
-    return records
+        yield number, record
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """What the results call the records: their files, from the folder that holds them all.
+def _done(
+    records: Mapping[int, Record],
+    settings: Mapping[str, Any],
+    workers: int | None,
+    scheduler: str | None,
+) -> Iterator[tuple[int, Row, dict[str, bytes]]]:
+    """The row and the files of each record, as soon as it is done."""
+    from preisach_jax.cores import usable_cores
 
-    Folders above it tell who works where, which is nobody's business who reads the results.
+    if not records:
+        return
+    waiting, futures = iter(records.items()), dict[Any, int]()
+    workers = min(workers or usable_cores(), len(records))
+    with _client(workers, scheduler) as (client, completed), screen.progress() as show:
 
-    Example:
-        >>> _names([Path("/home/ada/a/x.csv"), Path("/home/ada/b/x.csv")])
-        ['a/x.csv', 'b/x.csv']
-    """
-    whole = [Path(os.path.realpath(path)).parent / path.name for path in paths]
-    try:
-        common = os.path.commonpath([path.parent for path in whole])
-    except ValueError:  # on several drives
-        return [str(path) for path in paths]
-    return [path.relative_to(common).as_posix() for path in whole]
+        def submit() -> Any:
+            for number, record in waiting:
+                future = client.submit(study, record, settings, pure=False)
+                futures[future] = number
+                completed.add(future)
+                return
 
-
-def _check_range(paths: Sequence[Path], records: Sequence[Record], plane: Plane) -> None:
-    for path, record in zip(paths, records, strict=True):
-        least, most = record.input.min(), record.input.max()
-        if least < plane.low or most > plane.high:
-            raise InputError(
-                f"{path}: the input reaches from {least:.6g} to {most:.6g}, and the plane from "
-                f"{plane.low:.6g} to {plane.high:.6g}: move --low and --high outward"
+        for _ in range(MOST_WAITING):
+            submit()
+        show(f"{len(records)} records", 0.0)
+        for count, future in enumerate(completed, start=1):
+            error = future.exception()
+            done: tuple[dict[str, bytes], Row] = (
+                future.result() if error is None else ({}, _failed(error))
             )
+            files, row = done
+            yield futures.pop(future), row, files
+            future.release()
+            submit()
+            show(f"{count} of {len(records)} records done", count / len(records))
 
 
-class Row(NamedTuple):
-    """What the table tells of one record; errors in the unit of the output."""
+@contextmanager
+def _client(workers: int, scheduler: str | None) -> Generator[tuple[Any, Any]]:
+    """A client of Dask, of workers on this machine or of a scheduler that stands elsewhere."""
+    from distributed import Client, LocalCluster, as_completed
 
-    record: str
-    samples: int
-    updates: int
-    error: float
-    replay_error: float
-    offset: float
-    replay_error_percent: float
+    dask = cast(Any, Client), cast(Any, LocalCluster)
+    warnings.filterwarnings("ignore", message="Sending large graph")  # a record is its task's own
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what fails is told in the table
+    if scheduler is None:
+        with (
+            dask[1](
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=0,  # the system knows better when memory ends
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            dask[0](cluster) as client,
+        ):
+            yield client, as_completed()
+        return
+    try:
+        client = dask[0](scheduler, timeout=CONNECTING_S)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            f"--scheduler is {scheduler!r}, and no Dask scheduler answered there in {CONNECTING_S} "
+            f"s ({error}): start one by `dask scheduler`, and workers by `dask worker ADDRESS`"
+        ) from None
+    with client:
+        _check_versions(client, scheduler)
+        yield client, as_completed()
 
 
-def _rows(names: Sequence[str], records: Sequence[Record], found: FleetResult) -> list[Row]:
-    import numpy as np
-
-    ranges = [np.nanmax(record.output) - np.nanmin(record.output) for record in records]
-    return [
-        Row(
-            name, len(record.time), int(found.updates[k]), float(found.error[k]),
-            float(found.replay_error[k]), float(found.offset[k]),
-            float(100 * found.replay_error[k] / ranges[k]),
+def _check_versions(client: Any, scheduler: str) -> None:
+    """Make sure that the workers have this version of the package."""
+    here = version("preisach_jax")
+    found = client.run(_version_here)
+    others = {name: one for name, one in found.items() if one != here}
+    if others:
+        name, other = next(iter(others.items()))
+        raise InputError(
+            f"--scheduler is {scheduler}: its worker {name} has preisach_jax {other}, and this is "
+            f"{here}: install the same version on all"
         )
-        for k, (name, record) in enumerate(zip(names, records, strict=True))
-    ]  # fmt: skip
 
 
-def _table(unit: str, rows: Sequence[Row]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    own = f" ({unit})" if unit else ""
-    writer.writerow(
-        [
-            "record",
-            "samples",
-            "updates",
-            f"error{own}",
-            f"replay_error{own}",
-            f"offset{own}",
-            "replay_error (%)",
-        ]
-    )
-    writer.writerows(row._replace(record=_no_formula(row.record)) for row in rows)
-    return text.getvalue().encode(errors="replace")
+def _version_here() -> str:
+    try:
+        return version("preisach_jax")
+    except ImportError:
+        return "not at all"
 
 
-def _no_formula(name: str) -> str:
-    """A name that no spreadsheet takes for a formula, which might call programs or send data away.
+def _failed(error: BaseException) -> Row:
+    """The row of a record that came to nothing."""
+    if type(error).__name__ == "KilledWorker":
+        why = "its worker died again and again: too little memory for it? Take fewer --workers"
+    elif isinstance(error, InputError):
+        why = str(error)
+    else:
+        why = f"{type(error).__name__}: {error}"
+    return {"verdict": "", "effects": "", "why_not": why}
+
+
+def _folder_names(paths: Sequence[Path]) -> list[str]:
+    """A name for the folder of each record: that of its file, or what tells it from the others.
 
     Example:
-        >>> _no_formula("=1+1.csv"), _no_formula("stage.csv")
-        ("'=1+1.csv", 'stage.csv')
+        >>> _folder_names([Path("a/x.csv"), Path("a/y.csv")])
+        ['x', 'y']
+        >>> _folder_names([Path("a/x.csv"), Path("b/x.csv")])
+        ['a_x_csv', 'b_x_csv']
     """
-    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name
+    from preisach_jax.files import file_name
+
+    names = [file_name(path.stem) for path in paths]
+    if len(set(names)) < len(names):
+        names = [file_name("_".join(path.parts[-2:])) for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"{number}_{name}" for number, name in enumerate(names)]
+    return names
 
 
-def _show(unit: str, rows: Sequence[Row]) -> None:
-    """Print the records, the worst first."""
-    own = f" ({pretty_unit(unit)})" if unit else ""
-    short = [Path(row.record).name for row in rows]
-    named = dict(zip((row.record for row in rows), short, strict=True))
-    if len(set(short)) < len(short):
-        named = {row.record: row.record for row in rows}
-    worst = sorted(rows, key=lambda row: -row.replay_error_percent)
+def _held(path: Path) -> dict[str, Any] | None:
+    """What a folder says of the record that it was made of; None if it says nothing."""
+    import json
+
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        return held if held.keys() >= {"sha256", "settings", "row"} else None
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _write_table(path: Path, rows: Sequence[Row]) -> None:
+    """The table as Parquet, in which `files.is_ours` knows it again."""
+    import io
+
+    import pyarrow
+    from pyarrow import parquet
+
+    from preisach_jax.files import PARQUET_MARK, write_files
+
+    arrow, parquet, file = cast(Any, pyarrow), cast(Any, parquet), io.BytesIO()
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    table = arrow.table({name: [row.get(name) for row in rows] for name in columns})
+    parquet.write_table(table.replace_schema_metadata({PARQUET_MARK: b"fleet"}), file)
+    write_files({path: file.getvalue()})
+
+
+def _show(rows: Sequence[Row]) -> None:
+    """Print the records, those with the largest error first."""
+    worst = sorted(rows, key=lambda row: -(row.get("percent_of_stroke") or float("inf")))
     screen.say()
     screen.table(
-        ("record", "samples", "updates", f"error{own}", f"replay error{own}", "% of its range"),
+        ("record", "verdict", "effects", "rms", "% of stroke"),
         [
-            (named[row.record], f"{row.samples:,}", f"{row.updates:,}", f"{row.error:.4g}",
-             f"{row.replay_error:.4g}", f"{row.replay_error_percent:.3g}")
+            (
+                Path(row["record"]).name,
+                row["verdict"] or ("failed" if row["why_not"] else "fitted"),
+                row["effects"],
+                "" if row["why_not"] else quantity(row["rms"], row["unit"], 3),
+                "" if row["why_not"] else f"{row['percent_of_stroke']:.3g}",
+            )
             for row in worst[:SHOWN]
         ],
-    )  # fmt: skip
-    if len(worst) > SHOWN:
-        screen.say(f"... and {len(worst) - SHOWN} better")
-    screen.say(
-        "\nerror: of the next increment, while the filter runs; replay error: of the whole record, "
-        "simulated by the final weights, beside a constant (the offset in the table)"
     )
-    idle = [row.record for row in rows if not row.updates]
-    if idle:
-        screen.say(f"nothing was learnt from {', '.join(idle)}: the input hardly moves")
+    if len(worst) > SHOWN:
+        screen.say(f"... and {len(worst) - SHOWN} with less")

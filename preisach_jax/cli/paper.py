@@ -10,18 +10,7 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import Force, numbers
-from preisach_jax.cli.resumable import (
-    Chunk,
-    Coordinator,
-    Distributed,
-    Process,
-    Processes,
-    Resume,
-    check_work,
-    named_by_option,
-    run_in_folder,
-    start_devices,
-)
+from preisach_jax.cli.resumable import Resume, named_by_option, resumable
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
@@ -41,7 +30,7 @@ _NAMES = ("levels", "noise", "seeds", "samples", "chunk")
 @command(
     "preisach sweep --out sweep",
     "preisach sweep --levels 13,9 --seeds 4 --samples 20000 --out sweep",
-    "preisach sweep --seeds 4096 --out sweep --distributed",
+    "preisach sweep --seeds 4096 --chunk 256 --out sweep",
 )
 def sweep(
     context: typer.Context,
@@ -60,38 +49,35 @@ def sweep(
         int, typer.Option(metavar="K", help="time steps of a record, at 2 kHz")
     ] = 50_000,
     seed: Annotated[int, typer.Option(metavar="KEY", help="draws all records")] = 0,
-    chunk: Chunk = 8,
+    chunk: Annotated[
+        int, typer.Option(metavar="C", help="seeds that are computed together and then written")
+    ] = 8,
     resume: Resume = True,
-    distributed: Distributed = False,
-    coordinator: Coordinator = None,
-    processes: Processes = None,
-    process: Process = None,
     force: Force = False,
-) -> dict[str, Any] | None:
+) -> dict[str, Any]:
     """Measure how the residual error grows with noise, for several levels."""
     import jax
 
-    from preisach_jax.devices import disconnect, is_first
-    from preisach_jax.sweep import LEVELS, NOISE_UM
-    from preisach_jax.sweep.storage import RESULT, sweep_settings, sweep_to_folder
+    from preisach_jax.devices import use_all_cores
+    from preisach_jax.files import check_folder
+    from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings
+    from preisach_jax.sweep.storage import RESULT, sweep_to_folder
 
-    check_work(out, "sweep", "seed", [], RESULT, force)
-    start_devices(distributed, coordinator, processes, process)
+    check_folder(out, [], [RESULT], force=force)
+    use_all_cores()
     planes = LEVELS if levels is None else numbers("--levels", levels, int)
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
         raise InputError(f"--seed is {seed}: give a whole number of at least 0")
-    settings = (jax.random.key(seed), planes, powers, seeds, samples, chunk)
-    named_by_option(_NAMES, sweep_settings, *settings)
-    run = partial(sweep_to_folder, out, *settings, resume=resume)
-    found = run_in_folder(out, context.obj["command"], run)
-    content = None
-    if found is not None and is_first():
-        show_sweep(found)
-        screen.say(f"\nSweep: {out / RESULT}")
-        content = found.to_json()
-    disconnect()
-    return content
+    settings = (planes, powers, seeds, samples)
+    named_by_option(_NAMES, checked_settings, *settings)
+    with resumable(out, context.obj["command"]), screen.progress() as show:
+        run = partial(sweep_to_folder, progress=show)
+        key = jax.random.key(seed)
+        found = named_by_option(_NAMES, run, out, key, *settings, chunk, resume)
+    show_sweep(found)
+    screen.say(f"\nSweep: {out / RESULT}")
+    return found.to_json()
 
 
 def show_sweep(found: Sweep) -> None:

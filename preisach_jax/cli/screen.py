@@ -174,7 +174,7 @@ class TimeLeft:
         if self._first is None:  # work that goes on may begin with much of it done
             self._first = (done, now)
         share, passed = done - self._first[0], now - self._first[1]
-        if passed < self._BEGIN_S or share < self._BEGIN_SHARE:
+        if passed < self._BEGIN_S or share < self._BEGIN_SHARE or done >= 1:
             return ""
         fresh = max(1.0 - done, 0.0) * passed / share
         if math.isnan(self._left):

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.devices import compiled, evenly, gathered, greatest, local
+from preisach_jax.devices import compiled, evenly
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.relays import levels_along
@@ -160,7 +160,7 @@ def sweep(
         compile_s = time.perf_counter() - begin
         begin = time.perf_counter()
         drawn = draw(jax.random.key_data(key), padded)
-        x, z = (local(rows) for rows in (drawn.record.input_v, drawn.record.stroke_um))
+        x, z = (np.asarray(rows) for rows in (drawn.record.input_v, drawn.record.stroke_um))
         room = _room(levels, x)
         slope = max(largest_slope(*pair) for pair in zip(x, z, strict=True))
         run_s = time.perf_counter() - begin
@@ -168,12 +168,11 @@ def sweep(
         identify = _compiled_identify(levels, room, count, samples, len(noise))
         compile_s += time.perf_counter() - begin
         begin = time.perf_counter()
-        found = gathered(identify(np.array(noise), drawn))
+        found = identify(np.array(noise), drawn)
         run_s += time.perf_counter() - begin
-        slope = float(greatest(np.array(slope)))
 
-    def without_fillings(rows: np.ndarray) -> np.ndarray:
-        return rows[: len(numbers)]
+    def without_fillings(rows: jax.Array) -> np.ndarray:
+        return np.asarray(rows)[: len(numbers)]
 
     found = jax.tree.map(without_fillings, found)
     return Sweep(
@@ -218,7 +217,7 @@ def _room(levels: Sequence[int], x: np.ndarray) -> tuple[int, Room]:
         for plane in map(_plane, levels)
         for row in x
     ]
-    samples, *room = (rounded_up(int(one)) for one in greatest(np.max(needs, axis=0)))
+    samples, *room = (rounded_up(int(one)) for one in np.max(needs, axis=0))
     return samples, Room(*room)
 
 

@@ -1,1 +1,0 @@
-"""Long work in a folder, chunk by chunk: an interruption loses little."""

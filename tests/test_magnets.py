@@ -212,13 +212,13 @@ def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(
     # The losses are in the file and in the report.
     monkeypatch.setattr("preisach_jax.plot.png", lambda figure: b"")  # pictures are drawn elsewhere
     monkeypatch.setattr("preisach_jax.plot.svg", lambda figure: "<svg/>")
-    write_report(found, tmp_path, language="de")
+    write_report(found, tmp_path)
     saved = json.loads((tmp_path / "diagnosis.json").read_text())["loss"]
     assert (saved["unit"], saved["field"]) == ("J/m3", "output")
     assert saved["cycles"][0]["low"] < saved["cycles"][0]["model"] < saved["cycles"][0]["high"]
     page = (tmp_path / "report.html").read_text()
     headers, rows = loss_table(found.final.loss, found.final.record)
-    for shown in ("Verlust je Umlauf", headers[4], *rows[0]):
+    for shown in ("Loss per cycle", headers[4], *rows[0]):
         assert shown in page
     assert "loss per cycle" in found.summary()
     assert "measured loss" in found._repr_html_()

@@ -14,10 +14,8 @@ from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_file, check_folder, write_files
 from preisach_jax.model import Prediction
-from preisach_jax.quantity import quantity
 from preisach_jax.report import write_report
-from preisach_jax.report.content import comparison_sentence, diagnosis_page
-from preisach_jax.report.language import verdict_sentence, words
+from preisach_jax.report.content import comparison_sentence
 
 
 class Page(HTMLParser):
@@ -107,30 +105,6 @@ def test_the_page_says_what_was_found_and_takes_no_name_for_markup(written):
     assert page.tags.count("script") == 1
     assert not any("alert" in script for script in page.scripts)
     assert "i" not in page.tags
-
-
-def test_a_german_report_has_every_word_and_the_same_numbers(tmp_path):
-    found = make_diagnosis("adequate")
-    write_report(found, tmp_path, language="de")
-    source = (tmp_path / "report.html").read_text(encoding="utf-8")
-    page = Page(source)
-    assert '<html lang="de">' in source
-    assert "Was fehlt" in page.text
-    english, german = words("en"), words("de")
-    assert english.keys() == german.keys()
-    holes = {key: text.count("{}") for key, text in english.items()}
-    assert holes == {key: text.count("{}") for key, text in german.items()}
-    english = diagnosis_page(found, None)
-    german = diagnosis_page(found, None, "de")
-    for row, other in zip(english["budget"], german["budget"], strict=True):
-        assert (row[0] != other[0], len(row)) == (True, len(other))
-    rms, unit = found.ladder[-1].rms_validation, found.budget.unit
-    sentence = verdict_sentence(found, "de")
-    assert quantity(rms, unit, 3) in sentence
-    assert sentence in page.text
-    with pytest.raises(InputError, match="'fr'; give en or de"):
-        write_report(found, tmp_path / "out", language="fr")
-    assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_diagnosis_json_is_the_contract_and_strict(written):

@@ -98,9 +98,6 @@ def diagnose(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
-    language: Annotated[
-        str, typer.Option(metavar="de|en", help="of the report: German or English")
-    ] = "en",
     force: Force = False,
 ) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
@@ -108,10 +105,8 @@ def diagnose(
     from preisach_jax.diagnosis import find_form
     from preisach_jax.files import check_folder
     from preisach_jax.report import diagnosis_names, write_report
-    from preisach_jax.report.language import check_language
 
     check_folder(report, [*data, *(hold_out or ())], diagnosis_names(report), force=force)
-    check_language(language)
     names = effect_names(effects)
     check_choice(names, levels)
     records, apart = load_all(
@@ -131,14 +126,14 @@ def diagnose(
             progress=lambda text, done: show(text, share * done),
         )
         show("writing the report", 0.97 * share)
-        write_report(found, report, command=own, language=language)
+        write_report(found, report, command=own)
         if explore:  # the report without a form stays if this is interrupted
             form = find_form(
                 found, progress=lambda text, done: show(text, share + (0.97 - share) * done)
             )
             show("writing the form into the report", 0.97)
             found = replace(found, form=form)
-            write_report(found, report, command=own, language=language)
+            write_report(found, report, command=own)
     screen.show_diagnosis(found)
     screen.say(f"\nReport: {report / 'report.html'}")
     return found.to_json()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
@@ -53,28 +51,23 @@ def measured_and_model(traces: Traces) -> Figure:
 
 
 @mpl.rc_context(STYLE)
-def where_it_errs_most(traces: Traces, words: Mapping[str, str] | None = None) -> Figure:
+def where_it_errs_most(traces: Traces) -> Figure:
     """Measured output and models over the stretch of the greatest error, and what they leave.
 
     Arguments:
         traces: one or two simulations of a record.
-        words: other words for `"measured"`, `"held out"`, `"residual"`, `"time"` and the names of
-            the traces, as in another language.
 
     Returns:
         The figure, wide and low, for the first screen of a report.
     """
-    words = words or {}
     figure = Figure(figsize=(8.2, 4.1), layout="constrained")
     upper, lower = figure.subplots(2, 1, height_ratios=[1.3, 1], sharex=True)
     rows = worst_stretch(traces)
     draw_course(upper, traces, rows, "output")
     draw_course(lower, traces, rows, "residual")
     upper.set_xlabel("")
-    lower.set_xlabel(f"{words.get('time', 'time')} (s)")
-    label = lower.get_ylabel()
-    lower.set_ylabel(label.replace("residual", words.get("residual", "residual")))
-    add_legend(figure, traces, measured=True, words=words)
+    lower.set_xlabel("time (s)")
+    add_legend(figure, traces, measured=True)
     return figure
 
 

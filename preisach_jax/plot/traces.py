@@ -219,17 +219,14 @@ def add_legend(
     measured: bool,
     more: Sequence[Patch] = (),
     held_out: bool = True,
-    words: Mapping[str, str] | None = None,
 ) -> None:
     """Add one legend below the figure: measurement, traces, held-out rows."""
-    first, words = first_trace(traces), words or {}
-    said = words.get("measured", "measured")
-    handles = [Patch(color=MEASURED, label=said)] if measured else []
+    first = first_trace(traces)
+    handles = [Patch(color=MEASURED, label="measured")] if measured else []
     for name, trace in traces.items():
-        text = literal(words.get(name, name)) if measured is False or len(traces) > 1 else "model"
+        text = literal(name) if measured is False or len(traces) > 1 else "model"
         handles.append(Patch(color=colour(trace), label=text))
     if held_out and not first.validation[first.record.measured].all():
-        said = words.get("held out", "held out from the identification")
-        handles.append(Patch(color=HELD_OUT, alpha=0.4, label=said))
+        handles.append(Patch(color=HELD_OUT, alpha=0.4, label="held out from the identification"))
     handles += more
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))

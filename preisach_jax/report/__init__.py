@@ -15,7 +15,6 @@ from preisach_jax.plot.form import curves, dependence
 from preisach_jax.plot.remainder import drawn, remainder
 from preisach_jax.plot.style import png, svg
 from preisach_jax.report.content import comparison_page, diagnosis_page
-from preisach_jax.report.language import words
 from preisach_jax.report.several import several_page
 
 if TYPE_CHECKING:
@@ -52,16 +51,13 @@ def comparison_names(several: bool) -> list[str]:
     return ["report.html", "comparison.json", *(f"{name}.png" for name in figures)]
 
 
-def write_report(
-    found: Diagnosis, folder: Path, *, command: str | None = None, language: str = "en"
-) -> list[Path]:
+def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) -> list[Path]:
     """Write the report of a diagnosis.
 
     Arguments:
         found: the diagnosis.
         folder: where to; it is made if it does not exist.
         command: the command line that made it, for the page.
-        language: of headings, verdict and first figure: `"en"` or `"de"`.
 
     Returns:
         The files: `report.html`, `diagnosis.json`, `base.json` (the model without effects),
@@ -69,18 +65,17 @@ def write_report(
         in place of the effect that was named), and the figures as PNG.
 
     Raises:
-        InputError: if the folder cannot be written to, or the language is unknown; then nothing
-            was written.
+        InputError: if the folder cannot be written to; then nothing was.
 
     Example:
         >>> write_report(found, Path("report"))  # doctest: +SKIP
     """
     folder = Path(folder)
     check_folder(folder)
-    page = diagnosis_page(found, command, language)
+    page = diagnosis_page(found, command)
     traces = plot.before_and_after(found)
     figures = {
-        "worst": plot.where_it_errs_most(traces, _figure_words(found, language)),
+        "worst": plot.where_it_errs_most(traces),
         "waterfall": plot.waterfall(found),
         "measured_and_model": plot.measured_and_model(traces),
         "loop": plot.loop(traces),
@@ -105,15 +100,6 @@ def write_report(
     for name, model in found.alternatives.items():
         files[f"alternatives/{file_name(name)}.json"] = json_bytes(model.to_json())
     return _write(folder, files, figures)
-
-
-def _figure_words(found: Diagnosis, language: str) -> dict[str, str]:
-    t, effects = words(language), " + ".join(found.effects)
-    return {
-        "measured": t["measured"], "held out": t["held_out"], "residual": t["residual"],
-        "time": t["time"], "without effects": t["without"], f"with {effects}":
-        f"{t['with']} {effects}",
-    }  # fmt: skip
 
 
 def write_comparison(

@@ -14,6 +14,7 @@ import numpy as np
 
 from preisach_jax.diagnosis import evidence
 from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
+from preisach_jax.diagnosis.wording import plain
 from preisach_jax.errors import InputError
 from preisach_jax.escape import printable
 from preisach_jax.identify import BLOCKS, FOLDS
@@ -21,6 +22,7 @@ from preisach_jax.present.diagnosis import (
     budget_rows,
     finding_parameters,
     form_rows,
+    headline,
     ladder_rows,
     limit_rows,
 )
@@ -29,13 +31,6 @@ from preisach_jax.present.loss import loss_table
 from preisach_jax.present.model import model_rows
 from preisach_jax.present.record import record_rows
 from preisach_jax.quantity import number, quantity, scaled
-from preisach_jax.report.german import in_language, method_in_german, rows_in_language
-from preisach_jax.report.language import (
-    effect_name,
-    verdict_headline,
-    verdict_sentence,
-    words,
-)
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.comparison import Comparison
@@ -56,13 +51,12 @@ REFERENCES = (
 )
 
 
-def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") -> dict[str, Any]:
+def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
     """All that the page of a diagnosis says.
 
     Arguments:
         found: the diagnosis.
         command: the command line that made it.
-        language: of the headings and the verdict, one of `LANGUAGES`.
 
     Returns:
         Texts and tables by name.
@@ -71,15 +65,13 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
     return {
         "title": record.name,
         "verdict": found.verdict,
-        "language": language,
-        "t": words(language),
-        "headline": verdict_headline(found, language),
-        "sentence": verdict_sentence(found, language),
+        "headline": headline(found),
+        "sentence": found.sentence,
         "size": _size(found),
         "effects": found.effects,
         "ladder": ladder_rows(found),
         "records": run_table(found.final.by_record, record),
-        "findings": [_finding(each, found.model, language) for each in found.findings],
+        "findings": [_finding(each, found.model) for each in found.findings],
         "families": [f.family for f in found.findings if len(f.family) > 1],
         "next_experiment": found.next_experiment,
         "next_command": _next_command(found),
@@ -89,26 +81,21 @@ def diagnosis_page(found: Diagnosis, command: str | None, language: str = "en") 
         "form_terms": form_rows(found),
         "notes": found.notes,
         "loss": loss_table(found.final.loss, found.final.record),
-        "driven": _driven(found, language),
+        "driven": _driven(found),
         "limits": limit_rows(found),
-        "budget": rows_in_language(budget_rows(found), language),
+        "budget": budget_rows(found),
         "sampling": sampling_note(record),
-        "record": rows_in_language(record_rows(record), language),
-        "model": rows_in_language(model_rows(found.model), language),
-        "software": rows_in_language(software_rows(), language),
+        "record": record_rows(record),
+        "model": model_rows(found.model),
+        "software": software_rows(),
         "command": shareable(command),
-        "method": method_in_german(found) if language == "de" else _method(found),
+        "method": _method(found),
         "references": REFERENCES,
     }
 
 
-def _driven(found: Diagnosis, language: str) -> str:
-    """How well a stage would follow a course that is driven by the model; empty if it says little.
-
-    Arguments:
-        found: the diagnosis.
-        language: of the sentence.
-    """
+def _driven(found: Diagnosis) -> str:
+    """How well a stage would follow a course that the model drives; empty if it says little."""
     model, record = found.model, found.base.record
     if found.leaves_a_part:
         return ""
@@ -120,12 +107,15 @@ def _driven(found: Diagnosis, language: str) -> str:
     line = np.polyfit(record.input[rows], record.output[rows], 1)
     missed = record.output[rows] - np.polyval(line, record.input[rows])
     stroke = record.output_range
-    share = words(language)["of_the_stroke"]
     own, straight = (
-        f"{quantity(rms, record.output_unit, 3)} ({100 * rms / stroke:.2g} % {share})"
+        f"{quantity(rms, record.output_unit, 3)} ({100 * rms / stroke:.2g} % of the stroke)"
         for rms in (model.rms_validation, float(np.sqrt(np.mean(missed**2))))
     )
-    return words(language)["driven"].format(own=own, straight=straight)
+    return (
+        "Driven by the inverse of this model (preisach compensate), the stage would follow a "
+        f"course like this one with an error of about {own} RMS, the held-out error of the model; "
+        f"with the best straight line instead of the model, the error would be {straight}."
+    )
 
 
 def shareable(command: str | None) -> str | None:
@@ -264,7 +254,7 @@ def _next_command(found: Diagnosis) -> str:
     return "preisach predict model.json next.csv --out predicted.csv"
 
 
-def _finding(finding: Finding, model: Model, language: str) -> dict[str, Any]:
+def _finding(finding: Finding, model: Model) -> dict[str, Any]:
     known: dict[str, Effect] = {effect.name: effect for effect in model.effects}
     effect = known[finding.effect]
     unit = model.units.get("output", "")
@@ -272,16 +262,13 @@ def _finding(finding: Finding, model: Model, language: str) -> dict[str, Any]:
     numbers = finding.evidence
     return {
         "effect": finding.effect,
-        "plain": effect_name(finding.effect, language),
+        "plain": plain(finding.effect),
         "family": finding.family,
         "parameters": finding_parameters(finding),
         "meanings": _meanings(effect),
         "before": f"{number(factor * finding.rms_before, 3)} {shown}".rstrip(),
         "after": f"{number(factor * finding.rms_after, 3)} {shown}".rstrip(),
-        "evidence": [
-            (in_language(_EVIDENCE.get(name, name), language), number(x, 3))
-            for name, x in numbers.items()
-        ],
+        "evidence": [(_EVIDENCE.get(name, name), number(x, 3)) for name, x in numbers.items()],
         "physics": effect.physics,
         "signature": effect.signature,
         "source": effect.source,
@@ -338,8 +325,8 @@ def _method(found: Diagnosis) -> list[str]:
 def _held_out(record: Record) -> str:
     """What is held out, and what a model of several records has in common, in sentences."""
     text = (
-        f"The measured rows are cut into {BLOCKS} contiguous blocks, of which every "
-        f"{_ORDINALS.get(FOLDS, f'{FOLDS}th')} is held out; memory is simulated through them. "
+        f"The measured rows are cut into {BLOCKS} contiguous blocks, of which one in {FOLDS} is "
+        "held out, in uneven steps; memory is simulated through them. "
         "All errors named held-out are from these blocks, of a model that was identified without "
         "them. The model that is saved was identified on all rows."
     )
@@ -356,6 +343,3 @@ def _held_out(record: Record) -> str:
         "memory, offset, drift and hum, and no block, difference or filter reaches from one to the "
         "next. The model that is saved goes on from the end of the last one that was fitted."
     )
-
-
-_ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}

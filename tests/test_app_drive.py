@@ -12,8 +12,8 @@ from preisach_jax.quantity import quantity
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.course import SHAPES, STEPS, Shape, joined, points_of, shaped
-from preisach_jax.app.drive import DRAWN, FROM_FILE, DriveView
+from preisach_jax.app.course import SHAPES, STEPS, Shape, shaped
+from preisach_jax.app.drive import FROM_FILE, DriveView
 from preisach_jax.app.driving import driven, outcome, unreached
 
 RATE = 100.0
@@ -88,16 +88,6 @@ class TestCourse:
         with pytest.raises(pj.InputError, match=re.escape(said)):
             shaped(Shape(**(vars(self.shape) | change)), 4.0, 1e-3)
 
-    def test_points_are_joined_by_straight_lines(self):
-        points = points_of("2 5\n 0.5, 1 \n\n1;3")
-        assert points == ((0.5, 1.0), (1.0, 3.0), (2.0, 5.0))
-        time, output = joined(points, 0.25)
-        np.testing.assert_allclose(time, 0.25 * np.arange(7))
-        np.testing.assert_allclose(output, [1, 2, 3, 3.5, 4, 4.5, 5])
-        for text, said in (("0 1\nx 2", "line 2"), ("0 1", "1 point;"), ("0 1\n0 2", "time 0 s")):
-            with pytest.raises(pj.InputError, match=said):
-                points_of(text)
-
 
 class TestDrive:
     def test_it_is_what_the_command_shown_writes(self, tmp_path, monkeypatch):
@@ -155,21 +145,6 @@ def drop(view, name, content):
 
 
 class TestView:
-    def test_points_and_text_are_one_course(self, view):
-        view._kind.value = DRAWN
-        view._points.value = "0 5\n2 7\n1 6"
-        np.testing.assert_array_equal(view.figures.points.data["x"], [0, 1, 2])
-        view.figures.points.data = {"x": [0.0, 3.0, 1.0], "y": [5.0, 6.0, 8.0]}
-        assert view._points.value == "0 5\n1 8\n3 6"
-        np.testing.assert_array_equal(view.figures.course.data["y"], [5, 8, 6])
-        order = view.order()
-        rows = order.course().content.decode().splitlines()
-        assert len(rows) == 302
-        assert rows[51] == "0.5,6.5"
-        view._points.value = "0 5\n2"
-        assert view.order() is None
-        assert "line 2" in view._told.object
-
     def test_a_course_that_cannot_be_read_is_refused_as_by_the_command(
         self, view, step, tmp_path, capsys
     ):

@@ -1,4 +1,4 @@
-"""The wanted course of the output: shapes that are typed, points that are drawn, and its file."""
+"""The wanted course of the output: shapes that are typed, and its file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -186,80 +185,6 @@ def _smooth(share: np.ndarray) -> np.ndarray:
     """From 0 to 1 without a jump of speed or acceleration."""
     held = np.clip(share, 0.0, 1.0)
     return held**3 * (10 + held * (6 * held - 15))
-
-
-Points = tuple[tuple[float, float], ...]
-"""Time in s and output of points that straight lines join, in their order in time."""
-
-
-def points_of(text: str) -> Points:
-    """Points from lines of two numbers.
-
-    Arguments:
-        text: time in s and output, one point a line, with a space, comma or semicolon between.
-
-    Returns:
-        The points in the order of their times, which begin at 0.
-
-    Raises:
-        InputError: a line holds no two numbers, two points have one time, or there are less than 2.
-
-    Example:
-        >>> points_of("0 20\\n1.5 40\\n1, 30")
-        ((0.0, 20.0), (1.0, 30.0), (1.5, 40.0))
-    """
-    found: list[tuple[float, float]] = []
-    for place, line in enumerate(text.splitlines(), 1):
-        if not line.strip():
-            continue
-        try:
-            time, output = (float(word) for word in re.split(r"\s*[,;]\s*|\s+", line.strip()))
-        except ValueError:
-            raise InputError(
-                f"line {place} of the points is {line.strip()[:40]!r}; give time and output, as in "
-                "0.5 20"
-            ) from None
-        if not np.isfinite([time, output]).all():
-            raise InputError(f"line {place} of the points is {line.strip()!r}; give finite numbers")
-        found.append((time, output))
-    found.sort()
-    times = [time for time, _ in found]
-    if len(set(times)) < len(times):
-        twice = next(a for a, b in pairwise(times) if a == b)
-        raise InputError(f"two points have the time {twice:g} s; move one of them")
-    if len(found) < 2:
-        count = "is 1 point" if found else "is no point"
-        raise InputError(f"there {count}; give at least 2")
-    return tuple(found)
-
-
-def joined(points: Points, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time and output of the straight lines through points.
-
-    Arguments:
-        points: at least two.
-        step_s: time between two rows, in s.
-
-    Returns:
-        (time,) time in s from 0, and output.
-
-    Raises:
-        InputError: there would be too few or too many rows.
-
-    Example:
-        >>> joined(((1.0, 4.0), (2.0, 8.0)), 0.5)[1].tolist()
-        [4.0, 6.0, 8.0]
-    """
-    first, last = points[0][0], points[-1][0]
-    count = 1 + round((last - first) / step_s)
-    if not 2 <= count <= MOST_ROWS:
-        raise InputError(
-            f"the points span {quantity(last - first, 's')}, which are {count:,} rows of "
-            f"{quantity(step_s, 's')}; give from 2 to {MOST_ROWS:,} rows here"
-        )
-    time = step_s * np.arange(count)
-    times, outputs = ([point[k] for point in points] for k in (0, 1))
-    return time, np.interp(time + first, times, outputs)
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,8 @@ from preisach_jax.app import panels
 from preisach_jax.app.course import (
     SHAPES,
     CourseFile,
-    Points,
     Shape,
     course_file,
-    joined,
-    points_of,
     resting,
     shaped,
     told_units,
@@ -30,20 +27,15 @@ from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import pretty_unit
 
-DRAWN, FROM_FILE = "Drawn points", "From a file"
+FROM_FILE = "From a file"
 MOST_BYTES = 20_000_000
 """Size of the greatest file of a course that the page takes."""
 
 NEEDED = (
     "The drive is found with the model of a record. Drop a record above; as soon as its model "
-    "stands, choose or draw here what the output is to do."
+    "stands, choose here what the output is to do."
 )
 """What stands in the view before there is a model."""
-
-_HINT = (
-    "Click into the figure to add a point, drag a point to move it, press Backspace to take the "
-    "chosen one away; or type the points below it."
-)
 
 _ROW: dict[str, Any] = {"sizing_mode": "stretch_width", "stylesheets": [WRAP]}
 
@@ -73,7 +65,6 @@ class DriveView:
         self._step, self._changed = step, changed
         self._hand_over = hand_over
         self._file: CourseFile | None = None
-        self._quiet = False
         self._make_fields()
         self.find: Any = button("Find the drive", lambda event: find(), "primary")
         self.find.align = "end"
@@ -86,8 +77,8 @@ class DriveView:
         course = pn.Row(self._kind, *self._shape.values(), **_ROW)
         limits = pn.Row(*self._limits.values(), self.find, **_ROW)
         self.view: Any = pn.Column(
-            course, self._dropper, limits, self._hint, self._told, self._outcome,
-            self._drawn, self._points, self._files, self._command,
+            course, self._dropper, limits, self._told, self._outcome,
+            self._drawn, self._files, self._command,
             sizing_mode="stretch_width", stylesheets=[BLOCK],
         )  # fmt: skip
         self._show_kind()
@@ -117,9 +108,7 @@ class DriveView:
             if kind == FROM_FILE:
                 given = self._given()
                 return Order(lambda: given, *limits)
-            time, output = self._typed()
-            if kind == DRAWN:
-                return Order(lambda: course_file(step, time, output), *limits)
+            self._typed()
             shape = self._typed_shape()
         except InputError as error:
             self.refuse(error)
@@ -145,7 +134,7 @@ class DriveView:
         record, usual = self._step.record, usual_shape(self._step)
         output, drive = (pretty_unit(unit) for unit in (record.output_unit, record.input_unit))
         self._kind = styled(
-            pn.widgets.Select(label="Wanted course", options=[*SHAPES, DRAWN, FROM_FILE], width=170)
+            pn.widgets.Select(label="Wanted course", options=[*SHAPES, FROM_FILE], width=170)
         )
         self._kind.param.watch(self._on_kind, "value")
         self._shape = {
@@ -162,25 +151,10 @@ class DriveView:
         }
         for field in (*self._shape.values(), *self._limits.values()):
             field.param.watch(self._on_field, "value")
-        self._hint = panels.pane(panels.paragraph(_HINT))
-        unit = f"output ({output})" if output else "output"
-        self._points = styled(
-            pn.widgets.TextAreaInput(
-                label=f"Points: time (s) and {unit}, one a line", value=self._first_points(usual),
-                rows=5, sizing_mode="stretch_width", max_length=20_000,
-            )
-        )  # fmt: skip
-        self._points.param.watch(self._on_text, "value")
         self._dropper = Dropper(
             self._on_drop, self.refuse, MOST_BYTES,
             f"Drop or choose a file with the columns {self._columns_named()}",
         )  # fmt: skip
-
-    def _first_points(self, usual: Shape) -> str:
-        low, high = (usual.middle + sign * usual.swing / 2 for sign in (-1, 1))
-        quarter = 1 / (4 * usual.frequency)
-        outputs = (self._begin, self._begin, low, low, high, high, usual.middle)
-        return _as_text(tuple((k * quarter, value) for k, value in enumerate(outputs)))
 
     def _on_kind(self, event: Any) -> None:
         self._show_kind()
@@ -190,9 +164,8 @@ class DriveView:
         kind = self._kind.value
         for field in self._shape.values():
             field.visible = kind in SHAPES
-        self._hint.visible = self._points.visible = kind == DRAWN
         self._dropper.visible = kind == FROM_FILE
-        self.figures = DriveFigures(self._step.record, self._on_drawn if kind == DRAWN else None)
+        self.figures = DriveFigures(self._step.record)
         self._drawn.objects = [] if kind == FROM_FILE else [plots(self.figures.layout)]
 
     def _on_field(self, event: Any = None) -> None:
@@ -203,17 +176,6 @@ class DriveView:
         self._forget_result()
         # The change of a widget may come without the lock that a change of a figure needs.
         self._hand_over(self._preview)
-
-    def _on_text(self, event: Any) -> None:
-        if not self._quiet:
-            self._on_field()
-
-    def _on_drawn(self, points: Points) -> None:
-        self._quiet = True
-        self._points.value = _as_text(points)
-        self._quiet = False
-        self._changed()
-        self._forget_result()
 
     def _columns_named(self) -> str:
         columns = self._step.fit.model.columns
@@ -236,9 +198,7 @@ class DriveView:
         return float(f"{self._step.fit.model.origin.step_s:.9g}")
 
     def _typed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time and output of the course that is typed or drawn."""
-        if self._kind.value == DRAWN:
-            return joined(points_of(self._points.value), self._row_s)
+        """Time and output of the course that is typed."""
         return shaped(self._typed_shape(), self._begin, self._row_s)
 
     def _typed_shape(self) -> Shape:
@@ -256,10 +216,7 @@ class DriveView:
         """Show the course as it is now, or what is wrong with it."""
         try:
             self._step.fit.model.check_invertible()
-            if self._kind.value == DRAWN:
-                self._typed()
-                self.figures.show_points(points_of(self._points.value))
-            elif self._kind.value != FROM_FILE:
+            if self._kind.value != FROM_FILE:
                 self.figures.show_course(*self._typed())
             elif self._file is not None:
                 course = course_of(self._step, self._file)
@@ -277,7 +234,3 @@ def _number(title: str, unit: str, value: float | None, usual: str = "") -> Any:
     label = f"{title} ({unit})" if unit else title
     width = 150 if len(label) > 15 else 120
     return styled(pn.widgets.FloatInput(label=label, value=value, placeholder=usual, width=width))
-
-
-def _as_text(points: Points) -> str:
-    return "\n".join(f"{time:.4g} {output:.4g}" for time, output in points)

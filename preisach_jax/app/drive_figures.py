@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from bokeh.layouts import column
-from bokeh.models import Column, ColumnDataSource, PointDrawTool, Range1d
+from bokeh.models import Column, ColumnDataSource, Range1d
 
-from preisach_jax.app.course import Points
 from preisach_jax.app.drawing import (
-    CHOSEN,
     NARROW,
     drawn_figure,
     limits_of,
@@ -45,30 +42,24 @@ class DriveFigures:
 
     Arguments:
         record: whose units and names they have.
-        draws: called with the points when they were drawn by hand; None where they cannot be.
 
     Attributes:
         layout: the Bokeh object to show.
         course: corners of the wanted course before its drive is found.
         rows: the rows of a drive.
         lost: the stretches that cannot be reached, from `x0` to `x1`.
-        points: what is drawn by hand.
     """
 
-    def __init__(self, record: Record, draws: Callable[[Points], None] | None = None):
-        self._record, self._draws = record, draws
+    def __init__(self, record: Record):
+        self._record = record
         self.course: Any = ColumnDataSource({"x": [], "y": []})
         self.rows: Any = ColumnDataSource({name: [] for name in SERIES})
         self.lost: Any = ColumnDataSource({"x0": [], "x1": []})
-        self.points: Any = ColumnDataSource({"x": [], "y": []})
-        self._told = False
         self._time = Range1d(start=0.0, end=1.0)
         self._output = self._output_figure()
         self._error = self._small_figure("Error (wanted minus expected)", "error")
         self._drive = self._small_figure("Drive", "drive")
         self._drive.xaxis.axis_label = TIME
-        if draws is not None:
-            self._let_draw()
         self.layout: Column = column(
             self._output, self._error, self._drive, sizing_mode="stretch_both", stylesheets=[ALONE]
         )
@@ -82,14 +73,6 @@ class DriveFigures:
         self.lost.data = {"x0": [], "x1": []}
         self._with_result(False)
         self._frame(time, output)
-
-    def show_points(self, points: Points) -> None:
-        """Show points as they were typed."""
-        time, output = np.array(points).T
-        self._told = True
-        self.points.data = {"x": time, "y": output}
-        self._told = False
-        self.show_course(time, output)
 
     def show(self, result: Driven) -> None:
         """Show a drive."""
@@ -121,10 +104,6 @@ class DriveFigures:
         span(self._time, float(time[0]), float(time[-1]))
         lows, highs = zip(*(limits_of(each) for each in outputs), strict=True)
         low, high = min(lows), max(highs)
-        if self._draws is not None:  # room to draw in
-            record = limits_of(self._record.output)
-            low, high = min(low, record[0]), max(high, record[1])
-            span(self._time, float(time[0]), float(time[-1] + 0.1 * (time[-1] - time[0])))
         if low == high:
             low, high = low - 1.0, high + 1.0
         span(self._output.y_range, low, high)
@@ -164,21 +143,3 @@ class DriveFigures:
 
     def _shade(self, drawn: Any) -> None:
         drawn.vstrip("x0", "x1", source=self.lost, color=REFUSED, alpha=0.5, level="underlay")
-
-    def _let_draw(self) -> None:
-        corners = self._output.scatter("x", "y", source=self.points, size=11, color=CHOSEN)
-        tool = PointDrawTool(renderers=[corners], add=True, description="Draw the course")
-        self._output.add_tools(tool)
-        self._output.toolbar.active_multi = tool
-        self.points.on_change("data", self._on_points)
-
-    def _on_points(self, attr: str, old: Any, new: Any) -> None:
-        del attr, old
-        if self._told or self._draws is None:
-            return
-        pairs = zip(new["x"], new["y"], strict=True)
-        points = tuple(sorted((float(x), float(y)) for x, y in pairs if x is not None))
-        if len(points) > 1:
-            time, output = np.array(points).T
-            self.course.data = {"x": time, "y": output}
-        self._draws(points)

@@ -102,6 +102,16 @@ def test_blocks_hold_every_measured_row_once(count, holes, seed):
         assert np.all(np.diff(inside) > 0)
 
 
+@pytest.mark.parametrize("blocks_a_period", [2, 4, 8, 12, 16, 24])
+@pytest.mark.parametrize("fold", range(4))
+def test_no_period_falls_in_step_with_a_fold(blocks_a_period, fold):
+    count = 96 * 50
+    problem = Problem.of(Record.from_arrays(*(np.arange(count),) * 3))
+    phase = problem.rows[problem.fold == fold] / (50 * blocks_a_period) % 1
+    shares = np.histogram(phase, [0, 0.25, 0.5, 0.75, 1])[0] / len(phase)
+    assert shares.min() > 1 / 16
+
+
 def test_what_was_not_measured_is_not_used(x64):
     record, chain = simulated((), {})
     output = np.array(record.output)

@@ -18,14 +18,14 @@ def reversal_curves():
 
 
 def relays(u):
-    """A stack of relays within -1 and 1 that were on before, with an output that loses 12 %."""
+    """A stack of relays within -1 and 1 that were on before, with an output that loses 20 %."""
     rng = np.random.default_rng(3)
     up, down = np.sort(rng.uniform(-0.95, 0.95, (2, 4000)), axis=0)[::-1]
     state, total = np.ones(4000), np.empty(len(u))
     for k, value in enumerate(u):
         state = np.where(value >= up, 1.0, np.where(value <= down, -1.0, state))
         total[k] = state.mean() + 0.3 * value
-    return total * np.linspace(1.0, 0.88, len(u)) + rng.normal(0, 5e-4, len(u))
+    return total * np.linspace(1.0, 0.8, len(u)) + rng.normal(0, 5e-4, len(u))
 
 
 @pytest.fixture(scope="module")

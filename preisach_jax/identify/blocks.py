@@ -11,8 +11,12 @@ BLOCKS = 96
 """Contiguous blocks of measured rows into which a record is cut."""
 
 FOLDS = 4
-"""Every fourth block is held out; the other three folds identify, and choose the prior.  Where
-whole runs are held out, their rows are the fourth fold."""
+"""One block of four is held out; the other three folds identify, and choose the prior.
+Where whole runs are held out, their rows are the fourth fold."""
+
+STEPS = (3, 3, 3, 5, 5, 5)
+"""Blocks from one that is held out to the next.  Were they always four, a drive whose period is so
+long, or a half or a quarter of that, would show the rows held out the same part of its course."""
 
 LEAST_STRETCHES = 64
 """Stretches into which the input of a run is cut at least where a record is thinned."""
@@ -51,14 +55,28 @@ def blocks_of(record: Record, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
             cut = np.arange(len(own)) * blocks // len(own)
         block[inside] = first + cut
         if by_blocks:
-            # The third of four is held out: the ends of a run stay with the identification.
-            fold[inside] = np.array([0, 1, FOLDS - 1, 2])[cut % FOLDS]
+            fold[inside] = _folds(max(blocks, 1), held_out=True)[cut]
         elif record.runs[position].held_out:
             fold[inside] = FOLDS - 1
         else:
-            fold[inside] = cut % (FOLDS - 1)
+            fold[inside] = _folds(max(blocks, 1), held_out=False)[cut]
         first += max(blocks, 1)
     return block, fold
+
+
+def _folds(blocks: int, held_out: bool) -> np.ndarray:
+    """(block,) a fold of each block; the last one, if some are held out, every `STEPS` blocks."""
+    fold = np.full(blocks, -1)
+    if held_out:
+        at = np.cumsum(np.resize(STEPS, blocks)) - 1
+        fold[at[at < blocks]] = FOLDS - 1
+        if blocks > 1 and fold[-1] == FOLDS - 1:
+            # The ends of a run identify: what is not measured beyond them is unknown.
+            fold[-2:] = fold[-2:][::-1]
+    others = np.flatnonzero(fold < 0)
+    count = np.arange(len(others))
+    fold[others] = (count + count // 7) % (FOLDS - 1)  # 7: nor are these in step with a period
+    return fold
 
 
 def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:

@@ -16,12 +16,7 @@ Result = TypeVar("Result")
 
 
 def usable_cores() -> int:
-    """How many cores this process may use: those it is bound to, or fewer by `OMP_NUM_THREADS`.
-
-    Example:
-        >>> usable_cores() >= 1
-        True
-    """
+    """How many cores this process may use: those it is bound to, or fewer by `OMP_NUM_THREADS`."""
     affinity = getattr(os, "sched_getaffinity", None)  # on Linux only
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
@@ -35,24 +30,13 @@ def on_processor() -> Generator[None]:
     What identifies, predicts and drives is a chain of many short steps, for each of which an
     accelerator waits: a diagnosis of 13 s on the processor did not end there in 80 s.  One that the
     caller has chosen, as JAX's default device or by `JAX_PLATFORMS=cuda`, is used all the same.
-
-    Example:
-        >>> with on_processor():
-        ...     print(jnp.zeros(1).dtype)
-        float64
     """
     with jax.enable_x64(True), jax.default_device(_processor()):
         yield
 
 
 def chosen_device() -> Any:
-    """JAX's default device in this thread; None if nobody has chosen one.
-
-    Example:
-        >>> with jax.default_device("cpu"):
-        ...     chosen_device()
-        'cpu'
-    """
+    """JAX's default device in this thread; None if nobody has chosen one."""
     return cast(Any, jax.config).jax_default_device
 
 
@@ -71,17 +55,6 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
     Threads are enough where compiled code does the work.  They compute in the caller's precision,
     on the caller's device.
-
-    Arguments:
-        function: what to compute; it must not change what its other calls use.
-        items: what to compute it of.
-
-    Raises:
-        Exception: that of the first item whose function raised one; items not begun are left.
-
-    Example:
-        >>> list(on_all_cores(abs, [-1, 2, -3]))
-        [1, 2, 3]
     """
     compute = _as_in_this_thread(function)
     with ThreadPoolExecutor(usable_cores()) as pool:
@@ -94,14 +67,7 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
 
 class Background:
-    """Threads that compute while the caller goes on, in the caller's precision.
-
-    Example:
-        >>> background = Background()
-        >>> background.begin(lambda: 2 + 2).result()
-        4
-        >>> background.close()
-    """
+    """Threads that compute while the caller goes on, in the caller's precision."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(usable_cores())

@@ -42,18 +42,6 @@ def compiled(
 
     Arguments:
         function: called as `function(common, batch)` with a part of the batch; returns a pytree.
-        common: example of the first argument, or its shapes.
-        batch: example of the second, or its shapes; as many entries as `evenly` says.
-
-    Returns:
-        The function; it waits for its result.
-
-    Example:
-        >>> count = evenly(4)
-        >>> rows = jax.ShapeDtypeStruct((count,), np.float32)
-        >>> double = compiled(lambda factor, row: factor * row, np.float32(0), rows)
-        >>> double(np.float32(2), np.arange(count, dtype=np.float32))[:4].tolist()
-        [0.0, 2.0, 4.0, 6.0]
     """
     mesh = Mesh(np.array(cast(list[Any], jax.devices())), (AXIS,))
     specs = (PartitionSpec(), PartitionSpec(AXIS))

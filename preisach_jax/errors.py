@@ -34,14 +34,7 @@ class InputError(ValueError):
 
 
 class EffectError(InputError):
-    """An effect's class that is unfinished, or returns something else than its place asks for.
-
-    Example:
-        >>> raise EffectError("the effect 'sag' has no step: write step(self, state, value, dt)")
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.EffectError: the effect 'sag' has no step: write step(self, state, value, dt)
-    """  # noqa: E501
+    """An effect's class that is unfinished, or returns something else than its place asks for."""
 
 
 class NotFiniteError(InputError, FloatingPointError):
@@ -67,20 +60,7 @@ class ContentError(ValueError):
 
 
 def require_positive(**values: float) -> None:
-    """Refuse numbers that are not above 0, NaN among them.
-
-    Arguments:
-        **values: the numbers by their names.
-
-    Raises:
-        InputError: a number is not above 0.
-
-    Example:
-        >>> require_positive(rate_hz=0.0)
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.InputError: rate_hz is 0.0: give a number above 0
-    """
+    """Refuse numbers that are not above 0, NaN among them."""
     for name, value in values.items():
         if not value > 0.0:
             raise InputError(f"{name} is {value!r}: give a number above 0")
@@ -95,15 +75,7 @@ def unfinished(effect: Any, method: str) -> EffectError:
 
 
 def require_no_record(name: str, values: Any) -> None:
-    """Refuse a record where one of its columns is asked for.
-
-    Arguments:
-        name: what the values are, for the message.
-        values: what was given.
-
-    Raises:
-        InputError: they are a record.
-    """
+    """Refuse a record where one of its columns is asked for."""
     if all(hasattr(values, column) for column in ("time", "input", "output")):
         raise InputError(
             f"{name} is a whole {type(values).__name__}: give the columns that are asked for, as "
@@ -112,12 +84,7 @@ def require_no_record(name: str, values: Any) -> None:
 
 
 def shown(value: Any) -> str:
-    """A value for a message, in at most 60 characters.
-
-    Example:
-        >>> shown("creep"), shown(10**5000)
-        ("'creep'", 'a number of more than 30 digits')
-    """
+    """A value for a message, in at most 60 characters."""
     if isinstance(value, int) and abs(value) >= 10**30:  # Python refuses to print 4,301 digits
         return "a number of more than 30 digits"
     return f"{value!r:.60}"
@@ -130,23 +97,7 @@ def require_list(what: str, given: Any) -> None:
 
 
 def whole_number(what: str, value: Any, least: int, most: float = math.inf) -> int:
-    """A whole number as Python's own, or an error that says which ones are taken.
-
-    Arguments:
-        what: where the value stands, with the verb, as in "levels is" or "seeds holds".
-        value: a whole number of Python's or NumPy's; 2.0 is none.
-        least, most: the least and the greatest one that are taken.
-
-    Returns:
-        The number.
-
-    Raises:
-        InputError: the value is no whole number, or not from `least` to `most`.
-
-    Example:
-        >>> whole_number("levels is", 37, least=2)
-        37
-    """
+    """A whole number as Python's own, or an error that says which ones are taken."""
     try:
         value = operator.index(value)
     except TypeError:

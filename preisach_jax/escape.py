@@ -19,10 +19,6 @@ def printable(text: str) -> str:
     """A text for a terminal or a table, without characters that act and are not seen.
 
     Control characters, marks of direction and line separators become a replacement character.
-
-    Example:
-        >>> printable("u\\x1b[31m V")
-        'u�[31m V'
     """
     return "".join(
         c if c in _JOINERS or unicodedata.category(c) not in _ACTING else UNSEEN for c in text
@@ -30,34 +26,19 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """The same line by line.
-
-    Example:
-        >>> printable_lines("a\\x07\\nb")
-        'a�\\nb'
-    """
+    """The same line by line."""
     return "\n".join(map(printable, text.split("\n")))
 
 
 def unit(text: str) -> str:
-    """A unit of letters, digits and the signs that units are written with; others become a mark.
-
-    Example:
-        >>> unit("m/s²"), unit("$\\\\frac{$"), unit("V,\\nA")
-        ('m/s²', '��frac{�', 'V��A')
-    """
+    """A unit of letters, digits and the signs that units are written with; others become a mark."""
     return "".join(
         c if c.isalnum() or c in " €£¥_%‰°′″'\"·⋅*×/^()[]{}.+-−|:&#²³⁻" else UNSEEN for c in text
     )
 
 
 def distinct(name: str, others: Collection[str]) -> str:
-    """A name that none of some others is, with a number behind it where it must differ.
-
-    Example:
-        >>> distinct("u", ["t", "u", "u (2)"])
-        'u (3)'
-    """
+    """A name that none of some others is, with a number behind it where it must differ."""
     number = 2
     found = name
     while found in others:
@@ -66,31 +47,16 @@ def distinct(name: str, others: Collection[str]) -> str:
 
 
 def c_comment(text: str) -> str:
-    """A text inside a comment of C, which it neither ends nor begins.
-
-    Example:
-        >>> c_comment("u*\\\\ */ int x; /*")
-        'u__ _/ int x_ /_'
-    """
+    """A text inside a comment of C, which it neither ends nor begins."""
     return re.sub(r"[^A-Za-z0-9 .,:()=<>+%/^_-]", "_", text.replace("µ", "u"))
 
 
 def markdown(text: str) -> str:
-    """A text in a line or a cell of Markdown, of which it begins and ends no part.
-
-    Example:
-        >>> markdown("a|b <img>")
-        'a\\\\|b &lt;img&gt;'
-    """
+    """A text in a line or a cell of Markdown, of which it begins and ends no part."""
     text = printable(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]()#!|~])", r"\\\1", text)
 
 
 def literal(text: str) -> str:
-    """A text of a figure, in which a dollar sign starts no formula of Matplotlib.
-
-    Example:
-        >>> literal("cost ($)")
-        'cost (\\\\$)'
-    """
+    """A text of a figure, in which a dollar sign starts no formula of Matplotlib."""
     return printable_lines(text).replace("$", r"\$")

@@ -23,12 +23,7 @@ from preisach_jax.errors import ContentError, InputError
 
 
 def plain_json(value: Any) -> Any:
-    """A value with NumPy's numbers made Python's, and what JSON lacks (NaN, infinity) made null.
-
-    Example:
-        >>> plain_json({"a": np.float64(1.5), "b": (np.nan, 2)})
-        {'a': 1.5, 'b': [None, 2]}
-    """
+    """A value with NumPy's numbers made Python's, and what JSON lacks (NaN, infinity) made null."""
     if isinstance(value, Mapping):
         table = cast(Mapping[Any, Any], value)
         return {str(key): plain_json(inner) for key, inner in table.items()}
@@ -45,22 +40,13 @@ def json_bytes(content: Any) -> bytes:
     """A JSON file's bytes; there are no NaN in it.
 
     A file's name may hold bytes that are no text: question marks stand for them.
-
-    Example:
-        >>> json_bytes({"record": "stage\\udcff.csv"})
-        b'{\\n "record": "stage?.csv"\\n}\\n'
     """
     text = json.dumps(plain_json(content), indent=1, ensure_ascii=False, allow_nan=False)
     return (text + "\n").encode(errors="replace")
 
 
 def file_name(thing: str) -> str:
-    """A name for a file, from that of a thing, such as a column, that may hold any characters.
-
-    Example:
-        >>> file_name("aux:load N")
-        'aux_load_N'
-    """
+    """A name for a file, from that of a thing, such as a column, that may hold any characters."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", thing)
 
 
@@ -90,12 +76,7 @@ PARQUET_MARK = b"written by preisach_jax"
 
 
 def marked_csv(content: bytes) -> bytes:
-    """A table whose first number is zero, with that spelled as nobody else does: a mark.
-
-    Example:
-        >>> marked_csv(b"t_s,u_V\\n0.0,1.5\\n")
-        b't_s,u_V\\n0e0,1.5\\n'
-    """
+    """A table whose first number is zero, with that spelled as nobody else does: a mark."""
     return re.sub(rb"\n0(\.0)?,", b"\n0e0,", content, count=1)
 
 
@@ -120,12 +101,7 @@ def check_output(path: Path, read: Iterable[Path] = (), *, force: bool = False) 
     """Make sure that nothing of the user's goes when a file is written.
 
     Arguments:
-        path: the file.
-        read: files that the work reads; of a workbook, maybe as `book.xlsx#sheet`.
         force: whether it may replace what no command wrote.
-
-    Raises:
-        InputError: if it is read, is no plain file, or was written by somebody else.
     """
     for other in read:
         book = Path(str(other).rpartition("#")[0] or other)
@@ -157,11 +133,7 @@ def _check_plain(path: Path) -> None:
 
 
 def check_regular(path: Path, remedy: str) -> None:
-    """Refuse what would be read without end or waited for: a pipe, a device, a folder.
-
-    Raises:
-        InputError: something is there, and it is no file.
-    """
+    """Refuse what would be read without end or waited for: a pipe, a device, a folder."""
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: this is a folder, a device or a pipe: {remedy}")
 
@@ -172,14 +144,7 @@ def check_folder(
     """Make sure before the work that results can be written into a folder afterwards.
 
     Arguments:
-        folder: the folder; it need not exist yet.
-        read: files that the work reads, which must not be written over.
-        written: names of the files that will be written into the folder.
         force: whether they may replace what no command wrote.
-
-    Raises:
-        InputError: if it is a file, or it or what it would be made in cannot be written to, or a
-            file would be lost.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")
@@ -201,13 +166,7 @@ def check_file(path: Path, *read: Path, force: bool = False) -> None:
     """Make sure before the work that a file can be written afterwards.
 
     Arguments:
-        path: the file; its folder must exist.
-        read: files that the work reads, which must not be written over.
         force: whether it may replace what no command wrote.
-
-    Raises:
-        InputError: if a file would be lost, if it is a folder, or its folder is missing or cannot
-            be written to.
     """
     if path.is_dir():
         raise InputError(f"{path}: this is a folder; give the name of a file")
@@ -224,22 +183,6 @@ def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
     Each file is at every moment, also after a crash of the program or of the machine, the old one
     or the new one. What such a crash leaves of unfinished files is hidden, and goes when the same
     file is written next.
-
-    Arguments:
-        contents: bytes by path; folders are made.
-
-    Returns:
-        The paths.
-
-    Raises:
-        InputError: if one cannot be written.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     paths = write_files({Path(folder, "a/b.txt"): b"whole"})
-        ...     print(paths[0].read_text(), [path.name for path in Path(folder, "a").iterdir()])
-        whole ['b.txt']
     """
     for path in contents:
         _check_plain(path)
@@ -329,16 +272,7 @@ def _lives(process: int) -> bool:
 
 
 def write_arrays(path: Path, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-    """Write arrays and what there is to say about them as one `.npz` file.
-
-    Arguments:
-        path: the file; an old one is replaced whole.
-        about: what JSON can hold, with the number of the format as "format".
-        arrays: arrays by name.
-
-    Raises:
-        InputError: if it cannot be written.
-    """
+    """Write arrays and what there is to say about them as one `.npz` file."""
     file = io.BytesIO()
     named: dict[str, Any] = {"about": np.asarray(json.dumps(about)), **arrays}
     np.savez(file, **named)
@@ -352,18 +286,6 @@ def read_arrays(
     """Open a file that `write_arrays` wrote.
 
     Whatever goes wrong in the block that reads from it is taken for damage of the file.
-
-    Arguments:
-        path: the file.
-        known: number of the format that is known.
-        thing: what the file should be, as in "a saved filter".
-        remedy: what to give instead, as in "give a file that `save` wrote".
-
-    Yields:
-        `(about, arrays)`; arrays are read when they are asked for by name.
-
-    Raises:
-        InputError: if the file is missing, broken, or of another format.
     """
     check_regular(path, remedy)
     try:

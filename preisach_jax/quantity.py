@@ -22,10 +22,6 @@ def scaled(magnitude: float, unit: str) -> tuple[float, str]:
     Returns:
         What to multiply values by, and the unit that they then have; 1 and the unit itself where
         it takes no prefix.
-
-    Example:
-        >>> scaled(1.72e-8, "m"), scaled(75.0, "um"), scaled(0.4, "%")
-        ((1000000000.0, 'nm'), (1.0, 'µm'), (1.0, '%'))
     """
     parsed = _prefix_and_base(unit)
     if parsed is None or not 0 < abs(magnitude) < math.inf:
@@ -40,12 +36,7 @@ def scaled(magnitude: float, unit: str) -> tuple[float, str]:
 
 
 def in_unit(given: str, unit: str) -> float | None:
-    """What one of a unit is in another that differs from it in its prefix; None if it does not.
-
-    Example:
-        >>> in_unit("nm", "um"), in_unit("nm", "V"), in_unit("counts", "counts")
-        (0.001, None, 1.0)
-    """
+    """What one of a unit is in another that differs from it in its prefix; None if it does not."""
     if pretty_unit(given) == pretty_unit(unit):
         return 1.0
     one, other = _prefix_and_base(given), _prefix_and_base(unit)
@@ -55,12 +46,7 @@ def in_unit(given: str, unit: str) -> float | None:
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit with µ for u, and nothing for the unit one.
-
-    Example:
-        >>> pretty_unit("um/N"), pretty_unit("1")
-        ('µm/N', '')
-    """
+    """A unit with µ for u, and nothing for the unit one."""
     if unit in {"1", "-"}:
         return ""
     return re.sub(r"(?<![A-Za-z])u(?=(?:m|s|V|A|N|T|W|g|rad|Oe|emu)(?![A-Za-z]))", "µ", unit)
@@ -70,16 +56,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A value with its unit, in the prefix that reads best.
 
     Arguments:
-        value: the value.
         unit: its unit as in the file, `""` if unknown.
-        digits: significant digits.
-
-    Returns:
-        Text such as `54.2 ms`; `unknown` for NaN.
-
-    Example:
-        >>> quantity(0.05417, "s"), quantity(0.00712, "um"), quantity(float("nan"), "V")
-        ('54.17 ms', '7.12 nm', 'unknown')
     """
     if math.isnan(value):
         return "unknown"
@@ -89,12 +66,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A value without unit to some significant digits.
-
-    Example:
-        >>> number(1234.56), number(float("-inf")), number(1.25e-7, 2), number(736.0, 2)
-        ('1235', '-∞', '1.2e-07', '740')
-    """
+    """A value without unit to some significant digits."""
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
     if math.isnan(value):
@@ -106,14 +78,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def interval(value: float, low: float, high: float, unit: str, digits: int = 4) -> str:
-    """A value with its 95 % interval, all in one unit.
-
-    Example:
-        >>> interval(0.0541, 0.0538, 0.0544, "s")
-        '54.1 ms (95 %: 53.8 to 54.4)'
-        >>> interval(-0.2, -0.3, -0.1, "um/N")
-        '-0.2 µm/N (95 %: -0.3 to -0.1)'
-    """
+    """A value with its 95 % interval, all in one unit."""
     factor, shown = scaled(value, unit)
     numbers = [number(factor * x, digits) for x in (value, low, high)]
     unit_part = f" {shown}" if shown else ""

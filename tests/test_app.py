@@ -26,13 +26,7 @@ from preisach_jax.app.dropper import Dropper
 from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.page import Page
-from preisach_jax.app.panels import (
-    failure,
-    ladder,
-    table,
-    told,
-    verdict,
-)
+from preisach_jax.app.panels import failure, ladder, table, told, verdict
 from preisach_jax.app.project import packed, unpacked
 from preisach_jax.app.script import Click, script
 from preisach_jax.app.steps import Walk, repeated, saved
@@ -65,8 +59,7 @@ def step():
 
 class TestUpload:
     @pytest.mark.parametrize(
-        "name",
-        ["../../etc/passwd", "..\\..\\boot.ini", "a\0b.csv", "", "x" * 400, "-rf.csv"],
+        "name", ["../../etc/passwd", "..\\..\\boot.ini", "a\0b.csv", "", "x" * 400, "-rf.csv"]
     )
     def test_no_name_leaves_the_folder(self, name, tmp_path):
         path = tmp_path / harmless_name(name)

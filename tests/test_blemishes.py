@@ -22,9 +22,7 @@ def test_rows_of_one_record_are_counted_from_1():
 
 
 def test_rows_of_joined_records_are_those_of_their_own():
-    both = joined(
-        [Record.from_arrays(TIME, TIME % k, TIME % k, name=f"{k}.csv") for k in (7, 9)],
-    )
+    both = joined([Record.from_arrays(TIME, TIME % k, TIME % k, name=f"{k}.csv") for k in (7, 9)])
     stuck, spikes = fault_lines(spoiled(both, shift=99))
     assert stuck.endswith("samples 31-38 of 9.csv")
     assert spikes.endswith("samples 6 of 9.csv, 22 of 9.csv")

@@ -79,8 +79,7 @@ def setting(names, memory="free", **options):
 
 
 @pytest.mark.parametrize(
-    ("names", "memory"),
-    [((), "free"), (EVERY, "free"), (EVERY, "low"), (EVERY, "demagnetised")],
+    ("names", "memory"), [((), "free"), (EVERY, "free"), (EVERY, "low"), (EVERY, "demagnetised")]
 )
 def test_regressors_and_response_agree(x64, names, memory):
     chain, values, signals, columns, solution = setting(names, memory)

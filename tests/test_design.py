@@ -19,10 +19,7 @@ RATE_HZ = 500.0
 UNITS = {"input": "V", "output": "um"}
 NOISE = 0.006
 
-BOUNDS = [
-    Bounds(0.0, 75.0, 174.0, 500.0, 8621, "V"),
-    Bounds(-2.3, 3.1, 0.02, 0.5, 6000, "A"),
-]
+BOUNDS = [Bounds(0.0, 75.0, 174.0, 500.0, 8621, "V"), Bounds(-2.3, 3.1, 0.02, 0.5, 6000, "A")]
 
 
 def drawn(name, bounds):

@@ -20,12 +20,7 @@ from preisach_jax.chain import PLACES
 from preisach_jax.effects import BUILT_IN, column_of, library, placeholder, resolve
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import (
-    AddedEffect,
-    SensorEffect,
-    Survey,
-    WeightEffect,
-)
+from preisach_jax.effects.base import AddedEffect, SensorEffect, Survey, WeightEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.delay import Delay

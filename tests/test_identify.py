@@ -72,11 +72,7 @@ def simulated(effects, values, added=(), noise=1e-3, count=3000):
 
 
 @settings(max_examples=10)
-@given(
-    count=st.sampled_from([80, 400]),
-    holes=st.integers(0, 30),
-    seed=st.integers(0, 100),
-)
+@given(count=st.sampled_from([80, 400]), holes=st.integers(0, 30), seed=st.integers(0, 100))
 def test_blocks_hold_every_measured_row_once(count, holes, seed):
     rng = np.random.default_rng(seed)
     output = rng.normal(size=count)
@@ -294,10 +290,7 @@ def test_a_step_without_new_regressors_lands_where_refining_does(x64):
 # --- records of another make ---
 
 
-ACTUATOR = {
-    "delay": {"delay_s": "delay_s"},
-    "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"},
-}
+ACTUATOR = {"delay": {"delay_s": "delay_s"}, "aux": {"gain": "gain_um_per_unit", "tau_s": "tau_s"}}
 
 
 @pytest.mark.parametrize("effect", ACTUATOR)

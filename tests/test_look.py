@@ -12,13 +12,7 @@ from preisach_jax.cli import main
 from preisach_jax.effects import library
 from preisach_jax.look import look
 from preisach_jax.look.prospects import judged_effects
-from preisach_jax.look.stretches import (
-    band_decades,
-    noise_rms,
-    period,
-    repeating_period,
-    rests,
-)
+from preisach_jax.look.stretches import band_decades, noise_rms, period, repeating_period, rests
 
 STEP = 0.001
 UNITS = {"input": "V", "output": "um"}

@@ -130,8 +130,7 @@ def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, cap
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["predict", "compensate", "export c", "export fmu", "figures", "look", "simulate"],
+    "name", ["predict", "compensate", "export c", "export fmu", "figures", "look", "simulate"]
 )
 def test_what_a_command_wrote_it_writes_again(name, place):
     words = words_of(name)

@@ -11,10 +11,7 @@ from preisach_jax.quantity import interval, quantity, scaled
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 
 
-@given(
-    st.floats(1e-11, 1e8),
-    st.sampled_from(["nV", "uV", "µV", "mV", "V", "kV"]),
-)
+@given(st.floats(1e-11, 1e8), st.sampled_from(["nV", "uV", "µV", "mV", "V", "kV"]))
 def test_scaling_keeps_the_quantity_and_gives_one_to_three_digits(value, unit):
     factor, shown = scaled(value, unit)
     given_prefix = unit[:-1].replace("u", "µ")

@@ -38,10 +38,7 @@ GERMAN = "Zeit (ms);Spannung [V];Weg [µm]\n" + "".join(
 )
 
 
-@pytest.mark.parametrize(
-    "encoding",
-    ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-be"],
-)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-be"])
 def test_german_headers_and_decimal_commas_in_every_encoding(path, encoding):
     path.write_bytes(GERMAN.encode(encoding))
     notes = []

@@ -87,10 +87,7 @@ def test_the_regression_has_the_columns_of_that_model():
     with jax.enable_x64(True):
         problem = Problem.of(both)
         effects = tuple(known[name].bound_to(problem.survey) for name in ("creep", "drift"))
-        values = {
-            "creep": {p.name: 0.02 for p in effects[0].parameters()},
-            "drift": {"tau_s": 3.0},
-        }
+        values = {"creep": {p.name: 0.02 for p in effects[0].parameters()}, "drift": {"tau_s": 3.0}}
         chain = Chain(pj.Plane(5, 0.0, 74.0), effects)
         point = evaluate(problem, chain, values, 1e-4)
         modelled = response(chain, values, problem.signals, point.coefficients())

@@ -297,11 +297,7 @@ def _columns(
 
 
 def _measured(
-    setting: Setting,
-    clean: np.ndarray,
-    truth: Mapping[str, Truth],
-    seed: int,
-    nothing: str,
+    setting: Setting, clean: np.ndarray, truth: Mapping[str, Truth], seed: int, nothing: str
 ) -> tuple[np.ndarray, float, dict[str, Any]]:
     """The output with noise, on the lattice of the encoder; RMS of both; what was drawn."""
     rng = np.random.default_rng([seed, 5])

@@ -248,10 +248,7 @@ def soak_faults() -> list[dict]:
         "step size 0.2": {"step_size": 0.2},
         "error limit of 5 deviations": {"error_limit": 5 * math.sqrt(2) * NOISE},
         "nonnegative": {"nonnegative": True},
-        "error limit, nonnegative": {
-            "error_limit": 5 * math.sqrt(2) * NOISE,
-            "nonnegative": True,
-        },
+        "error limit, nonnegative": {"error_limit": 5 * math.sqrt(2) * NOISE, "nonnegative": True},
         "leakage 1e-4": {"leakage": 1e-4},
     }
     plane = Plane(levels=9, low=0.0, high=10.0)

@@ -22,13 +22,7 @@ _CHIP = ":host { gap: 0; align-items: flex-end; flex: 0 0 auto; }"
 
 
 class ColumnChoice:
-    """Menus for the columns of a file and their units, with the guess filled in.
-
-    Arguments:
-        upload: the file.
-        chosen: called with the choice at each change that leaves it complete.
-        before: what was chosen for this file before, to begin with.
-    """
+    """Menus for the columns of a file and their units, with the guess filled in."""
 
     def __init__(
         self,

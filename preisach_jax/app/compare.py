@@ -37,10 +37,6 @@ _TEXT = "Drop or choose records or models to compare"
 class CompareView:
     """Files to compare, and what came of it.
 
-    Arguments:
-        compare: called when the files have become others.
-        refuse: called with an error where a file is not taken.
-
     Attributes:
         view: what to show in the page.
         files: what is compared, in the order in which it came.

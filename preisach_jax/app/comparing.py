@@ -63,17 +63,6 @@ def compared(step: Exploration, dropped: Sequence[Dropped], progress: Progress) 
 
     Records alone are compared under the model of the step, beside its own record; models alone
     under its record; several models and one record under that record.
-
-    Arguments:
-        step: model and record of the page.
-        dropped: what is compared with them.
-        progress: called with a text and the share done.
-
-    Returns:
-        The comparison.
-
-    Raises:
-        InputError: a file cannot be read, or there are several models and several records.
     """
     models = [each for each in dropped if each.is_model]
     records = [each for each in dropped if not each.is_model]

@@ -72,11 +72,7 @@ class Shape:
 
 
 def usual_shape(step: Exploration) -> Shape:
-    """Three triangles over 60 % of the stroke, as fast as the record usually goes.
-
-    Arguments:
-        step: the model and its record.
-    """
+    """Three triangles over 60 % of the stroke, as fast as the record usually goes."""
     record = step.record
     output = step.fit.prediction
     low, high = float(output.min()), float(output.max())
@@ -95,11 +91,7 @@ def _short(value: float, digits: int = 2) -> float:
 
 
 def resting(step: Exploration) -> np.ndarray:
-    """(row,) how the output goes on behind the record while the input rests: delays, creep.
-
-    Arguments:
-        step: the model and its record.
-    """
+    """(row,) how the output goes on behind the record while the input rests: delays, creep."""
     model, record = step.fit.model, step.record
     time = model.origin.stop_s + model.origin.step_s * np.arange(1, RESTING_ROWS + 1)
     names = auxiliary_columns(model.effects)
@@ -113,22 +105,12 @@ def shaped(shape: Shape, begin: np.ndarray | float, step_s: float) -> tuple[np.n
     """Time and output of a shape, to which the stage is led from where it is.
 
     Arguments:
-        shape: the shape, which begins at its lowest.
         begin: output from which half a period leads to that, or (row,) how it would go on by
             itself: what is on its way already cannot be had otherwise.
         step_s: time between two rows, in s.
 
     Returns:
         (time,) time in s from 0, and output in the unit of the shape.
-
-    Raises:
-        InputError: a number of the shape is missing or none, or it would have too few rows in a
-            period, or too many in all.
-
-    Example:
-        >>> time, output = shaped(Shape("Triangle", 5.0, 2.0, 1.0, 1.0), 4.0, 0.125)
-        >>> output[4:].tolist()
-        [4.0, 4.5, 5.0, 5.5, 6.0, 5.5, 5.0, 4.5, 4.0]
     """
     _check(shape, step_s)
     low = shape.middle - shape.swing / 2
@@ -212,7 +194,6 @@ def course_file(step: Exploration, time: np.ndarray, output: np.ndarray) -> Cour
     Auxiliary columns that the model needs stay at their last values in the record.
 
     Arguments:
-        step: the model and its record.
         time: (time,) in s.
         output: (time,) in the unit of the model's output.
     """

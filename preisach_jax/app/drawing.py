@@ -32,13 +32,7 @@ PLOTS = f"""
 
 
 def drawn_figure(title: str, x: str, y: str, **options: Any) -> Any:
-    """A figure in the page's style.
-
-    Arguments:
-        title: its title.
-        x, y: labels of its axes, as text.
-        options: more of Bokeh's.
-    """
+    """A figure in the page's style."""
     settings: dict[str, Any] = {
         "tools": "pan,wheel_zoom,box_zoom,reset,save", "sizing_mode": "stretch_both",
         "min_width": 240, "min_height": 240,

@@ -43,12 +43,6 @@ _ROW: dict[str, Any] = {"sizing_mode": "stretch_width", "stylesheets": [WRAP]}
 class DriveView:
     """A course, its limits, and the drive that was found for it.
 
-    Arguments:
-        step: the model that drives.
-        find: called when the drive is wanted.
-        changed: called when the course or its limits have become others.
-        hand_over: runs a function in the page's own thread.
-
     Attributes:
         view: what to show in the page.
         find: the button that asks for the drive.

@@ -8,13 +8,7 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import Column, ColumnDataSource, Range1d
 
-from preisach_jax.app.drawing import (
-    NARROW,
-    drawn_figure,
-    limits_of,
-    place_legend,
-    span,
-)
+from preisach_jax.app.drawing import NARROW, drawn_figure, limits_of, place_legend, span
 from preisach_jax.app.driving import Driven, unreached
 from preisach_jax.app.statistics import MOST_ROWS
 from preisach_jax.plot.axes import column_name, greatest, with_unit

@@ -69,15 +69,7 @@ class Driven:
 
 
 def course_of(step: Exploration, course: CourseFile) -> Record:
-    """Read a wanted course as `preisach compensate` does.
-
-    Arguments:
-        step: the model and its record.
-        course: the file.
-
-    Raises:
-        InputError: it cannot be read, or has not the columns of the model.
-    """
+    """Read a wanted course as `preisach compensate` does."""
     return wanted_course(
         step.fit.model, table_of(course.name, course.content), course.name,
         time=course.columns.get("time"), output=course.columns.get("output"), units=course.units,
@@ -85,16 +77,7 @@ def course_of(step: Exploration, course: CourseFile) -> Record:
 
 
 def driven(step: Exploration, order: Order, progress: Progress) -> Driven:
-    """Find the drive for a wanted course, and what a straight line would miss.
-
-    Arguments:
-        step: the model and its record.
-        order: the course, and the limits of the drive.
-        progress: called with a text and the share done.
-
-    Raises:
-        InputError: the course cannot be used, the limits are none, or the model has no inverse.
-    """
+    """Find the drive for a wanted course, and what a straight line would miss."""
     model, limits = step.fit.model, order.limits(step.fit.model)
     progress("making the wanted course", 0.0)
     course = order.course()
@@ -113,17 +96,7 @@ def driven(step: Exploration, order: Order, progress: Progress) -> Driven:
 def command(
     course: CourseFile, limits: Sequence[float] | None = None, slew: float | None = None
 ) -> str:
-    """The command line that writes the same drive.
-
-    Arguments:
-        course: the wanted course.
-        limits: both limits of the drive, if there are any.
-        slew: its greatest rate, if there is one.
-
-    Example:
-        >>> command(CourseFile("my course.csv", b"", {}, {}), (0.0, 60.5), 20.0)
-        "preisach compensate model.json 'my course.csv' --out drive.csv --limits=0,60.5 --slew 20"
-    """
+    """The command line that writes the same drive."""
     words = ["preisach", "compensate", "model.json", course.name, "--out", "drive.csv"]
     if limits is not None:
         # Joined by a sign of equality, as a lower limit may begin with a minus.
@@ -142,15 +115,7 @@ def _exact(value: float) -> str:
 
 
 def outcome(result: Driven, record: Record) -> str:
-    """What is to be expected of a drive: the error in large type, what cannot be had, in words.
-
-    Arguments:
-        result: the drive.
-        record: the record of its model.
-
-    Returns:
-        HTML.
-    """
+    """What is to be expected of a drive: the error in large type, what cannot be had, in words."""
     errors, unit, stroke = result.errors, record.output_unit, record.output_range
     lost = int((~result.found.reachable).sum())
     rows = len(result.found.time)
@@ -192,11 +157,7 @@ def command_shown(text: str) -> str:
 
 
 def unreached(result: Driven) -> tuple[np.ndarray, np.ndarray]:
-    """(stretch,) first and last time in s of the stretches of a course that cannot be reached.
-
-    Arguments:
-        result: the drive.
-    """
+    """(stretch,) first and last time in s of the stretches of a course that cannot be reached."""
     time = result.wanted.time
     first, behind = np.array(spans(~result.found.reachable), int).reshape(-1, 2).T
     return time[first], time[np.minimum(behind, len(time) - 1)]

@@ -45,15 +45,7 @@ class Dropper(pn.custom.JSComponent):
         text: str,
         **options: Any,
     ):
-        """Make a box.
-
-        Arguments:
-            on_file: called with the name and the content of each file.
-            refused: called with an `InputError` where a file is too large.
-            most_bytes: size of the greatest file that is taken.
-            text: what stands in the box.
-            options: `hint`, `compact`, `whole_page`, `several`, and those of Panel.
-        """
+        """Make a box."""
         self._on_file, self._refused = on_file, refused
         self._number, self._pieces = 0, list[bytes]()
         super().__init__(

@@ -24,20 +24,7 @@ def exports(
     clicks: Sequence[Click],
     progress: Progress,
 ) -> dict[str, bytes]:
-    """The files that the page offers.
-
-    Arguments:
-        step: the present step.
-        found: the diagnosis that led to it, None if effects were chosen by hand.
-        name: the file that was loaded.
-        choice: its columns.
-        clicks: what was done.
-        progress: called with a text and a share done.
-
-    Returns:
-        Contents by file name: `report.html`, `model.json`, `diagnosis.json`, `figures.zip` and
-        `repeat.py`.
-    """
+    """The files that the page offers."""
     progress("drawing conclusions", 0.1)
     concluded = found or step.conclude(progress)
     progress("writing the report", 0.7)

@@ -122,19 +122,8 @@ class FirstView:
 def extreme_rows(record: Record, stretches: int = STRETCHES) -> np.ndarray:
     """Rows of a record to draw: all, or the extremes of input and output in many stretches.
 
-    Arguments:
-        record: the measurement.
-        stretches: how many equal stretches of rows, where the record has more than 4 times as many.
-
     Returns:
         (row,) increasing rows, the first and the last among them.
-
-    Example:
-        >>> t = np.arange(1000.0)
-        >>> u = np.where(t == 123, 5.0, np.sin(t))
-        >>> rows = extreme_rows(Record.from_arrays(t, u, u), 20)
-        >>> len(rows) < 90, 123 in rows
-        (True, True)
     """
     count = len(record)
     if count <= 4 * stretches:

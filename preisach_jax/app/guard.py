@@ -27,10 +27,6 @@ class Guard(Matcher):
     A name that is not in the list may be one that an attacker's name server lets point here, so
     that scripts of his page are taken for scripts of this one; an address in figures cannot.
 
-    Arguments:
-        address: the interface that the server listens on.
-        port: its port.
-
     Attributes:
         token: what a request must know; another one at each start.
         is_loopback: whether the interface is one that only this machine has.

@@ -25,16 +25,7 @@ class JobCancelledError(Exception):
 
 
 class Job:
-    """Work in a thread of its own; what it reports is handed to the page's own thread.
-
-    Arguments:
-        work: called with a progress function; a cancelled job ends when it calls that.
-        hand_over: runs a function without arguments in the page's thread.
-        tell: the same for functions that change nothing but a text.
-        on_progress: called there with a text and a share done.
-        on_done: called there with the result, unless the job was cancelled.
-        on_error: called there with the exception, unless the job was cancelled.
-    """
+    """Work in a thread of its own; what it reports is handed to the page's own thread."""
 
     def __init__(
         self,
@@ -94,12 +85,7 @@ class Job:
 
 
 class Working:
-    """What a page needs to work on one thing at a time, and to say how far it is.
-
-    Arguments:
-        doing: the pane that says what goes on.
-        message: the pane that says what came of it.
-    """
+    """What a page needs to work on one thing at a time, and to say how far it is."""
 
     def __init__(self, doing: Any, message: Any):
         self._document = pn.state.curdoc

@@ -61,9 +61,6 @@ _CARD = ":host { border: 1px solid var(--line); border-radius: 8px; padding: 0.3
 class Layout:
     """All that the page shows, without what it does.
 
-    Arguments:
-        on: what is called for each gesture, by name.
-
     Attributes:
         view: the whole page.
     """

@@ -37,11 +37,7 @@ class Content:
 
     @staticmethod
     def of(upload: Upload, choice: ReadOptions) -> Content:
-        """Read the chosen columns of a file.
-
-        Raises:
-            InputError: a column cannot be used; the message says where and why.
-        """
+        """Read the chosen columns of a file."""
         notes: list[str] = []
         record = upload.record({**choice, "announce": notes.append})
         return Content(choice, record, Curves.of(record), notes)
@@ -80,11 +76,7 @@ class Opened:
 
 
 class Opening(Working):
-    """From a file that came to its record; what is then done with it is the page's.
-
-    Arguments:
-        layout: the widgets of the page.
-    """
+    """From a file that came to its record; what is then done with it is the page's."""
 
     def __init__(self, layout: Layout):
         self._layout = layout

@@ -250,11 +250,6 @@ class CandidateRow:
     """An effect as a card: its name, the error it would leave, what speaks for and against it.
 
     Cards stay, and only what they say changes: to send new ones at every step would be slow.
-
-    Arguments:
-        name: the effect.
-        add: called when the button is pressed.
-        framed: makes a card of a text and a button.
     """
 
     def __init__(self, name: str, add: Callable[[], None], framed: Callable[[Any, Any], Any]):
@@ -344,12 +339,7 @@ def facts_pane() -> Any:
 
 
 def agree(errors: Sequence[float], saved: Sequence[float]) -> bool:
-    """Whether the errors of repeated steps are those that were saved, but for rounding.
-
-    Example:
-        >>> agree([1.0, 0.5], [1.0, 0.5 + 1e-9]), agree([1.0], [1.0, 0.5])
-        (True, False)
-    """
+    """Whether the errors of repeated steps are those that were saved, but for rounding."""
     pairs = zip(errors, saved, strict=False)
     return len(errors) == len(saved) and all(math.isclose(a, b, rel_tol=1e-3) for a, b in pairs)
 

@@ -8,14 +8,7 @@ import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.palettes import PuOr11, Viridis256
 
-from preisach_jax.app.drawing import (
-    CHOSEN,
-    brushed,
-    drawn_figure,
-    limits_of,
-    span,
-    unformatted,
-)
+from preisach_jax.app.drawing import CHOSEN, brushed, drawn_figure, limits_of, span, unformatted
 from preisach_jax.model import Model
 from preisach_jax.plot.axes import density_scale, plane_edges, shown_density, shown_range, with_unit
 
@@ -24,9 +17,6 @@ _NO_CELLS: dict[str, Any] = {"x": [], "y": [], "width": [], "height": []}
 
 class PlaneFigure:
     """The plane of the models of one record.
-
-    Arguments:
-        model: the model to show.
 
     Attributes:
         figure: the Bokeh figure.

@@ -55,15 +55,7 @@ def packed(
     clicks: Sequence[Click],
     step: Exploration | None,
 ) -> bytes:
-    """A project as the bytes of a ZIP archive.
-
-    Arguments:
-        name: what the record's file was called.
-        content: its bytes.
-        choice: its columns.
-        clicks: what was done, without detours.
-        step: the state that it led to, None before the first fit.
-    """
+    """A project as the bytes of a ZIP archive."""
     steps = () if step is None else step.steps
     told = {
         "format": FORMAT,
@@ -83,15 +75,7 @@ def packed(
 
 
 def unpacked(name: str, content: bytes) -> Project:
-    """The project in a file.
-
-    Arguments:
-        name: what the file is called, for messages.
-        content: its bytes.
-
-    Raises:
-        InputError: it is no project, one of a newer version, or damaged.
-    """
+    """The project in a file."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             told: Any = json.loads(_member(archive, "project.json", MOST_TOLD))

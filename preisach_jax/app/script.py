@@ -19,13 +19,7 @@ class Click:
 
 
 def without_detours(clicks: Sequence[Click]) -> list[Click]:
-    """The clicks that lead to the same state: what was added and taken back at once is left out.
-
-    Example:
-        >>> clicks = [Click("fit"), Click("add", effect="hum"), Click("undo")]
-        >>> [click.what for click in without_detours(clicks)]
-        ['fit']
-    """
+    """The clicks that lead to the same state: what was added and taken back at once is left out."""
     kept: list[Click] = []
     for click in clicks:
         if click.what in {"fit", "find"}:
@@ -38,17 +32,7 @@ def without_detours(clicks: Sequence[Click]) -> list[Click]:
 
 
 def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Exploration) -> str:
-    """The text of a script that repeats the clicks and gives the same numbers.
-
-    Arguments:
-        name: the file that was loaded; the script expects it beside itself, or as its argument.
-        choice: its columns.
-        clicks: what was done.
-        step: the state that it led to.
-
-    Returns:
-        Python; whatever the file's header held stands in it as quoted text only.
-    """
+    """The text of a script that repeats the clicks and gives the same numbers."""
     record = step.record
     lines = [
         '"""Repeats the steps taken in `preisach app`: python SCRIPT [DATA]."""',

@@ -33,21 +33,10 @@ READING = ("pandas", "scipy.ndimage", "scipy.special", "scipy.fft")
 class PageServer:
     """A server of the page, which listens from the beginning and answers while it runs.
 
-    Arguments:
-        data: a file to begin with.
-        port: where to listen; 0 for any that is free.
-        address: the interface to listen on; by default this machine's loopback.
-
     Attributes:
         port: where it listens.
         url: the whole address of the page, with the token that it asks for.
         is_open: whether other machines may reach it.
-
-    Raises:
-        InputError: this machine cannot listen there.
-
-    Example:
-        >>> PageServer(Path("stage.csv")).run()  # doctest: +SKIP
     """
 
     def __init__(self, data: Path | None = None, *, port: int = 0, address: str = "127.0.0.1"):
@@ -109,21 +98,7 @@ def _load(modules: Sequence[str]) -> None:
 
 
 def free_port(address: str, port: int = 0) -> int:
-    """The port if this machine can listen there; for 0 any that it can.
-
-    Arguments:
-        address: the interface, as an address or a name of this machine.
-        port: the port.
-
-    Raises:
-        InputError: it cannot.
-
-    Example:
-        >>> free_port("127.0.0.1", 65536)
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.InputError: the port is 65536; give one from 1024 to 65535, or 0
-    """
+    """The port if this machine can listen there; for 0 any that it can."""
     if not 0 <= port <= 65535:
         raise InputError(f"the port is {port}; give one from 1024 to 65535, or 0")
     try:

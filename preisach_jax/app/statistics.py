@@ -29,17 +29,8 @@ def drawn_rows(record: Record) -> np.ndarray:
 def plane_course(record: Record, plane: Plane) -> tuple[np.ndarray, np.ndarray]:
     """(time,) position of the input on the plane, and that from which its branch departs.
 
-    Arguments:
-        record: the measurement.
-        plane: the plane that its input spans.
-
     Returns:
         Both from 0 (lowest) to N (highest).
-
-    Example:
-        >>> record = Record.from_arrays([0.0, 1.0, 2.0, 3.0], [0, 4, 2, 3], [0, 1, 1, 1])
-        >>> plane_course(record, Plane(2, 0.0, 4.0))[1].tolist()
-        [0.0, 0.0, 2.0, 1.0]
     """
     position = position_on(plane, record.input)
     path = np.concatenate([[0.0], position])
@@ -52,19 +43,10 @@ def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> d
     """Amplitude of a residual's waves over frequency; of close frequencies the greatest.
 
     Arguments:
-        record: what the residual is of.
         values: (time,) the residual, NaN where nothing was measured.
-        bins: most points.
 
     Returns:
         `x` in Hz and `y` in the unit of the residual.
-
-    Example:
-        >>> t = np.arange(1000) / 100
-        >>> record = Record.from_arrays(t, t, t)
-        >>> waves = amplitude_spectrum(record, 3 * np.sin(2 * np.pi * 5 * t))
-        >>> round(float(waves["y"].max()), 2), round(float(waves["x"][waves["y"].argmax()]), 6)
-        (3.0, 5.0)
     """
     filled = stats.in_sequence(record, values, stats.longest_lag(record))
     there = np.isfinite(filled)

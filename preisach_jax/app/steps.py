@@ -86,12 +86,6 @@ def searched(
 ) -> tuple[Diagnosis, Exploration]:
     """Run a whole diagnosis, and show each of its steps.
 
-    Arguments:
-        record: the measurement.
-        levels: levels of the plane, None for the usual.
-        watch: called with each step and what has been compared.
-        progress: called with a text and a share done.
-
     Returns:
         The diagnosis, and its last step.
     """
@@ -107,16 +101,7 @@ def searched(
 
 
 def repeated(record: Record, clicks: Sequence[Click], progress: Progress) -> Walk:
-    """Take the steps of clicks again.
-
-    Arguments:
-        record: the measurement.
-        clicks: what was done; a fit or a search first.
-        progress: called with a text and a share done.
-
-    Raises:
-        InputError: an effect is unknown, or the clicks do not begin with a fit or a search.
-    """
+    """Take the steps of clicks again."""
     walk: Walk | None = None
     for click in clicks:
         if click.what == "fit":
@@ -143,12 +128,7 @@ def saved(upload: Upload, choice: ReadOptions, walk: Walk | None) -> dict[str, b
 
 
 def time_line(walk: Walk | None, show: Callable[[int], None]) -> list[Any]:
-    """A button for each step of a walk, with its error; the one that is shown stands out.
-
-    Arguments:
-        walk: the steps, None before the first.
-        show: called with the place of a step when it is pressed.
-    """
+    """A button for each step of a walk, with its error; the one that is shown stands out."""
     if walk is None:
         return []
     buttons: list[Any] = [panels.pane(panels.doing("Steps:"))]

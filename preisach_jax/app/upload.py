@@ -47,15 +47,7 @@ class Upload:
 
     @staticmethod
     def of(name: str, content: bytes) -> Upload:
-        """Read what came; messages call it by its name.
-
-        Arguments:
-            name: the file's name, which may hold anything.
-            content: its bytes.
-
-        Raises:
-            InputError: it is too large, or no table.
-        """
+        """Read what came; messages call it by its name."""
         if len(content) > MOST_BYTES:
             raise InputError(
                 f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
@@ -86,11 +78,7 @@ class Upload:
         return names, [[_cell(self.table.columns[name][k]) for name in names] for k in range(count)]
 
     def record(self, choice: ReadOptions) -> Record:
-        """The record of the chosen columns.
-
-        Raises:
-            InputError: a column cannot be used; the message says where and why.
-        """
+        """The record of the chosen columns."""
         return Record.of_table(self.table, self.name, **choice)
 
 
@@ -112,12 +100,7 @@ _ENDINGS = _TEXT_ENDINGS | {
 
 
 def harmless_name(name: str) -> str:
-    """A name for a file in a folder of ours, whatever the file was called.
-
-    Example:
-        >>> harmless_name("../../etc/passwd"), harmless_name("Messung 1.CSV")
-        ('passwd.csv', 'Messung_1.csv')
-    """
+    """A name for a file in a folder of ours, whatever the file was called."""
     last = re.split(r"[/\\]", name)[-1]
     stem, dot, ending = last.rpartition(".")
     stem, ending = (stem, ending.lower()) if dot else (ending, "csv")

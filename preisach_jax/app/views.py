@@ -69,10 +69,6 @@ AXES = {
 class Views:
     """The figures of one record, which go on to another step without losing what was zoomed.
 
-    Arguments:
-        step: the model to show; the first of its steps is shown beside it.
-        key: what the residual is shown against, one of `AXES`.
-
     Attributes:
         layout: the Bokeh object to show, in a page or a notebook.
         slider: chooses a stretch of time from the keyboard.

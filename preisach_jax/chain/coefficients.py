@@ -76,14 +76,6 @@ def coarsened(plane: Plane, coefficients: Coefficients, levels: int) -> Coeffici
     """The same density on a coarser plane over the same range.
 
     Each coarse cell gets the shares of the fine cells that lie in it.
-
-    Arguments:
-        plane: the plane of the coefficients.
-        coefficients: the linear numbers of a model.
-        levels: levels of the coarser plane.
-
-    Returns:
-        The coefficients on the coarser plane; weights keep their sum.
     """
     fine, coarse = np.arange(plane.levels + 1) / plane.levels, np.arange(levels + 1) / levels
     low = np.maximum(coarse[:-1, None], fine[None, :-1])

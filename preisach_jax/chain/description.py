@@ -24,14 +24,7 @@ from preisach_jax.operator.plane import Plane
 
 Kind = TypeVar("Kind", bound=Effect)
 
-PLACES = (
-    InputEffect,
-    HysteresisEffect,
-    WeightEffect,
-    OutputEffect,
-    AddedEffect,
-    SensorEffect,
-)
+PLACES = (InputEffect, HysteresisEffect, WeightEffect, OutputEffect, AddedEffect, SensorEffect)
 
 MIDDLE = "middle"
 """Initial memory of which all that the first sample leaves open is halfway: that of a prediction
@@ -50,20 +43,7 @@ class Chain(eqx.Module):
     """What is in a model and in which order, without its numbers.
 
     Arguments:
-        plane: the Preisach plane.
-        effects: effects; they act in the order of their places, and within a place in this order.
-        hysteron: `"ramp"` or `"relay"`.
-        polarity: sign of the weights: 1 where the output rises with the input, -1 where it falls.
         signed: whether there are weights of both signs, as in butterfly loops.
-
-    Raises:
-        EffectError: if two effects have one name, or one has a place that no chain has.
-
-    Example:
-        >>> from preisach_jax.effects.creep import Creep
-        >>> chain = Chain(Plane(levels=5, low=0.0, high=1.0), (Creep(),))
-        >>> [effect.name for effect in chain.at(OutputEffect)]
-        ['creep']
     """
 
     plane: Plane

@@ -53,15 +53,7 @@ class Run(eqx.Module):
         coefficients: Coefficients,
         changing: tuple[str, ...],
     ) -> Run:
-        """A run as it is before the arrays of some effects change.
-
-        Arguments:
-            chain: what is in the model.
-            values: its nonlinear parameters.
-            signals: what drives the run.
-            coefficients: the linear numbers along it.
-            changing: names of the effects whose arrays will change.
-        """
+        """A run as it is before the arrays of some effects change."""
         known = None
         if chain.feeds_back or not _changes_course(chain, changing):
             known = hysteresis_output(chain, values, signals, coefficients)
@@ -86,9 +78,6 @@ class Run(eqx.Module):
 def on_the_unit_plane(chain: Chain) -> tuple[Chain, tuple[np.ndarray, np.ndarray]]:
     """A chain whose numbers are arrays and whose plane goes from 0 to 1, and the scale of its own.
 
-    Arguments:
-        chain: what is in the model.
-
     Returns:
         The chain, and lower limit and width of its plane, in input units.
     """
@@ -108,13 +97,6 @@ def output_along(
     """The output of a model along a run, differentiable in all arrays of its effects.
 
     What is fed back is held fixed, as it is in the `regressors` and the `tangents`.
-
-    Arguments:
-        chain: what is in the model, `on_the_unit_plane`.
-        scale: lower limit and width of the plane.
-        values: nonlinear parameters of the effects.
-        run: what drives it.
-        changing: names of the effects whose arrays change.
 
     Returns:
         The output, in output units.

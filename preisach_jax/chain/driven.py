@@ -11,11 +11,7 @@ from jaxtyping import Array
 from preisach_jax.chain.compiled import apply_effect, as_arrays, fed_back_along, widening_of
 from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.chain.signals import Drive, ThinnedSignals
-from preisach_jax.effects.base import (
-    HysteresisEffect,
-    InputEffect,
-    Signals,
-)
+from preisach_jax.effects.base import HysteresisEffect, InputEffect, Signals
 
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
@@ -40,9 +36,6 @@ def drive(
     """What the hysterons see, behind the effects of the input and with those inside.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
         output: (time,) output of the Preisach operator, for an effect that feeds it back; without
             it nothing is fed back.
     """

@@ -22,11 +22,7 @@ from preisach_jax.chain.compiled import (
 from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
-from preisach_jax.effects.base import (
-    HysteresisEffect,
-    Signals,
-    Values,
-)
+from preisach_jax.effects.base import HysteresisEffect, Signals, Values
 from preisach_jax.operator.feedback import fed_back_states
 from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
@@ -82,14 +78,7 @@ class HysteresisColumns:
 def hysteresis_columns(
     chain: Chain, course: Drive, initial_memory: str, open_course: Drive | None = None
 ) -> HysteresisColumns:
-    """Columns of the Preisach operator along what drives it.
-
-    Arguments:
-        chain: what is in the model.
-        course: what the hysterons see.
-        initial_memory: `"free"`, or `"low"`, `"high"`, `"demagnetised"`, `MIDDLE`.
-        open_course: the same without what is fed back, by default the same.
-    """
+    """Columns of the Preisach operator along what drives it."""
     states, groups, start = _plane_columns(chain, course, initial_memory)
     if initial_memory in ("low", "high", MIDDLE):  # saturated: no threshold lies beyond the range
         none = np.zeros(2 * chain.plane.levels, dtype=bool)
@@ -169,8 +158,6 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
     \sum_j g_j \rho_j(\min_{s \le t} x_s)\), zero when the input has been through all its range.
 
     Arguments:
-        chain: what is in the model.
-        course: what the hysterons see, without what is fed back.
         first_run: (2 levels,) weights h of the former, then g of the latter; empty for none.
     """
     if not len(first_run):
@@ -200,11 +187,6 @@ def _switched_output(
 
 def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray:
     """Share of what the first sample leaves open that a stated initial memory switches on.
-
-    Arguments:
-        chain: what is in the model.
-        course: what the hysterons see.
-        initial_memory: `"low"`, `"high"`, `"demagnetised"` or `MIDDLE`.
 
     Returns:
         (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.

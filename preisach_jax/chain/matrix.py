@@ -14,11 +14,7 @@ from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.chain.hysteresis import MOST_COLUMNS, HysteresisColumns
 from preisach_jax.chain.output import columns_beside, gains_of
 from preisach_jax.cores import on_all_cores
-from preisach_jax.effects.base import (
-    OutputEffect,
-    SensorEffect,
-    Signals,
-)
+from preisach_jax.effects.base import OutputEffect, SensorEffect, Signals
 
 GATHERED_ROWS = 256
 """Rows that are gathered at once: they stay in the processor's cache on their way."""
@@ -35,10 +31,6 @@ def regressors(
     """The columns that the linear coefficients multiply, at given nonlinear parameters.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
-        hysteresis: the `hysteresis_columns` along its `driven_path`.
         rows: (row,) samples to keep, in their order; all by default.
         measured: (row,) measured output at these samples, for the effects of the sensor.
 
@@ -121,9 +113,6 @@ def columns_behind(
     """What the coefficients of added, output and sensor effects multiply, `(time, column)` each.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
         rows: (row,) samples at which the output was measured.
         measured: (row,) measured output at these samples, for the effects of the sensor.
     """

@@ -48,12 +48,7 @@ def behind_hysteresis(
     """From the output of the Preisach operator to that of the model, `(time,)`.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
         hysteresis: (time,) output of the operator.
-        coefficients: its linear coefficients.
-        known: those of the `columns_beside` that need not be computed again.
     """
     signal = hysteresis
     for factor in gains_of(chain, values, signals):
@@ -208,16 +203,7 @@ def responses(
     effect: str,
     many: list[dict[str, float]],
 ) -> np.ndarray:
-    """Outputs of a model at several values of one effect's parameters, `(values, time)`.
-
-    Arguments:
-        chain: what is in the model.
-        values: nonlinear parameters of the other effects.
-        signals: what drives it.
-        coefficients: its linear coefficients.
-        effect: the effect's name.
-        many: values of its parameters.
-    """
+    """Outputs of a model at several values of one effect's parameters, `(values, time)`."""
     before = {each.name for place in PLACES[:2] for each in chain.at(place)}
     if effect in before or chain.feeds_back:
         everything = [{**values, effect: own} for own in many]

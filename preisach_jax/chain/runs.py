@@ -33,11 +33,7 @@ from preisach_jax.record import Record
 
 
 def signals_of(record: Record) -> Signals:
-    """What of a record drives a model, on the device; time begins with each run.
-
-    Arguments:
-        record: the record.
-    """
+    """What of a record drives a model, on the device; time begins with each run."""
     if not record.runs:
         return one_run.signals_of(record)
     parts: list[Signals] = []
@@ -66,13 +62,7 @@ def signals_of(record: Record) -> Signals:
 
 
 def thinned(some: Signals, whole: Signals, kept: np.ndarray) -> Signals:
-    """Signals of some samples, with all of them for the effects of the input.
-
-    Arguments:
-        some: the signals of the samples that are kept.
-        whole: those of all samples.
-        kept: indices of the samples that are kept.
-    """
+    """Signals of some samples, with all of them for the effects of the input."""
 
     def of_run(few: Signals, all_of_it: Signals, own: np.ndarray) -> Signals:
         return ThinnedSignals(few.time, few.input, few.aux, all_of_it, jnp.asarray(own))
@@ -89,14 +79,7 @@ def thinned(some: Signals, whole: Signals, kept: np.ndarray) -> Signals:
 def of_run(
     chain: Chain, coefficients: Coefficients, signals: JoinedSignals, position: int
 ) -> Coefficients:
-    """The linear numbers of a model along one of its runs.
-
-    Arguments:
-        chain: what is in the model.
-        coefficients: those along all runs.
-        signals: the runs.
-        position: which of them.
-    """
+    """The linear numbers of a model along one of its runs."""
     cells, both = chain.plane.cells, 2 * chain.plane.levels
     offset, added, first_run = coefficients.offset, coefficients.added, coefficients.first_run
     if signals.held_out[position]:
@@ -194,15 +177,7 @@ def hysteresis_columns(
     """Columns of the Preisach operator along what drives it.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
-        initial_memory: state at the first sample of a single run.
         output: (time,) output of the operator, for an effect that feeds it back.
-
-    Returns:
-        The columns.  Those of the cells are common to all runs; those for an unknown past are of
-        one run each, and their groups and masks count through the cells and levels of all runs.
     """
 
     def columns(part: Signals, memory: str, own: np.ndarray | None) -> HysteresisColumns:
@@ -276,10 +251,6 @@ def regressors(
     """The columns that the linear coefficients multiply, at given nonlinear parameters.
 
     Arguments:
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        signals: what drives it.
-        hysteresis: the `hysteresis_columns`.
         rows: (row,) samples to keep, in their order.
         measured: (row,) measured output at these samples, for the effects of the sensor.
 
@@ -299,9 +270,7 @@ def regressors(
     for position, (part, all_rows) in enumerate(zip(signals.parts, signals.rows, strict=True)):
         inside = np.flatnonzero((rows >= all_rows.start) & (rows < all_rows.stop))
         here = replace(
-            hysteresis,
-            states=hysteresis.states[all_rows],
-            switched=hysteresis.switched[all_rows],
+            hysteresis, states=hysteresis.states[all_rows], switched=hysteresis.switched[all_rows]
         )
         local = rows[inside] - all_rows.start
         columns = one_run.regressors(chain, values, part, here, local, measured[inside])
@@ -330,11 +299,7 @@ def regressors(
 
 
 def columns_behind(
-    chain: Chain,
-    values: EffectValues,
-    signals: Signals,
-    rows: np.ndarray,
-    measured: np.ndarray,
+    chain: Chain, values: EffectValues, signals: Signals, rows: np.ndarray, measured: np.ndarray
 ) -> list[np.ndarray]:
     """What the coefficients of added, output and sensor effects multiply, `(time, column)` each.
 

@@ -12,19 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from preisach_jax.effects.base import (
-    Signals,
-)
+from preisach_jax.effects.base import Signals
 from preisach_jax.record import Record
 
 
 def signals_of(record: Record, origin_s: float | None = None) -> Signals:
-    """What of a record drives a model, on the device.
-
-    Arguments:
-        record: the record.
-        origin_s: time of the record that is zero for the effects; its first sample by default.
-    """
+    """What of a record drives a model, on the device."""
     origin = record.time[0] if origin_s is None else origin_s
     return Signals(
         jnp.asarray(record.time - origin),
@@ -76,12 +69,7 @@ def parts_of(signals: Signals) -> tuple[Signals, ...]:
 
 
 def each_run(change: Callable[[Signals], Signals], signals: Signals) -> Signals:
-    """Signals whose runs are each changed alone, end to end again.
-
-    Arguments:
-        change: what is made of the signals of one run.
-        signals: the signals.
-    """
+    """Signals whose runs are each changed alone, end to end again."""
     if not isinstance(signals, JoinedSignals):
         return change(signals)
     parts = tuple(map(change, signals.parts))

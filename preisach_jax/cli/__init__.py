@@ -9,33 +9,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from preisach_jax.cli.interruption import (
-    INTERRUPTED,
-    MESSAGE,
-    leave,
-    listen,
-    stop_listening,
-)
+from preisach_jax.cli.interruption import INTERRUPTED, MESSAGE, leave, listen, stop_listening
 from preisach_jax.cli.memory import give_back_what_is_freed
 
 __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Arguments:
-        arguments: words behind `preisach`; by default those of the process, which then is the
-            command's own: Ctrl-C is, too.
-
-    Returns:
-        The exit code: 0 is success, 2 a mistake of the user's (one line on stderr), 1 a failure of
-        ours, 130 an interruption.
-
-    Example:
-        >>> main(["effects", "crep"])
-        2
-    """
+    """Run the command line."""
     is_process = arguments is None
     try:
         if is_process:

@@ -77,17 +77,7 @@ def _epilog(examples: tuple[str, ...]) -> str:
 
 
 def run(words: list[str]) -> int:
-    """Run a command; every failure becomes one line on stderr.
-
-    Arguments:
-        words: what stands behind `preisach`.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        KeyboardInterrupt: the user interrupted it.
-    """
+    """Run a command; every failure becomes one line on stderr."""
     for stream in (sys.stdout, sys.stderr):
         # A terminal that has no µ shows a question mark, and the work is not lost for it.
         if hasattr(stream, "reconfigure"):

@@ -265,11 +265,7 @@ def stage_files(stage: StageRecord, out: Path, truth: Path | None) -> dict[Path,
     return contents
 
 
-@command(
-    "preisach effects",
-    "preisach effects creep",
-    "preisach effects --json",
-)
+@command("preisach effects", "preisach effects creep", "preisach effects --json")
 def effects(
     name: Annotated[
         str | None,

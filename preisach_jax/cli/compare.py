@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import (
-    READING,
-    Data,
-    Force,
-    ModelFile,
-    with_columns_of,
-)
+from preisach_jax.cli.options import READING, Data, Force, ModelFile, with_columns_of
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
@@ -66,11 +60,7 @@ def compare(
 
 
 def _sorted(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The models, first of all what stands first, and the records.
-
-    Raises:
-        InputError: no record, or several of both.
-    """
+    """The models, first of all what stands first, and the records."""
     first, *others = paths
     models = [first, *(path for path in others if path.suffix.lower() == ".json")]
     records = [path for path in others if path.suffix.lower() != ".json"]

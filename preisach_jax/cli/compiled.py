@@ -14,12 +14,7 @@ MOST_BYTES = 2**29
 
 
 def folder() -> Path:
-    """Where compiled code is kept: in the user's cache, one folder a machine.
-
-    Example:
-        >>> folder().parent.name
-        'preisach_jax'
-    """
+    """Where compiled code is kept: in the user's cache, one folder a machine."""
     # Code is compiled for one processor; a home may be shared by machines of several kinds.
     return _user_cache() / "preisach_jax" / f"compiled-{platform.node() or 'machine'}"
 
@@ -36,11 +31,7 @@ def _user_cache() -> Path:
 
 @contextmanager
 def kept_between_runs() -> Generator[bool]:
-    """Keep what JAX compiles inside, unless it is told already where, or nothing can be written.
-
-    Yields:
-        Whether this is the first run that keeps it, which compiles everything.
-    """
+    """Keep what JAX compiles inside, unless it is told already where, or nothing can be written."""
     import jax
 
     place = folder()

@@ -30,34 +30,12 @@ EFFECT_NAMES = (
 
 
 def complete_effect(incomplete: str) -> list[str]:
-    """Names of effects that begin so.
-
-    Arguments:
-        incomplete: the word so far.
-
-    Returns:
-        The names.
-
-    Example:
-        >>> complete_effect("output_n")
-        ['output_nonlinearity']
-    """
+    """Names of effects that begin so."""
     return [name for name in EFFECT_NAMES if name.startswith(incomplete)]
 
 
 def complete_effects(incomplete: str) -> list[str]:
-    """Lists of effects that go on so; each effect stands in a list once.
-
-    Arguments:
-        incomplete: names by commas, the last of them unfinished.
-
-    Returns:
-        The lists.
-
-    Example:
-        >>> complete_effects("delay,creep,d")
-        ['delay,creep,drift']
-    """
+    """Lists of effects that go on so; each effect stands in a list once."""
     before, comma, last = incomplete.rpartition(",")
     taken = before.split(",")
     return [before + comma + name for name in complete_effect(last) if name not in taken]

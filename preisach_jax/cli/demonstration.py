@@ -24,11 +24,7 @@ HIDDEN = ("creep", "input_lag", "delay", "drift", "ageing")
 SECONDS, RATE_HZ = 12.0, 1000.0
 
 
-@command(
-    "preisach demo",
-    "preisach demo --seed 7 --out demo",
-    fits=True,
-)
+@command("preisach demo", "preisach demo --seed 7 --out demo", fits=True)
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="folder of the two reports")] = Path(
         "preisach-demo"

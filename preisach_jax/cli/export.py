@@ -29,8 +29,7 @@ def export(
         typer.Option("--rate", metavar="HZ", help="sampling rate; else that of the record"),
     ] = None,
     without: Annotated[
-        str | None,
-        typer.Option("--without", metavar="A,B", help="effects to leave out, by commas"),
+        str | None, typer.Option("--without", metavar="A,B", help="effects to leave out, by commas")
     ] = None,
     force: Force = False,
 ) -> dict[str, Any]:

@@ -62,11 +62,7 @@ _kept: list[socket.socket] = []
 
 
 def leave(code: int) -> None:
-    """End the process at once, without waiting for threads that compute.
-
-    Arguments:
-        code: the exit code; for an interruption, its message is written first.
-    """
+    """End the process at once, without waiting for threads that compute."""
     if not _noticed.is_set():
         sys.stderr.write(MESSAGE)
     sys.stdout.flush()

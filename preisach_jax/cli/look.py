@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import (
-    READING,
-    Data,
-    Force,
-)
+from preisach_jax.cli.options import READING, Data, Force
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 

@@ -16,13 +16,6 @@ def give_back_what_is_freed() -> bool:
 
     glibc keeps freed blocks of up to 32 MiB once it has seen one, in an arena for each thread
     (mallopt(3), M_MMAP_THRESHOLD): of a diagnosis that is a third of its peak.
-
-    Returns:
-        Whether the C library has taken it; only glibc has this setting.
-
-    Example:
-        >>> give_back_what_is_freed() in (True, False)
-        True
     """
     if not sys.platform.startswith("linux"):
         return False

@@ -20,8 +20,7 @@ _Number = TypeVar("_Number", int, float)
 Data = Annotated[
     Path,
     typer.Argument(
-        metavar="DATA",
-        help="CSV, Excel, MAT, HDF5, TDMS, LVM, NPZ, Parquet, ..., packed or not",
+        metavar="DATA", help="CSV, Excel, MAT, HDF5, TDMS, LVM, NPZ, Parquet, ..., packed or not"
     ),
 ]
 SeveralData = Annotated[
@@ -100,15 +99,7 @@ READING = {
 
 
 def reading(given: Mapping[str, Any]) -> ReadOptions:
-    """The options of `Record.load` from those of the command line.
-
-    Raises:
-        InputError: if a unit is not of the form `COL=UNIT`.
-
-    Example:
-        >>> reading({"time": "t", "aux": None, "unit": ["t=ms"]})
-        {'aux': (), 'units': {'t': 'ms'}, 'time': 't'}
-    """
+    """The options of `Record.load` from those of the command line."""
     told = {name: value for name, value in given.items() if name not in ("aux", "unit")}
     units = units_by_column(given.get("unit") or ())
     return cast("ReadOptions", {"aux": tuple(given.get("aux") or ()), "units": units, **told})
@@ -143,16 +134,7 @@ def load_all(
     hold_out: Sequence[Path],
     show: Callable[[Record, list[str]], object],
 ) -> tuple[list[Record], list[Record]]:
-    """Load the records that a model is fitted to, and those that are held out.
-
-    Arguments:
-        columns: how to read them.
-        data, hold_out: their files.
-        show: called with each record and what was guessed about it.
-
-    Raises:
-        InputError: if one cannot be loaded, or is given twice.
-    """
+    """Load the records that a model is fitted to, and those that are held out."""
     from preisach_jax.files import is_same
     from preisach_jax.record import Record
 
@@ -169,11 +151,7 @@ def load_all(
 
 
 def check_choice(effects: Sequence[str], levels: int | None) -> None:
-    """Make sure that there are such effects and levels, before anything is read or shown.
-
-    Raises:
-        InputError: if there are not.
-    """
+    """Make sure that there are such effects and levels, before anything is read or shown."""
     from preisach_jax.effects import column_of, resolve
     from preisach_jax.fit import checked_levels
 
@@ -183,15 +161,7 @@ def check_choice(effects: Sequence[str], levels: int | None) -> None:
 
 
 def units_by_column(options: Sequence[str]) -> dict[str, str]:
-    """Units from options such as `u=V`.
-
-    Raises:
-        InputError: if one is not of this form.
-
-    Example:
-        >>> units_by_column(["u=V", "z=um"])
-        {'u': 'V', 'z': 'um'}
-    """
+    """Units from options such as `u=V`."""
     units: Mapping[str, str] = {}
     for option in options:
         column, equals, unit = option.rpartition("=")
@@ -202,15 +172,7 @@ def units_by_column(options: Sequence[str]) -> dict[str, str]:
 
 
 def effect_names(option: str | None) -> list[str]:
-    """Names from a list such as `creep,drift`.
-
-    Raises:
-        InputError: if a name between two commas is empty.
-
-    Example:
-        >>> effect_names("creep, drift"), effect_names(None)
-        (['creep', 'drift'], [])
-    """
+    """Names from a list such as `creep,drift`."""
     if option is None or not option.strip():
         return []
     names = [name.strip() for name in option.split(",")]
@@ -220,15 +182,7 @@ def effect_names(option: str | None) -> list[str]:
 
 
 def numbers(option: str, text: str, kind: Callable[[str], _Number]) -> tuple[_Number, ...]:
-    """Numbers from a list such as `75,37,19`.
-
-    Raises:
-        InputError: if it is not a list of such numbers.
-
-    Example:
-        >>> numbers("--levels", "75, 37", int)
-        (75, 37)
-    """
+    """Numbers from a list such as `75,37,19`."""
     try:
         return tuple(kind(word) for word in text.split(","))
     except ValueError:

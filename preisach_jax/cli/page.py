@@ -13,10 +13,7 @@ from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 
-@command(
-    "preisach app",
-    "preisach app stage.csv --port 5006",
-)
+@command("preisach app", "preisach app stage.csv --port 5006")
 def app(
     data: Annotated[
         Path | None, typer.Argument(metavar="[DATA]", help="a file to begin with")

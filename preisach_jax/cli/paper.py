@@ -128,10 +128,7 @@ def show_sweep(found: Sweep) -> None:
     )
 
 
-@command(
-    "preisach figures --out figures",
-    "preisach figures --only 4,8 --quick --out figures",
-)
+@command("preisach figures --out figures", "preisach figures --only 4,8 --quick --out figures")
 def figures(
     out: Annotated[Path, typer.Option(metavar="DIR", help="folder of the figures")],
     only: Annotated[

@@ -44,12 +44,7 @@ _MANNER: ContextVar[_Manner] = ContextVar("manner", default=_Manner())  # noqa: 
 
 @contextmanager
 def manner(*, as_json: bool, quiet: bool) -> Generator[None]:
-    """Let what is shown inside follow `--json` and `--quiet`.
-
-    Arguments:
-        as_json: stdout belongs to one JSON document.
-        quiet: errors alone are shown, and what `answer` prints.
-    """
+    """Let what is shown inside follow `--json` and `--quiet`."""
     before = _MANNER.set(_Manner(as_json, quiet))
     try:
         yield
@@ -150,11 +145,6 @@ class TimeLeft:
 
     Parts of a work take longer than others, so an estimate is blended with the one before, less
     the time that has passed; what is shown is rounded so coarsely that it does not flicker.
-
-    Example:
-        >>> left = TimeLeft()
-        >>> left(0.0, 0.0), left(0.25, 30.0), left(0.5, 60.0)
-        ('', 'about 90 s left', 'about 60 s left')
     """
 
     _BEGIN_S, _BEGIN_SHARE = 4.0, 0.04  # before, an estimate means nothing
@@ -168,7 +158,6 @@ class TimeLeft:
         """What to show, `""` while nothing is known.
 
         Arguments:
-            done: share of the work that is done, from 0 to 1.
             now: time in s, on a clock that never goes back.
         """
         if self._first is None:  # work that goes on may begin with much of it done

@@ -37,26 +37,8 @@ def command(
     `screen.table` is for people; `--json` and `--quiet` silence it.
 
     Arguments:
-        examples: command lines for the end of its help.
         fits: whether it fits models, which compiles for a while on the first run.
         computes: whether it needs JAX, which takes half a second to load.
-        reads: which of the `READING` options it takes; the function gets them as `columns`.
-
-    Returns:
-        A decorator; the decorated function takes the shared options too.
-
-    Example:
-        >>> @command("preisach add 1 2")
-        ... def add(a: int, b: int):
-        ...     screen.say(f"{a} + {b} = {a + b}")
-        ...     return {"sum": a + b}
-        >>> add(1, 2)
-        1 + 2 = 3
-        >>> add(1, 2, as_json=True)
-        {
-         "sum": 3
-        }
-        >>> add(1, 2, quiet=True)
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., None]:

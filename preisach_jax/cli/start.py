@@ -22,18 +22,7 @@ _NOTHING_HERE = (
 
 
 def start(folder: Path | None = None) -> int:
-    """Print the first commands, with the records and models in a folder as their arguments.
-
-    Arguments:
-        folder: where to look for files; by default the current one.
-
-    Returns:
-        The exit code, 0.
-
-    Example:
-        >>> start(Path("an-empty-folder"))  # doctest: +SKIP
-        preisach finds out which physical effect a hysteresis model lacks.
-    """
+    """Print the first commands, with the records and models in a folder as their arguments."""
     records, models, reports = _found(folder or Path())
     screen.say("preisach finds out which physical effect a hysteresis model lacks.\n")
     lines = list(_NOTHING_HERE)

@@ -98,20 +98,9 @@ class _Trial(NamedTuple):
 
 
 def inverse_step(
-    operator: Operator,
-    state: tuple[Array, Array],
-    wanted: Array,
-    widening: Array,
-    bounds: Bounds,
+    operator: Operator, state: tuple[Array, Array], wanted: Array, widening: Array, bounds: Bounds
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """The input that gives a wanted output, or the nearest that the bounds allow.
-
-    Arguments:
-        operator: the operator.
-        state: states of the hysterons after the sample before, and the position then.
-        wanted: the wanted output.
-        widening: by how much thresholds move outward, in positions.
-        bounds: what the sample allows.
 
     Returns:
         The new state, and position and output.
@@ -199,34 +188,17 @@ def follow(operator: Operator, path: Array, widening: Array) -> tuple[Array, Arr
 
 @eqx.filter_jit
 def inverse(
-    operator: Operator,
-    state: tuple[Array, Array],
-    wanted: Array,
-    widening: Array,
-    bounds: Bounds,
+    operator: Operator, state: tuple[Array, Array], wanted: Array, widening: Array, bounds: Bounds
 ) -> tuple[Array, Array]:
     """Positions along a wanted output, and the outputs that they give, `(time,)` each.
 
     Arguments:
-        operator: the operator.
-        state: what `follow` gives of the past.
         wanted: (time,) wanted outputs.
         widening: (time,) by how much thresholds move outward, in positions.
         bounds: what each sample allows, `(time,)` each.
 
     Returns:
         Positions and outputs.
-
-    Example:
-        >>> import numpy as np
-        >>> from preisach_jax.operator.plane import Plane
-        >>> plane, ones = Plane(levels=2, low=0.0, high=2.0), np.ones(3)
-        >>> operator = Operator.of(plane, ones, 0 * ones, relays=False, all_widen=False)
-        >>> wanted = jnp.asarray([1.5, 3.0, 1.0])
-        >>> free = Bounds(0 * wanted, 0 * wanted + 2, wanted + jnp.inf, wanted * jnp.nan)
-        >>> state = follow(operator, jnp.zeros(1), jnp.zeros(1))
-        >>> inverse(operator, state, wanted, 0 * wanted, free)[1].tolist()
-        [1.5, 3.0, 1.0]
     """
     step = partial(inverse_step, operator)
 

@@ -46,11 +46,7 @@ USUAL_PER_S = 20.0
 
 
 def check_causal(model: Model) -> None:
-    """Refuse a model whose effects cannot be followed from one sample to the next.
-
-    Raises:
-        InputError: if a factor on the weights depends on more than the time.
-    """
+    """Refuse a model whose effects cannot be followed from one sample to the next."""
     for effect in model.effects:
         if isinstance(effect, WeightEffect) and not effect.of_time_alone:
             raise InputError(
@@ -98,9 +94,7 @@ class Causal:
     """The numbers of a model at one sampling rate, and its two steps.
 
     Arguments:
-        forward: the model behind its past.
         step_s: time between two samples, in s.
-        limits: of the drive.
     """
 
     forward: Forward
@@ -194,10 +188,7 @@ class Causal:
         behind, aim = self.after.ran(signal, dt)
         aux = [
             jax.lax.scan(
-                lambda lag, now, e=effect: (
-                    low_pass_step(lag, now[0], now[1], self._lag(e)),
-                    None,
-                ),
+                lambda lag, now, e=effect: (low_pass_step(lag, now[0], now[1], self._lag(e)), None),
                 jnp.stack([signals.aux[effect.column][0]] * 2),
                 (signals.aux[effect.column][:count], dt),
             )[0]

@@ -114,13 +114,7 @@ class Attempt:
 
 
 def sentences(model: Model, attempt: Attempt, asked_slew: float) -> list[str]:
-    """What an owner must know of a course that cannot be reached, each cause with its advice.
-
-    Arguments:
-        model: the model.
-        attempt: course and drive.
-        asked_slew: the slew that was asked for; the model's own may be less.
-    """
+    """What an owner must know of a course that cannot be reached, each cause with its advice."""
     told = list[str]()
     if abs(attempt.away) > attempt.good:
         told.append(_beginning(model, attempt))

@@ -181,11 +181,7 @@ def _more(found: np.ndarray, things: str) -> str:
 def limits_of(
     model: Model, limits: Sequence[float] | None, slew: float | None
 ) -> tuple[Limits, list[str]]:
-    """Limits inside the plane, and a sentence where they reached beyond it.
-
-    Raises:
-        InputError: the limits or the slew are none.
-    """
+    """Limits inside the plane, and a sentence where they reached beyond it."""
     plane, unit = model.plane, pretty_unit(model.units.get("input", ""))
     low, high, notes = plane.low, plane.high, list[str]()
     if limits is not None:

@@ -19,14 +19,7 @@ COLUMNS = ("t", "u", "z_expected", "z_low", "z_high", "reachable")
 
 
 def drive_csv(found: Compensation) -> bytes:
-    """A drive as the text of its file, one row for each row of the course.
-
-    Arguments:
-        found: the drive.
-
-    Returns:
-        CSV with the columns `COLUMNS`; numbers to their last digit.
-    """
+    """A drive as the text of its file, one row for each row of the course."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -50,18 +43,8 @@ def wanted_course(
     """The wanted course in a file, as a record whose output it is.
 
     Arguments:
-        model: the model; columns that are not told are those that it remembers.
-        table: what the file holds.
-        name: what messages call the course.
-        time, output, aux: columns.
         rate: sampling rate in Hz, in place of a column of time.
         units: units by role or column.
-
-    Returns:
-        The course.
-
-    Raises:
-        InputError: a column is missing or cannot be used, or the file breaks off.
     """
     output = output or model.columns["output"]
     time = time or (None if rate is not None else model.columns["time"])

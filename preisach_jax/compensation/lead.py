@@ -53,11 +53,7 @@ class Lead:
         """The inverse of some effects.
 
         Arguments:
-            effects: the effects, in order.
-            values: their parameters.
-            samples: length of the courses.
             step_s: time step, in s.
-            scale: range of the signal.
         """
         if not effects:
             return Lead(None, samples)
@@ -75,8 +71,6 @@ class Lead:
 
         Arguments:
             response: (time,) response to an impulse of height 1 in the first row.
-            count: length of the transform.
-            samples: length of the courses.
         """
         passed = np.fft.rfft(response, count)
         inverse = (1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2)
@@ -94,11 +88,7 @@ class Lead:
         """The inverse of an operator with effects beside it that go with the speed of its input.
 
         Arguments:
-            effects: the effects, with their coefficients.
-            values: their parameters.
-            samples: length of the courses.
             step_s: time step, in s.
-            slope: of the operator, output over input: a small one, so that corrections stay small.
         """
         if not effects:
             return Lead(None, samples)

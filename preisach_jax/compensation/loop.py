@@ -132,15 +132,7 @@ class _Played:
 
 
 def of_control(system: Any) -> Controller:
-    """A controller that is a discrete system of python-control, from the error to the correction.
-
-    Arguments:
-        system: with one input and one output: a state space or transfer function in discrete time,
-            or a `NonlinearIOSystem`.
-
-    Raises:
-        InputError: the system has other inputs or outputs, or runs in continuous time.
-    """
+    """A discrete system of python-control as a controller, from the error to the correction."""
     if getattr(system, "ninputs", 1) != 1 or getattr(system, "noutputs", 1) != 1:
         raise InputError(
             f"the controller has {system.ninputs} inputs and {system.noutputs} outputs; give "

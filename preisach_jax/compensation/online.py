@@ -173,10 +173,7 @@ class OnlineInverse:
         return self._model.chain.polarity * whole[plane.alpha_index, plane.beta_index]
 
     def __call__(
-        self,
-        wanted: float,
-        measured: float = math.nan,
-        aux: Mapping[str, float] | None = None,
+        self, wanted: float, measured: float = math.nan, aux: Mapping[str, float] | None = None
     ) -> float:
         """The drive for one more sample.
 

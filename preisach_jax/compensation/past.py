@@ -97,20 +97,7 @@ class Past:
 
 
 def past_of(model: Model, wanted: Record, after: Record | None) -> Past:
-    """The past of a wanted course.
-
-    Arguments:
-        model: the model.
-        wanted: the course; its clock goes on from that of the past where it starts behind its end,
-            and otherwise the course follows by one time step.
-        after: what was played before; by default the record on which the model was identified.
-
-    Returns:
-        The past.
-
-    Raises:
-        InputError: the record before lacks an auxiliary column that the model needs.
-    """
+    """The past of a wanted course."""
     known, memory, coefficients = 0, "free", model.coefficients
     origin_s = model.origin.start_s
     fitted = _fitted(model, wanted)

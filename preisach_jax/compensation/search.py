@@ -73,10 +73,7 @@ class Search:
     """The passes of one inversion, and what they share.
 
     Arguments:
-        forward: the model behind its past.
         wanted: (time,) wanted output before the sensor.
-        limits: of the drive.
-        good: error within which an output counts as reached; passes end at a twentieth of it.
 
     Attributes:
         limits: those, with the slew of the stage itself.
@@ -182,10 +179,7 @@ class Search:
         return self._forward.beyond_past(self._held)
 
     def _passes(
-        self,
-        wanted: np.ndarray,
-        most: int,
-        progress: Callable[[str, float], object] | None = None,
+        self, wanted: np.ndarray, most: int, progress: Callable[[str, float], object] | None = None
     ) -> Found:
         """The best drive of so many passes for a course, or a way to it."""
         resting, state = self._resting, self._state(self._held)
@@ -344,15 +338,9 @@ def limited(drive: np.ndarray, dt: np.ndarray, limits: Limits, last: float) -> n
     Arguments:
         drive: (time,) the drive.
         dt: (time,) time since the row before, in s.
-        limits: the limits.
-        last: the input in the row before the first.
 
     Returns:
         (time,) the drive that can be played.
-
-    Example:
-        >>> limited(np.array([3.0, 0.0]), np.array([1.0, 1.0]), Limits(0.0, 2.0, 1.5), 0.0).tolist()
-        [1.5, 0.0]
     """
     inside = np.clip(drive, limits.low, limits.high)
     reach = limits.slew * dt

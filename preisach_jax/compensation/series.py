@@ -67,8 +67,6 @@ class Series:
     """Effects of the input or of the output, in order.
 
     Arguments:
-        effects: the effects.
-        values: their parameters.
         step_s: time between two samples, in s.
     """
 

@@ -45,25 +45,6 @@ def tracking(
     What the model expects differs from the course by an RMS of \(e\), and the stage from the model
     by its held-out error \(\sigma\): together \(\sqrt{e^2 + \sigma^2}\).  The affine map
     \(u = a + b\,z\) is that which fits the drive of the inverse best, within the same limits.
-
-    Arguments:
-        model: the model.
-        wanted: the course.
-        found: its drive.
-        after, limits, slew: as they were given to `compensate`.
-
-    Returns:
-        The errors.
-
-    Example:
-        >>> import preisach_jax as pj
-        >>> t = np.arange(2000) / 100
-        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
-        >>> course = pj.Record.from_arrays(t, 0 * t, 6 + 3 * np.sin(t))
-        >>> errors = tracking(model, course, pj.compensate(model, course))
-        >>> errors.compensated < errors.straight
-        True
     """
     rows = slice(-len(found.time), None)
     aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}

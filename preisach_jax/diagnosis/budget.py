@@ -51,12 +51,7 @@ class Floor:
 
     @staticmethod
     def of(problem: Problem, fit: Fit) -> Floor:
-        """The floor of a fit.
-
-        Arguments:
-            problem: the record as it was cut for the fit.
-            fit: the fit; without its regressors, they are computed again.
-        """
+        """The floor of a fit."""
         point = with_regressors(problem, fit)
         return Floor(noise_rms(problem, point), memory_rms(problem, point))
 
@@ -67,9 +62,6 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
     Squares add up: each share is at most what those before it leave of the whole.
 
     Arguments:
-        problem: the record as it was cut for the fit.
-        fit: the fit.
-        floor: its floor.
         discretisation: the estimated RMS of what the grid of the plane adds, in output units.
     """
     left = fit.rms_validation**2
@@ -92,11 +84,7 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float
 
 
 def budget_of_residual(fit: Fit) -> Budget:
-    """What the held-out error of a fit without a grid is made of: noise, and the rest.
-
-    Arguments:
-        fit: a fit whose model is simulated from a few numbers.
-    """
+    """What the held-out error of a fit without a grid is made of: noise, and the rest."""
     residual = fit.residual[fit.record.measured]
     steps = lattice_step(fit.record.output[fit.record.measured]) / float(np.sqrt(12))
     left = fit.rms_validation
@@ -111,10 +99,6 @@ def input_quantisation_rms(problem: Problem, point: Point) -> float:
     Of an input that was recorded in steps any value within half of one may have acted: this is
     the change of the model's output where one is drawn at each sample.  Steps that would change it
     by more than the whole error are those of the drive itself.
-
-    Arguments:
-        problem: the record.
-        point: the model.
 
     Returns:
         The RMS in output units; zero where the input lies on no lattice.
@@ -159,9 +143,6 @@ def discretisation_rms(
     taken from each by more than what is left around these (`PATH_OVER_LINE`).
 
     Arguments:
-        problem: the record.
-        point: the model.
-        other: the same model on a finer or a coarser plane.
         within_cells: RMS of what comes back within cells, in output units; None if too few passes
             tell.
 
@@ -184,12 +165,6 @@ def by_another_plane(
 
     A finer plane takes its share away, a coarser one adds its own.
 
-    Arguments:
-        problem: the record.
-        point: the model.
-        other: the same model on a finer or a coarser plane.
-        order: power of the cell with which the error falls.
-
     Returns:
         The RMS in output units.
     """
@@ -203,10 +178,6 @@ def memory_rms(problem: Problem, point: Point) -> float:
 
     Where they visit cells of the plane that the other rows seldom do, the prediction rests on the
     smoothness prior.  Identified with them, the same model leaves less there by this share.
-
-    Arguments:
-        problem: the record.
-        point: the model, identified without the rows held out.
 
     Returns:
         The RMS in output units.

@@ -74,15 +74,7 @@ class Screening:
 def promises(
     problem: Problem, point: Point, effects: Sequence[Effect], step: int, progress: Progress
 ) -> tuple[dict[Effect, list[Prospect]], list[NotFitted]]:
-    """The prospects of each of some effects that promises anything, and why others are left.
-
-    Arguments:
-        problem: the record.
-        point: the model.
-        effects: effects that it does not have.
-        step: how many effects it has.
-        progress: called with a text and the share of the work that is done.
-    """
+    """The prospects of each of some effects that promises anything, and why others are left."""
     projection = Projection(problem, point)
     surveyed(problem)  # before the workers ask: they share the problem, and only read it
     left: list[NotFitted] = []
@@ -111,17 +103,6 @@ def screened(
     """Ask what each of some effects promises beside a model.
 
     What an effect promises to first order costs a hundredth of a joint refit.
-
-    Arguments:
-        problem: the record.
-        point: the model.
-        effects: effects that it does not have.
-        step: how many effects it has.
-        progress: called with a text and the share of the work that is done.
-        least_gain: relative fall of the held-out mean square from which on one may be named.
-
-    Returns:
-        What they promise, and which of them to refit.
     """
     promised, left = promises(problem, point, effects, step, progress)
     groups = _leading(problem, point, promised, HOPE * least_gain)
@@ -138,13 +119,7 @@ def refitted(
     """Refit some of the effects that were screened jointly with the rest of the model.
 
     Arguments:
-        screening: what they promise.
-        effects: which of them.
-        progress: called with a text and the share of the work that is done.
         in_full: whether each is refined to its end, whatever it promises and wherever it begins.
-
-    Returns:
-        What came of each, in their order.
     """
     trials: list[Trial | NotFitted] = []
     problem, point, step = screening.problem, screening.point, screening.step

@@ -31,12 +31,6 @@ def by_chance(problem: Problem, now: Point, effect: Effect, rich: Point) -> str:
     leaves its spectrum as it is: where it does no more than a shifted one, to first order in its
     amount, it says nothing.  Behind a lag as long as is looked for, any column is so smooth that it
     is a course more of what wanders.
-
-    Arguments:
-        problem: the record.
-        now: the model without the effect.
-        effect: the effect that was tried.
-        rich: the model with it.
     """
     if not (isinstance(effect, OfColumn) and any(each.lawless for each in now.chain.effects)):
         return ""

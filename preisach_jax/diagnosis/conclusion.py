@@ -60,7 +60,6 @@ def verdict_of(budget: Budget, named: bool, tolerance: float = 0.0) -> tuple[str
     """The verdict on a model, and whether what remains is taken to be within the budget.
 
     Arguments:
-        budget: what the model's error is made of.
         named: whether the model has effects.
         tolerance: RMS error, in output units, that does not matter.
     """
@@ -86,15 +85,7 @@ def assembled(
     """A diagnosis of its parts, whether the program or somebody by hand has chosen the effects.
 
     Arguments:
-        fits: the fit of each step, first the model without effects.
-        findings: the effects that were named.
-        budget: what the last error is made of.
-        candidates: all that was tried.
-        bounds: limits of what was not found.
-        tried: the effects that were tried.
-        notes: further sentences.
         tolerance: RMS error, in output units, that does not matter.
-        alternatives: the models with other effects in place of those that were named.
         little: whether the record cannot tell most of the effects that were tried.
     """
     record, last = fits[-1].record, fits[-1]
@@ -147,10 +138,7 @@ def concluded(
     Its models are fitted to all rows; effects that help too little there are given up.
 
     Arguments:
-        step: the last step.
-        finals: the fits to all rows.
         tolerance: RMS error, in output units, that does not matter.
-        progress: called with a text and the share of the work that is done.
     """
     step = step.compared
     rivals = {name: point for named in step.named for name, point in named.rivals.items()}
@@ -212,12 +200,7 @@ def concluded(
 
 
 def _limits(step: Step, planes: tuple[Point, Point]) -> tuple[Limit, ...]:
-    """How great each effect could be that is not in the model of a step, nor like one in it.
-
-    Arguments:
-        step: the step.
-        planes: its `signed_planes`.
-    """
+    """How great each effect could be that is not in the model of a step, nor like one in it."""
     spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
     absent = [effect for effect in step.tried if effect.name not in spoken_of]
     # What the grid of the plane adds must not pass for an effect: the finest plane is best.
@@ -257,12 +240,7 @@ def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
 
 
 def _with_plausible_rivals(step: Step, finals: FinalFits) -> Step:
-    """Let a rival stand for an effect that all rows show at a bound, if they do not so of it.
-
-    Arguments:
-        step: the last step.
-        finals: the fits to all rows.
-    """
+    """Let a rival stand for an effect that all rows show at a bound, if they do not so of it."""
     for position, named in enumerate(step.named):
         if named.name not in finals.of(step.problem, step.now).contradicted:
             continue

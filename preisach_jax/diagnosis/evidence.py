@@ -94,12 +94,6 @@ def innovation_variance(
 
     Arguments:
         residual: (row,) residual in time order.
-        order: number of lags; a tenth of the rows at most.
-        breaks: rows at which another record starts; none is predicted from one before it, and each
-            has an autoregression of its own.
-
-    Returns:
-        The variance, positive.
     """
     if breaks:
         parts = np.split(residual, breaks)
@@ -130,16 +124,7 @@ def block_mean_squares(problem: Problem, residual: np.ndarray) -> np.ndarray:
 
 
 def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
-    """Evidence for one model against another that is held to be simpler.
-
-    Arguments:
-        problem: the record.
-        simple: the model to beat.
-        rich: the model that should be better.
-
-    Returns:
-        The evidence; positive numbers speak for `rich`.
-    """
+    """Evidence for one model against another that is held to be simpler."""
     residuals = (residual_in_time(problem, simple), residual_in_time(problem, rich))
     spent = free_parameters(rich) - free_parameters(simple)
     gain = 1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square)
@@ -147,15 +132,7 @@ def compare(problem: Problem, simple: Point, rich: Point) -> Evidence:
 
 
 def compare_fits(simple: Fit, rich: Fit) -> Evidence:
-    """Evidence for one fit of a single record against another, from what both leave of all rows.
-
-    Arguments:
-        simple: the fit to beat.
-        rich: the fit that should be better.
-
-    Returns:
-        The evidence; positive numbers speak for `rich`.
-    """
+    """Evidence for one fit of a single record against another, from what both leave of all rows."""
     measured, held_out = rich.record.measured, rich.validation
     starts = np.cumsum(np.diff(held_out.astype(int), prepend=0) == 1)[held_out]
 
@@ -177,16 +154,7 @@ def compare_fits(simple: Fit, rich: Fit) -> Evidence:
 
 
 def promised_evidence(problem: Problem, simple: Point, prospect: Prospect) -> Evidence:
-    """Evidence for an effect beside a model as it is promised to first order.
-
-    Arguments:
-        problem: the record.
-        simple: the model.
-        prospect: the effect.
-
-    Returns:
-        The evidence; positive numbers speak for the effect.
-    """
+    """Evidence for an effect beside a model as it is promised to first order."""
     before = residual_in_time(problem, simple)
     after = prospect.promise.residual[problem.in_time]
     spent = len(prospect.effect.parameters()) + len(amounts_of(prospect.effect))
@@ -199,12 +167,7 @@ def evidence_between(
     """Evidence for a change of a model, from the residuals without and with it.
 
     Arguments:
-        problem: the record.
         before, after: (row,) residuals in the order of the problem's rows.
-        spent: how many parameters more the model has with it.
-
-    Returns:
-        The evidence; positive numbers speak for the change.
     """
     held_out = problem.fold == VALIDATION[0]
     left, right = (float(np.mean(e[held_out] ** 2)) for e in (before, after))

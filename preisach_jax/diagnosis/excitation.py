@@ -75,17 +75,6 @@ class Bounds:
             step_s: its time step in s.
             unit: unit of the input.
             seconds: duration in s; by default that of the record, or more if the rate needs it.
-            rate_limit: greatest rate; by default the record's own.
-            ends: of the range; by default the record's own.
-
-        Raises:
-            InputError: if the duration is too short for the range at this rate.
-
-        Example:
-            >>> ramp = np.array([[0.0, 1.0, 2.0], [0.0, 5.0, 0.0]])
-            >>> bounds = Bounds.of(ramp, 0.01, "V")
-            >>> bounds.fastest, bounds.seconds
-            (5.0, 40.0)
         """
         low, high = (history[1].min(), history[1].max()) if ends is None else ends
         # A time step is a difference of times, and carries their rounding.
@@ -138,10 +127,6 @@ def greatest_rate(history: np.ndarray) -> float:
 
     Returns:
         The greatest slope of a chord that spans a tenth of the range or more, in input units per s.
-
-    Example:
-        >>> greatest_rate(np.array([[0.0, 1.0, 2.0, 2.1], [0.0, 5.0, 0.0, 0.01]]))
-        5.0
     """
     time, values = history
     enough = 0.1 * np.ptp(values)
@@ -213,20 +198,7 @@ class _Path:
 
 
 def candidates(bounds: Bounds) -> list[Excitation]:
-    """Excitations that each bring out another kind of effect, and one that holds them all.
-
-    Arguments:
-        bounds: range, greatest rate, sampling rate and duration that all keep to.
-
-    Returns:
-        `triangles`, `holds`, `minor_loops`, `multisine`, `reference_loops`, `combination`; each
-        begins and ends at the low end and reaches the high one.
-
-    Example:
-        >>> bounds = Bounds(0.0, 75.0, 300.0, 500.0, 6000, "V")
-        >>> [float(each.input.max()) for each in candidates(bounds)]
-        [75.0, 75.0, 75.0, 75.0, 75.0, 75.0]
-    """
+    """Excitations that each bring out another kind of effect, and one that holds them all."""
     drawn: list[Excitation] = []
     for draw in (*_PARTS, combination):
         path = _Path(bounds)

@@ -38,14 +38,6 @@ class FinalFits:
 
     A search is many small steps of Python; a final fit is a few products of large matrices, which
     another core computes meanwhile.  What comes out does not depend on when it was begun.
-
-    Arguments:
-        record: the record with all its samples.
-
-    Example:
-        >>> with FinalFits(record) as finals:  # doctest: +SKIP
-        ...     finals.begin(search, point)
-        ...     finals.of(search, point).fit.rms_validation
     """
 
     def __init__(self, record: Record):
@@ -66,12 +58,7 @@ class FinalFits:
         self._background.close()
 
     def begin(self, search: Problem, point: Point) -> None:
-        """Compute the fit of a model in the background, if that has not been begun.
-
-        Arguments:
-            search: the record as it was cut for the search, whose bases serve here too.
-            point: the model.
-        """
+        """Compute the fit of a model in the background, if that has not been begun."""
         if point in self._begun:
             return
         # The bases are taken here, where the search adds to them: what it shares is only read.
@@ -91,11 +78,6 @@ class FinalFits:
         self._begun[point] = self._background.begin(work)
 
     def of(self, search: Problem, point: Point) -> Final:
-        """The fit of a model, which is waited for.
-
-        Arguments:
-            search: the record as it was cut for the search.
-            point: the model.
-        """
+        """The fit of a model, which is waited for."""
         self.begin(search, point)
         return self._begun[point].result()

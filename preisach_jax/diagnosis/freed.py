@@ -99,9 +99,6 @@ class FreedTerms:
         Arguments:
             remainder: (row,) the remainder.
             sharpened: whether numbers inside the terms are looked for between those of the library.
-
-        Yields:
-            All terms, with those that were sharpened at the end, and places of the chosen ones.
         """
         terms, chosen = self, list[int]()
         rows = self.projection.rows
@@ -221,13 +218,7 @@ class FreedTerms:
         return remainder - own @ np.linalg.solve(inner, own[rows].T @ remainder[rows])
 
     def by_chance(self, seed: int, draws: int, gain: float) -> float:
-        """Greatest relative fall of the held-out mean square on shifted remainders.
-
-        Arguments:
-            seed, draws: of the shifts.
-            gain: that of the form: numbers inside terms are looked for, as in its search, where
-                terms of the library alone reach half of it.
-        """
+        """Greatest relative fall of the held-out mean square on shifted remainders."""
         generator = np.random.default_rng(seed)
         order = self.problem.in_time
         moved = [shifted(self.remainder, order, generator) for _ in range(draws)]
@@ -262,7 +253,6 @@ def shifted(
     Arguments:
         remainder: (row,) the remainder.
         in_time: (row,) positions of the rows in the order of time.
-        generator: of the lags.
     """
     moved = np.empty_like(remainder)
     for part in np.array_split(in_time, SHIFTED_PARTS):
@@ -274,12 +264,6 @@ def refitted(
     problem: Problem, point: Point, terms: FreedTerms, chosen: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """What a model leaves whose density is fitted with some terms.
-
-    Arguments:
-        problem: the record.
-        point: the model.
-        terms: the terms beside it.
-        chosen: places of some of them.
 
     Returns:
         (row,) residual and (term,) coefficients, both in output ranges.

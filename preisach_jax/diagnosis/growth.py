@@ -46,9 +46,6 @@ def grown(step: Step) -> Step | None:
 
     The effects are those of the model; each is refitted with a term more, jointly with the rest,
     must pass the two tests against the present model, and must not contradict what it is.
-
-    Arguments:
-        step: the step.
     """
     best: tuple[Effect, Point] | None = None
     for effect in step.now.chain.effects:
@@ -73,7 +70,6 @@ def with_larger(step: Step, tolerance: float) -> tuple[Step, bool]:
     block.
 
     Arguments:
-        step: the step, beside whose model no effect passes.
         tolerance: RMS error, in output units, that does not matter.
     """
     for first in step.fitted(step.position, GAIN_TO_ENLARGE):
@@ -102,10 +98,7 @@ def with_larger_beside(
     all three: neither the lag nor the second mode helps without the other.
 
     Arguments:
-        step: the step, beside whose model no effect passes.
         tolerance: RMS error, in output units, that does not matter.
-        other: another step to go on from, whose term may make up for an effect and a term: then at
-            most half of what that leaves may be left.
     """
     problem, now, position = step.problem, step.now, step.position
     most = np.inf if other is None else MAY_LEAVE * other.now.validation_mean_square
@@ -145,11 +138,7 @@ def with_larger_beside(
 
 
 def without_needless_modes(step: Step) -> Step:
-    """The step without modes that those found after them, or other effects, have made needless.
-
-    Arguments:
-        step: the step.
-    """
+    """The step without modes that those found after them, or other effects, have made needless."""
     problem, now = step.problem, step.now
     for effect in now.chain.effects:
         if not isinstance(effect, Modal) or effect.modes < 2:
@@ -168,9 +157,6 @@ def in_best_forms(step: Step) -> Step:
     """The step with the forms of its effects asked again, beside what was added after them.
 
     Of the forms with the same parameters, the one that leaves least on the rows held out.
-
-    Arguments:
-        step: the step.
     """
     problem = step.problem
     for present in step.now.chain.effects if step.position > 1 else ():

@@ -46,12 +46,7 @@ def with_mechanics(
     and must pass the tests against the model with the resonance.
 
     Arguments:
-        found: the diagnosis without it.
-        step: the step that this has come to.
-        finals: the fits to all rows.
-        effect: the effect; None if it is not to be tried.
         tolerance: RMS error, in output units, that does not matter.
-        progress: called with a text and the share of the work that is done.
         asked: whether it was asked for by name: then it is tried beside anything that is left.
     """
     rival = _rival(found, step, finals)

@@ -9,13 +9,7 @@ from preisach_jax.diagnosis.budget import by_another_plane
 from preisach_jax.diagnosis.chance import by_chance
 from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare, free_parameters
 from preisach_jax.diagnosis.plausible import implausible
-from preisach_jax.diagnosis.trial import (
-    BY_THE_GRID,
-    BY_THE_PRIOR,
-    WITHIN_BUDGET,
-    NotFitted,
-    Trial,
-)
+from preisach_jax.diagnosis.trial import BY_THE_GRID, BY_THE_PRIOR, WITHIN_BUDGET, NotFitted, Trial
 from preisach_jax.effects.base import Effect, SensorEffect
 from preisach_jax.fit import REFINEMENT, at_levels, feeds_back
 from preisach_jax.identify import Point, Problem, evaluate, refine
@@ -61,12 +55,7 @@ def judged(
     """Find the best of the effects that were tried beside a model, asked what speaks against it.
 
     Arguments:
-        problem: the record.
-        now: the model without them.
-        trials: what came of each.
-        announce: called with a text before what takes long.
         tolerance: RMS error, in output units, that does not matter.
-        least_gain: relative fall of the held-out mean square below which nothing is named.
 
     Returns:
         The trials with the objections that were found, the best one that passes, and the model to
@@ -99,12 +88,7 @@ def judged_beside(
     """An effect as it does in a model that has another one too; None if anything speaks against it.
 
     Arguments:
-        problem: the record.
-        without: the model with the other one alone.
-        effect, step: the effect, and at which step it is tried.
-        both: the model with both.
         tolerance: RMS error, in output units, that does not matter.
-        least_gain: see `judged`.
     """
     evidence = compare(problem, without, both)
     certain = differs_from_nothing(problem, both, effect.name)

@@ -59,9 +59,6 @@ def fall_in_words(
     Arguments:
         before, after: held-out error without and with the form, in `unit`.
         unit: that of the output.
-        gain: relative fall of the held-out mean square.
-        chance: greatest gain on shifted remainders.
-        draws: how many of these.
     """
     first, last = (quantity(rms, unit, 3) for rms in (before, after))
     return (

@@ -80,14 +80,7 @@ def learned(
     """The learned term of what a fit leaves, whatever the verdict on it.
 
     Arguments:
-        fit: the fit.
         discretisation: RMS of what the grid of the plane adds, in output units.
-        seed: of the network's first weights, and of the shifts.
-        draws: how many shifted remainders measure chance; 8 at most.
-        progress: called with a text and the share of the work that is done.
-
-    Returns:
-        The term, with the reason where it is not offered.
     """
     record = fit.record
     states = _states(record, fit.prediction)
@@ -236,10 +229,6 @@ class _Freed:
 
     def along(self, state: int, beside: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Standardised values of a state, ends of another, and means with neither of them, either.
-
-        Arguments:
-            state: place of the state.
-            beside: place of the other one.
 
         Returns:
             (point,), (2,) and (3, point): means over all rows, with the other state low, and high.

@@ -84,11 +84,6 @@ def limits(problem: Problem, point: Point, effects: Sequence[Effect]) -> tuple[L
     weights and other parameters can take up; its size in the residual and the scatter of that over
     blocks give the limit.
 
-    Arguments:
-        problem: the record.
-        point: the model, refined.
-        effects: effects that it does not have.
-
     Returns:
         One limit an effect, in their order; without those whose signature is not finite, and those
         of a user's own that fail.

@@ -33,10 +33,7 @@ OF_THE_HUM = 0.5
 
 
 def is_of_steps(
-    point: Point,
-    hum: Hum,
-    f_hz: float,
-    inputs: Sequence[tuple[np.ndarray, np.ndarray]],
+    point: Point, hum: Hum, f_hz: float, inputs: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> bool:
     """Whether a hum is at a line that the steps of the recorded input make.
 
@@ -44,9 +41,6 @@ def is_of_steps(
     passes steps of the converter; samples fold its lines to anywhere.
 
     Arguments:
-        point: the model with the hum.
-        hum: the effect.
-        f_hz: its frequency.
         inputs: (time,) seconds and input, before they were thinned, of each run.
     """
     heights = _heights(point, hum)
@@ -69,13 +63,6 @@ def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Peri
 
     Whatever is wrong with a model comes back with a drive of period T, at all multiples of 1/T: a
     line of its own is far higher than those beside it, f ± j/T.
-
-    Arguments:
-        problem: the record.
-        point: the model with the hum.
-        hum: the effect.
-        f_hz: its frequency.
-        period: of the drive.
     """
     if not period.has_multiple(f_hz, float(np.ptp(problem.record.time))):
         return False

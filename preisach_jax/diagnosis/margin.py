@@ -23,9 +23,6 @@ def close_calls(
     the budget that is not explained, are as uncertain as z.
 
     Arguments:
-        findings: the effects that were named.
-        candidates: all that were tried.
-        budget: what the last error is made of.
         met: whether the error that is not explained was taken to be within the budget.
 
     Returns:

@@ -55,7 +55,6 @@ def memoryless(fit: Fit, tolerance: float = 0.0) -> tuple[Memoryless, Memoryless
     on its diagonal.
 
     Arguments:
-        fit: the Preisach model without effects.
         tolerance: RMS error, in output units, that does not matter.
     """
     record, plane = fit.record, fit.model.plane
@@ -106,7 +105,6 @@ def sufficient(models: tuple[Memoryless, ...], is_all_noise: bool) -> Memoryless
     """The simplest model without hysteresis that does as well, if what is left is little or noise.
 
     Arguments:
-        models: the line and the curve.
         is_all_noise: whether what the Preisach model leaves is noise; where its cells are the
             limit, or something is missing, that a curve does as well says nothing.
     """

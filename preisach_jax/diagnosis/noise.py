@@ -55,10 +55,6 @@ def noise_rms(problem: Problem, point: Point) -> float:
     (`_rms_of_repeats`): what is the same in each of them is no noise, however fast it is.  Second
     differences only bound it then (`MOST_COLOURED`).
 
-    Arguments:
-        problem: the record.
-        point: the best model of it.
-
     Returns:
         The RMS in output units.
     """
@@ -78,7 +74,6 @@ def unpredictable_rms(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> flo
 
     Arguments:
         residual: (row,) in output units.
-        breaks: rows at which another record starts.
     """
     differences = np.concatenate([np.diff(e, n=2) for e in np.split(residual, breaks)])
     middle = np.median(np.abs(differences - np.median(differences)))
@@ -90,9 +85,6 @@ def output_quantisation_rms(problem: Problem) -> float:
 
     B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4.
 
-    Arguments:
-        problem: the record.
-
     Returns:
         The RMS in output units; zero where the readings lie on no lattice.
     """
@@ -103,7 +95,6 @@ def _rms_at_rest(problem: Problem, residual: np.ndarray) -> float:
     """Median RMS of a residual around straight lines over rests of the input; 0 without rests.
 
     Arguments:
-        problem: the record.
         residual: (row,) residual in time order.
     """
     rows = problem.rows[problem.in_time]
@@ -126,10 +117,6 @@ def _rms_around_lines(time: np.ndarray, values: np.ndarray, begins: Sequence[int
     Arguments:
         time: (row,) in s.
         values: (row,) values, finite in all stretches.
-        begins: where a stretch of `SAMPLES` begins.
-
-    Returns:
-        The RMS; None of too few stretches.
     """
     if len(begins) < LEAST_STRETCHES:
         return None
@@ -149,11 +136,7 @@ def _rms_of_repeats(problem: Problem, residual: np.ndarray) -> float | None:
     short stretches, so that a drift, and a jump here and there, are no noise.
 
     Arguments:
-        problem: the record.
         residual: (row,) residual in time order, in output units.
-
-    Returns:
-        The RMS; None where no drive repeats itself, or too little of it is known.
     """
     record = problem.record
     error = np.full(len(record.time), np.nan)

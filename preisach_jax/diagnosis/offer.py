@@ -56,12 +56,7 @@ class Offer:
         return "" if self.evidence.gain >= WEAK else self._by_the_grid()
 
     def against_chance(self, chance: float, draws: int) -> str:
-        """Why it is not offered beside what chance reaches; empty if it does more.
-
-        Arguments:
-            chance: greatest gain of the same search on shifted remainders.
-            draws: how many of these.
-        """
+        """Why it is not offered beside what chance reaches; empty if it does more."""
         if self.evidence.gain > chance:
             return ""
         return (

@@ -14,22 +14,7 @@ PERHAPS = 0.4
 
 
 class Pace:
-    """Share of a diagnosis that is done; it never goes back, whatever the search decides to try.
-
-    Arguments:
-        progress: called with a text and a share done.
-
-    Example:
-        >>> pace = Pace(lambda text, share: print(f"{text}: {100 * share:.0f} %"))
-        >>> pace.tell("fitting the plain model", 0.0)
-        fitting the plain model: 0 %
-        >>> pace.begin_round(0)
-        >>> pace.tell("looking for drift", SCREENING)
-        looking for drift: 33 %
-        >>> pace.begin_conclusion(0)
-        >>> pace.tell("fitting all rows", 0.0)
-        fitting all rows: 53 %
-    """
+    """Share of a diagnosis that is done; it never goes back, whatever the search decides to try."""
 
     def __init__(self, progress: Progress):
         self._progress = progress

@@ -84,7 +84,6 @@ def with_pair(step: Step, tolerance: float) -> tuple[Step, bool]:
     each passes beside the other.
 
     Arguments:
-        step: the step.
         tolerance: RMS error, in output units, that does not matter.
     """
     count, problem = step.position, step.problem
@@ -112,9 +111,6 @@ def with_better_pair(step: Step, tried: Step, tolerance: float) -> Step | None:
     last effect, searched for anew beside it, or any other.
 
     Arguments:
-        step: the step.
-        tried: the same after all effects were tried beside its model, and the best one was added
-            if any passed.
         tolerance: RMS error, in output units, that does not matter.
     """
     if not step.named or step.is_within_budget:

@@ -32,7 +32,6 @@ def of_the_beginning(record: Record, residual: np.ndarray) -> str:
     """That the error of a model sits before the input has covered its range; empty if not.
 
     Arguments:
-        record: the record.
         residual: (time,) measured minus modelled output, in output units.
     """
     values = record.input
@@ -60,8 +59,6 @@ def of_the_first_rise(record: Record, model: Model, error: float) -> tuple[str, 
     """What a reader must know if the first passage of the input is another one than later ones.
 
     Arguments:
-        record: the record.
-        model: the model of it.
         error: its held-out error, in output units.
     """
     if record.runs or model.chain.mechanics is not None:
@@ -97,8 +94,6 @@ def of_the_past(record: Record, model: Model, error: float) -> tuple[str, ...]:
     time, as a drift and an ageing are.
 
     Arguments:
-        record: the record.
-        model: the model of it.
         error: its held-out error, in output units.
     """
     if record.initial_memory != "free" or record.runs or model.chain.mechanics is not None:

@@ -32,13 +32,7 @@ it is no speed any more."""
 
 
 def from_the_drive(problem: Problem, point: Point, name: str) -> str:
-    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum.
-
-    Arguments:
-        problem: the record.
-        point: the model with the effect.
-        name: the effect's name.
-    """
+    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum."""
     effect = point.chain.effect(name)
     if not isinstance(effect, Hum):
         return ""
@@ -60,24 +54,12 @@ def from_the_drive(problem: Problem, point: Point, name: str) -> str:
 
 
 def implausible(problem: Problem, point: Point, name: str) -> str:
-    """What of a fitted effect contradicts what it is; empty if nothing does.
-
-    Arguments:
-        problem: the record.
-        point: the model with the effect.
-        name: the effect's name.
-    """
+    """What of a fitted effect contradicts what it is; empty if nothing does."""
     return from_the_drive(problem, point, name) or out_of_law(problem, point, name)
 
 
 def out_of_law(problem: Problem, point: Point, name: str) -> str:
-    """What of an effect's fitted parameters is none of what it is; empty if nothing is.
-
-    Arguments:
-        problem: the record.
-        point: the model with the effect.
-        name: the effect's name.
-    """
+    """What of an effect's fitted parameters is none of what it is; empty if nothing is."""
     effect = point.chain.effect(name)
     survey, values = surveyed(problem), point.values[name]
     if isinstance(effect, Drift) and effect.waves:

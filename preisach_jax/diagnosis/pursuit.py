@@ -106,10 +106,7 @@ def sought(
     """The form of what a fit leaves, whatever the verdict on it.
 
     Arguments:
-        fit: the fit.
         discretisation: RMS of what the grid of the plane adds, in output units.
-        seed, draws: of the shifted remainders.
-        progress: called with a text and the share of the work that is done.
     """
     progress("making terms of the states", 0.0)
     record = fit.record
@@ -124,8 +121,7 @@ def sought(
     none = SparseForm.none(fit.rms_validation, record.output_unit, "", tuple(library.notes))
     if not trial.chosen:
         return replace(
-            none,
-            why_not="no term lowers the held-out error by a twentieth and passes both tests",
+            none, why_not="no term lowers the held-out error by a twentieth and passes both tests"
         )
     progress("measuring what chance reaches", 0.6)
     evidence = trial.evidence.numbers()
@@ -149,10 +145,7 @@ def _by_its_own_output(
     what it lacks.  With the terms it says more of it, and so on as long as the error falls.
 
     Arguments:
-        trial: what was found.
-        record: the record.
         kept: (sample,) rows of the record that the search has.
-        progress: called with a text and the share of the work that is done.
     """
     for again in range(MOST_AGAIN):
         if not trial.of_output:

@@ -130,20 +130,11 @@ def relations(
     """What a remainder goes with more than by chance, strongest first.
 
     Arguments:
-        record: the record.
         residual: (time,) measured minus modelled output, in output units.
         lines: frequencies in Hz that effects of the model have, by their names.
 
     Returns:
         The relations; of quantities that say nearly the same, such as input and output, each.
-
-    Example:
-        >>> t = np.arange(4000) / 500
-        >>> u = np.sin(2 * np.pi * t * (1 + t / 20))
-        >>> record = Record.from_arrays(t, u, u)
-        >>> found = relations(record, 0.1 * np.gradient(u, t) + 0.1 * np.cos(700 * t))
-        >>> found[0].quantity
-        'rate of the input'
     """
     rows = np.flatnonzero(record.measured & np.isfinite(residual))
     if len(rows) < 4 * PARTS or not np.ptp(residual[rows]):

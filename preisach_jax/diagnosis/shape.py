@@ -31,7 +31,6 @@ class Shape:
         """The same, multiplied by a state.
 
         Arguments:
-            symbol: of the state.
             values: (sample,) its values.
             bracketed: whether the formula stands in brackets behind the symbol.
         """
@@ -59,12 +58,7 @@ _EVEN = {1.0: "|{0}|"}
 
 
 def power(symbol: str, values: np.ndarray, exponent: float, ratio: float, *, odd: bool) -> Shape:
-    """|x|^p of a state, (sample,), or sgn(x) |x|^p where it is odd.
-
-    Example:
-        >>> power("v", np.array([-4.0, 1.0]), 0.5, 2.0, odd=True).values(np.array([0.5])).tolist()
-        [[-2.0], [1.0]]
-    """
+    """|x|^p of a state, (sample,), or sgn(x) |x|^p where it is odd."""
     sign = np.sign(values)[:, None] if odd else 1.0
 
     def formula(number: float) -> str:
@@ -88,12 +82,8 @@ def memory(
     """First-order low-pass of a state, (sample,), at rest where a record starts.
 
     Arguments:
-        symbol: of the state.
         values: (sample,) its values.
-        constant: time constant, s.
-        ratio: how far the constant may be from that.
         time: (sample,) s.
-        starts: samples at which records start.
     """
     return Shape(
         constant,

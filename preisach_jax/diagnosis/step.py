@@ -117,12 +117,7 @@ class Step:
         return replace(self, other=on_a_coarser_plane(self.problem, self.now))
 
     def with_named(self, trial: Trial, rivals: dict[str, Point] | None = None) -> Step:
-        """The step with an effect more, as it was tried beside its model.
-
-        Arguments:
-            trial: the effect.
-            rivals: the models with each of those that did as well in its place, by their names.
-        """
+        """The step with an effect more, as it was tried beside its model."""
         named = (*self.named, Named(trial, rivals or {}))
         return replace(self, named=named, path=(*self.path, trial.point), other=None)
 
@@ -131,12 +126,7 @@ class Step:
         return next(effect for effect in self.tried if effect.name == name)
 
     def fitted(self, position: int, least_gain: float) -> list[Trial]:
-        """The effects that were fitted beside one of the models and helped, the best first.
-
-        Arguments:
-            position: how many effects that model has.
-            least_gain: relative fall of the held-out mean square that they must have brought.
-        """
+        """The effects that were fitted beside one of the models and helped, the best first."""
         found = [
             trial
             for trial, _, _ in self.trials
@@ -160,12 +150,7 @@ def on_a_refined_plane(
     """The step on a finer plane, as long as the held-out error falls with it.
 
     Arguments:
-        step: the step.
         levels_are_given: whether the plane must stay as it is.
-        announce: called with a text before each finer plane.
-
-    Returns:
-        The step, with its model on one more plane beside it.
     """
     while True:
         rows = min(len(step.record), FINAL_ROWS)
@@ -182,11 +167,7 @@ def on_a_refined_plane(
 
 
 def signed_planes(step: Step) -> tuple[Point, Point]:
-    """The model of a step on both planes that it was compared on, with weights of one sign.
-
-    Arguments:
-        step: the step; if it was not compared, both are the same.
-    """
+    """The model of a step on both planes that it was compared on, with weights of one sign."""
     now = with_signs(step.all_hysterons, step.now)
     return now, now if step.other is None else with_signs(step.all_hysterons, step.other)
 
@@ -196,9 +177,6 @@ def refined_with_signs(step: Step) -> Step:
 
     In a reduced basis weights have any sign, and a finer plane is not always worth its weights;
     the final model has all hysterons with signs, of which a finer plane may do with more.
-
-    Arguments:
-        step: the last step of a search.
     """
     now, other = step.now, step.other
     if other is None or other.chain.plane.levels <= now.chain.plane.levels:

@@ -70,12 +70,6 @@ class InputSurvey:
         time: (time,) in s.
         input: (time,) in its unit.
         span: least and greatest value between which its places lie; by default its own.
-
-    Example:
-        >>> t = np.linspace(0.0, 4.0, 4001)
-        >>> one = InputSurvey(t, np.abs(t % 2 - 1))  # a triangle of one rate
-        >>> one.shows(RATES), one.shows(CYCLES)
-        (False, True)
     """
 
     time: np.ndarray

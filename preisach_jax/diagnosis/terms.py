@@ -144,21 +144,8 @@ def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
     """The terms of a record and of what a model says of it.
 
     Arguments:
-        record: the record.
         output: (time,) output of the model, in output units.
         kept: (sample,) rows at which the terms are wanted, ascending.
-
-    Returns:
-        The library.
-
-    Example:
-        >>> t = np.arange(400) / 100
-        >>> record = Record.from_arrays(t, np.sin(t**2), t, aux={"still": 0 * t})
-        >>> found = library_of(record, np.sin(t**2), np.arange(400))
-        >>> found.notes
-        ['The column still is constant (0): no terms are made of it; record it while it changes.']
-        >>> [term.formula for term in found.terms][:3]
-        ['u', 'u²', 'u³']
     """
     found = Library()
     states = {each.kind: each for each in states_of(record, output, kept)}

@@ -22,17 +22,7 @@ def tolerance_of(text: str | None, record: Record) -> float:
     """A tolerance in output units.
 
     Arguments:
-        text: such as `"0.1%"` of the stroke, or `"20 nm"`; none is zero.
         record: the record, whose output has the unit.
-
-    Raises:
-        InputError: if it is no positive number with a unit, if the unit is none of the output's, or
-            if it is not less than the stroke.
-
-    Example:
-        >>> record = Record.from_arrays([0, 1, 2], [0, 1, 0], [0, 50, 0], units={"output": "um"})
-        >>> tolerance_of("0.1%", record), tolerance_of("20 nm", record)
-        (0.05, 0.02)
     """
     if text is None:
         return 0.0

@@ -115,13 +115,7 @@ class NotFitted:
 
     @staticmethod
     def passed_over(effect: Effect, step: int, gain: float, enough: float) -> NotFitted:
-        """An effect that promises too little, or less than others, or what fails the tests.
-
-        Arguments:
-            effect, step: the effect, and how many the model has.
-            gain: relative fall of the held-out mean square that it promises to first order.
-            enough: the fall from which on it would have been fitted, had none promised more.
-        """
+        """An effect that promises too little, or less than others, or what fails the tests."""
         promised = f"it promises to lower the held-out mean square by {100 * gain:.1f} %"
         if not gain > 0:
             reason = "not fitted: it does not promise to lower the held-out error"
@@ -145,13 +139,7 @@ Row = tuple[Trial | NotFitted, bool, str]
 
 
 def given_up_rows(rows: list[Row], given_up: list[Trial], objection: str) -> list[Row]:
-    """The trials after some effects that had been added are given up, and why.
-
-    Arguments:
-        rows: the trials.
-        given_up: those of the effects.
-        objection: why.
-    """
+    """The trials after some effects that had been added are given up, and why."""
     names = {trial.effect.name for trial in given_up}
     after: list[Row] = []
     for trial, accepted, better in rows:
@@ -166,13 +154,7 @@ def given_up_rows(rows: list[Row], given_up: list[Trial], objection: str) -> lis
 
 
 def accepted_rows(rows: list[Row], names: list[str], step: int) -> list[Row]:
-    """The trials after effects that did not pass alone were added with another.
-
-    Arguments:
-        rows: the trials.
-        names: of the effects.
-        step: at which they were tried.
-    """
+    """The trials after effects that did not pass alone were added with another."""
     after: list[Row] = []
     for trial, accepted, better in rows:
         here = trial.step == step
@@ -182,23 +164,13 @@ def accepted_rows(rows: list[Row], names: list[str], step: int) -> list[Row]:
 
 
 def failures(rows: list[Row]) -> tuple[str, ...]:
-    """One sentence an effect of a user's own that failed.
-
-    Arguments:
-        rows: the trials.
-    """
+    """One sentence an effect of a user's own that failed."""
     failed = {t.effect.name: t.reason for t, *_ in rows if isinstance(t, NotFitted) and t.failed}
     return tuple(f"The effect {name!r} was not tried: it {why}." for name, why in failed.items())
 
 
 def with_rival(rows: list[Row], displaced: Trial, rival: Trial) -> list[Row]:
-    """The trials after a rival has taken the place of an effect.
-
-    Arguments:
-        rows: the trials.
-        displaced: that of the effect that had been added.
-        rival: the rival, tried again, of the same step.
-    """
+    """The trials after a rival has taken the place of an effect."""
     gone, name = displaced.effect.name, rival.effect.name
     after: list[Row] = []
     for trial, accepted, better in rows:

@@ -35,9 +35,7 @@ def tried_beside(
     """Try all effects beside the model of a step: screened, refitted if they lead, and judged.
 
     Arguments:
-        step: the step.
         tolerance: RMS error, in output units, that does not matter.
-        progress: called with a text and the share of the work that is done.
         each_in_full: whether, where none of those that lead passes and the error is above the
             budget, each of the others is fitted in full: a promise to first order says little of
             an effect that is far from none.
@@ -86,9 +84,7 @@ def with_best(step: Step, tolerance: float, progress: Progress = in_silence) -> 
     """The step with the best effect that passes, and whether there is one.
 
     Arguments:
-        step: the step.
         tolerance: RMS error, in output units, that does not matter.
-        progress: called with a text and the share of the work that is done.
     """
     trials, best, now = tried_beside(step, tolerance, progress, each_in_full=True)
     name = best.effect.name if best is not None else ""
@@ -131,12 +127,7 @@ def without_superfluous(step: Step) -> Step:
 
 
 def with_better_rivals(step: Step, positions: Sequence[int]) -> Step:
-    """The step with rivals of some of its effects in their places, where they do better by now.
-
-    Arguments:
-        step: the step.
-        positions: of the effects, in the order in which they were added.
-    """
+    """The step with rivals of some of its effects in their places, where they do better by now."""
     for position in positions:
         step = _with_best_rival(step, position)
     return step
@@ -147,10 +138,6 @@ def with_families(step: Step, positions: Sequence[int]) -> Step:
 
     What one effect alone could not tell may show beside the others.  A rival that does better
     now takes the place.
-
-    Arguments:
-        step: the last step.
-        positions: of the effects whose rivals are asked.
     """
     for position in positions:
         step = _with_best_rival(step, position)
@@ -186,11 +173,6 @@ def with_rival_leading(step: Step, position: int, rival: str) -> Step:
     """The step with a rival in the place of one of its effects.
 
     The rivals of the other effects are asked again beside it.
-
-    Arguments:
-        step: the last step, whose rivals were asked (`with_families`).
-        position: of the effect.
-        rival: the rival's name.
     """
     named = step.named[position]
     step = _exchanged(step, position, _tried_again(step, named, rival, named.rivals[rival]))

@@ -30,23 +30,11 @@ def within_cells_rms(record: Record, residual: np.ndarray, plane: Plane) -> floa
     physics that act at other times in each pass, share nothing.
 
     Arguments:
-        record: the record.
         residual: (time,) measured minus predicted output.
-        plane: the Preisach plane.
 
     Returns:
         The RMS in output units; None where too few passes have enough rows, or none of
         a pair pass the same parts of a cell.
-
-    Example:
-        >>> t = np.arange(8000) / 1000
-        >>> u = 0.5 - 0.5 * np.cos(2 * np.pi * t)
-        >>> ripple = np.sin(2 * np.pi * 10 * u)
-        >>> record, plane = Record.from_arrays(t, u, ripple), Plane(10, 0.0, 1.0)
-        >>> 0.4 < within_cells_rms(record, ripple, plane) < 0.8
-        True
-        >>> bool(within_cells_rms(record, t, plane) < 0.02)
-        True
     """
     rows = np.flatnonzero(record.measured)
     values = record.input[rows]

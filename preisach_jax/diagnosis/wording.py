@@ -77,23 +77,14 @@ def sentence(
     """The verdict in one sentence, and in a second one if it is close.
 
     Arguments:
-        verdict: the verdict.
-        findings: the effects that were added.
-        budget: what the last error is made of.
-        fits: the fit of each rung.
         tolerance: RMS error, in output units, that does not matter.
-        close: the `close_calls` of the verdict.
     """
     said = _verdict(verdict, findings, budget, fits, tolerance)
     return f"{said} The verdict is close: {'; '.join(close)}." if close else said
 
 
 def _verdict(
-    verdict: str,
-    findings: Sequence[Finding],
-    budget: Budget,
-    fits: Sequence[Fit],
-    tolerance: float,
+    verdict: str, findings: Sequence[Finding], budget: Budget, fits: Sequence[Fit], tolerance: float
 ) -> str:
     stroke = stroke_of(fits[0].record)
     first, last = (_error(fit, budget.unit, stroke) for fit in (fits[0], fits[-1]))
@@ -298,9 +289,6 @@ def next_experiment(
     """What to record next: what splits the families, or brings out what is unexplained.
 
     Arguments:
-        verdict: the verdict.
-        findings: the effects that were named.
-        tried: the effects that were tried.
         shows_little: whether the record cannot tell most of them.
     """
     families = tuple(finding.family for finding in findings if len(finding.family) > 1)

@@ -94,45 +94,19 @@ OF_COLUMNS: tuple[type[OfColumn], ...] = tuple(
 
 
 def placeholder(name: str) -> str:
-    """The library's name of an effect: of one of a column, that of its placeholder.
-
-    Example:
-        >>> placeholder("gain:current_A"), placeholder("creep")
-        ('gain:COL', 'creep')
-    """
+    """The library's name of an effect: of one of a column, that of its placeholder."""
     prefix, colon, _ = name.partition(":")
     of_columns = [kind.prefix for kind in OF_COLUMNS]
     return f"{prefix}:COL" if colon and prefix in of_columns else name
 
 
 def column_of(name: str) -> str:
-    """The auxiliary column that an effect is named after; empty if it is of none.
-
-    Example:
-        >>> column_of("gain:current_A"), column_of("creep")
-        ('current_A', '')
-    """
+    """The auxiliary column that an effect is named after; empty if it is of none."""
     return name.partition(":")[2] if placeholder(name) != name else ""
 
 
 def listed(asked: Any) -> list[str | Effect]:
-    """Names and effects as a list, which may hold nothing else.
-
-    Arguments:
-        asked: what a user gave as `effects`.
-
-    Returns:
-        The list.
-
-    Raises:
-        InputError: if it is no list, such as a single name, or holds a class or something else.
-
-    Example:
-        >>> listed("creep")
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.InputError: effects is 'creep': give a list of names and effects, [...]
-    """
+    """Names and effects as a list, which may hold nothing else."""
     if isinstance(asked, str | Effect | type) or not isinstance(asked, Iterable):
         shown = repr(asked) if isinstance(asked, str) else _shown(asked)
         raise InputError(f"effects is {shown}: give a list of names and effects, [...]")
@@ -161,20 +135,10 @@ def resolve(
     """Effects from their names; effects pass as they are.
 
     Arguments:
-        asked: names of the library (`aux:COLUMN` for an auxiliary column), or effects.
         aux_units: the auxiliary columns of the record, with their units.
-        known: further effects that may be asked for by name.
 
     Returns:
         The effects, in the order asked.
-
-    Raises:
-        InputError: if it is no list of names and effects, a name is not known, or asks for a column
-            that the record does not have.
-
-    Example:
-        >>> [effect.name for effect in resolve(["creep", "aux:load_N"], {"load_N": "N"})]
-        ['creep', 'aux:load_N']
     """
     names = library() | {effect.name: effect for effect in known}
     found: list[Effect] = []

@@ -23,38 +23,18 @@ Kind = TypeVar("Kind", bound=_Settable)
 
 
 def is_floating(leaf: Any) -> bool:
-    """Whether a leaf of an effect is a floating array, of JAX or NumPy.
-
-    Example:
-        >>> is_floating(np.ones(2)), is_floating(np.arange(2)), is_floating(1.0)
-        (True, False, False)
-    """
+    """Whether a leaf of an effect is a floating array, of JAX or NumPy."""
     kind: Any = getattr(leaf, "dtype", None)
     return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(kind, jnp.floating)
 
 
 def arrays_in(value: Any) -> list[Any]:
-    """The floating arrays of a field of an effect, in the order of its tree.
-
-    Example:
-        >>> [each.shape for each in arrays_in({"bias": np.ones(2), "weight": np.ones((2, 3))})]
-        [(2,), (2, 3)]
-    """
+    """The floating arrays of a field of an effect, in the order of its tree."""
     return [leaf for leaf in jax.tree.leaves(value) if is_floating(leaf)]
 
 
 def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
-    """An effect of a pattern's kind with the settings of a file.
-
-    Arguments:
-        pattern: an effect; of one that holds arrays, those are replaced in it, since a class may be
-            made with a key in place of its fields.
-        settings: its fields by name, as `Effect.settings` gave them.
-        place: where they stand in the file, for messages.
-
-    Raises:
-        InputError: if arrays are not of the shapes that the pattern's have.
-    """
+    """An effect of a pattern's kind with the settings of a file."""
     held = [name for name in settings if arrays_in(getattr(pattern, name))]
     if not held:
         return type(pattern)(**settings)

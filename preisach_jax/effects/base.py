@@ -242,14 +242,6 @@ class _Stepped(Effect):
 
         Returns:
             The signal behind the effect, `(time,)`.
-
-        Example:
-            >>> import jax.numpy as jnp
-            >>> from preisach_jax.effects.input_lag import InputLag
-            >>> t = jnp.linspace(0.0, 1.0, 101)
-            >>> step = jnp.where(t > 0, 1.0, 0.0)
-            >>> bool(abs(InputLag(tau_s=0.1).apply(step, t)[-1] - 1) < 1e-3)
-            True
         """
         dt = jnp.diff(time, prepend=time[:1])
 

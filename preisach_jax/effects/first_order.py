@@ -31,16 +31,12 @@ class FirstOrderLag(Effect):
     tau_high_s: float = 10.0
     of_samples: bool = eqx.field(static=True, default=False)
     tau_s: float = time_constant(
-        lambda own: "time constant" + " of a filter of the samples" * own.of_samples,
-        margins=(2, 4),
+        lambda own: "time constant" + " of a filter of the samples" * own.of_samples, margins=(2, 4)
     )
 
     def bound_to(self, survey: Survey) -> Self:
         return replace(
-            self,
-            tau_low_s=survey.step_s / 4,
-            tau_high_s=survey.duration_s / 20,
-            of_samples=False,
+            self, tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20, of_samples=False
         )
 
     def variants(self, survey: Survey) -> tuple[Self, ...]:

@@ -31,15 +31,7 @@ MIXED = (0.6, -1.3)
 
 
 def require_law_of_place(effect: Effect, survey: Survey) -> None:
-    """Refuse an effect of the output that is not linear, and one of the sensor that has a memory.
-
-    Arguments:
-        effect: the effect, bound to a record.
-        survey: the record, whose output and time step make the signals.
-
-    Raises:
-        EffectError: with the place to which such an effect belongs.
-    """
+    """Refuse an effect of the output that is not linear, or one of the sensor with a memory."""
     if not isinstance(effect, OutputEffect | SensorEffect):
         return
     rng = np.random.default_rng(0)

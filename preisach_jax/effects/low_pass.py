@@ -15,7 +15,6 @@ def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array | float) -
 
     Arguments:
         state: `(y, v)` stacked on the last axis: output and input after the last step.
-        value: the signal now.
         dt: time since then, in s; zero leaves the output as it is.
         tau_s: time constant in s, positive.
 
@@ -43,11 +42,6 @@ def low_passed(
 
     Returns:
         (time,) y, in the unit of the signal.
-
-    Example:
-        >>> t = jnp.arange(5.0)
-        >>> (t - low_passed(t, t, jnp.array(0.125))).round(3).tolist()
-        [0.0, 0.125, 0.125, 0.125, 0.125]
     """
 
     def advance(state: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -70,10 +64,6 @@ def limited(change: Float[Array, " time"]) -> Float[Array, " time"]:
 
     Returns:
         (time,) in units of the changes.
-
-    Example:
-        >>> limited(jnp.array([1.0, 3.0, 2.0, -2.0])).tolist()
-        [0.0, 1.0, 2.0, 0.0]
     """
     last = jnp.pad(change, (1, 0))[:-1]
     lesser = jnp.where(jnp.abs(change) < jnp.abs(last), change, last)
@@ -102,13 +92,6 @@ def smoothed_rate(
 
     Returns:
         (time,) w, in units of the signal per s; zero at the first sample.
-
-    Example:
-        >>> t = jnp.arange(5.0)
-        >>> smoothed_rate(2 * t, t, jnp.array(0.01)).tolist()
-        [0.0, 2.0, 2.0, 2.0, 2.0]
-        >>> smoothed_rate(t**2, t, jnp.array(0.001)).round(1).tolist()
-        [0.0, 1.0, 3.0, 6.0, 8.0]
     """
     dt = jnp.diff(time, prepend=time[:1])
     safe_dt = jnp.where(dt > 0, dt, 1.0)

@@ -59,7 +59,6 @@ class Modal(Effect):
     """An effect of one to four modes of the mechanics.
 
     Arguments:
-        modes: how many modes.
         starts: natural frequency in Hz, damping ratio and two gains (see `Mode`) of each mode that
             a frequency response shows, one mode behind the other.
     """
@@ -129,10 +128,7 @@ class Modal(Effect):
         """This effect with a mode more, and natural frequency and damping ratio to start from.
 
         Arguments:
-            survey: the record, and what a model with this effect leaves.
             drive: (sample,) what drives the modes.
-            values: the values of this effect's parameters.
-            settled: see `modes_in`.
         """
         if self.modes == MOST_MODES or np.ptp(drive) == 0:
             return None
@@ -145,11 +141,7 @@ class Modal(Effect):
         return replace(self, modes=number), {**values, **mode}
 
     def without_each_mode(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
-        """This effect with each of its modes left out in turn, and what the others have.
-
-        Arguments:
-            values: the values of this effect's parameters.
-        """
+        """This effect with each of its modes left out in turn, and what the others have."""
         found: list[tuple[Self, dict[str, float]]] = []
         for gone in range(self.modes):
             kept = [number for number in range(1, self.modes + 1) if number != gone + 1]
@@ -177,9 +169,7 @@ def mode_step(
     """One mode of unit gain at rest over a step in which its input goes straight.
 
     Arguments:
-        f_hz, zeta: natural frequency, and damping ratio.
         state: (z - h, dz/dt / omega, h): small numbers, and zero at rest.
-        value: the input at the end of the step.
         dt: the step in s; zero at the first sample.
 
     Returns:

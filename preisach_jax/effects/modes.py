@@ -78,20 +78,11 @@ def modes_in(
         time: (sample,) times in s.
         drive, response: (sample,) input and output of what is between.
         low, high: least and greatest natural frequency, in Hz.
-        count: how many modes.
         settled: whether the response to a slow drive is known, so that of each mode only what it
             adds to that, \(H - 1\), is looked for.
 
     Returns:
         The modes, the strongest first; fewer where the drive has power at fewer frequencies.
-
-    Example:
-        >>> rng = np.random.default_rng(0)
-        >>> t, u = np.arange(8192) / 1000.0, rng.normal(size=8192)
-        >>> mode = scipy.signal.cont2discrete(([1.0], [1 / 628.3**2, 0.1 / 628.3, 1.0]), 1e-3)
-        >>> z = scipy.signal.lfilter(mode[0].ravel(), mode[1], u)
-        >>> [round(m.f_hz, -1) for m in modes_in(t, u, z, 10, 450, 1, False)]
-        [100.0]
     """
     hz, measured, power = frequency_response(time, drive, response)
     inside = (hz >= low) & (hz <= high) & (power > LEAST_POWER * power.max())

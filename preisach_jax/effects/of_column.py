@@ -32,9 +32,7 @@ class OfColumn(Effect):
         prefix: what stands before the column's name in that of the effect.
 
     Arguments:
-        column: name of the auxiliary column; the effect is called `PREFIX:COLUMN` after it.
         unit: its unit.
-        tau_low_s, tau_high_s: bounds of the lag; at the lower one the action is immediate.
     """
 
     prefix: ClassVar[str] = ""

@@ -110,13 +110,8 @@ def creep_step(
 
     Arguments:
         place: their outputs, in input units.
-        before, now: the input at both ends of the step.
         dt: its length in s; at zero nothing moves.
-        threshold: distance from the input within which an output rests.
         tau_s: time constant in s, positive.
-
-    Returns:
-        The outputs at the end of the step.
     """
     safe_dt = jnp.where(dt > 0, dt, 1.0)
     slope = (now - before) / safe_dt

@@ -27,10 +27,6 @@ def lattice_step(values: np.ndarray) -> float:
 
     On a lattice all differences between readings are multiples of one step, which is the least of
     them; numbers closer than a millionth of a millionth of the range are one reading.
-
-    Example:
-        >>> lattice_step(np.round(np.sin(np.arange(1000.0)) / 0.25) * 0.25)
-        0.25
     """
     distinct = np.unique(values)
     if len(distinct) < 2:

@@ -79,12 +79,7 @@ class Parameter:
 
 
 def log_grid(low: float, high: float, per_decade: float) -> tuple[float, ...]:
-    """Values from `low` to `high`, evenly spaced on a logarithmic scale.
-
-    Example:
-        >>> [round(v, 3) for v in log_grid(0.1, 10.0, per_decade=1)]
-        [0.1, 1.0, 10.0]
-    """
+    """Values from `low` to `high`, evenly spaced on a logarithmic scale."""
     count = max(2, round(per_decade * math.log10(high / low)) + 1)
     ratio = (high / low) ** (1 / (count - 1))
     return tuple(low * ratio**i for i in range(count))

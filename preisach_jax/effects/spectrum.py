@@ -36,20 +36,8 @@ def strongest_lines(
         position: (sample,) times or places x, in any order.
         signal: (sample,) values r.
         low, high: range of frequencies, per unit of position; `low` is a few over the span.
-        pitch: raster on which the samples are put for the Fourier transform, shorter than
-            0.3 / high; even samples should lie on it.
-        count: how many lines at most.
         white: whether the level is alike at all frequencies; a line that crowded samples spread
             stands out of that, but not of its own skirts.
-
-    Returns:
-        The frequencies, most prominent first; only of lines that noise would hardly make.
-
-    Example:
-        >>> x = np.sort(np.random.default_rng(0).uniform(0.0, 20.0, 500))
-        >>> found = strongest_lines(x, np.sin(2 * np.pi * 3.217 * x), 1.0, 9.0, 0.02, count=1)
-        >>> [round(f, 3) for f in found]
-        [3.217]
     """
     position = position - position.min()
     span = float(position.max())

@@ -19,7 +19,6 @@ class SpeedWidening(HysteresisEffect):
 
     Arguments:
         reference_per_s: greatest speed of the record, in input units per s.
-        range_u: range of the input; it bounds the widening.
         with_reversible: whether the reversible part lags as well, as if it had thresholds.
         with_corners: whether the input has corners, so that it turns at full speed, and the speed
             at a sample is that of the interval before it. Else the input is smooth, rests where it

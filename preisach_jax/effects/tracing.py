@@ -14,14 +14,7 @@ from preisach_jax.errors import EffectError
 
 @contextmanager
 def told_as_its_own(effect: Any) -> Generator[None]:
-    """Turn JAX's errors of a value that is traced into one line that names the place.
-
-    Arguments:
-        effect: the effect whose code is traced.
-
-    Raises:
-        EffectError: if its code branches on a traced value, or makes a number of one.
-    """
+    """Turn JAX's errors of a value that is traced into one line that names the place."""
     try:
         yield
     except JAXTypeError as error:

@@ -72,14 +72,6 @@ def sums_below(weights: np.ndarray, levels: int) -> np.ndarray:
 
     Arguments:
         weights: (cells,) weights, in the order of the plane.
-        levels: levels of the plane.
-
-    Returns:
-        ((levels + 1)(levels + 2)/2,) sums over the first i rows and j ≤ i columns, i outer.
-
-    Example:
-        >>> sums_below(np.array([1.0, 2.0, 4.0]), 2).tolist()
-        [0.0, 0.0, 1.0, 0.0, 3.0, 7.0]
     """
     plane = np.zeros((levels + 1, levels + 1))
     rows, columns = np.tril_indices(levels)
@@ -173,14 +165,7 @@ def _with_column(model: Description, part: Part) -> dict[str, Any]:
 
 
 def sources(model: Description) -> dict[str, str]:
-    """Header and source of a model, by file name.
-
-    Arguments:
-        model: the description of the model in discrete time.
-
-    Returns:
-        Texts of `preisach_model.h` and `preisach_model.c`.
-    """
+    """Header and source of a model, by file name."""
     made, content = environment(), view(model)
     names = ("preisach_model.h", "preisach_model.c")
     return {name: made.get_template(f"{name}.j2").render(content) for name in names}
@@ -195,16 +180,7 @@ def files(
     """All files of the C export, by name.
 
     Arguments:
-        model: the model.
         rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
-        without: names of effects that are left out.
-        tested: says of header, source, self test and Makefile what came of the self test.
-
-    Returns:
-        Header, source, self test, Makefile and README.
-
-    Raises:
-        InputError: if the model cannot be written in C; the message names what stands against it.
     """
     described = describe(model, rate_hz, without)
     content = view(described)

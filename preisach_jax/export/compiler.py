@@ -44,17 +44,7 @@ def compiled(texts: Mapping[str, str], options: Sequence[str], folder: str) -> P
 
 
 def run_self_test(texts: Mapping[str, str]) -> str:
-    """Build and run the self test of generated C in both precisions.
-
-    Arguments:
-        texts: the files of the export, by name.
-
-    Returns:
-        What came of it, for the reader of the code.
-
-    Raises:
-        RuntimeError: the self test fails, which is a fault of this package.
-    """
+    """Build and run the self test of generated C in both precisions."""
     if compiler() is None:
         return "was not run, since there was no C compiler where the code was written"
     for option in ("-DPREISACH_DOUBLE", "-DPREISACH_FLOAT"):

@@ -27,25 +27,7 @@ def to_control(
     first sample: from them the output is that of `Model.predict` for a record that continues none.
 
     Arguments:
-        model: the model.
         rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
-        without: names of effects that are left out.
-        name: name of the system; by default that of the record.
-
-    Returns:
-        The system; its `dt` is the sample interval.
-
-    Raises:
-        InputError: if python-control is not installed, an effect has no law sample by sample, or
-            the rate is not positive.
-
-    Example:
-        >>> import numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
-        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
-        >>> model.to_control().dt  # doctest: +SKIP
-        0.01
     """
     try:
         import control

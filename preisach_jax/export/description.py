@@ -112,16 +112,7 @@ def describe(
     """Describe a model in discrete time.
 
     Arguments:
-        model: the model.
         rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
-        without: names of effects that are left out.
-
-    Returns:
-        The description; its parts begin as `Model.predict` begins a record that continues none.
-
-    Raises:
-        InputError: if the rate is not positive, an effect to leave out is not in the model, an
-            effect is not one of the built-in library, or the hysteresis is inside mechanics.
     """
     check_not_inside(model.chain, model.origin.record, "code sample by sample")
     model = without_effects(model, without)

@@ -81,16 +81,7 @@ def fmu_archive(model: Model, rate_hz: float | None = None, without: Sequence[st
     """The content of an FMU: description, sources and this platform's binary.
 
     Arguments:
-        model: the model.
         rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
-        without: names of effects that are left out.
-
-    Returns:
-        The zip archive.
-
-    Raises:
-        InputError: if the model cannot be written in C, two of its columns have one name, or there
-            is no C compiler.
     """
     described = describe(model, rate_hz, without)
     texts = _texts(described, model.columns["time"])

@@ -45,15 +45,7 @@ def course(model: Description) -> np.ndarray:
 
 
 def self_test(model: Model, described: Description) -> dict[str, Any]:
-    """Input, auxiliary columns and expected output of the self test, with the tolerances.
-
-    Arguments:
-        model: the model.
-        described: the same in discrete time.
-
-    Returns:
-        What the template of the self test is filled with.
-    """
+    """Input, auxiliary columns and expected output of the self test, with the tolerances."""
     drive = course(described)
     count = len(drive)
     swing = np.sin(np.arange(count) / 29)

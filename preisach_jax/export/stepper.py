@@ -24,14 +24,7 @@ _MAP_ROUNDS = 60
 
 
 def start(model: Description) -> State:
-    """State before the first sample, whose past is not known.
-
-    Arguments:
-        model: the model in discrete time.
-
-    Returns:
-        Arrays by name; `started` is the number of samples so far, at most 2.
-    """
+    """State before the first sample, whose past is not known."""
     cells = len(model.weights)
     state = {"started": np.zeros(1), "samples": np.zeros(1), "low": np.zeros(cells)}
     state |= {"high": np.ones(cells), "seen": np.zeros(3), "path": np.zeros(2)}
@@ -68,8 +61,6 @@ def advance(model: Description, state: State, inputs: np.ndarray) -> tuple[State
     """Take in one sample.
 
     Arguments:
-        model: the model in discrete time.
-        state: what the samples before have left; it is not changed.
         inputs: (1 + auxiliary columns,) input and auxiliary columns.
 
     Returns:

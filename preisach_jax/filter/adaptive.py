@@ -250,11 +250,7 @@ class AdaptiveFilter(eqx.Module):
             reference_states=jnp.where(renew, states, state.reference_states),
             reference_output=jnp.where(renew, z, state.reference_output),
         )
-        info = FilterInfo(
-            output=output,
-            error=error,
-            switched=jnp.where(learns, squared, 0.0),
-        )
+        info = FilterInfo(output=output, error=error, switched=jnp.where(learns, squared, 0.0))
         return following, info
 
     def _learnt(

@@ -21,32 +21,14 @@ MOST_SAMPLES = 2**31 - 1
 
 
 def checked_adapt(adapt: Any) -> bool:
-    """Refuse a switch between learning and not learning that is neither true nor false.
-
-    Arguments:
-        adapt: the switch.
-
-    Returns:
-        It.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Refuse a switch between learning and not learning that is neither true nor false."""
     if not isinstance(adapt, bool | np.bool_):
         raise InputError(f"adapt is {adapt!r}: give True or False")
     return bool(cast(bool, adapt))
 
 
 def require_one_number(name: str, value: ArrayLike) -> None:
-    """Refuse a setting that is not one real number; a traced one may be.
-
-    Arguments:
-        name: its name.
-        value: () the setting.
-
-    Raises:
-        InputError: it has a shape, or is no number.
-    """
+    """Refuse a setting that is not one real number; a traced one may be."""
     _require_numbers(name, value, "give one number")
     if np.shape(value) != ():
         raise InputError(f"{name} has the shape {np.shape(value)}: give one number")
@@ -67,16 +49,7 @@ def require_between(
 
 
 def require_state(plane: Plane, state: Any, kind: type[Any]) -> None:
-    """Refuse a state from which a run on a plane cannot be continued.
-
-    Arguments:
-        plane: the Preisach plane.
-        state: the state.
-        kind: what it must be: `FilterState` for the adaptive filter.
-
-    Raises:
-        InputError: it is something else, or the state of another plane.
-    """
+    """Refuse a state from which a run on a plane cannot be continued."""
     if not isinstance(state, kind):
         raise InputError(f"the state is {type(state).__name__}: give a {kind.__name__}")
     shape = state.weights.shape
@@ -90,13 +63,7 @@ def check_start(plane: Plane, hysteron: str, initial_weight: ArrayLike) -> None:
     """Refuse what no recursion for the weights can start from.
 
     Arguments:
-        plane: the Preisach plane.
-        hysteron: "relay" or "ramp".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
-
-    Raises:
-        InputError: there is no plane, the kind of hysteron is unknown, or the weights are no finite
-            numbers or have a wrong shape.
     """
     require_plane(plane)
     require_hysteron(hysteron)
@@ -127,19 +94,13 @@ def start_at(
     """Bring weights and hysterons to the first sample of a record.
 
     Arguments:
-        plane: the Preisach plane.
-        hysteron: "relay" or "ramp".
         initial_weight: () or (cells,) weights to start from, in the unit of the output.
         x0: () input, in the unit of the plane.
         z0: () measured output, in its unit; NaN if it is missing.
         initial_memory: (cells,) states before the first sample, or the name of an initial memory.
-        dtype: floating type to compute in; None is that of the sample.
 
     Returns:
         `(weights, states, x, z)`: (cells,) twice and () twice, of one floating type.
-
-    Raises:
-        InputError: `x0` is not a number on the plane, `z0` is infinite, or the memory is unknown.
     """
     path, output = input_and_output(plane, jnp.reshape(as_float(x0, "x0"), -1), z0)
     if dtype is not None:
@@ -157,16 +118,11 @@ def input_and_output(
     """Check an input and the measured output of it.
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit; NaN where it is missing.
 
     Returns:
         `(x, z)`, (time,) each, of one floating type.
-
-    Raises:
-        InputError: lengths or types are wrong, an input leaves the plane or is not finite, or an
-            output is infinite.
     """
     require_plane(plane)
     if np.size(x) > MOST_SAMPLES:

@@ -269,10 +269,7 @@ def _begin(
     corner = (variance * jnp.sum(y * y) + 1.0).reshape(1, 1)
     covariance = jnp.block([[variance * jnp.eye(cells), shared], [shared.T, corner]])
     return dataclasses.replace(
-        state,
-        offset=z - jnp.sum(state.weights * y),
-        covariance=covariance,
-        reference_states=y,
+        state, offset=z - jnp.sum(state.weights * y), covariance=covariance, reference_states=y
     )
 
 
@@ -337,9 +334,7 @@ def _run(
     def at_event(carry: tuple[LeastSquaresState, _Walk]) -> jax.Array:
         return carry[1].is_event
 
-    def take_event(
-        carry: tuple[LeastSquaresState, _Walk],
-    ) -> tuple[LeastSquaresState, _Walk]:
+    def take_event(carry: tuple[LeastSquaresState, _Walk]) -> tuple[LeastSquaresState, _Walk]:
         state, walk = carry
         state = dataclasses.replace(state, states=walk.states, input=walk.input)
         state = _update(filt, state, z[walk.sample - 1])

@@ -64,7 +64,6 @@ def visits_of(until: Any, learnt: Any, room: int | None) -> Visits:
     Arguments:
         until: (time,) how many blocks are read by the end of each sample.
         learnt: (time,) how many of them have been learnt from by then.
-        room: for so many visits; needed if they are traced.
     """
     xp: Any = np if room is None else jnp
     none = xp.zeros(1, until.dtype)
@@ -160,9 +159,7 @@ def levels_along(plane: Plane, x: ArrayLike, before: ArrayLike) -> Any:
     from which it passes it again, which switches nothing that has switched.
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
-        before: () input before the first sample.
     """
     known = not any(isinstance(each, Tracer) for each in (x, before, plane.thresholds))
     xp: Any = np if known else jnp
@@ -198,15 +195,11 @@ def run_over_blocks(
     """Run relays over the blocks of cells that the input switches, eq. (7), (8), (11), (12).
 
     Arguments:
-        filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit; NaN where it is missing.
         known: (time,) the input as it was given, if it is known: inside a compiled function all
             that JAX has touched is traced.
-        state: the state after an earlier part of the record, if there was one.
-        passes: how often the record is taken in.
         adapt: whether to learn.
-        room: what there is room for where the input is traced; without it, one a sample.
         missing: whether outputs may be missing, if it is known beforehand.
     """
     before = state.input if state is not None else known[0] if known is not None else x[0]
@@ -326,11 +319,7 @@ class _Recursion:
     """The recursion over visits, for one output.
 
     Arguments:
-        filt: the filter.
         z: (time,) measured output.
-        blocks: that the input switches.
-        visits: the order in which they are visited if no output is missing.
-        start: the state before the first sample.
         adapt: whether to learn.
         gaps: whether outputs may be missing.
         goes_on: whether the start may lie behind its reference.

@@ -39,25 +39,14 @@ class Steps(Protocol):
 
 @partial(jax.jit, static_argnames=("passes", "adapt"))
 def run_over_samples(
-    filt: Steps,
-    x: jax.Array,
-    z: jax.Array,
-    state: FilterState | None,
-    passes: int,
-    adapt: bool,
+    filt: Steps, x: jax.Array, z: jax.Array, state: FilterState | None, passes: int, adapt: bool
 ) -> FilterResult:
     """Run sample by sample, in a scan of the filter's step.
 
     Arguments:
-        filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit; NaN where it is missing.
-        state: the state after an earlier part of the record, if there was one.
-        passes: how often the record is taken in.
         adapt: whether to learn.
-
-    Returns:
-        The weights after the last sample, the rows of each sample and the final state.
     """
     start = filt.init(x[0], z[0]) if state is None else state
 
@@ -84,25 +73,14 @@ def _rule(filt: Steps, dtype: DTypeLike, adapt: bool) -> UpdateRule:
 
 @partial(jax.jit, static_argnames=("passes", "adapt"))
 def run_over_moves(
-    filt: Steps,
-    x: jax.Array,
-    z: jax.Array,
-    moves: RampMoves,
-    passes: int,
-    adapt: bool,
+    filt: Steps, x: jax.Array, z: jax.Array, moves: RampMoves, passes: int, adapt: bool
 ) -> FilterResult:
     """Run ramps over the lines of the plane that each sample moves, O(N) a sample.
 
     Arguments:
-        filt: the filter.
         x: (time,) input, in the unit of the plane.
         z: (time,) measured output, in its unit.
-        moves: of the ramps along the input.
-        passes: how often the record is taken in.
         adapt: whether to learn.
-
-    Returns:
-        The weights after the last sample, the rows of each sample and the final state.
     """
     start = filt.init(x[0], z[0])
     rule = _rule(filt, z.dtype, adapt)

@@ -1,12 +1,7 @@
 """Fit a model of chosen effects to a record."""
 
 from preisach_jax.fit.chosen import fit
-from preisach_jax.fit.finish import (
-    FINAL_ROWS,
-    finished,
-    on_all_rows,
-    with_regressors,
-)
+from preisach_jax.fit.finish import FINAL_ROWS, finished, on_all_rows, with_regressors
 from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.fit.result import Added, Fit
 from preisach_jax.fit.running import Progress, double_precision, in_silence

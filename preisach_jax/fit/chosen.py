@@ -29,9 +29,7 @@ from preisach_jax.fit.steps import feeds_back, held_out_rms, on_a_coarser_plane,
 from preisach_jax.fit.training import Schedule, in_double, trained
 from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.record import Record
-from preisach_jax.record.joined import (
-    as_one,
-)
+from preisach_jax.record.joined import as_one
 
 if TYPE_CHECKING:
     from optax import GradientTransformation

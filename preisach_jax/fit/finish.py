@@ -8,15 +8,7 @@ import scipy
 from preisach_jax.chain.runs import of_last_run, response, signals_of
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.steps import SIGNS_TOLERANCE, moved_to, with_signs
-from preisach_jax.identify import (
-    ALL,
-    VALIDATION,
-    Point,
-    Problem,
-    evaluate,
-    stepped,
-    with_all_rows,
-)
+from preisach_jax.identify import ALL, VALIDATION, Point, Problem, evaluate, stepped, with_all_rows
 from preisach_jax.identify.between import with_arcs
 from preisach_jax.identify.confidence import (
     Influences,
@@ -28,9 +20,7 @@ from preisach_jax.identify.confidence import (
 from preisach_jax.model import Model, Origin
 from preisach_jax.model.band import Band, Course
 from preisach_jax.record import Record
-from preisach_jax.record.joined import (
-    last_fitted,
-)
+from preisach_jax.record.joined import last_fitted
 
 BAND_ROWS = 12_000
 """Rows, at least, that calibrate the band of a longer record: neighbours tell the same."""
@@ -40,25 +30,13 @@ FINAL_ROWS = 60_000
 
 
 def on_all_rows(record: Record, problem: Problem, point: Point) -> Fit:
-    """The fit of a point that was found on a thinned record.
-
-    Arguments:
-        record: the record.
-        problem: the record as it was cut for the search.
-        point: the model.
-    """
+    """The fit of a point that was found on a thinned record."""
     whole = Problem.of(record, FINAL_ROWS)
     return finished(whole, moved_to(whole.reduced(problem), point), record)
 
 
 def finished(problem: Problem, point: Point, record: Record) -> Fit:
-    """The fit of a point: the model identified on all rows, the prediction without those held out.
-
-    Arguments:
-        problem: the record as it was cut for the final fit, with all hysterons.
-        point: the refined point, in a reduced basis or not.
-        record: the record with all its samples.
-    """
+    """The fit of a point: the model of all rows, the prediction without those held out."""
     point = with_signs(problem, point)
     held_back = whole = stepped(problem, point, SIGNS_TOLERANCE)
     if len(problem.identified) == len(ALL):
@@ -124,12 +102,7 @@ def _noise_rms(missed: np.ndarray, breaks: tuple[int, ...]) -> float:
 
 
 def with_regressors(problem: Problem, fit: Fit) -> Point:
-    """The point of a fit with its regressors, which are computed again where they were let go.
-
-    Arguments:
-        problem: the record as it was cut for the fit.
-        fit: the fit.
-    """
+    """The point of a fit with its regressors, which are computed again where they were let go."""
     point = fit.point
     if len(point.matrix):
         return point

@@ -44,12 +44,7 @@ def leaves_of(effects: tuple[Effect, ...]) -> Leaves:
 
 
 def with_leaves(effects: tuple[Effect, ...], leaves: Leaves) -> tuple[Effect, ...]:
-    """Some effects with other arrays.
-
-    Arguments:
-        effects: the effects.
-        leaves: their arrays, by effect; those of other effects stay.
-    """
+    """Some effects with other arrays."""
     return tuple(
         eqx.combine(leaves[effect.name], effect) if effect.name in leaves else effect
         for effect in effects
@@ -57,12 +52,7 @@ def with_leaves(effects: tuple[Effect, ...], leaves: Leaves) -> tuple[Effect, ..
 
 
 def names_of(leaves: Leaves) -> list[str]:
-    """What each array is called in messages: its effect, and its place in the effect.
-
-    Example:
-        >>> names_of({"mine": jax.numpy.ones(2)})
-        ["'mine'"]
-    """
+    """What each array is called in messages: its effect, and its place in the effect."""
     found: list[str] = []
     for effect, own in leaves.items():
         for path, _ in cast(list[tuple[Any, Any]], jax.tree_util.tree_leaves_with_path(own)):
@@ -99,13 +89,7 @@ class Course(eqx.Module):
 
     @staticmethod
     def of(problem: Problem, point: Point, changing: tuple[str, ...]) -> Course:
-        """The course from a point on, by the rows that identify it.
-
-        Arguments:
-            problem: the record.
-            point: the model, solved for its coefficients.
-            changing: names of the effects whose arrays are trained.
-        """
+        """The course from a point on, by the rows that identify it."""
         chain, coefficients, signals = point.chain, point.coefficients(), problem.signals
         runs: list[Run] = []
         for position, part in enumerate(parts_of(signals)):
@@ -140,7 +124,6 @@ class Course(eqx.Module):
         """(row,) residual that the coefficients leave which are best for these arrays.
 
         Arguments:
-            leaves: the arrays.
             before: (row,) output with the arrays of the last solution.
         """
         change = self.output(leaves) - before
@@ -180,18 +163,7 @@ def steps_taken(
     optimiser: GradientTransformationExtraArgs,
     count: int,
 ) -> Steps:
-    """Take some steps of an optimiser, compiled as one loop.
-
-    Arguments:
-        course: what stays.
-        leaves: the arrays from which the steps start.
-        state: that of the optimiser.
-        optimiser: takes a gradient to a step.
-        count: how many steps.
-
-    Returns:
-        What they lead to.
-    """
+    """Take some steps of an optimiser, compiled as one loop."""
     before = course.output(leaves)
 
     def mean_square(now: Leaves) -> Array:
@@ -220,10 +192,6 @@ def shared(
     """The first optimiser that computed what this one does, for which steps are compiled already.
 
     Optimisers are closures, which are new each time one is made; what they compute is compared.
-
-    Arguments:
-        optimiser: the optimiser.
-        leaves: the arrays that it is to train.
     """
     value = jnp.zeros(())
 

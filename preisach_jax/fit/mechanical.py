@@ -18,13 +18,7 @@ from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Progress
 from preisach_jax.identify import Point, Problem
 from preisach_jax.mechanics.body import LEAST_SAMPLES
-from preisach_jax.mechanics.forms import (
-    BoucWenForm,
-    Form,
-    OperatorForm,
-    common_numbers,
-    simulated,
-)
+from preisach_jax.mechanics.forms import BoucWenForm, Form, OperatorForm, common_numbers, simulated
 from preisach_jax.mechanics.initial import Guess, first_guess
 from preisach_jax.mechanics.motion import Force, substeps_of
 from preisach_jax.mechanics.refinement import Refined, refined
@@ -175,15 +169,7 @@ def fit_inside(
     parameters, from the error of the simulated motion (`mechanics.refinement`).
 
     Arguments:
-        record: the record, a single one.
-        effect: the effect; one without a law takes that which predicts better.
-        point: the rate-independent model of the record.
-        levels: levels of the plane of displacements.
-        progress: called with a text and a share done.
         to_beat: RMS error, in output units, below which a law must come on the first periods.
-
-    Raises:
-        InputError: if no mass on a spring moves like the record at all, or comes below `to_beat`.
     """
     seen = _as_motion(record)
     laws = (effect.law,) if effect.law else (BOUC_WEN, PREISACH)

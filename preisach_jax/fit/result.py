@@ -10,17 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from preisach_jax.fit.training import Training
-from preisach_jax.identify import (
-    Point,
-)
+from preisach_jax.identify import Point
 from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Prediction
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
-from preisach_jax.record.joined import (
-    RunErrors,
-    errors_by_run,
-)
+from preisach_jax.record.joined import RunErrors, errors_by_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

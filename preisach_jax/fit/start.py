@@ -12,21 +12,12 @@ from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.errors import InputError, shown
 from preisach_jax.fit.result import Fit
 from preisach_jax.fit.running import Found
-from preisach_jax.identify import (
-    ALL,
-    Point,
-    Problem,
-    evaluate,
-    with_strength,
-)
+from preisach_jax.identify import ALL, Point, Problem, evaluate, with_strength
 from preisach_jax.identify.reduction import FIRST_STRENGTH
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.faults import Fault, faults
-from preisach_jax.record.joined import (
-    by_run,
-    parts_of,
-)
+from preisach_jax.record.joined import by_run, parts_of
 from preisach_jax.record.jumps import jumps, wander_rms
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes
 
@@ -111,10 +102,6 @@ def base_point(problem: Problem, levels: int) -> Point:
 def begun(record: Record, levels: int) -> tuple[Record, Problem, Point]:
     """The rate-independent model of a record, freed of spikes, faults and jumps of its sensors.
 
-    Arguments:
-        record: the record.
-        levels: levels N of the plane.
-
     Returns:
         The mended record, as it was cut for a search, and the model.
     """
@@ -135,12 +122,7 @@ def mended(record: Record, modelled: np.ndarray) -> Record:
     """The record without the samples that stand out alone, or if none do, without jumps.
 
     Arguments:
-        record: the record.
         modelled: (time,) what a model makes of it, in output units.
-
-    Returns:
-        The record itself, if there is neither, or nothing but a jump that is taken back already and
-        whose height is known about as well.
     """
     left = _mended(record, modelled)
     known = left.spikes.keys() == record.spikes.keys() and left.jumps.keys() == record.jumps.keys()
@@ -185,11 +167,6 @@ def freed_of_blemishes(
     """What is found in a record, again as long as what its fit leaves shows spikes or jumps.
 
     What the plain model misses hides those that one with effects shows.
-
-    Arguments:
-        record: the record.
-        work: finds something in a record.
-        fit_of: the fit in what was found.
     """
     found = work(record)
     for _ in range(MOST_ROUNDS):

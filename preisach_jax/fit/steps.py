@@ -11,14 +11,7 @@ import numpy as np
 from preisach_jax.chain.runs import response
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import Effect, HysteresisEffect
-from preisach_jax.identify import (
-    VALIDATION,
-    Point,
-    Problem,
-    evaluate,
-    refine,
-    with_strength,
-)
+from preisach_jax.identify import VALIDATION, Point, Problem, evaluate, refine, with_strength
 from preisach_jax.identify.signature import Projection, Prospect, prospects
 
 MOST_STARTS = 2
@@ -104,13 +97,7 @@ def with_effect(
     refined.
 
     Arguments:
-        problem: the record.
-        point: the model.
-        effect: the effect.
         always: whether to refine all its forms whatever they promise.
-        known: the `prospects` of its forms, if they are known.
-        best: held-out mean square of another model; one that stays far behind it (`BEHIND`) is not
-            refined to its end.
     """
     promised = known
     if not promised:
@@ -204,12 +191,7 @@ def moved_to(problem: Problem, point: Point) -> Point:
 
 
 def with_signs(problem: Problem, point: Point) -> Point:
-    """A point of a reduced basis with all hysterons, whose weights have one sign.
-
-    Arguments:
-        problem: the record, with all hysterons.
-        point: the refined point; returned as it is if it has all hysterons and rows.
-    """
+    """A point of a reduced basis with all hysterons, whose weights have one sign."""
     if point.columns.vectors is None and len(point.matrix) == len(problem.target):
         return point
     there = evaluate(problem, point.chain, point.values, point.strength, point)

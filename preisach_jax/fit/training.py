@@ -73,15 +73,7 @@ class Schedule:
 
     @staticmethod
     def of(optimiser: GradientTransformation, steps: int | None) -> Schedule:
-        """A schedule from what a user gave.
-
-        Arguments:
-            optimiser: of optax.
-            steps: steps at most; by default 2000.
-
-        Raises:
-            InputError: if the optimiser is none, or steps is no whole number of at least 1.
-        """
+        """A schedule from what a user gave."""
         import optax
 
         if not isinstance(optimiser, optax.GradientTransformation):
@@ -94,14 +86,7 @@ class Schedule:
 
 
 def in_double(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
-    """Some effects whose arrays are in double precision, if any of them has arrays to train.
-
-    Arguments:
-        effects: the effects.
-
-    Raises:
-        InputError: if none of them holds an array that can be trained.
-    """
+    """Some effects whose arrays are in double precision, if any of them has arrays to train."""
     from preisach_jax.fit.gradient import leaves_of
 
     if not leaves_of(effects):
@@ -141,20 +126,9 @@ def trained(
 ) -> tuple[Point, Training]:
     """The model whose effects have trained arrays, its other numbers refitted with them.
 
-    Arguments:
-        problem: the record.
-        point: the model, with the arrays from which the training starts.
-        names: names of the effects whose arrays are trained.
-        schedule: the optimiser and its steps.
-        progress: called with a text and the share of the work that is done.
-
     Returns:
         The model, solved on all rows that identify, and how it was trained.  Where the training
         fails after it has found a better model than that of the start, it is that model.
-
-    Raises:
-        InputError: if a gradient is not finite, or the training diverges, before anything better
-            than the start was found.
     """
     from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken
 

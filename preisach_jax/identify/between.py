@@ -37,15 +37,6 @@ def with_arcs(
 
     A record does not tell how its input went between two samples.  What a model's output changes by
     arcs in place of straight lines (`change_by_arcs`) moves its columns as noise does.
-
-    Arguments:
-        found: the `estimates` of a model.
-        problem: the record.
-        point: the model.
-        by: its `influences`, with all parameters.
-
-    Returns:
-        The estimates; intervals never leave the parameters' bounds.
     """
     wider = {effect: dict(own) for effect, own in found.items()}
     if not any(wider.values()):
@@ -89,10 +80,6 @@ def change_by_arcs(problem: Problem, point: Point) -> np.ndarray:
     neighbours.  What goes straight from sample to sample inside a model, as that does which a lag
     passes on to a mode, goes straight for half the time there.
 
-    Arguments:
-        problem: the record.
-        point: the model.
-
     Returns:
         (row,) change, in output ranges; zero along a record that was thinned.
     """
@@ -118,9 +105,6 @@ def on_arcs(signals: Signals) -> Signals:
 
     with the second differences a, and no arc where their signs differ: corners stay corners (G. D.
     van Albada, B. van Leer, W. W. Roberts, Astron. Astrophys. 108 (1982) 76-84).
-
-    Arguments:
-        signals: the signals of one run.
     """
     time, x = np.asarray(signals.time), np.asarray(signals.input)
     step = np.diff(time)

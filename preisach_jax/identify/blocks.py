@@ -89,11 +89,6 @@ def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
 
     Arguments:
         values: (time,) the input.
-        limit: number of stretches.
-
-    Returns:
-        Indices of the samples kept, ascending; about `limit`, in sixteenths of it: so that other
-        records run the same compiled code.
     """
     count = len(values)
     bend = np.zeros(count)

@@ -65,14 +65,6 @@ def estimates(
     \(s_b = \sum_{k \in b} a_k e_k\) carry whatever correlation the residuals have inside a block
     (H. White, Asymptotic Theory for Econometricians, 2nd ed., Academic Press 2001, ch. 6).  It is
     computed over blocks and over stretches of four of them, and the greater variance is taken.
-
-    Arguments:
-        problem: the record.
-        point: a refined point.
-        known: its `influences`, if they are known.
-
-    Returns:
-        Estimates by effect and parameter name; intervals never leave the parameters' bounds.
     """
     parameters = point.parameters
     if not parameters and not point.chain.coefficients:
@@ -111,14 +103,6 @@ def with_model_error(
     \(l \sqrt{s^2 + b^2}\), with l (`OF_THE_LAW`) for what the law of an effect leaves.
 
     Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
-
-    Arguments:
-        found: the `estimates` of a model.
-        point: the model.
-        other: the same model on a finer or a coarser plane; itself where there is none.
-
-    Returns:
-        The estimates; intervals never leave the parameters' bounds.
     """
     wider = {effect: dict(own) for effect, own in found.items()}
     share = share_off(point, other)
@@ -153,13 +137,7 @@ def _further(parameter: Parameter, value: float, end: float, moved: float, side:
 def influences(
     problem: Problem, point: Point, parameters: list[tuple[str, Parameter]]
 ) -> Influences:
-    """What each block, and each stretch of four, moves of every column.
-
-    Arguments:
-        problem: the record.
-        point: a refined point.
-        parameters: the nonlinear parameters that are not held, with their effects.
-    """
+    """What each block, and each stretch of four, moves of every column."""
     linear = linearise(problem, point, parameters)
     gram, _ = linear.equations.system(point.folds, point.strength)
     free = ~point.equations.nonnegative | (point.solution > 0)
@@ -199,10 +177,6 @@ def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
     those of the greatest variances, of which hardly any row tells and which the smoothness prior
     decides.
 
-    Arguments:
-        point: the refined point, with all hysterons.
-        found: its `influences`, with all parameters.
-
     Returns:
         (move, column) changes of all columns, tangents last, and how many are of stretches.
     """
@@ -226,11 +200,7 @@ def other_models(
     """The models that `moves_of` a point lead to, along the last run of the record.
 
     Arguments:
-        problem: the record.
-        point: the refined point, with all hysterons.
-        found: its `influences`, with all parameters.
         moves: (move, column) changes of all columns.
-        of_blocks: how many of them are of stretches of the record.
     """
     size = len(point.solution)
 
@@ -293,14 +263,6 @@ def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certain
     share one tail are each uncertain, and together are not.  Amounts at their bound of zero are
     held there.  Effects without an amount, such as a lag, are there as soon as they are in the
     model.
-
-    Arguments:
-        problem: the record.
-        point: a refined point.
-        effect: the effect's name.
-
-    Returns:
-        Both answers; the second is the bolder one, as amounts at zero are left out after a look.
     """
     own = [p for name, p in point.parameters if name == effect]
     amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]

@@ -7,21 +7,10 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    Columns,
-    sensed,
-)
-from preisach_jax.effects.base import (
-    Effect,
-    Parameter,
-    SensorEffect,
-)
+from preisach_jax.chain import Chain, Coefficients, Columns, sensed
+from preisach_jax.effects.base import Effect, Parameter, SensorEffect
 from preisach_jax.identify.blocks import VALIDATION
-from preisach_jax.identify.regression import (
-    NormalEquations,
-)
+from preisach_jax.identify.regression import NormalEquations
 
 GRID_ORDER = 1.0
 """Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
@@ -126,14 +115,5 @@ def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
 
 
 def share_off(point: Point, other: Point, order: float = GRID_ORDER) -> float:
-    r"""Share of the grid's error that another plane takes off, \(1 - (N / N')^p\).
-
-    Arguments:
-        point: a model.
-        other: the same model on a plane of N' levels in place of N.
-        order: power p of the cell with which the error falls.
-
-    Returns:
-        The share; negative if the other plane is coarser.
-    """
+    r"""Share of the grid's error that another plane takes off, \(1 - (N / N')^p\)."""
     return 1 - (point.chain.plane.levels / other.chain.plane.levels) ** order

@@ -7,12 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.chain import (
-    Chain,
-    Columns,
-    EffectValues,
-    HysteresisColumns,
-)
+from preisach_jax.chain import Chain, Columns, EffectValues, HysteresisColumns
 from preisach_jax.chain.runs import (
     hysteresis_columns,
     hysteresis_output,
@@ -21,22 +16,12 @@ from preisach_jax.chain.runs import (
     thinned,
 )
 from preisach_jax.effects import BUILT_IN
-from preisach_jax.effects.base import (
-    Effect,
-    HysteresisEffect,
-    InputEffect,
-    Signals,
-    Survey,
-)
+from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect, Signals, Survey
 from preisach_jax.effects.lawful import require_law_of_place
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION, VALIDATION, blocks_of, rows_kept
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.reduction import Basis, reduced_basis
-from preisach_jax.identify.regression import (
-    NormalEquations,
-    normal_equations,
-    penalties,
-)
+from preisach_jax.identify.regression import NormalEquations, normal_equations, penalties
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.joined import without_rows
@@ -82,24 +67,14 @@ class Problem:
     cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
 
     def reduced(self, like: Problem | None = None) -> Problem:
-        """The same record, whose models of many cells are solved for in a reduced basis.
-
-        Arguments:
-            like: another cut of the record, whose bases serve for this one too.
-        """
+        """The same record, whose models of many cells are solved for in a reduced basis."""
         known = {} if like is None else like.cache
         kept = {slot: own for slot, own in known.items() if slot[0] in ("basis", "lawful")}
         return replace(self, reduces=True, cache=kept)
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
-        """Cut a record into blocks of equal numbers of samples, of measured ones if many lack.
-
-        Arguments:
-            record: the record.
-            limit: number of samples to which a much longer record is thinned (see
-                `thinned_rows`).
-        """
+        """Cut a record into blocks of equal numbers of samples, of measured ones if many lack."""
         record.check_identifiable()
         survey = Survey(record.duration_s, record.step_s)
         signals = signals_of(record)
@@ -126,12 +101,7 @@ class Problem:
         return tuple(np.searchsorted(np.sort(self.rows), self.record.starts).tolist())
 
     def survey_of(self, point: Point, effect: Effect | None = None) -> Survey:
-        """What an effect may know of the record, and of what a model without it leaves.
-
-        Arguments:
-            point: the model.
-            effect: the effect; one that differs from run to run sees the longest alone.
-        """
+        """What an effect may know of the record, and of what a model without it leaves."""
         order, starts = self.in_time, self.breaks
         if effect is not None and effect.of_time_alone and self.record.runs:
             run = max(self.record.runs, key=lambda run: (not run.held_out, run.stop - run.start))
@@ -149,11 +119,7 @@ class Problem:
         )
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
-        """Forms of an effect to try beside a point; they may cost a spectrum.
-
-        Raises:
-            EffectError: if one's own effect breaks the law of its place.
-        """
+        """Forms of an effect to try beside a point; they may cost a spectrum."""
         survey = self.survey_of(point, effect)
         forms = effect.variants(survey)
         slot = ("lawful", effect.name)
@@ -197,13 +163,7 @@ class Problem:
     def hysteresis(
         self, chain: Chain, values: EffectValues, like: Point | None = None
     ) -> HysteresisColumns:
-        """Columns of the operator; those along the recorded input are kept.
-
-        Arguments:
-            chain: what is in the model.
-            values: its nonlinear parameters.
-            like: a point whose output is fed back where an effect of the chain asks for that.
-        """
+        """Columns of the operator; those along the recorded input are kept."""
         moving = bool(chain.at(InputEffect) or chain.at(HysteresisEffect))
         slot = ("hysteresis", chain.plane, chain.hysteron)
         if not moving and slot in self.cache:
@@ -224,12 +184,7 @@ class Problem:
         return self.reduces and plane.cells > WHOLE_CELLS
 
     def basis(self, chain: Chain, columns: HysteresisColumns | None = None) -> Basis:
-        """Directions in which a record decides the density on a plane; found once.
-
-        Arguments:
-            chain: what is in the model; its plane and kind of hysteron count alone.
-            columns: those of the operator along the recorded input, if they are known.
-        """
+        """Directions in which a record decides the density on a plane; found once."""
         slot = ("basis", chain.plane, chain.hysteron)
         if slot not in self.cache:
             bare = chain.with_effects(())

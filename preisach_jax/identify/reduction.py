@@ -16,11 +16,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.chain import HysteresisColumns
-from preisach_jax.identify.regression import (
-    MEMORY_STRENGTH,
-    RIDGE,
-    NormalEquations,
-)
+from preisach_jax.identify.regression import MEMORY_STRENGTH, RIDGE, NormalEquations
 
 SIZES = (64, 128, 192, 256)
 """Numbers of vectors that are tried: few, so that few shapes are compiled."""
@@ -58,14 +54,7 @@ class Basis:
         return self.cells.shape[1]
 
     def applied_to(self, hysteresis: HysteresisColumns) -> HysteresisColumns:
-        """The combinations along any path, whose groups may differ from those of the basis.
-
-        Arguments:
-            hysteresis: columns of the operator along the path.
-
-        Returns:
-            The same with the vectors in place of the columns.
-        """
+        """The combinations along any path, whose groups may differ from those of the basis."""
         groups = [group for group in hysteresis.groups if len(group)]
         own = [self.memory[group].sum(axis=0, keepdims=True) for group in groups]
         vectors = np.concatenate([self.cells, *own, self.first_run[hysteresis.first_run]])
@@ -75,17 +64,7 @@ class Basis:
 def reduced_basis(
     hysteresis: HysteresisColumns, equations: NormalEquations, folds: np.ndarray, held_out: int
 ) -> Basis:
-    """The directions that a record decides, as many as the held-out error asks for.
-
-    Arguments:
-        hysteresis: columns of the operator along the recorded input.
-        equations: normal equations of these columns and of the offset, or offsets.
-        folds: folds of rows that identify.
-        held_out: the fold that tells how many vectors are enough.
-
-    Returns:
-        The basis; of few columns all.
-    """
+    """The directions that a record decides, as many as the held-out error asks for."""
     cells, groups = hysteresis.cells, [group for group in hysteresis.groups if len(group)]
     columns = cells + len(hysteresis.groups)
     vectors = _sorted_directions(equations, columns, folds, min(SIZES[-1], columns))

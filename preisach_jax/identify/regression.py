@@ -36,18 +36,8 @@ def smoothness(levels: int) -> np.ndarray:
     differences (G. Wahba, Spline Models for Observational Data, SIAM 1990).  The diagonal carries
     the reversible part, which need not resemble its neighbours: it is smoothed along itself only.
 
-    Arguments:
-        levels: levels N of the plane.
-
     Returns:
         (cells, cells) positive semi-definite matrix.
-
-    Example:
-        >>> import numpy as np
-        >>> P = smoothness(6)
-        >>> flat = np.ones(21)
-        >>> bool(np.allclose(P @ flat, 0))
-        True
     """
     index = np.full((levels + 2, levels + 2), -1)
     alpha, beta = np.tril_indices(levels)
@@ -158,13 +148,7 @@ class NormalEquations:
 
 
 def slices_of(fold: np.ndarray) -> list[slice]:
-    """The rows of each fold, of rows that are in the order of their folds.
-
-    Example:
-        >>> import numpy as np
-        >>> slices_of(np.array([0, 0, 1, 1, 1]))
-        [slice(0, 2, None), slice(2, 5, None)]
-    """
+    """The rows of each fold, of rows that are in the order of their folds."""
     edges = np.searchsorted(fold, np.arange(int(fold.max()) + 2)).tolist()
     return [slice(*pair) for pair in itertools.pairwise(edges)]
 
@@ -175,9 +159,6 @@ def penalties(
     """What is asked of the columns of a hysteresis beside the data, for one row.
 
     Arguments:
-        levels: levels N of the plane.
-        groups: cells whose unknown initial memory each memory column carries; of several runs
-            they count on from run to run.
         first_run: (2 levels,) which hysterons of the first run the last groups, which are empty,
             stand for; of several runs one behind the other; by default none.
 
@@ -214,7 +195,6 @@ def normal_equations(
         target: (row,) output.
         fold: (row,) fold of each row, from 0, ascending.
         nonnegative: (column,) whether the coefficient must not be negative.
-        asked: the `penalties` on the columns of the hysteresis.
         loose: (column,) columns for an unknown past that are drawn to zero; by default none.
 
     Returns:
@@ -243,13 +223,7 @@ def normal_equations(
 
 
 def squares(matrix: np.ndarray) -> np.ndarray:
-    """Gram matrix of the columns of `(row, column)`, at half the work of a product.
-
-    Example:
-        >>> import numpy as np
-        >>> squares(np.array([[1.0, 2.0], [0.0, 1.0]])).tolist()
-        [[1.0, 2.0], [2.0, 5.0]]
-    """
+    """Gram matrix of the columns of `(row, column)`, at half the work of a product."""
     if len(matrix) == 0:
         return np.zeros((matrix.shape[1],) * 2)
     # A matrix in the order of C is its own transpose in that of Fortran: nothing is copied.
@@ -275,18 +249,9 @@ def solve_nonnegative(
         moment: (column,) right-hand side b.
         nonnegative: (column,) whether the coefficient must not be negative.
         passive: (column,) guess of which coefficients are free of their bound.
-        iterations: bound on exchanges.
 
     Returns:
         (column,) solution w.
-
-    Raises:
-        numpy.linalg.LinAlgError: if G is not positive definite.
-
-    Example:
-        >>> import numpy as np
-        >>> solve_nonnegative(np.eye(2), np.array([1.0, -1.0]), np.array([True, True])).tolist()
-        [1.0, 0.0]
     """
     size = len(moment)
     passive = np.ones(size, dtype=bool) if passive is None else passive | ~nonnegative
@@ -333,14 +298,7 @@ def choose_strength(
     best.
 
     Arguments:
-        equations: the regression.
-        folds: indices of the folds to use, two or more.
-        start: strength to start from, one of `STRENGTHS`.
-        log_error: logarithm of the error of a solution on a fold; by default of its mean square.
         guess: (column,) a solution near by, from which it is guessed which coefficients are zero.
-
-    Returns:
-        The best strength.
     """
 
     def log_mean_square(solution: np.ndarray, k: int) -> float:

@@ -8,18 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from preisach_jax.chain.runs import response, tangents
-from preisach_jax.effects.base import (
-    Effect,
-    Parameter,
-)
+from preisach_jax.effects.base import Effect, Parameter
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem
-from preisach_jax.identify.regression import (
-    NormalEquations,
-    slices_of,
-    solve_nonnegative,
-)
+from preisach_jax.identify.regression import NormalEquations, slices_of, solve_nonnegative
 from preisach_jax.identify.solution import evaluate
 
 
@@ -114,17 +107,7 @@ def _moved(
 
 
 def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float = 1e-4) -> Point:
-    """Gauss-Newton on all nonlinear parameters, linear coefficients solved at every trial.
-
-    Arguments:
-        problem: the record.
-        point: where to start.
-        iterations: bound on steps.
-        tolerance: relative fall of the objective at which to stop.
-
-    Returns:
-        A point that is not worse.
-    """
+    """Gauss-Newton on all nonlinear parameters, linear coefficients solved at every trial."""
     parameters = point.parameters
     if not parameters:
         return point
@@ -146,15 +129,7 @@ def refine(problem: Problem, point: Point, iterations: int = 8, tolerance: float
 
 
 def stepped(problem: Problem, point: Point, most: float = np.inf) -> Point:
-    """A point after one small Gauss-Newton step, whose regressors are not computed again.
-
-    Arguments:
-        problem: the record.
-        point: the point.
-        most: relative fall of the objective beyond which a step is not small; then the point is
-            returned as it is, as it is where the step does not lower the error of the simulated
-            output: rounding has no derivative that leads anywhere.
-    """
+    """A point after one small Gauss-Newton step, whose regressors are not computed again."""
     parameters = point.parameters
     if not parameters:
         return point

@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    coarsened,
-)
+from preisach_jax.chain import Chain, Coefficients, coarsened
 from preisach_jax.chain.runs import columns_behind, driven_path, response, responses, tangents
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -101,8 +97,6 @@ class Projection:
     """Takes out of a signature what a model can take up, on the rows that identify it.
 
     Arguments:
-        problem: the record.
-        point: the model.
         any_sign: whether weights and amounts that are zero, as those of the other sign would be,
             count as well.
     """
@@ -171,9 +165,6 @@ class Projection:
         Returns:
             What they promise, and the share of the residual's power that they explain as they are,
             with sizes of one.
-
-        Raises:
-            NotFiniteError: if none of them is finite.
         """
         finite = np.isfinite(signatures).all(axis=0)
         if not finite.any():
@@ -244,17 +235,7 @@ def changes_of_output(
     effect: str,
     starts: list[dict[str, float]],
 ) -> np.ndarray:
-    """Changes of the output from one chain to another, `(start, row)` in output ranges.
-
-    Arguments:
-        problem: the record.
-        point: has the values of the first chain.
-        without: the first chain.
-        chain: the other one.
-        coefficients: of both.
-        effect: the effect of the other chain whose values change.
-        starts: its values.
-    """
+    """Changes of the output from one chain to another, `(start, row)` in output ranges."""
     present = np.asarray(response(without, point.values, problem.signals, coefficients))
     changed = responses(chain, point.values, problem.signals, coefficients, effect, starts)
     return (changed - present)[:, problem.rows] / problem.unit
@@ -263,20 +244,7 @@ def changes_of_output(
 def prospects(
     problem: Problem, point: Point, projection: Projection, forms: Sequence[Effect]
 ) -> list[Prospect]:
-    """What forms of an effect promise to first order, one for each start.
-
-    Arguments:
-        problem: the record.
-        point: a model without the effect.
-        projection: that of the point.
-        forms: forms of the effect, bound to the record.
-
-    Returns:
-        The prospects, in the order of the forms and of their starts.
-
-    Raises:
-        FloatingPointError: if the effect changes the output by what is not finite.
-    """
+    """What forms of an effect promise to first order, one for each start."""
     found: list[Prospect] = []
     for effect in forms:
         for values, signatures, signed in _signatures(problem, point, effect):

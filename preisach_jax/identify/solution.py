@@ -7,21 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from preisach_jax.chain import (
-    Chain,
-)
-from preisach_jax.chain.runs import (
-    regressors,
-)
+from preisach_jax.chain import Chain
+from preisach_jax.chain.runs import regressors
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify.blocks import ALL, IDENTIFICATION
 from preisach_jax.identify.point import Point
 from preisach_jax.identify.problem import Problem, equations_of
-from preisach_jax.identify.regression import (
-    choose_strength,
-    slices_of,
-    solve_nonnegative,
-)
+from preisach_jax.identify.regression import choose_strength, slices_of, solve_nonnegative
 
 
 def evaluate(
@@ -32,20 +24,7 @@ def evaluate(
     like: Point | None = None,
     folds: np.ndarray = IDENTIFICATION,
 ) -> Point:
-    """Solve for the linear coefficients at given nonlinear parameters.
-
-    Arguments:
-        problem: the record.
-        chain: what is in the model.
-        values: its nonlinear parameters.
-        strength: strength of the smoothness prior.
-        like: a point near by, if there is one: its solution is the first guess, and its output is
-            what is fed back.
-        folds: folds of rows that identify.
-
-    Raises:
-        FloatingPointError: if an effect gives values that are not finite.
-    """
+    """Solve for the linear coefficients at given nonlinear parameters."""
     hysteresis = problem.hysteresis(chain, values, like)
     columns = regressors(chain, values, problem.signals, hysteresis, problem.rows, problem.target)
     del hysteresis
@@ -106,10 +85,5 @@ def _log_error_by_block(problem: Problem, point: Point) -> Callable[[np.ndarray,
 
 
 def with_all_rows(point: Point, folds: np.ndarray = ALL) -> Point:
-    """The same point with its linear coefficients identified on all measured rows.
-
-    Arguments:
-        point: the point.
-        folds: folds that identify, if not all.
-    """
+    """The same point with its linear coefficients identified on all measured rows."""
     return solved(replace(point, folds=folds))

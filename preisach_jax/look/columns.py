@@ -34,13 +34,7 @@ class ColumnView:
 def columns_of(
     table: Table, channels: Mapping[str, Channel], told: Sequence[str] = ()
 ) -> list[ColumnView]:
-    """The columns of a file with their roles and why.
-
-    Arguments:
-        table: the columns.
-        channels: those of the record, as far as known; more than three are auxiliary columns.
-        told: roles that the user named; auxiliary columns always are.
-    """
+    """The columns of a file with their roles and why."""
     roles = {
         channel.name: key if key in ("time", "input", "output") else AUXILIARY
         for key, channel in channels.items()

@@ -16,15 +16,9 @@ def extremes(
     Arguments:
         time: (K,) s, increasing.
         values: (K,) signal, NaN where there is none.
-        columns: how many stretches.
 
     Returns:
         (columns,) middle of each stretch, least and greatest value; NaN where there is no sample.
-
-    Example:
-        >>> _, low, high = extremes(np.arange(4.0), np.array([1.0, 3.0, 2.0, 0.0]), 2)
-        >>> low, high
-        (array([1., 0.]), array([3., 2.]))
     """
     edges: np.ndarray = np.linspace(float(time[0]), float(time[-1]), columns + 1)
     there = np.isfinite(values)
@@ -44,14 +38,6 @@ def braille(time: np.ndarray, values: np.ndarray, width: int, height: int) -> li
     Arguments:
         time: (K,) s, increasing.
         values: (K,) signal, NaN where there is none.
-        width, height: signs in a line, and lines.
-
-    Returns:
-        The lines, the greatest values first.
-
-    Example:
-        >>> braille(np.arange(8.0), np.arange(8.0), 4, 1)
-        ['⣀⠤⠒⠉']
     """
     columns, dots = 2 * width, 4 * height
     _, low, high = extremes(time, values, columns)

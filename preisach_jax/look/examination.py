@@ -95,19 +95,7 @@ def look(
 
 
 def look_at_table(table: Table, name: str, **options: Unpack[ReadOptions]) -> Look:
-    """Look at the record in the columns of a file.
-
-    Arguments:
-        table: the columns.
-        name: what reports call the record.
-        options: see `ReadOptions`; what is guessed goes into the notes.
-
-    Returns:
-        What was found.
-
-    Raises:
-        InputError: a column cannot be used; `QuestionError` where it is not clear which is which.
-    """
+    """Look at the record in the columns of a file."""
     notes: list[str] = []
     options["announce"] = notes.append
     record = Record.of_table(table, name, **options)

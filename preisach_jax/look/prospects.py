@@ -351,10 +351,6 @@ def judged_effects() -> tuple[str, ...]:
 def prospects(found: Excitation, effects: tuple[str, ...] | None = None) -> tuple[Prospect, ...]:
     """What a record can tell of effects.
 
-    Arguments:
-        found: what its input does.
-        effects: names; by default all that are known here, and the auxiliary columns of the record.
-
     Returns:
         One for each effect that is known, in the order of the names.
     """

@@ -65,11 +65,6 @@ def noise_rms(values: np.ndarray) -> float:
 
     Returns:
         The RMS in the unit of the values; 0 where fewer than 8 samples are there.
-
-    Example:
-        >>> z = np.sin(np.arange(4000) / 400) + np.random.default_rng(0).normal(0, 0.1, 4000)
-        >>> round(noise_rms(z), 2)
-        0.1
     """
     third = np.diff(values, 3)
     third = third[np.isfinite(third)]
@@ -79,12 +74,7 @@ def noise_rms(values: np.ndarray) -> float:
 
 
 def resolution(values: np.ndarray) -> float:
-    """The step of a converter, in the unit of the values; 0 where the values do not lie on steps.
-
-    Example:
-        >>> float(resolution(np.round(np.sin(np.arange(1000) / 50) / 0.01) * 0.01))
-        0.01
-    """
+    """The step of a converter, in the unit of the values; 0 where they do not lie on steps."""
     levels = np.unique(values[np.isfinite(values)])
     steps = np.diff(levels)
     # Equal numbers may differ in their last bits.
@@ -97,20 +87,7 @@ def resolution(values: np.ndarray) -> float:
 
 
 def rests(record: Record) -> list[Stretch]:
-    """Stretches of `REST_SAMPLES` or more in which the input keeps still.
-
-    Arguments:
-        record: the measurement.
-
-    Returns:
-        The rests, in order; their level is the mean input.
-
-    Example:
-        >>> u = np.concatenate([np.linspace(0, 1, 50), np.ones(50), np.linspace(1, 0, 50)])
-        >>> found = rests(Record.from_arrays(np.arange(150.0), u, u))
-        >>> [(each.start, each.stop) for each in found]
-        [(48, 102)]
-    """
+    """Stretches of `REST_SAMPLES` or more in which the input keeps still."""
     values = record.input
     noise = min(6 * noise_rms(values), 0.02 * record.input_range)
     band = max(REST_BAND * record.input_range, noise, 1.01 * resolution(values))
@@ -164,13 +141,7 @@ def turns(record: Record) -> np.ndarray:
 
 
 def strokes(record: Record, turning: np.ndarray, still: list[Stretch]) -> list[Stroke]:
-    """The moves between turns and rests that cover a tenth of the range, gaps left out.
-
-    Arguments:
-        record: the measurement.
-        turning: rows of the turns, as `turns` gives them.
-        still: the rests, as `rests` gives them.
-    """
+    """The moves between turns and rests that cover a tenth of the range, gaps left out."""
     ends = {0, len(record) - 1, *turning.tolist()}
     ends |= {row for rest in still for row in (rest.start, rest.stop - 1)}
     resting = {rest.start for rest in still}
@@ -193,12 +164,7 @@ def strokes(record: Record, turning: np.ndarray, still: list[Stretch]) -> list[S
 
 
 def period(values: np.ndarray) -> int | None:
-    """Samples after which a signal repeats itself to a hundredth of its variance, if it does.
-
-    Example:
-        >>> period(np.tile(np.random.default_rng(0).normal(size=300), 4))
-        300
-    """
+    """Samples after which a signal repeats itself to a hundredth of its variance, if it does."""
     centred = values - values.mean()
     count, power = len(values), float(np.var(values))
     if power == 0:
@@ -221,13 +187,7 @@ def period(values: np.ndarray) -> int | None:
 
 
 def repeating_period(values: np.ndarray) -> int | None:
-    """The period of a drive, which need not repeat itself yet as its record begins.
-
-    Example:
-        >>> loop = np.random.default_rng(0).normal(size=300)
-        >>> repeating_period(np.concatenate([np.full(60, 1.0), np.tile(loop, 4)]))
-        300
-    """
+    """The period of a drive, which need not repeat itself yet as its record begins."""
     return period(values[len(values) // BEGINNING :]) or period(values)
 
 
@@ -245,14 +205,7 @@ class Period:
 
     @staticmethod
     def of(time: np.ndarray, values: np.ndarray) -> Period | None:
-        """The period of a drive, to a sample over as many periods as its record can tell.
-
-        Example:
-            >>> t = np.arange(0.0, 20.0, 0.01)
-            >>> period = Period.of(t, np.sin(2 * np.pi * t / 0.7123))
-            >>> round(period.seconds, 3), period.spread < 1e-3
-            (0.712, True)
-        """
+        """The period of a drive, to a sample over as many periods as its record can tell."""
         samples = repeating_period(values)
         if samples is None:
             return None

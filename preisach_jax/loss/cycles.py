@@ -49,18 +49,6 @@ def closed_cycles(record: Record) -> list[ClosedPath]:
     allowance of `CLOSES`.  A cycle inside another one is taken out of its path, as a Preisach
     operator forgets it, so that each stretch of the input belongs to one cycle (S. D. Downing,
     D. F. Socie, Int. J. Fatigue 4 (1982) 31-40).
-
-    Arguments:
-        record: the record; cycles do not reach from one run to the next.
-
-    Returns:
-        The cycles that have `LEAST_SAMPLES`, in the order of their ends.
-
-    Example:
-        >>> t = np.arange(400) / 100
-        >>> record = Record.from_arrays(t, np.sin(2 * np.pi * t), t)
-        >>> [(cycle.start, round(cycle.stop)) for cycle in closed_cycles(record)]
-        [(25.0, 125), (125.0, 225), (225.0, 325)]
     """
     found: list[ClosedPath] = []
     band = 0.01 * float(np.ptp(record.input))
@@ -121,10 +109,6 @@ def enclosed(x: np.ndarray, y: np.ndarray) -> float:
 
     Returns:
         The area, in units of x times y.
-
-    Example:
-        >>> enclosed(np.array([0.0, 2.0, 2.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]))
-        2.0
     """
     x, y = x - x.mean(), y - y.mean()
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))

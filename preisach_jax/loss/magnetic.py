@@ -47,18 +47,8 @@ def magnet_of(record: Record) -> Magnet | None:
     The field is in A/m, Oe and their multiples, or as \(\mu_0 H\) in units of the induction, if
     its name then begins with H or has mu0H in it. The induction is in T, G and their multiples.
 
-    Arguments:
-        record: the record.
-
     Returns:
         Which signal is the field, and the energy that a unit of area has.
-
-    Example:
-        >>> import numpy as np
-        >>> t = np.arange(60.0)
-        >>> units = {"input": "kA/m", "output": "mT"}
-        >>> magnet_of(Record.from_arrays(t, np.sin(t), np.cos(t), units=units))
-        Magnet(field='input', joules=1.0)
     """
     units = {role: record.channels[role].unit for role in ("input", "output")}
     inductions = [role for role, unit in units.items() if unit in INDUCTION_UNITS]
@@ -81,14 +71,7 @@ def _is_field(name: str) -> bool:
 
 
 def area_unit(record: Record) -> str:
-    """Unit of the area of a loop of a record that is of no magnet.
-
-    Arguments:
-        record: the record.
-
-    Raises:
-        InputError: if a unit is unknown.
-    """
+    """Unit of the area of a loop of a record that is of no magnet."""
     units = [pretty_unit(record.channels[role].unit) for role in ("input", "output")]
     if not all(units):
         given = ", ".join(f"{role} {record.channels[role].unit!r}" for role in ("input", "output"))

@@ -36,12 +36,6 @@ def half_widths(
 ) -> np.ndarray:
     """Half widths of the 95 % band of the loss of some cycles.
 
-    Arguments:
-        model: the model.
-        record: the record.
-        predicted: what the model predicts of it.
-        loops: its cycles.
-
     Returns:
         (loop,) in input units times output units.
     """

@@ -38,9 +38,6 @@ def body_of(
     """The body of a model.
 
     Arguments:
-        effect: the effect, with its law.
-        values: its parameters.
-        plane: the plane, over displacements.
         weights: (cells,) weights, in units of force.
     """
     stiffness = jnp.asarray(values["stiffness"], dtype=float)
@@ -81,14 +78,8 @@ def along(
     """Displacement along a force, and the state at its end.
 
     Arguments:
-        body: the body.
-        start: its state at the first sample.
         time: (time,) times, in s.
         force: (time,) force.
-        f_hz: natural frequency of the body.
-
-    Raises:
-        InputError: if the samples are too few, or too far apart.
     """
     if len(time) < LEAST_SAMPLES:
         raise InputError(
@@ -112,12 +103,6 @@ def closes(time: np.ndarray, force: np.ndarray) -> bool:
     Arguments:
         time: (time,) times, in s; where they are not even, the answer is no.
         force: (time,) input.
-
-    Example:
-        >>> t = np.arange(500) / 50
-        >>> wave = np.sin(2 * np.pi * t)
-        >>> closes(t, wave), closes(t[:480], wave[:480])
-        (True, False)
     """
     count, steps = len(force), np.diff(time)
     if np.ptp(steps) > UNEVEN * np.median(steps):

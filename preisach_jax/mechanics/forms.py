@@ -72,11 +72,7 @@ class BoucWenForm(NamedTuple):
         return low, high
 
     def penalty(self, scale: float) -> np.ndarray:
-        """(row, number) rows that should be zero times the numbers, in units of the output.
-
-        Arguments:
-            scale: spread of the output.
-        """
+        """(row, number) rows that should be zero times the numbers, in units of the output."""
         del scale
         return np.zeros((0, 11))
 
@@ -142,11 +138,7 @@ class OperatorForm(NamedTuple):
         return low, high
 
     def penalty(self, scale: float) -> np.ndarray:
-        """(row, number) rows that should be zero times the numbers, in units of the output.
-
-        Arguments:
-            scale: spread of the output.
-        """
+        """(row, number) rows that should be zero times the numbers, in units of the output."""
         nodes = self.basis.shape[1]
         return RIDGE * scale * np.eye(len(COMMON) + nodes)[len(COMMON) :] / np.sqrt(nodes)
 

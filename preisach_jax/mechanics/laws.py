@@ -38,12 +38,6 @@ class OneState(eqx.Module):
 
     The force is \(H = K_h Z y\): a spring of stiffness \(K_h\) that yields where the bracket
     falls, and stiffens where it rises.  The memory is \(y\), `(1,)`.
-
-    Arguments:
-        stiffness: K_h, where the state passes zero, in force by displacement.
-        range_z: Z, the displacement in which the state is measured.
-        beta, gamma: what of the slope goes with the direction of the motion, and what does not.
-        exponent: n, at least one.
     """
 
     stiffness: Array
@@ -78,7 +72,6 @@ class Operator(eqx.Module):
     middle of all states, so that a demagnetised operator gives none at the middle of its plane.
 
     Arguments:
-        plane: the plane, over displacements.
         weights: (cells,) weights, in units of force.
     """
 

@@ -26,14 +26,7 @@ LawOf = TypeVar("LawOf", bound=Law)
 
 
 class Body(eqx.Module, Generic[LawOf]):
-    r"""A body: \(m \ddot z + c \dot z + k z + H(z) = u\).
-
-    Arguments:
-        mass: m, in force by acceleration.
-        damping: c, in force by speed.
-        stiffness: k, in force by displacement.
-        law: the law of H.
-    """
+    r"""A body: \(m \ddot z + c \dot z + k z + H(z) = u\)."""
 
     mass: Array
     damping: Array
@@ -82,9 +75,6 @@ def substeps_of(time: np.ndarray, f_hz: float) -> int:
     Arguments:
         time: (time,) times, in s.
         f_hz: the natural frequency, in Hz.
-
-    Raises:
-        InputError: if two samples lie too far apart to follow the motion between them.
     """
     longest = int(np.argmax(np.diff(time)))
     gap = float(time[longest + 1] - time[longest])
@@ -111,12 +101,6 @@ def motion(
     Differential Equations I, Springer 1993, ch. II.1).  A step in which the motion turns round, or
     the law passes its mark, is taken in two, up to there and from there on: the slope of the force
     jumps there.
-
-    Arguments:
-        body: the body.
-        force: the force.
-        start: displacement, speed and memory at the first sample.
-        substeps: steps between two samples.
 
     Returns:
         (time,) displacement, and the state at the last sample.
@@ -162,12 +146,7 @@ def _split(
 
 
 def _zero(first: Array, last: Array, slope: Array) -> tuple[Array, Array]:
-    """Where between 0 and 1 a parabola passes zero, and whether its ends have two signs.
-
-    Arguments:
-        first, last: its values at 0 and 1.
-        slope: its slope at 0.
-    """
+    """Where between 0 and 1 a parabola passes zero, and whether its ends have two signs."""
     passes = first * last < 0
     bend = last - first - slope
     root = jnp.sqrt(jnp.where(passes, jnp.maximum(slope**2 - 4 * bend * first, 0.0), 1.0))

@@ -54,7 +54,6 @@ def refined(
         counts: (time,) bool, rows that are compared.
         bounds: lowest and highest values, (parameter,) each.
         penalty: (row, parameter) rows that should be zero times the values; by default none.
-        most_steps: steps at most.
     """
     rows = np.zeros((0, len(values))) if penalty is None else penalty
     weight = 1 / np.sqrt(counts.sum())

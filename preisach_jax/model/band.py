@@ -130,11 +130,8 @@ class Law:
         """The law that residuals follow.
 
         Arguments:
-            course: the rows.
             residual: (row,) measured minus predicted output.
             spread: (row, 2) deviation among other models: of the blocks, and of the prior.
-            cell: width of the plane's cells.
-            noise: RMS of the noise.
         """
         usual = float(np.sqrt(np.mean(course.speed**2))) or 1.0
         parts = _parts(course, spread, usual, cell)
@@ -220,24 +217,10 @@ class Band:
         """The band that holds 95 % of the residuals of each slice.
 
         Arguments:
-            course: the rows.
             residual: (row,) measured minus predicted output, of predictions by other rows.
             spread: (row, 2) deviation among other models: of the blocks, and of the prior.
             cell: width of the plane's cells, in the unit of the input.
             noise: RMS of the noise, in output units.
-            others: the other models, if there are any.
-
-        Returns:
-            The band.
-
-        Example:
-            >>> t = np.arange(40000) / 100
-            >>> course = Course.of(Record.from_arrays(t, np.sin(t), np.sin(t)))
-            >>> noise = np.random.default_rng(0).normal(size=40000)
-            >>> none = np.zeros((40000, 2))
-            >>> band = Band.calibrated(course, noise, none, 0.1, 1.0)
-            >>> bool(np.all(np.abs(band.along(course, none) - 1.96) < 0.3))
-            True
         """
         law = Law.fitted(course, residual, spread, cell, noise)
         share = np.arange(1, SLICES) / SLICES
@@ -265,7 +248,6 @@ class Band:
         """(row,) half width along a record, in output units.
 
         Arguments:
-            course: of its input.
             spread: (row, 2) deviation among other models along it.
         """
         half = self.by_slice(course)
@@ -302,23 +284,13 @@ class Band:
 
 
 def conformal(errors: np.ndarray) -> float:
-    """The least width that holds 95 % of what comes, if it is like these absolute errors.
-
-    Example:
-        >>> conformal(np.arange(1.0, 100.0))
-        95.0
-    """
+    """The least width that holds 95 % of what comes, if it is like these absolute errors."""
     rank = min(math.ceil(COVERAGE * (len(errors) + 1)), len(errors))
     return float(np.partition(errors, rank - 1)[rank - 1])
 
 
 def rounded(rows: np.ndarray) -> np.ndarray:
-    """Each row to multiples of a power of two, at most `STEPS` of which make its greatest value.
-
-    Example:
-        >>> rounded(np.array([[0.0, 1.23456, -98.7654]])).tolist()
-        [[0.0, 1.25, -98.75]]
-    """
+    """Each row to multiples of a power of two, at most `STEPS` of which make its greatest value."""
     steps = np.array([_step(row) for row in rows]).reshape(-1, 1)
     return np.round(rows / steps) * steps
 

@@ -391,10 +391,7 @@ class Model:
         write_files({path: json_bytes(self.to_json())})
 
     @staticmethod
-    def load(
-        path: str | Path,
-        effects: Iterable[Effect] = (),
-    ) -> Model:
+    def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
         """Read a model.
 
         Arguments:

@@ -7,37 +7,19 @@ import numpy as np
 from preisach_jax.chain import Chain, EffectValues
 from preisach_jax.cores import on_processor
 from preisach_jax.errors import InputError
-from preisach_jax.mechanics.body import (
-    FARTHEST,
-    along,
-    at_rest,
-    body_of,
-    closes,
-    fitted_start,
-)
+from preisach_jax.mechanics.body import FARTHEST, along, at_rest, body_of, closes, fitted_start
 from preisach_jax.record import Record
 
 
 def moved(
-    chain: Chain,
-    values: EffectValues,
-    weights: np.ndarray,
-    record: Record,
-    *,
-    begins: bool,
+    chain: Chain, values: EffectValues, weights: np.ndarray, record: Record, *, begins: bool
 ) -> np.ndarray:
     """Displacement of a model's body along a record, `(time,)`.
 
     Arguments:
-        chain: the chain of the model, with its plane over displacements.
-        values: parameters by effect.
         weights: (cells,) weights, in units of force.
-        record: the record.
         begins: whether the record begins as the one that was fitted.  Otherwise it begins at rest,
             or in the steady state of an input that closes as a period does.
-
-    Raises:
-        InputError: if the motion leaves the displacements that the model knows far behind.
     """
     effect, plane = chain.mechanics, chain.plane
     assert effect is not None
@@ -61,16 +43,7 @@ def moved(
 
 
 def check_not_inside(chain: Chain, origin: str, what: str) -> None:
-    """Ask whether a model's hysteresis is driven by its input.
-
-    Arguments:
-        chain: the chain of the model.
-        origin: name of the record that the model was fitted to.
-        what: what is made of it, for the message.
-
-    Raises:
-        InputError: if it is driven by the output, inside mechanics.
-    """
+    """Ask whether a model's hysteresis is driven by its input."""
     if chain.mechanics:
         raise InputError(
             f"the model of {origin} has its hysteresis inside mechanics "

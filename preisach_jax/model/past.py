@@ -14,25 +14,7 @@ TOLD = 0.5
 
 
 def past_sentence(model: Model, record: Record, prediction: Prediction) -> str:
-    """Why a band is wider than that of a known past, for how long, and what narrows it.
-
-    Arguments:
-        model: the model.
-        record: the record that was predicted.
-        prediction: what `Model.predict` gave of it.
-
-    Returns:
-        A sentence without a full stop; empty where the past is known or makes no difference.
-
-    Example:
-        >>> import preisach_jax as pj
-        >>> stage = pj.simulate_stage(seed=3, seconds=6.0, rate_hz=1000.0)
-        >>> record = pj.Record.from_arrays(stage.time, stage.input, stage.output)
-        >>> model = pj.fit(record, levels=9).model
-        >>> other = pj.Record.from_arrays(stage.time + 500, 30 + stage.input / 10, stage.output)
-        >>> past_sentence(model, other, model.predict(other))[:48]
-        'what the input did before row 1 is not known, so'
-    """
+    """Why a band is wider than that of a known past, for how long, and what narrows it."""
     known = model.half_width(record)
     added = (prediction.high - prediction.low) / 2 - known
     wide = np.flatnonzero(added > TOLD * known)

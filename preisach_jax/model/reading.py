@@ -11,10 +11,7 @@ from typing import Any, NotRequired
 
 import numpy as np
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-)
+from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects import BUILT_IN, library, listed, placeholder
 from preisach_jax.effects.arrays import with_settings
 from preisach_jax.effects.base import Effect
@@ -48,10 +45,7 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.record import INITIAL_MEMORIES
 
 
-def load(
-    path: str | Path,
-    effects: Iterable[Effect] = (),
-) -> Model:
+def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
     """Read a model from its file; see `Model.load`."""
     path = Path(path)
     check_regular(path, "give a model file, as 'preisach fit ... --out model.json' writes it")

@@ -20,13 +20,7 @@ def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None
     """Ask whether a model can predict along a record.
 
     Arguments:
-        chain: the chain of the model.
         units: its units by role.
-        record: the record.
-
-    Raises:
-        InputError: if the input leaves the plane, a column that the model needs is missing, or a
-            unit is another one.
     """
     _check_units(units, record)
     if chain.mechanics:

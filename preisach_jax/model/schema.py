@@ -36,27 +36,7 @@ _UP_TO = f" (up to {MOST:g} in size)"
 
 
 def checked(value: Any, kind: Any, place: str = "") -> Any:
-    """A value as a type takes it.
-
-    Arguments:
-        value: what was read.
-        kind: its type: one of this module, a `TypedDict` of them, or a mapping of them by key.
-        place: where the value stands, for messages.
-
-    Returns:
-        The value, checked.
-
-    Raises:
-        InputError: it, or something in it, is not of its type.
-
-    Example:
-        >>> checked({"levels": 3, "note": ""}, {"levels": whole(2)})
-        {'levels': 3}
-        >>> checked({"levels": 1}, {"levels": whole(2)})
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.InputError: levels is 1: expected a whole number of at least 2
-    """
+    """A value as a type takes it."""
     try:
         return _adapter(of_keys(kind)).validate_python(value)
     except ValidationError as error:
@@ -79,12 +59,7 @@ def of_keys(kinds: Any) -> Any:
 
 
 def refusal(value: Any, place: str, expected: str) -> InputError:
-    """The error that says what stands at a place and what was expected there.
-
-    Example:
-        >>> str(refusal([1, 2], "offset", "a finite number"))
-        'offset is a list of 2: expected a finite number'
-    """
+    """The error that says what stands at a place and what was expected there."""
     return InputError(f"{place} is {_shown(value)}: expected {expected}")
 
 
@@ -233,13 +208,7 @@ whole_numbers = Annotated[text, AfterValidator(_counts), _expect("a text of whol
 
 
 def like(pattern: Any, most: int, least: float = -math.inf) -> Any:
-    """What is of the kind of a value: a setting of an effect.
-
-    Arguments:
-        pattern: a value of that kind.
-        most: greatest whole number that is taken.
-        least: least number with decimals that is taken.
-    """
+    """What is of the kind of a value: a setting of an effect."""
     if isinstance(pattern, bool):
         return flag
     if isinstance(pattern, int):

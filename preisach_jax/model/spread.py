@@ -32,13 +32,6 @@ def differences(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What other models predict minus what the one that was identified does.
 
-    Arguments:
-        chain: what is in all of them.
-        here: the numbers of the model that was identified.
-        others: what those of the others differ by.
-        record: along which record.
-        run: output with some numbers along it.
-
     Returns:
         (row,) samples of the record: all, or the `few_rows` of a long one; and (model, row) the
         differences there, in output units.
@@ -79,15 +72,7 @@ def spread_of(
 
 
 def few_rows(record: Record) -> np.ndarray:
-    """Samples of a long record to keep: its ends, where the input turns, and evenly in between.
-
-    Arguments:
-        record: the record.
-
-    Returns:
-        Indices, ascending: `MOST_ROWS`, so that all records run the same compiled code, or more
-            where the input turns more often.
-    """
+    """Samples of a long record to keep: its ends, where the input turns, and evenly in between."""
     count = len(record.time)
     turns = reversals(record.input, SMALL_TURN * float(np.ptp(record.input)), record.starts)
     kept = np.zeros(count, dtype=bool)

@@ -34,9 +34,6 @@ def unforeseen(
     of which that of this one is a sample: twice its variance.
 
     Arguments:
-        chain: what is in the model.
-        values: nonlinear parameters of its effects.
-        coefficients: its linear coefficients.
         span: first and last time of the record on which it was identified, in s.
         time: (time,) of the record that is predicted, in s.
         goes_on: whether that is the same record, and what comes behind it.

@@ -12,18 +12,7 @@ from preisach_jax.model.core import Model
 
 
 def without_effects(model: Model, without: Sequence[str]) -> Model:
-    """The model without some of its effects.
-
-    Arguments:
-        model: the model.
-        without: names of the effects that are left out.
-
-    Returns:
-        The model of the others, with their numbers as they were, and without a calibrated band.
-
-    Raises:
-        InputError: if one of the effects is not in the model.
-    """
+    """The model without some of its effects."""
     require_list("without", without)
     names = [effect.name for effect in model.effects]
     for name in without:

@@ -55,7 +55,6 @@ class Blocks(NamedTuple):
         """Find the relays of the blocks.
 
         Arguments:
-            plane: the Preisach plane.
             states: (cells,) states before the first sample, which lines hold until they are passed.
 
         Returns:
@@ -98,9 +97,7 @@ def relay_blocks(plane: Plane, levels: Any, room: Room | None = None) -> Blocks:
     downward.
 
     Arguments:
-        plane: the Preisach plane.
         levels: (1 + time,) integers, the level of the input before each sample and after the last.
-        room: what there is room for; needed if the levels are traced.
     """
     xp: Any = np if room is None else jnp
     size, change = plane.levels, xp.diff(levels)
@@ -146,20 +143,7 @@ def switching(plane: Plane, x: ArrayLike) -> list[Event]:
     S⁺(k) and S⁻(k) of eq. (8), from the level of the input, quantised by (3), (4).
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane; concrete.
-
-    Returns:
-        The events, in order.
-
-    Raises:
-        InputError: `x` is not a row of real numbers.
-
-    Example:
-        >>> from preisach_jax.operator.plane import Plane
-        >>> found = switching(Plane(levels=3, low=0.0, high=3.0), [0.0, 1.0, 2.0, 1.0, 0.0])
-        >>> [(event.sample, event.sign, len(event.cells)) for event in found]
-        [(1, 1, 1), (2, 1, 2), (3, -1, 1), (4, -1, 2)]
     """
     x, states = path_and_start(plane, x, "low", "relay")
     levels = np.asarray(relay_levels(plane, np.asarray(x)))

@@ -38,10 +38,6 @@ def branch_starts(path: ArrayLike) -> jax.Array:
 
     Returns:
         (time,) index of a sample; 0 for the first branch.
-
-    Example:
-        >>> branch_starts([0.0, 3.0, 1.0, 2.0, 0.5]).tolist()
-        [0, 0, 1, 2, 1]
     """
     path = jax.lax.stop_gradient(as_float(path, "path"))
     index = jnp.arange(path.shape[0], dtype=jnp.int32)
@@ -84,19 +80,10 @@ def weight_between(
     and above and right of each cell, of which ramps take a part.
 
     Arguments:
-        plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
-        upper: positions (x - low)/δx, in 0 ... levels, any shape.
-        lower: positions at or below `upper`, same shape.
 
     Returns:
         Weights in that shape, in the unit of the output.
-
-    Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> weights = jnp.asarray([1.0, 2.0, 4.0])
-        >>> float(weight_between(plane, weights, jnp.asarray(1.5), jnp.asarray(0.0)))
-        4.0
     """
     last = plane.levels - 1
     i = jnp.minimum(upper.astype(jnp.int32), last)
@@ -126,22 +113,11 @@ def output_along_branches(
     plane.
 
     Arguments:
-        plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         x: (time,) input, in the unit of the plane; beyond it hysterons saturate.
-        hysteron: "relay" or "ramp".
-        initial: "low", "high" or "demagnetised", see `Plane.initial_states`.
 
     Returns:
         (time,) output, in the unit of the weights; differentiable in them, and with ramps in `x`.
-
-    Raises:
-        InputError: `hysteron` or `initial` is unknown.
-
-    Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> output_along_branches(plane, [1.0, 2.0, 4.0], [0.0, 2.0, 1.0, 0.0]).tolist()
-        [0.0, 7.0, 3.0, 0.0]
     """
     require_hysteron(hysteron)
     weights, x = as_float(weights, "weights"), as_float(x, "the input x")
@@ -161,7 +137,6 @@ def output_after(plane: Plane, weights: jax.Array, past: ArrayLike, x: jax.Array
     """Output of ramps along an input that comes after some turning points.
 
     Arguments:
-        plane: the Preisach plane.
         weights: (cells,) weights R, in the unit of the output.
         past: (turns,) turning points before it, as positions (x - low)/δx; the first is 0, and one
             that is there twice is no other memory, but lets memories share what is compiled.
@@ -169,12 +144,6 @@ def output_after(plane: Plane, weights: jax.Array, past: ArrayLike, x: jax.Array
 
     Returns:
         (time,) output, in the unit of the weights; differentiable in them and in `x`.
-
-    Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> weights, x = jnp.asarray([1.0, 2.0, 4.0]), jnp.asarray([1.0, 0.0, 2.0])
-        >>> [output_after(plane, weights, past, x).tolist() for past in ([0.0, 2.0], [0.0, 0.0])]
-        [[3.0, 0.0, 7.0], [1.0, 0.0, 7.0]]
     """
     position = jnp.clip(position_on(plane, x), 0.0, plane.levels)
     return _output(plane, weights, jnp.asarray(past, x.dtype), position)

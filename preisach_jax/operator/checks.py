@@ -19,11 +19,7 @@ HYSTERONS = ("relay", "ramp")
 
 
 def require_hysteron(hysteron: str) -> None:
-    """Refuse a kind of hysteron that does not exist.
-
-    Raises:
-        InputError: `hysteron` is neither "relay" nor "ramp".
-    """
+    """Refuse a kind of hysteron that does not exist."""
     if hysteron not in HYSTERONS:
         raise InputError(f"hysteron is {hysteron!r}: it must be 'relay' or 'ramp'")
 
@@ -33,16 +29,6 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
 
     Whole numbers written in Python are real numbers. An array of integers is refused, because it
     usually holds a converter's raw counts.
-
-    Arguments:
-        values: real numbers of any shape.
-        name: what they are, for the message; its last word is the name of the variable.
-
-    Returns:
-        Array of the same shape; float32 and float64 are kept where JAX allows them.
-
-    Raises:
-        InputError: the values are an array of integers, complex or not numbers.
     """
     require_no_record(name, values)
     array = jnp.asarray(values)
@@ -64,13 +50,6 @@ def as_signal(values: ArrayLike, name: str) -> jax.Array:
 
     Arguments:
         values: real numbers, of which those of one record are (time,).
-        name: what they are, for the message.
-
-    Returns:
-        What `as_float` gives.
-
-    Raises:
-        InputError: as `as_float` does.
     """
     array = as_float(values, name)
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and array.dtype != np.float64:
@@ -93,12 +72,7 @@ def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> No
     """Refuse values that are not finite; traced values have none yet and pass.
 
     Arguments:
-        values: numbers of any shape.
-        name: what they are, for the message.
         missing: whether NaN is allowed, for a value that is missing.
-
-    Raises:
-        InputError: a value is not finite.
     """
     if isinstance(values, Tracer):
         return

@@ -19,17 +19,10 @@ def relay_levels(plane: Plane, x: ArrayLike, before: int = 0) -> np.ndarray | ja
     states there are those of the initial memory by rule (1).
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
-        before: the level at which the initial memory ends.
 
     Returns:
         (time,) integers in 0 ... levels; a NumPy array if the input is known, which is quicker.
-
-    Example:
-        >>> plane = Plane(levels=3, low=0.0, high=3.0)
-        >>> [relay_levels(plane, np.asarray([1.5, 1.5, 2.5]), end).tolist() for end in (0, 3)]
-        [[1, 1, 3], [2, 2, 3]]
     """
     if isinstance(x, Tracer) or isinstance(plane.thresholds, Tracer):
         course = jnp.asarray(x)
@@ -63,11 +56,6 @@ def moves_of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         `(sample, to)`, (moves,) each: where, and to which level. They are filled up, so that inputs
         of like length share what is compiled, with samples -1 at which the level stays as it ends.
-
-    Example:
-        >>> sample, to = moves_of(np.asarray([0, 0, 2, 1]))
-        >>> len(sample), sample[:3].tolist(), to[:3].tolist()
-        (16, [2, 3, -1], [2, 1, 1])
     """
     sample = np.flatnonzero(levels[1:] != levels[:-1]) + 1
     filling = rounded_up(len(sample)) - len(sample)
@@ -76,17 +64,6 @@ def moves_of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rounded_up(count: int) -> int:
-    """Round up to one of eight sizes an octave: inputs of like length share what is compiled.
-
-    Arguments:
-        count: how many there are.
-
-    Returns:
-        How many there are room for, at least 16.
-
-    Example:
-        >>> rounded_up(3), rounded_up(1000)
-        (16, 1024)
-    """
+    """Round up to one of eight sizes an octave: inputs of like length share what is compiled."""
     step = 1 << max(count.bit_length() - 4, 0)
     return max(-(-count // step) * step, 16)

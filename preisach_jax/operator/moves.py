@@ -52,9 +52,6 @@ class RampMoves(eqx.Module):
     def cells(self, plane: Plane) -> jax.Array:
         """Flat indices of the cells of a line.
 
-        Arguments:
-            plane: the Preisach plane.
-
         Returns:
             (levels,) indices for one move; `plane.cells`, which is out of range, as a filling.
         """
@@ -68,18 +65,7 @@ def ramp_moves(plane: Plane, x: ArrayLike) -> RampMoves:
     """Find the moves that an input makes ramps do.
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane; concrete.
-
-    Returns:
-        The moves: one a sample, and one more for each cell of the axis that it leaves; in the end
-        fillings that move nothing.
-
-    Example:
-        >>> plane = Plane(levels=3, low=0.0, high=3.0)
-        >>> moves = ramp_moves(plane, [0.0, 1.5, 0.5])
-        >>> moves.line[:5].tolist(), moves.part[:5].tolist(), moves.ends.tolist()
-        ([0, 0, 1, 1, 0], [1.0, 1.0, 0.5, 0.0, 0.5], [0, 2, 4])
     """
     x = np.asarray(x, np.result_type(np.asarray(x), np.float32))
     position = np.clip(position_on(plane, x), 0.0, plane.levels).astype(x.dtype)
@@ -165,22 +151,9 @@ def adapt_over_moves(
     to time.
 
     Arguments:
-        plane: the Preisach plane.
-        moves: of the input.
         z: (time,) measured output; no value is missing.
         weights: (cells,) weights to start from, in the unit of `z`.
         states: (cells,) states at the first sample.
-        rule: what an error does; without it, the paper's rule.
-
-    Returns:
-        Weights, states and rows.
-
-    Example:
-        >>> plane = Plane(levels=2, low=0.0, high=2.0)
-        >>> x = jnp.asarray([0.0, 1.0, 2.0])
-        >>> found = adapt_over_moves(plane, ramp_moves(plane, x), 3 * x, jnp.zeros(3), jnp.zeros(3))
-        >>> found.weights.tolist(), found.error.tolist()
-        ([3.0, 1.5, 1.5], [0.0, 3.0, 3.0])
     """
     rule = UpdateRule() if rule is None else rule
     count = moves.line.shape[0]

@@ -25,14 +25,7 @@ LIMIT_TOLERANCE = 1e-6
 
 
 def require_plane(plane: Plane) -> None:
-    """Refuse what is no plane.
-
-    Arguments:
-        plane: the Preisach plane.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Refuse what is no plane."""
     if not isinstance(plane, Plane):
         raise InputError(
             f"the plane is {plane!r}: give a Plane, as in Plane(levels=37, low=0.0, high=75.0)"
@@ -43,11 +36,7 @@ def require_on_plane(plane: Plane, x: ArrayLike) -> None:
     """Refuse an input that is not finite or leaves the plane; a traced one passes and saturates.
 
     Arguments:
-        plane: the Preisach plane.
         x: () or (time,) floating input, in the unit of the plane.
-
-    Raises:
-        InputError: an input is not finite, or beyond the plane's limits by more than rounding.
     """
     if isinstance(x, Tracer):
         return
@@ -73,14 +62,10 @@ def as_path(plane: Plane, x: ArrayLike) -> jax.Array:
     passes, and the hysterons saturate.
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
 
     Returns:
         (time,) input with a floating type.
-
-    Raises:
-        InputError: it is not such a row.
     """
     x = as_signal(x, "the input x")
     if x.ndim != 1 or x.shape[0] == 0:
@@ -98,16 +83,11 @@ def path_and_start(
     """Check an input and the states before it, and bring both to one floating type.
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         initial_states: (cells,) states in [0, 1], or the name of an initial memory.
-        hysteron: "relay" or "ramp".
 
     Returns:
         `(x, states)`: (time,) and (cells,).
-
-    Raises:
-        InputError: a shape, a type or a name is wrong, or the input leaves the plane.
     """
     require_hysteron(hysteron)
     x = as_path(plane, x)

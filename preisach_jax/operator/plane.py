@@ -15,12 +15,7 @@ from jax.typing import ArrayLike
 from preisach_jax.errors import InputError, shown, whole_number
 from preisach_jax.operator.checks import as_float, require_hysteron
 from preisach_jax.operator.grid import Grid
-from preisach_jax.operator.hysteron import (
-    hysteron_step,
-    input_at,
-    position_on,
-    thresholds_reached,
-)
+from preisach_jax.operator.hysteron import hysteron_step, input_at, position_on, thresholds_reached
 
 FINE = 32
 """Bins of the input for each threshold, when thresholds are placed where the output moves."""

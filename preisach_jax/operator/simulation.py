@@ -73,18 +73,7 @@ def simulate(
 
 
 def chosen_form(form: str, why_not: str) -> str:
-    """Choose between the dense form and the event form.
-
-    Arguments:
-        form: "auto", "dense" or "event".
-        why_not: why there is no event form; empty if there is one.
-
-    Returns:
-        "dense" or "event".
-
-    Raises:
-        InputError: the form is unknown, or it is "event" and there is none.
-    """
+    """Choose between the dense form and the event form."""
     if form not in FORMS:
         raise InputError(f"form is {form!r}: it must be one of {', '.join(map(repr, FORMS))}")
     if form == "event" and why_not:

@@ -19,12 +19,6 @@ class UpdateRule(eqx.Module):
         dead_zone: () or (lanes,) size of errors that update nothing, in the unit of the output.
         error_limit: () or (lanes,) size at which errors are cut off, same unit.
         nonnegative: whether weights that fall below 0 are set to 0.
-
-    Example:
-        >>> rule = UpdateRule(0.5, dead_zone=1.0, error_limit=4.0)
-        >>> errors = jnp.asarray([0.5, 2.0, -8.0])
-        >>> rule.learns(errors).tolist(), rule.rate(errors, 2.0).tolist()
-        ([False, True, True], [0.125, 0.5, -1.0])
     """
 
     step_size: ArrayLike = 1.0
@@ -33,14 +27,7 @@ class UpdateRule(eqx.Module):
     nonnegative: bool = eqx.field(static=True, default=False)
 
     def learns(self, error: jax.Array) -> jax.Array:
-        """Tell which errors update the weights.
-
-        Arguments:
-            error: e, any shape that broadcasts with the settings.
-
-        Returns:
-            Whether |e| is above the dead zone, in that shape.
-        """
+        """Tell which errors update the weights."""
         if self.dead_zone is None:
             return jnp.ones_like(error, bool)
         return jnp.abs(error) > self.dead_zone
@@ -50,10 +37,6 @@ class UpdateRule(eqx.Module):
 
         Arguments:
             error: e, any shape that broadcasts with the settings, in the unit of the output.
-            squared: sᵀs > 0.
-
-        Returns:
-            The factor, in the shape of `error`; the dead zone is not looked at here.
         """
         if self.error_limit is not None:
             limit = jnp.asarray(self.error_limit, error.dtype)

@@ -102,26 +102,7 @@ def relays_and_ramps(
     seed: int = 3,
     progress: Progress | None = None,
 ) -> HysteronComparison:
-    """Fit a smooth stage with relays and with ramps on planes of several sizes, Fig. 10.
-
-    Arguments:
-        levels: N of the planes, ascending, at least three.
-        samples: time steps at 2 kHz; the first half is fitted, the second one predicted.
-        every: one of so many samples is a row of the regression.
-        seed: draws the stage, the input and the noise.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The residuals and their exponents.
-
-    Raises:
-        InputError: the levels are too few or not ascending.
-
-    Example:
-        >>> found = relays_and_ramps((3, 5, 7), samples=2000, every=4)
-        >>> bool(np.all(found.ramp_um < found.relay_um))
-        True
-    """
+    """Fit a smooth stage with relays and with ramps on planes of several sizes, Fig. 10."""
     N = np.array(levels)
     if N.size < 3 or np.any(np.diff(N) <= 0):
         raise InputError(f"levels are {tuple(levels)}: give at least three, ascending")
@@ -246,23 +227,7 @@ def recursions(
     passes: Sequence[int] = (1, 2, 5, 20),
     progress: Progress | None = None,
 ) -> RecursionComparison:
-    """Compare the paper's rule, its passes and step sizes, and least squares, Fig. 11.
-
-    Arguments:
-        levels: N.
-        samples: time steps of the record, and of the one that is replayed, at 2 kHz.
-        seed: draws the two.
-        passes: numbers of passes of the paper's rule.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The errors.
-
-    Example:
-        >>> found = recursions(levels=5, samples=1500, passes=(1,))
-        >>> found.names[0], found.ramp_replay.shape
-        ('adaptive filter, 1 pass', (6,))
-    """
+    """Compare the paper's rule, its passes and step sizes, and least squares, Fig. 11."""
     plane = Plane(levels, 0.0, RANGE_V)
     with jax.enable_x64(True):
         report(progress, "records", 0.0)

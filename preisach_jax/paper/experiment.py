@@ -44,20 +44,7 @@ class Identification(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def identification(seed: int, samples: int, levels: int) -> Identification:
-    """Simulate the experiment at 2 kHz and run the adaptive filter over it, once for all figures.
-
-    Arguments:
-        seed: draws the coin of the command.
-        samples: time steps.
-        levels: N of the plane over 0 to 75 V.
-
-    Returns:
-        The record and the rows of the filter.
-
-    Example:
-        >>> identification(0, 500, 9).error_um.shape
-        (500,)
-    """
+    """Simulate the experiment at 2 kHz and run the filter over it, once for all figures."""
     with jax.enable_x64(True):
         record = experiment(jax.random.key(seed), samples, rate_hz=IDENTIFICATION_HZ)
         found = AdaptiveFilter(Plane(levels, 0.0, RANGE_V)).run(record.input_v, record.stroke_um)
@@ -105,22 +92,7 @@ class Loops(FigureData):
 def loops(
     seconds: float = 20.0, seed: int = 0, samples: int = 50_000, progress: Progress | None = None
 ) -> Loops:
-    """Measured loops of the Bernoulli experiment, Fig. 5.
-
-    Arguments:
-        seconds: how much of the record is shown.
-        seed: draws the coin.
-        samples: time steps of the record at 2 kHz.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The loops.
-
-    Example:
-        >>> found = loops(seconds=1.0, samples=2000)
-        >>> found.turns, round(found.slope_um_per_v, 1)
-        (8, 2.6)
-    """
+    """Measured loops of the Bernoulli experiment, Fig. 5."""
     report(progress, "input-output loops", 0.0)
     shown = min(samples, round(seconds * IDENTIFICATION_HZ))
     run = identification(seed, samples, LEVELS)
@@ -184,23 +156,7 @@ def time_frame(
     seconds: float = 0.25,
     progress: Progress | None = None,
 ) -> TimeFrame:
-    """A stretch of measurement and filter output, Fig. 7.
-
-    Arguments:
-        levels: N.
-        seed: draws the coin.
-        samples: time steps of the record at 2 kHz; the frame begins after 90 % of them.
-        seconds: length of the frame.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The frame.
-
-    Example:
-        >>> frame = time_frame(levels=9, samples=4000)
-        >>> frame.time_s.shape, bool(abs((frame.measured_um - frame.model_um).mean()) < 1e-9)
-        ((400,), True)
-    """
+    """A stretch of measurement and filter output, Fig. 7."""
     report(progress, "measurement and model", 0.0)
     run = identification(seed, samples, levels)
     begin = round(0.9 * samples)

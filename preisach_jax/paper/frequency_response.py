@@ -89,24 +89,7 @@ def bode(
     noise_um: float = NOISE_UM,
     progress: Progress | None = None,
 ) -> Bode:
-    """Measure the frequency response of the simulated stage and fit a linear model, Fig. 4.
-
-    Arguments:
-        realisations: how many excitations with phases of their own, at least 2.
-        seed: draws the phases and the noise.
-        noise_um: standard deviation of the sensor's noise, µm.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The responses.
-
-    Raises:
-        InputError: there are too few realisations.
-
-    Example:
-        >>> bode(realisations=2).mode_hz.round().astype(int).tolist()
-        [338, 587]
-    """
+    """Measure the frequency response of the simulated stage and fit a linear model, Fig. 4."""
     if realisations < 2:
         raise InputError(f"realisations is {realisations}: give at least 2, to see their spread")
     lines = np.unique(np.round(np.geomspace(5, 2000, 150)).astype(int))

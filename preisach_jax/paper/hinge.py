@@ -38,19 +38,6 @@ def fit_hinge(k: ArrayLike, y: ArrayLike, candidates: int = 500) -> Hinge:
     Arguments:
         k: (points,) abscissae, ascending.
         y: (points,) values.
-        candidates: number of knees tried, evenly between the second point and the last but one.
-
-    Returns:
-        The lines.
-
-    Raises:
-        InputError: there are fewer than ten points.
-
-    Example:
-        >>> k = np.arange(100.0)
-        >>> found = fit_hinge(k, 1.0 - 0.1 * np.minimum(k - 30.0, 0.0))
-        >>> round(found.knee), round(found.slope, 2), round(found.level, 2)
-        (30, -0.1, 1.0)
     """
     k, y = np.asarray(k, float), np.asarray(y, float)
     if k.size < 10:
@@ -79,18 +66,9 @@ def knee_interval(
     Arguments:
         k: (points,) abscissae, ascending.
         rows: (rows, points) positive values, each row an independent realisation.
-        draws: how often as many rows are drawn and fitted.
-        seed: of the draws.
 
     Returns:
         `(low, high)`.
-
-    Example:
-        >>> k = np.arange(100.0)
-        >>> rows = [10.0 ** -np.minimum(k - knee, 0.0) for knee in (28.0, 30.0, 32.0)]
-        >>> low, high = knee_interval(k, rows)
-        >>> bool(27.0 < low < 30.0 < high < 33.0)
-        True
     """
     rows = np.asarray(rows, float)
     rng = np.random.default_rng(seed)

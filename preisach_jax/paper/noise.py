@@ -14,35 +14,13 @@ import numpy as np
 from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.numbers import FigureData, Progress, report
 from preisach_jax.plant import RANGE_V
-from preisach_jax.sweep import (
-    LEVELS,
-    NOISE_UM,
-    PowerLaw,
-    Sweep,
-    fit_power_law,
-    realisation,
-    sweep,
-)
+from preisach_jax.sweep import LEVELS, NOISE_UM, PowerLaw, Sweep, fit_power_law, realisation, sweep
 from preisach_jax.theory import noise_coefficient, residual_ratio_bound
 
 
 @functools.lru_cache(maxsize=2)
 def noise_sweep(seed: int, levels: tuple[int, ...], seeds: int, samples: int) -> Sweep:
-    """Run the sweep of Fig. 8 and 9, once for both.
-
-    Arguments:
-        seed: makes the random key.
-        levels: N of the planes.
-        seeds: number of realisations.
-        samples: time steps at 2 kHz.
-
-    Returns:
-        The sweep over the default powers of noise.
-
-    Example:
-        >>> noise_sweep(0, (9, 5, 3), 1, 1000).levels.tolist()
-        [9, 5, 3]
-    """
+    """Run the sweep of Fig. 8 and 9, once for both."""
     return sweep(jax.random.key(seed), levels, NOISE_UM, seeds, samples)
 
 
@@ -104,23 +82,7 @@ def proportionality(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Proportionality:
-    """Auxiliary norm of the weight error against the quantisation noise, Fig. 8.
-
-    Arguments:
-        levels: N of the planes, at least three.
-        seeds: number of realisations.
-        samples: time steps of each at 2 kHz.
-        seed: makes the random key.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The points and the fitted lines.
-
-    Example:
-        >>> found = proportionality((9, 5, 3), seeds=1, samples=1000)
-        >>> found.noise_power_um2.shape, found.root_cells_in_levels.value.__round__(2)
-        ((3,), 0.92)
-    """
+    """Auxiliary norm of the weight error against the quantisation noise, Fig. 8."""
     report(progress, "sweep over levels, noise and seeds", 0.0)
     found = noise_sweep(seed, tuple(levels), seeds, samples)
     W, norms = found.noise_power, [found.auxiliary_norm(over) for over in ("events", "samples")]
@@ -151,15 +113,6 @@ def power_law_through(x: np.ndarray, y: np.ndarray, exponent: float, at: np.ndar
     Arguments:
         x: (points,) positive numbers.
         y: (points,) positive numbers.
-        exponent: the exponent.
-        at: where the values are wanted.
-
-    Returns:
-        Values, in the shape of `at`.
-
-    Example:
-        >>> float(power_law_through(np.array([1.0, 4.0]), np.array([3.0, 12.0]), 1.0, 2.0).round(6))
-        6.0
     """
     middle = np.mean(np.log(y) - exponent * np.log(x))
     return np.exp(middle + exponent * np.log(at))
@@ -239,22 +192,7 @@ def coefficients(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Coefficients:
-    """What noise adds to the weight error, simulated, exact and bounded, Fig. 9.
-
-    Arguments:
-        levels: N of the planes.
-        seeds: number of realisations.
-        samples: time steps of each at 2 kHz.
-        seed: makes the random key.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The points, the fitted lines and the coefficients.
-
-    Example:
-        >>> coefficients((9, 5, 3), seeds=1, samples=1000).exact.shape  # doctest: +SKIP
-        (3,)
-    """
+    """What noise adds to the weight error, simulated, exact and bounded, Fig. 9."""
     report(progress, "sweep over levels, noise and seeds", 0.0)
     found = noise_sweep(seed, tuple(levels), seeds, samples)
     W = found.noise_um**2
@@ -285,16 +223,8 @@ def coefficients(
 def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.ndarray:
     """Exact ratio of what noise adds to ⟨‖E‖²⟩ and W, for the first input of a sweep.
 
-    Arguments:
-        found: the sweep.
-        progress: called with a text and the part that is done.
-
     Returns:
         (level,) trace of Cov(E)/W, averaged over the samples of the residual interval.
-
-    Example:
-        >>> exact_coefficients(noise_sweep(0, (9, 5, 3), 1, 1000)).shape
-        (3,)
     """
     key = cast(jax.Array, jax.random.wrap_key_data(jnp.asarray(found.key)))
     exact: list[float] = []

@@ -73,23 +73,7 @@ def convergence(
     records: int = 8,
     progress: Progress | None = None,
 ) -> Convergence:
-    """Squared output error of the recursive identification, Fig. 6.
-
-    Arguments:
-        levels: N.
-        seed: draws the coin of the first record; the others have the seeds after it.
-        samples: time steps of a record at 2 kHz; the residual interval is the last 80 %.
-        records: number of records of which the asymptotes are fitted.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The errors and their asymptotes.
-
-    Example:
-        >>> found = convergence(levels=9, samples=4000, records=2)
-        >>> bool(found.hinge.slope < 0), found.first
-        (True, 800)
-    """
+    """Squared output error of the recursive identification, Fig. 6."""
     runs: list[Identification] = []
     for number in range(records):
         report(progress, "recursive identification", number / records)

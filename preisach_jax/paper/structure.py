@@ -49,20 +49,7 @@ class HysteronLoops(FigureData):
 
 
 def hysteron_loops(points: int = 241, progress: Progress | None = None) -> HysteronLoops:
-    """Follow one relay and one ramp through a loop of the input, Fig. 1.
-
-    Arguments:
-        points: points of a branch.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The loops.
-
-    Example:
-        >>> loops = hysteron_loops(points=13)
-        >>> loops.alpha, loops.relay_up.astype(int).tolist()
-        (4.5, [-1, -1, -1, -1, -1, -1, -1, -1, -1, 1, 1, 1, 1])
-    """
+    """Follow one relay and one ramp through a loop of the input, Fig. 1."""
     report(progress, "hysteron", 0.0)
     plane = Plane(levels=6, low=0.0, high=6.0)
     cell = int(np.flatnonzero((plane.alpha == 4.5) & (plane.beta == 1.5))[0])
@@ -124,18 +111,7 @@ class Diagram(FigureData):
 
 
 def filter_diagram(progress: Progress | None = None) -> Diagram:
-    """The data flow of the adaptive hysteresis filter, Fig. 2.
-
-    Arguments:
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The diagram.
-
-    Example:
-        >>> [block.equation for block in filter_diagram().blocks if block.name == "update"]
-        ['(12)']
-    """
+    """The data flow of the adaptive hysteresis filter, Fig. 2."""
     report(progress, "adaptive filter", 0.0)
     blocks = (
         Block("plant", "unknown\nhysteresis", "(5)"),
@@ -182,18 +158,7 @@ def filter_diagram(progress: Progress | None = None) -> Diagram:
 
 
 def experiment_diagram(progress: Progress | None = None) -> Diagram:
-    """The principal structure of the experiment, Fig. 3.
-
-    Arguments:
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The diagram.
-
-    Example:
-        >>> experiment_diagram().blocks[-1].text.splitlines()
-        ['linear encoder', '1.22 nm']
-    """
+    """The principal structure of the experiment, Fig. 3."""
     report(progress, "experiment", 0.0)
     low, high = resonances(NOTCH_NUMERATOR).frequency_hz
     step_nm = 1e3 * ENCODER_STEP_UM

@@ -17,13 +17,7 @@ CREEP_DECADES = (-2.0, 1.0)  # of the time constants in s
 
 @dataclass(frozen=True)
 class Measurement:
-    """What sizes of effects go by.
-
-    Arguments:
-        duration_s: of the record, s.
-        stroke_um: stroke over the whole range, µm, without feedback.
-        fastest: greatest rate of the drive, V/s.
-    """
+    """What sizes of effects go by."""
 
     duration_s: float
     stroke_um: float
@@ -35,21 +29,7 @@ OF_THE_PLAYS = ("rate_dependence", "log_rate", "moving")
 
 
 def effect_names(effects: Sequence[str]) -> list[str]:
-    """Full names of effects.
-
-    Arguments:
-        effects: names out of `EFFECTS`; "aux", "gain", "cross" are short for those of a column.
-
-    Returns:
-        The names.
-
-    Raises:
-        InputError: one is unknown or named twice.
-
-    Example:
-        >>> effect_names(("creep", "aux"))
-        ['creep', 'aux:load_N']
-    """
+    """Full names of effects."""
     require_list("effects", effects)
     names = [machines.SHORT.get(name, name) for name in effects]
     for name in names:
@@ -67,20 +47,7 @@ def effect_names(effects: Sequence[str]) -> list[str]:
 
 
 def draw_effect(name: str, seed: int, measurement: Measurement) -> dict[str, Any]:
-    """Parameters of an effect; each has its own stream, so that effects can be combined.
-
-    Arguments:
-        name: out of `EFFECTS`.
-        seed: whole number, at least 0.
-        measurement: what its size goes by.
-
-    Returns:
-        The parameters, ready for JSON.
-
-    Example:
-        >>> draw_effect("output_lag", 1, Measurement(24.0, 60.0, 3000.0)).keys()
-        dict_keys(['tau_s'])
-    """
+    """Parameters of an effect; each has its own stream, so that effects can be combined."""
     rng = np.random.default_rng([seed, 10 + EFFECTS.index(name)])
     swing = float(rng.uniform(0.010, 0.020) * measurement.stroke_um)
     return _DRAWS[name](rng, measurement, swing)
@@ -137,10 +104,7 @@ def _draw_rate(rng: np.random.Generator, measurement: Measurement, swing: float)
 def _draw_resonance(
     rng: np.random.Generator, measurement: Measurement, swing: float
 ) -> dict[str, Any]:
-    return {
-        "f_hz": float(60.0 * 5.0 ** rng.uniform()),
-        "zeta": float(0.02 * 10.0 ** rng.uniform()),
-    }
+    return {"f_hz": float(60.0 * 5.0 ** rng.uniform()), "zeta": float(0.02 * 10.0 ** rng.uniform())}
 
 
 def _draw_hum(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:

@@ -47,10 +47,7 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
     behind the amplifier but without the steps of the converter, which are quick and small.
 
     Arguments:
-        stage: the hysteresis.
-        hidden: parameters of the hidden effects.
         command: (time,) V, at inner instants.
-        step_s: inner time step, s.
 
     Returns:
         (time,) position, µm.
@@ -83,10 +80,8 @@ def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> n
     """Position of the mechanics, late by the electronics behind its sensor.
 
     Arguments:
-        hidden: parameters of the hidden effects.
         h: (time,) output of the hysteresis, µm, at inner instants.
         time: (time,) s.
-        step_s: inner time step, s.
 
     Returns:
         (time,) position, µm.
@@ -114,10 +109,8 @@ def add_disturbances(
     """Position with what comes without the drive, and the column of the load.
 
     Arguments:
-        hidden: parameters of the hidden effects.
         z: (time,) position, µm, at inner instants.
         time: (time,) s.
-        seed: draws the course of the load.
 
     Returns:
         (time,) position, µm, and the load by its name, if there is one.
@@ -143,15 +136,9 @@ def low_pass(x: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
 
     Arguments:
         x: (time,) signal.
-        tau_s: time constant τ, s.
-        step_s: time step T, s.
 
     Returns:
         (time,) lagged signal.
-
-    Example:
-        >>> low_pass(np.array([0.0, 1.0, 1.0]), tau_s=0.5, step_s=1.0).tolist()
-        [0.0, 0.5, 1.0]
     """
     ratio = tau_s / step_s
     return scipy.signal.lfilter(
@@ -169,16 +156,9 @@ def resonate(x: np.ndarray, f_hz: float, zeta: float, step_s: float) -> np.ndarr
 
     Arguments:
         x: (time,) signal.
-        f_hz: natural frequency f without damping, Hz.
-        zeta: damping ratio ζ.
-        step_s: time step, s.
 
     Returns:
         (time,) signal behind the mode.
-
-    Example:
-        >>> resonate(np.array([2.0, 2.0, 2.0]), f_hz=100.0, zeta=0.1, step_s=1e-3).tolist()
-        [2.0, 2.0, 2.0]
     """
     omega = 2.0 * math.pi * f_hz
     mode = ([omega**2], [1.0, 2.0 * zeta * omega, omega**2])
@@ -194,14 +174,9 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
     Arguments:
         x: (time,) signal.
         slew: greatest rate s, in the unit of the signal per s.
-        step_s: time step T, s.
 
     Returns:
         (time,) limited signal.
-
-    Example:
-        >>> limit_rate(np.array([0.0, 3.0, 3.0, 1.5]), slew=2.0, step_s=1.0).tolist()
-        [0.0, 2.0, 3.0, 1.5]
     """
     reach, y = slew * step_s, float(x[0])
     limited: list[float] = []
@@ -215,15 +190,7 @@ def round_to(x: np.ndarray, step: float) -> np.ndarray:
     """Nearest multiple of a step, halves upward.
 
     Arguments:
-        x: signal of any shape.
         step: of the converter, in the unit of the signal.
-
-    Returns:
-        The rounded signal, of the same shape.
-
-    Example:
-        >>> round_to(np.array([0.2, 0.25, -0.2]), step=0.5).tolist()
-        [0.0, 0.5, 0.0]
     """
     return step * np.floor(x / step + 0.5) + 0.0  # no negative zero
 
@@ -233,18 +200,6 @@ def bend(z: np.ndarray, coefficients_um: Sequence[float], stroke_um: float) -> n
 
     z + a₂ (1 - s²) + a₃ (3√3/2) (s - s³) with s = 2 z / stroke - 1, so that a₂ and a₃ are the
     greatest deviations within the stroke.
-
-    Arguments:
-        z: position, µm, of any shape.
-        coefficients_um: a₂ and a₃, µm.
-        stroke_um: stroke, µm.
-
-    Returns:
-        Reading, µm, of the same shape.
-
-    Example:
-        >>> bend(np.array([0.0, 5.0, 10.0]), (0.1, 0.2), stroke_um=10.0).tolist()
-        [0.0, 5.1, 10.0]
     """
     s = 2.0 * z / stroke_um - 1.0
     a2, a3 = coefficients_um

@@ -13,18 +13,8 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.plant import machines
 from preisach_jax.plant.columns import save_columns
-from preisach_jax.plant.draws import (
-    Measurement,
-    draw_effect,
-    effect_names,
-)
-from preisach_jax.plant.effects import (
-    add_disturbances,
-    bend,
-    move,
-    respond,
-    round_to,
-)
+from preisach_jax.plant.draws import Measurement, draw_effect, effect_names
+from preisach_jax.plant.effects import add_disturbances, bend, move, respond, round_to
 from preisach_jax.plant.stage import RANGE_V, make_stage
 from preisach_jax.signals import diagnostic_record
 

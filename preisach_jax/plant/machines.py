@@ -89,9 +89,7 @@ def columns(hidden: Hidden, time: np.ndarray, seed: int) -> dict[str, np.ndarray
     """Courses of a temperature about 20 °C and of another axis, as far as they are asked for.
 
     Arguments:
-        hidden: parameters of the hidden effects.
         time: (time,) s.
-        seed: draws the courses.
 
     Returns:
         (time,) columns by name.
@@ -129,9 +127,7 @@ def swung(law: Mapping[str, float], force: np.ndarray, step_s: float) -> np.ndar
     h' = z' - |h / yield| (beta |z'| sgn h + gamma z'), by Runge-Kutta steps of fourth order.
 
     Arguments:
-        law: the parameters.
         force: (time,) V.
-        step_s: time step, s.
 
     Returns:
         (time,) position from rest, µm.
@@ -174,11 +170,8 @@ def with_forces(
     """Position, µm, with what goes with the speed of the drive and what leaks from another axis.
 
     Arguments:
-        hidden: parameters of the hidden effects.
         z: (time,) position, µm.
         drive: (time,) V.
-        made: the `columns`.
-        step_s: inner time step, s.
     """
     if "viscosity" in hidden:
         law = hidden["viscosity"]

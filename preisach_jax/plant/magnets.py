@@ -146,23 +146,7 @@ def simulate_magnet(
     """Simulate a ring core whose induction is controlled, with chosen losses hidden in it.
 
     Arguments:
-        seed: whole number, at least 0, which draws the core, the effects and the noise.
-        seconds: duration, s; with `drive`, its own length counts.
-        effects: names out of `LOSSES`.
-        rate_hz: sampling rate, Hz.
         drive: (time,) induction, T; None is `sine_bursts`.
-        noise_field, noise_induction: standard deviations of the readings, A/m and T.
-
-    Returns:
-        The record and the truth.
-
-    Raises:
-        InputError: an effect is unknown.
-
-    Example:
-        >>> record = simulate_magnet(seed=1, effects=("excess_loss",))
-        >>> record.field.shape, record.truth["effects"]
-        ((5250,), ['excess_loss'])
     """
     require_list("effects", effects)
     for name in effects:

@@ -29,14 +29,6 @@ class Stage:
         slack_up: (plays,) V, by which a rising drive is ahead.
         slack_down: (plays,) V, by which a falling drive is behind.
         weights: (plays,) µm per V of generating function.
-        dead_zone: d, V.
-        softness: s, V.
-
-    Example:
-        >>> stage = make_stage(seed=1)
-        >>> up, down = stage.hysteresis(np.array([0.0, 40.0, 75.0, 40.0]))[[1, 3]]
-        >>> bool(down > up)
-        True
     """
 
     slack_up: np.ndarray
@@ -46,14 +38,7 @@ class Stage:
     softness: float
 
     def generate(self, v: np.ndarray) -> np.ndarray:
-        """Generating function g, V.
-
-        Arguments:
-            v: play, V, of any shape.
-
-        Returns:
-            g(v), V, of the same shape.
-        """
+        """Generating function g, V."""
         return self.softness * np.logaddexp(0.0, (v - self.dead_zone) / self.softness)
 
     def hysteresis(self, u: np.ndarray, widening: np.ndarray | float = 0.0) -> np.ndarray:
@@ -102,20 +87,9 @@ class Stage:
 
         Arguments:
             u: (time,) drive, V.
-            a: feedback, V/µm.
-            widening: as in `hysteresis`.
 
         Returns:
             (time,) position, µm, zero at rest at 0 V.
-
-        Raises:
-            ValueError: if the feedback is too strong to be found in this way.
-
-        Example:
-            >>> stage = make_stage(seed=1)
-            >>> bare, fed = (stage.moving_hysteresis(np.array([75.0]), a) for a in (0.0, 0.1))
-            >>> bool(np.all(fed > bare))
-            True
         """
         if abs(a) * self.weights.sum() >= 1.0:
             most = 1 / self.weights.sum()
@@ -140,18 +114,7 @@ def _heading(moves: np.ndarray) -> np.ndarray:
 
 
 def make_stage(seed: int = 0) -> Stage:
-    """Draw a stage with 40 to 90 µm stroke and a loop 10 to 18 % of it wide.
-
-    Arguments:
-        seed: whole number, at least 0; the same seed gives the same stage.
-
-    Returns:
-        The stage.
-
-    Example:
-        >>> 40.0 < make_stage(seed=3).hysteresis(np.array([75.0])).item() < 90.0
-        True
-    """
+    """Draw a stage with 40 to 90 µm stroke and a loop 10 to 18 % of it wide."""
     rng = np.random.default_rng([seed, 1])
     quantile = (np.arange(PLAYS - 1) + rng.uniform(0.2, 0.8, PLAYS - 1)) / (PLAYS - 1)
     # Radii reach as far as the drive and get rarer with size, as measured on piezo ceramics.

@@ -9,17 +9,7 @@ from preisach_jax.plot.diagnosis import candidates, waterfall
 from preisach_jax.plot.forc import forc_diagram
 from preisach_jax.plot.plane import density
 from preisach_jax.plot.residual import residual_tests, residuals
-from preisach_jax.plot.style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    HELD_OUT,
-    MEASURED,
-    REFUSED,
-    pdf,
-    png,
-    svg,
-)
+from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, pdf, png, svg
 from preisach_jax.plot.traces import Trace, Traces, before_and_after, colour, worst_stretch
 
 __all__ = [

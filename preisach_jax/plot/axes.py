@@ -29,21 +29,7 @@ class Axis:
 
 
 def record_axes(record: Record) -> dict[str, Axis]:
-    """What residuals are looked at against, row by row.
-
-    Arguments:
-        record: the measurement.
-
-    Returns:
-        Axes by `"time"`, `"input"`, `"output"`, `"rate"` (of the input) and `"since"` (time since
-        the input last turned).
-
-    Example:
-        >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 2, 4], [0, 1, 2],
-        ...                             units={"input": "V", "output": "um"})
-        >>> record_axes(record)["rate"].label, record_axes(record)["rate"].values
-        ('rate of input (V/s)', array([2., 2., 2.]))
-    """
+    """What residuals are looked at against, row by row."""
     rate = stats.input_rate(record.time, record.input, record.starts)
     since = stats.time_since_reversal(record.time, record.input, starts=record.starts)
     per_second = f"{record.input_unit}/s" if record.input_unit else "1/s"
@@ -60,26 +46,13 @@ def record_axes(record: Record) -> dict[str, Axis]:
 
 
 def column_name(record: Record, role: str) -> str:
-    """What a column is called on an axis: its role and its name without the unit.
-
-    Arguments:
-        record: the measurement.
-        role: `"input"` or `"output"`.
-
-    Returns:
-        The text as it stands in the file, escaped for no kind of drawing.
-    """
+    """What a column is called on an axis: its role and its name without the unit."""
     own = split_unit(record.channels[role].name)[0]
     return role if own == role else f"{role} {own}"
 
 
 def with_unit(name: str, unit: str) -> str:
-    """A label of a name and its unit, if it has one.
-
-    Example:
-        >>> with_unit("residual", "nm"), with_unit("residual", "")
-        ('residual (nm)', 'residual')
-    """
+    """A label of a name and its unit, if it has one."""
     return f"{name} ({unit})" if unit else name
 
 
@@ -124,7 +97,6 @@ def density_scale(model: Model, values: np.ndarray) -> tuple[float, float, str]:
     times as much.
 
     Arguments:
-        model: the model.
         values: (cells,) density in the output's unit over the square of that of `plane_edges`; NaN
             where there is none.
 

@@ -22,14 +22,7 @@ BEGIN = 0.1
 
 @mpl.rc_context(STYLE)
 def draw_loop(loop: Loop) -> Figure:
-    """The course, the errors over time on a logarithmic scale, and their RMS.
-
-    Arguments:
-        loop: readings along the course.
-
-    Returns:
-        The figure.
-    """
+    """The course, the errors over time on a logarithmic scale, and their RMS."""
     figure = Figure(figsize=(8.0, 5.6), layout="constrained")
     axes: Any = figure.subplot_mosaic([["course", "bars"], ["errors", "bars"]], width_ratios=(3, 2))
     begin = BEGIN * float(loop.time[-1] - loop.time[0])
@@ -69,11 +62,7 @@ def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "")
     """The drive, and wanted and expected output with the rows that cannot be reached.
 
     Arguments:
-        found: the drive.
         unit, input_unit: units of output and input.
-
-    Returns:
-        The figure.
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     output, drive = figure.subplots(2, 1, sharex=True)

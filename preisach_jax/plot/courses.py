@@ -22,14 +22,7 @@ from preisach_jax.quantity import quantity
 
 @mpl.rc_context(STYLE)
 def measured_and_model(traces: Traces) -> Figure:
-    """Measured output and model over time: the whole record, and where the error is greatest.
-
-    Arguments:
-        traces: one or two simulations of a record.
-
-    Returns:
-        The figure: whole record, a stretch of it, and the residual there.
-    """
+    """Measured output and model over time: the whole record, and where the error is greatest."""
     record = record_of(traces)
     figure = Figure(figsize=(8.2, 6.6), layout="constrained")
     whole, zoom, rest = figure.subplots(3, 1, height_ratios=[1, 1.15, 0.85])
@@ -52,14 +45,7 @@ def measured_and_model(traces: Traces) -> Figure:
 
 @mpl.rc_context(STYLE)
 def where_it_errs_most(traces: Traces) -> Figure:
-    """Measured output and models over the stretch of the greatest error, and what they leave.
-
-    Arguments:
-        traces: one or two simulations of a record.
-
-    Returns:
-        The figure, wide and low, for the first screen of a report.
-    """
+    """Measured output and models over the stretch of the greatest error, and what they leave."""
     figure = Figure(figsize=(8.2, 4.1), layout="constrained")
     upper, lower = figure.subplots(2, 1, height_ratios=[1.3, 1], sharex=True)
     rows = worst_stretch(traces)
@@ -73,14 +59,7 @@ def where_it_errs_most(traces: Traces) -> Figure:
 
 @mpl.rc_context(STYLE)
 def loop(traces: Traces) -> Figure:
-    """Output against input: the whole record as measured, and with models where they err most.
-
-    Arguments:
-        traces: one or two simulations of a record.
-
-    Returns:
-        The figure.
-    """
+    """Output against input: the whole record as measured, and with models where they err most."""
     record = record_of(traces)
     figure = Figure(figsize=(8.2, 4.0), layout="constrained")
     whole, zoom = figure.subplots(1, 2)
@@ -94,17 +73,7 @@ def loop(traces: Traces) -> Figure:
 
 @mpl.rc_context(STYLE)
 def overview(fit: Trace) -> Figure:
-    """One simulation at a glance: over time, as a loop, and its residual.
-
-    Arguments:
-        fit: a fit, or another simulation beside its measurement.
-
-    Returns:
-        The figure.
-
-    Example:
-        >>> overview(fit).savefig("fit.png")  # doctest: +SKIP
-    """
+    """One simulation at a glance: over time, as a loop, and its residual."""
     traces = {"model": fit}
     everything = slice(0, len(fit.record.time))
     figure = Figure(figsize=(8.2, 6.0), layout="constrained")

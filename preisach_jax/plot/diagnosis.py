@@ -25,17 +25,7 @@ most."""
 
 @mpl.rc_context(STYLE)
 def waterfall(found: Diagnosis) -> Figure:
-    """Held-out error against effects added, with the floor of noise and discretisation.
-
-    Arguments:
-        found: a diagnosis.
-
-    Returns:
-        The figure; its error axis is logarithmic where the errors differ by more than tenfold.
-
-    Example:
-        >>> waterfall(found)  # doctest: +SKIP
-    """
+    """Held-out error against effects added, with the floor of noise and discretisation."""
     errors = np.array([rung.rms_validation for rung in found.rungs])
     names = [rung.name.replace(" ", "\n") for rung in (*found.memoryless, found.ladder[0])]
     base = len(found.memoryless)
@@ -98,12 +88,6 @@ def candidates(found: Diagnosis) -> Figure:
 
     Those that were fitted are drawn, and of the others the ones that promised most; a table has
     all of them.
-
-    Arguments:
-        found: a diagnosis.
-
-    Returns:
-        The figure.
     """
     tried, left_out = _shown(found.candidates)
     reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 62)) for c in tried]

@@ -34,17 +34,6 @@ def forc_diagram(model: Model) -> Figure:
     Arguments:
         model: a model; fields are in the unit of its input, ρ is in that of its output over the
             square of the former.
-
-    Returns:
-        The figure; cells that the model's record never visited are hatched.
-
-    Example:
-        >>> import numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
-        >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
-        >>> forc_diagram(model).axes[0].get_xlabel()
-        'Hc = (α - β)/2'
     """
     plane = model.plane
     edges, shown = plane_edges(model)

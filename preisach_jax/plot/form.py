@@ -21,21 +21,7 @@ LABEL_WIDTH = 32
 
 @mpl.rc_context(STYLE)
 def dependence(form: SparseForm) -> Figure:
-    """The mean remainder over the leading term of a form.
-
-    Arguments:
-        form: a form that is offered.
-
-    Returns:
-        The figure: means over parts of equal numbers of rows, of measured minus model and of what
-        the form takes away.
-
-    Raises:
-        InputError: if the form has no terms.
-
-    Example:
-        >>> dependence(pj.find_form(found))  # doctest: +SKIP
-    """
+    """The mean remainder over the leading term of a form."""
     shown = form.dependence
     if shown is None:
         raise InputError(f"{form!r} has no terms to draw; give a form that is offered")
@@ -58,21 +44,7 @@ def dependence(form: SparseForm) -> Figure:
 
 @mpl.rc_context(STYLE)
 def curves(term: LearnedTerm) -> Figure:
-    """How a learned term depends on the states that matter most.
-
-    Arguments:
-        term: a learned term that is offered.
-
-    Returns:
-        The figure, one panel a state: mean of the term over the state, and the same where another
-        state is low and where it is high.
-
-    Raises:
-        InputError: if the term has no curves.
-
-    Example:
-        >>> curves(pj.find_form(found).learned)  # doctest: +SKIP
-    """
+    """How a learned term depends on the states that matter most."""
     if not term.curves:
         raise InputError(f"the learned term has no curves to draw ({term.why_not}); give another")
     courses = [course for each in term.curves for course in (each.mean, each.low, each.high)]

@@ -23,18 +23,7 @@ MOST_MARKED = 2000
 
 @mpl.rc_context(STYLE)
 def first_look(found: Look) -> Figure:
-    """Draw a record before any fit.
-
-    Arguments:
-        found: the look at it.
-
-    Returns:
-        The figure: input and output over time with rests, gaps, spikes and clipped stretches
-        marked, and the output over the input.
-
-    Example:
-        >>> first_look(look(record)).savefig("record.png")  # doctest: +SKIP
-    """
+    """Draw a record before any fit."""
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     panels = figure.subplot_mosaic([["input", "loop"], ["output", "loop"]], width_ratios=[1.7, 1.0])
     record = found.record

@@ -20,14 +20,7 @@ if TYPE_CHECKING:
 
 @mpl.rc_context(STYLE)
 def density(model: Model) -> Figure:
-    """The identified density on the Preisach plane; cells that were never visited are hatched.
-
-    Arguments:
-        model: a model.
-
-    Returns:
-        The figure.
-    """
+    """The identified density on the Preisach plane; cells that were never visited are hatched."""
     edges, shown = plane_edges(model)
     figure = Figure(figsize=(5.6, 4.8), layout="constrained")
     axes = figure.add_subplot()
@@ -50,21 +43,13 @@ def density(model: Model) -> Figure:
 
 
 def draw_cells(
-    axes: Axes,
-    model: Model,
-    borders: tuple[np.ndarray, np.ndarray],
-    values: np.ndarray,
-    name: str,
+    axes: Axes, model: Model, borders: tuple[np.ndarray, np.ndarray], values: np.ndarray, name: str
 ) -> None:
     """Draw a density a cell, hatch the cells that were never visited, and add a bar of colours.
 
     Arguments:
-        axes: where to.
-        model: the model.
-        borders: horizontal and vertical place of the borders of cells, as for `pcolormesh`.
         values: (cells,) density in the output's unit over the square of that of `plane_edges`; NaN
             where a cell is not to be drawn.
-        name: what the bar is called.
     """
     plane, visited = model.plane, np.asarray(model.visited, dtype=bool)
     drawn = ~np.isnan(values)

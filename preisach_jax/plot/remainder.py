@@ -21,14 +21,7 @@ def drawn(found: Diagnosis) -> list[Relation]:
 
 @mpl.rc_context(STYLE)
 def remainder(found: Diagnosis) -> Figure:
-    """The mean remainder over each quantity that it goes with.
-
-    Arguments:
-        found: a diagnosis that leaves something which goes with a quantity.
-
-    Returns:
-        The figure: the means of the parts of the record, and what they would reach by chance.
-    """
+    """The mean remainder over each quantity that it goes with."""
     relations = drawn(found)
     columns = min(len(relations), 2)
     rows = -(-len(relations) // 2)

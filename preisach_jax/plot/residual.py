@@ -36,12 +36,6 @@ def residuals(traces: Traces) -> Figure:
     Points are a random choice of at most 5,000 rows; lines and bands are median and 5-95 % range
     of all rows.  Where one model leaves more than `WIDE` times what the other one does, the axis is
     linear as far as the smaller residual goes, and logarithmic beyond.
-
-    Arguments:
-        traces: one or two simulations of a record.
-
-    Returns:
-        The figure.
     """
     record = record_of(traces)
     figure = Figure(figsize=(8.2, 7.6), layout="constrained")
@@ -78,14 +72,7 @@ def residuals(traces: Traces) -> Figure:
 
 @mpl.rc_context(STYLE)
 def residual_tests(traces: Traces) -> Figure:
-    """Autocorrelation, cross-correlation with the input, and cumulated periodogram of residuals.
-
-    Arguments:
-        traces: one or two simulations of a record.
-
-    Returns:
-        The figure, with 99 % bands.
-    """
+    """Autocorrelation, cross-correlation with the input, and cumulated periodogram of residuals."""
     record = record_of(traces)
     longest = stats.longest_lag(record)
     drive = stats.in_sequence(record, record.input, longest)

@@ -31,17 +31,7 @@ MOST_POINTS = 20_000
 
 @mpl.rc_context(STYLE)
 def overlay(comparisons: Mapping[str, Comparison]) -> Figure:
-    """Draw comparisons over each other.
-
-    Arguments:
-        comparisons: by what each is called, of one model or of one record.
-
-    Returns:
-        The figure: output over time (of one record) and residuals over time, loops, and errors.
-
-    Example:
-        >>> overlay({"mon": compare(model, mon), "tue": compare(model, tue)})  # doctest: +SKIP
-    """
+    """Draw comparisons over each other."""
     several = list(comparisons.values())
     first = several[0]
     is_one_record = all(each.record.sha256 == first.record.sha256 for each in several)

@@ -54,14 +54,7 @@ Traces = Mapping[str, Trace]
 
 
 def before_and_after(found: Diagnosis) -> dict[str, Trace]:
-    """The traces of a diagnosis: the model without effects, and the final one if it has any.
-
-    Arguments:
-        found: the diagnosis.
-
-    Returns:
-        One or two fits by their names in legends.
-    """
+    """The traces of a diagnosis: the model without effects, and the final one if it has any."""
     named: dict[str, Trace] = {"without effects": found.steps[0]}
     if found.effects:
         named["with " + " + ".join(found.effects)] = found.steps[-1]
@@ -74,15 +67,7 @@ def colour(trace: Trace) -> str:
 
 
 def worst_stretch(traces: Traces, reversals: int = 10) -> slice:
-    """The rows about the greatest error of the first trace, on held-out rows.
-
-    Arguments:
-        traces: one or two simulations of a record.
-        reversals: most turns of the input that a reader can still make out.
-
-    Returns:
-        A slice of 3 % of the record, or less.
-    """
+    """The rows about the greatest error of the first trace, on held-out rows."""
     first = first_trace(traces)
     record = first.record
     count = len(record.time)

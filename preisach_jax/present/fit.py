@@ -39,8 +39,6 @@ def error_rows(
 
     Arguments:
         models: the models, whose errors choose the unit.
-        record: their record.
-        below: models without hysteresis, which come first.
     """
     greatest = max(model.rms_validation for model in models)
     factor, unit = scaled(greatest, record.output_unit)

@@ -13,18 +13,7 @@ _CELL = "padding:.15em 1.2em .15em 0;border:0;background:none;vertical-align:top
 
 
 def block(*parts: str) -> str:
-    """Parts made by this module, one below the other.
-
-    Arguments:
-        parts: HTML; empty ones are left out.
-
-    Returns:
-        HTML of the whole.
-
-    Example:
-        >>> block(sentence("5 < 6"), "").endswith('<p style="margin:.3em 0">5 &lt; 6</p></div>')
-        True
-    """
+    """Parts made by this module, one below the other."""
     style = f"margin:.3em 0;padding-left:.8em;border-left:3px solid {_LINE}"
     return f'<div style="{style}">{"".join(parts)}</div>'
 
@@ -40,20 +29,7 @@ def sentence(text: str) -> str:
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers_from: int = 99) -> str:
-    """A compact table.
-
-    Arguments:
-        headers: names of the columns; none of them for a table of facts, whose first column names.
-        rows: texts, one a column.
-        numbers_from: first column that is set to the right, as numbers are.
-
-    Returns:
-        HTML, empty if there are no rows.
-
-    Example:
-        >>> "<td" in table(("what", "how much"), [("noise", "6 nm")], numbers_from=1)
-        True
-    """
+    """A compact table."""
     rows = list(rows)
     if not rows:
         return ""

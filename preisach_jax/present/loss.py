@@ -16,12 +16,7 @@ MOST_ROWS = 12
 
 
 def loss_table(loss: Loss | None, record: Record) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headers with units, and one row a kind of cycle: those that lose most, the slowest first.
-
-    Arguments:
-        loss: what the cycles lose; None for no rows.
-        record: of which record.
-    """
+    """Headers with units, and one row a kind of cycle: those that lose most, the slowest first."""
     if loss is None or not loss.cycles:
         return (), []
     kinds = loss.kinds

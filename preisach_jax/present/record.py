@@ -82,11 +82,7 @@ def record_rows(record: Record) -> list[tuple[str, str]]:
         unit = pretty_unit(channel.unit)
         name = role if role == channel.name else f"{role} {channel.name}"
         columns.append(f"{name} in {unit}" if unit else f"{name} (unit unknown)")
-    return [
-        *_run_rows(record),
-        ("columns", "; ".join(columns)),
-        *span_rows(record),
-    ]
+    return [*_run_rows(record), ("columns", "; ".join(columns)), *span_rows(record)]
 
 
 def as_html(record: Record) -> str:

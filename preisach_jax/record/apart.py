@@ -46,20 +46,7 @@ _REMEDY = "save its columns as CSV, or with numpy.savez"
 
 
 def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None) -> Table:
-    """Read a file in a child process with limits of memory and time.
-
-    Arguments:
-        reader: what reads it.
-        path: the file.
-        source: the file as the user named it.
-        sheet: of a workbook, the sheet that is asked for.
-
-    Returns:
-        The table, its cells numbers, texts or truth values.
-
-    Raises:
-        InputError: the reader refuses the file, or the process was ended by it.
-    """
+    """Read a file in a child process with limits of memory and time."""
     if not sys.executable or getattr(sys, "frozen", False):  # there is no Python to start
         return read_here(reader, path, source, sheet)
     seconds = SECONDS + path.stat().st_size // BYTES_A_SECOND

@@ -24,12 +24,7 @@ _LOOKED_AT = 1000  # rows by which decimal signs and groups are known
 
 
 def fields_of(line: str, delimiter: str) -> list[str]:
-    """The fields of one line, without the white space and quotation marks around them.
-
-    Example:
-        >>> fields_of('1; "a;b" ;2', ";")
-        ['1', 'a;b', '2']
-    """
+    """The fields of one line, without the white space and quotation marks around them."""
     if delimiter == " ":
         fields = _SPACES.split(line.strip())
     elif '"' in line:
@@ -65,21 +60,8 @@ def without_groups(
     A sign is taken for one of thousands where it cannot be a decimal sign: it stands twice in a
     number, before another sign, or is none of `.` and `,`.
 
-    Arguments:
-        body: the rows.
-        rows: their places in the file.
-        delimiter: what stands between the fields.
-        source: the file as the user named it.
-
     Returns:
         The rows, and what was assumed, `""` if nothing.
-
-    Raises:
-        InputError: a number has such a sign elsewhere than between groups of three digits.
-
-    Example:
-        >>> without_groups(["0;1.234,5"], np.array([1]), ";", "stage.csv")[0]
-        ['0;1234,5']
     """
     sign = _thousands_sign(body, delimiter)
     if sign is None:
@@ -140,15 +122,6 @@ def rows_alike(body: bytes, delimiter: str, width: int) -> int | None:
 
     Plain means that nothing has to be read line by line: no quotation marks, comments, blank lines
     or lines of delimiters only, one delimiter between two fields, and ASCII alone.
-
-    Arguments:
-        body: the rows, the last one with its line end or without.
-        delimiter: what stands between the fields.
-        width: how many fields there are.
-
-    Example:
-        >>> rows_alike(b"0,1\\n2,3\\n", ",", 2), rows_alike(b"0,1\\n2\\n", ",", 2)
-        (2, None)
     """
     if width < 2 or not body.isascii() or any(sign in body for sign in (b'"', b"#", b"%", b"\r")):
         return None

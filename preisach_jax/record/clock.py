@@ -41,10 +41,6 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
     Returns:
         (K,) seconds; a cell that is no time like the others stays as it is, and then the array
         holds objects. And what was assumed, `""` if nothing. None if the column holds no times.
-
-    Example:
-        >>> clock_seconds(np.array(["23:59:59.5", "00:00:00.75"], dtype=object))
-        (array([0.  , 1.25]), 'clock times that run past midnight')
     """
     filled = [cell for cell in cells if isinstance(cell, str) and cell.strip()]
     pattern = _pattern(filled[:_LOOKED_AT])
@@ -68,12 +64,7 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
 
 
 def is_time(text: str) -> bool:
-    """Whether a text is a date with a time, or a time of day.
-
-    Example:
-        >>> is_time("2024-03-01 12:00:00.125"), is_time("12.5")
-        (True, False)
-    """
+    """Whether a text is a date with a time, or a time of day."""
     return any(p.fullmatch(text.strip()) for p in (_YEAR_FIRST, _YEAR_LAST, _CLOCK))
 
 

@@ -81,19 +81,9 @@ def assign_roles(
     """Give columns their roles: those that are told as told, the others by name and unit.
 
     Arguments:
-        table: the columns of the file.
-        time, input, output: names of columns, None to guess.
-        aux: names of auxiliary columns; never guessed.
         has_rate: whether a sampling rate takes the place of a time column.
         need_output: whether there must be an output; where not, it is not guessed, and a name that
             the file does not have means that the output is absent.
-
-    Returns:
-        The roles, and which of them were guessed.
-
-    Raises:
-        InputError: a column that is not there, two roles for one column, or names and units that
-            leave a role open or more than one choice.
     """
     told = {"time": time, "input": input, "output": output}
     for role, column in table.roles.items():
@@ -158,11 +148,7 @@ def _resolved(
 
 
 def _found(table: Table, name: str, option: str, by_name: bool = True) -> str:
-    """The column that is meant by a name, a number or a unit.
-
-    Raises:
-        InputError: there is none, or several have the unit.
-    """
+    """The column that is meant by a name, a number or a unit."""
     name = printable(name)  # as the table has it
     if name in table.columns and (by_name or not name.isdecimal()):
         return name
@@ -260,13 +246,7 @@ def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def why(table: Table, role: str, column: str) -> str:
-    """Why a column would be taken for a role, in words.
-
-    Arguments:
-        table: the columns of the file.
-        role: `time`, `input` or `output`.
-        column: the column's name.
-    """
+    """Why a column would be taken for a role, in words."""
     if table.roles.get(role) == column:
         return "the format says so"
     if column not in table.columns:

@@ -41,21 +41,7 @@ def table_of_arrays(
     alone; its longer side is that of the samples.
 
     Arguments:
-        arrays: arrays by name.
-        source: what messages call them.
         units, roles, initial_memory: what is known of them, as in `Table`.
-
-    Returns:
-        The table; a row of it counts from 1.
-
-    Raises:
-        InputError: there are no vectors and no matrix.
-
-    Example:
-        >>> table_of_arrays({"t": np.arange(3), "scale": np.eye(2)}, "arrays").columns
-        {'t': array([0., 1., 2.])}
-        >>> list(table_of_arrays({"data": np.zeros((50, 3))}, "arrays").columns)
-        ['1', '2', '3']
     """
     check_names(list(arrays), source)
     vectors, named, notes = _vectors(arrays, source)

@@ -17,14 +17,9 @@ def input_rate(time: np.ndarray, values: np.ndarray, starts: Sequence[int] = ())
     Arguments:
         time: (time,) s.
         values: (time,) signal.
-        starts: samples at which another record starts; no difference is taken across.
 
     Returns:
         (time,) rate, in the signal's unit a second.
-
-    Example:
-        >>> input_rate(np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 6.0]))
-        array([2., 2., 2.])
     """
     parts = zip(np.split(values, starts), np.split(time, starts), strict=True)
     return np.concatenate([np.gradient(part, when) for part, when in parts])
@@ -38,10 +33,6 @@ def last_move(values: np.ndarray) -> np.ndarray:
 
     Returns:
         (time,) 1 or -1; 1 before the first move.
-
-    Example:
-        >>> last_move(np.array([0.0, 0.0, -1.0, -1.0, 2.0]))
-        array([ 1.,  1., -1., -1.,  1.])
     """
     step = np.sign(np.diff(values, prepend=values[:1]))
     moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
@@ -59,14 +50,9 @@ def reversals(
     Arguments:
         values: (time,) signal.
         dead_band: in the signal's unit; by default 1 % of its range.
-        starts: samples at which another record starts, whose ends are no turns.
 
     Returns:
         (turn,) indices, ascending; the ends of the signal are no turns.
-
-    Example:
-        >>> reversals(np.array([0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 1.0]))
-        array([2, 5])
     """
     values = np.asarray(values, dtype=float)
     if dead_band is None:
@@ -110,74 +96,42 @@ def last_reversal(
 
     Arguments:
         values: (time,) signal.
-        dead_band, starts: see `reversals`.
 
     Returns:
         (time,) indices.
-
-    Example:
-        >>> last_reversal(np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
-        array([0, 0, 2, 2, 2])
     """
     turns = np.sort(np.concatenate([[0], starts, reversals(values, dead_band, starts)]).astype(int))
     return turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
 
 
 def time_since_reversal(
-    time: np.ndarray,
-    values: np.ndarray,
-    dead_band: float | None = None,
-    starts: Sequence[int] = (),
+    time: np.ndarray, values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
 ) -> np.ndarray:
     """Time since a signal last turned; before its first turn, since the start.
 
     Arguments:
         time: (time,) s.
         values: (time,) signal.
-        dead_band, starts: see `reversals`.
 
     Returns:
         (time,) s.
-
-    Example:
-        >>> time_since_reversal(np.arange(5.0), np.array([0.0, 1.0, 2.0, 1.0, 0.0]))
-        array([0., 1., 0., 1., 2.])
     """
     return time - time[last_reversal(values, dead_band, starts)]
 
 
 def spread(sizes: np.ndarray) -> float:
-    """Standard deviation of normal numbers of these sizes, whatever the greatest are.
-
-    Example:
-        >>> sizes = np.abs(np.random.default_rng(0).normal(0.0, 2.0, 10_000))
-        >>> sizes[:100] = 1e6
-        >>> 1.9 < spread(sizes) < 2.3
-        True
-    """
+    """Standard deviation of normal numbers of these sizes, whatever the greatest are."""
     # The ninth tenth of normal numbers lies 1.645 standard deviations out; spikes are fewer.
     return float(np.quantile(sizes, 0.9)) / 1.645
 
 
 def resolution(values: np.ndarray) -> float:
-    """Least step between different values: of a converter, if one made them.
-
-    Example:
-        >>> resolution(np.array([0.0, 0.5, 2.0, 0.5])), resolution(np.ones(3))
-        (0.5, 0.0)
-    """
+    """Least step between different values: of a converter, if one made them."""
     steps = np.diff(np.unique(values))
     return float(steps.min()) if len(steps) else 0.0
 
 
 def middle_range(values: np.ndarray) -> float:
-    """Range of the values but the greatest and the least hundredth.
-
-    Example:
-        >>> values = np.linspace(0.0, 1.0, 1001)
-        >>> values[0] = -1e9
-        >>> round(middle_range(values), 6)
-        0.98
-    """
+    """Range of the values but the greatest and the least hundredth."""
     low, high = np.quantile(values, [0.01, 0.99])
     return float(high - low)

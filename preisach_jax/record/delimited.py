@@ -19,20 +19,8 @@ from typing import Any, cast
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.cells import (
-    decimal_sign,
-    fields_of,
-    rows_alike,
-    width_of,
-    without_groups,
-)
-from preisach_jax.record.layout import (
-    Sampling,
-    header_start,
-    is_number,
-    sampling_of,
-    settings_of,
-)
+from preisach_jax.record.cells import decimal_sign, fields_of, rows_alike, width_of, without_groups
+from preisach_jax.record.layout import Sampling, header_start, is_number, sampling_of, settings_of
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
 from preisach_jax.record.units import is_unit, plain_unit
@@ -70,18 +58,6 @@ def read_delimited(text: str, source: str, first_row: int = 1) -> Table:
     lines (`#`, `%`) are skipped; a comment that holds the names, as `numpy.savetxt` writes it, is
     understood, and so is a row of units below the names.  A last line without line end that breaks
     off, as of a file that is still written, is left out.
-
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-        first_row: row of the file in which the text begins, where a reader gives a part of it: so
-            that messages name the rows of the file.
-
-    Returns:
-        The table; columns are named by position where the file has no names.
-
-    Raises:
-        InputError: no data, rows of unequal length, a name that stands twice.
     """
     try:
         return _regular(text, source, first_row) or _table(text.split("\n"), source, first_row)
@@ -234,13 +210,7 @@ def _settings(lines: list[str], kept: list[int]) -> tuple[str, int] | None:
 
 
 def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
-    """Whether the last line has fewer fields than the one above it, or ends within a number.
-
-    Arguments:
-        end: the line above, if there is one, and the last line, which has no line end.
-        width: how many names there are.
-        delimiter: what stands between the fields.
-    """
+    """Whether the last line has fewer fields than the one above it, or ends within a number."""
     *above, last = end
     if width_of(last, delimiter) < (width_of(above[0], delimiter) if above else width):
         return True

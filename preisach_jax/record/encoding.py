@@ -23,18 +23,7 @@ _SHARE = 0.01  # of such signs that a text may hold, as some loggers write a few
 
 
 def check_text(head: bytes, source: str) -> None:
-    """Refuse a file that is not text, by its beginning.
-
-    Arguments:
-        head: up to `HEAD_BYTES` bytes.
-        source: the file as the user named it.
-
-    Raises:
-        InputError: it is binary; the message says what it is, where that is known.
-
-    Example:
-        >>> check_text(b"t_s,u_V,z_um", "stage.csv")
-    """
+    """Refuse a file that is not text, by its beginning."""
     if not is_text(head):
         kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "")
         is_kind = f" ({kind})" if kind else ""
@@ -45,12 +34,7 @@ def check_text(head: bytes, source: str) -> None:
 
 
 def is_text(head: bytes) -> bool:
-    """Whether a file is text, by its beginning of up to `HEAD_BYTES` bytes.
-
-    Example:
-        >>> is_text(b"t_s,u_V,z_um"), is_text(b"\\0\\1\\2")
-        (True, False)
-    """
+    """Whether a file is text, by its beginning of up to `HEAD_BYTES` bytes."""
     if _encoding(head) is not None:
         return True
     controls = sum(head.count(bytes([code])) for code in _CONTROLS)
@@ -61,17 +45,9 @@ def is_text(head: bytes) -> bool:
 def decode(content: bytes) -> tuple[str, str]:
     """The text of a file.
 
-    Arguments:
-        content: its bytes, in UTF-8 or UTF-16, else taken as Windows-1252, which Latin-1 is part
-            of.
-
     Returns:
         The text with `\\n` as line end and without byte-order mark, and what was assumed of its
         encoding, `""` if nothing.
-
-    Example:
-        >>> decode("Weg [µm]".encode("cp1252"))
-        ('Weg [µm]', 'it is not in UTF-8 and was read as Windows-1252')
     """
     assumed = ""
     encoding = _encoding(content[:HEAD_BYTES])

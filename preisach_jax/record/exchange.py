@@ -27,15 +27,8 @@ _ATTRIBUTE = "preisach_jax"
 def table_of_frame(frame: pd.DataFrame, source: str) -> tuple[Table, tuple[str, ...]]:
     """The columns of a data frame, its index among them unless that only counts rows.
 
-    Arguments:
-        frame: the frame; `attrs` that `frame_of` wrote are heeded where their columns are there.
-        source: what messages call it.
-
     Returns:
         The table, and the auxiliary columns that `attrs` name.
-
-    Raises:
-        InputError: it is no frame, or a column's name stands twice.
     """
     import pandas as pd
 
@@ -124,13 +117,9 @@ def table_of_dataset(dataset: xr.Dataset, source: str) -> tuple[Table, tuple[str
     Arguments:
         dataset: its coordinate of that dimension is the time; attributes `units`, and `role` as
             `dataset_of` wrote it, are heeded.
-        source: what messages call it.
 
     Returns:
         The table, and the variables whose role is `aux`.
-
-    Raises:
-        InputError: it is no dataset, or has no variables along a dimension.
     """
     if not hasattr(dataset, "data_vars"):
         raise InputError(f"{source}: this is a {type(dataset).__name__}; give an xarray.Dataset")

@@ -68,19 +68,8 @@ def faults(record: Record) -> tuple[Fault, ...]:
     An output that rests by itself, as behind backlash or in a simulation without noise, does so in
     many runs (`MOST_EQUAL`), or goes on from where it was; it has no faults.
 
-    Arguments:
-        record: the measurement.
-
     Returns:
         The faults in the order of their rows.
-
-    Example:
-        >>> t = np.arange(4000) / 1000
-        >>> z = np.sin(9 * t) + np.random.default_rng(0).normal(0, 1e-3, 4000)
-        >>> z[1000:1100] = z[999]
-        >>> found = faults(Record.from_arrays(t, np.sin(9 * t), np.minimum(z, 0.8)))
-        >>> sorted({fault.kind for fault in found}), found[0].start < 999 < found[-1].stop
-        (['clipped', 'stuck'], True)
     """
     output = record.output[record.measured]
     if len(output) < 4 * NEAR or not np.ptp(output):

@@ -21,25 +21,7 @@ MOST_APART = 4.0
 
 
 def as_one(given: Any, hold_out: Any = (), asked_by: str = "fit") -> Record:
-    """One record of what a function was given: a record, or several.
-
-    Arguments:
-        given: a `Record`, or a sequence of them.
-        hold_out: further records, all of whose rows are held out.
-        asked_by: name of the function, for messages.
-
-    Returns:
-        The record itself if it is the only one, else the `joined` ones.
-
-    Raises:
-        InputError: if something else was given, or the records do not belong together.
-
-    Example:
-        >>> t = np.arange(99.0)
-        >>> records = [Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)]
-        >>> [run.name for run in as_one(records).runs]
-        ['7.csv', '9.csv']
-    """
+    """One record of what a function was given: a record, or several."""
     several, apart = (_listed(each, asked_by) for each in (given, hold_out))
     if not several:
         raise InputError(f"{asked_by} was given no record; pass a Record, or a list of them")
@@ -70,23 +52,9 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
     A pause of `PAUSE` usual steps stands between two of them.  Wherever a run starts, every state
     of a model starts anew; nothing that is computed from neighbouring rows reaches across.
 
-    Arguments:
-        records: the records; the last one's end is the memory from which a model goes on.
-        hold_out: records all of whose rows are held out.
-
     Returns:
         A record whose `runs` say where each of them lies; its `time_values` are their own clocks
         in s.
-
-    Raises:
-        InputError: if columns, units or rates differ, a record is given twice, or the input of one
-            that is held out leaves the range of the others.
-
-    Example:
-        >>> t = np.arange(99.0)
-        >>> both = joined([Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)])
-        >>> both.name, len(both), both.starts
-        ('7.csv, 9.csv', 198, (99,))
     """
     everything = [*records, *hold_out]
     _check_alike(everything)
@@ -129,11 +97,7 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
 
 
 def _check_alike(records: Sequence[Record]) -> None:
-    """Refuse records of other columns, units or rates than the first, and one that is given twice.
-
-    Raises:
-        InputError: naming both records and what differs.
-    """
+    """Refuse records of other columns, units or rates than the first, or given twice."""
     first = records[0]
     for position, record in enumerate(records):
         for other in records[:position]:
@@ -221,7 +185,6 @@ def errors_by_run(
     """What a model leaves of each of several records that were joined.
 
     Arguments:
-        record: the joined record.
         residual: (time,) measured minus predicted output, in output units.
         identification: (time,) bool: rows that identify.
         validation: (time,) bool: rows that are held out.
@@ -253,32 +216,12 @@ def _rms(values: np.ndarray) -> float:
 
 
 def parts_of(record: Record) -> list[Record]:
-    """The runs of a record, each as a record of its own on the joined clock; itself if it has none.
-
-    Arguments:
-        record: the record.
-
-    Example:
-        >>> t = np.arange(99.0)
-        >>> both = joined([Record.from_arrays(t, t % k, t % k, name=f"{k}.csv") for k in (7, 9)])
-        >>> [part.name for part in parts_of(both)]
-        ['7.csv', '9.csv']
-    """
+    """The runs of a record, each a record of its own on the joined clock; itself without runs."""
     return [_part(record, run) for run in record.runs] or [record]
 
 
 def without_rows(record: Record, kept: np.ndarray) -> Record:
-    """Some samples of a record, with what was left out of it forgotten; its jumps are kept.
-
-    Arguments:
-        record: the record.
-        kept: indices of the samples that are kept, ascending; with the first of each run.
-
-    Example:
-        >>> t = np.arange(99.0)
-        >>> len(without_rows(Record.from_arrays(t, t % 7, t % 7), np.arange(0, 99, 2)))
-        50
-    """
+    """Some samples of a record, with what was left out of it forgotten; its jumps are kept."""
     edges = [(run.start, run.stop) for run in record.runs]
     moved = np.searchsorted(kept, np.array(edges, dtype=int).reshape(-1, 2)).tolist()
     return replace(
@@ -321,12 +264,8 @@ def by_run(record: Record, find: Callable[..., np.ndarray], *along: np.ndarray) 
     """What is found row by row in each run alone.
 
     Arguments:
-        record: the record.
         find: gives an array, (time,) or more, of a record and of what stands along it.
         along: (time,) arrays along the record.
-
-    Returns:
-        What was found, in the order of time.
     """
     if not record.runs:
         return find(record, *along)

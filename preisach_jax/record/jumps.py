@@ -95,20 +95,11 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     taken back before are corrected where this model tells their heights better.
 
     Arguments:
-        record: the measurement, without its spikes.
         modelled: (time,) output of a model of it, however bad, in output units.
 
     Returns:
         (time, 2) heights of new jumps and corrections of known ones, in output units, and their
         standard errors; 0 elsewhere.
-
-    Example:
-        >>> t = np.arange(4000) / 1000
-        >>> read = np.sin(9 * t) + 1e-3 * np.random.default_rng(0).normal(size=4000)
-        >>> read[1234:] += 0.05
-        >>> found = jumps(Record.from_arrays(t, np.sin(9 * t), read), np.sin(9 * t))
-        >>> np.flatnonzero(found[:, 0]), found[1234].round(3)
-        (array([1234]), array([0.05, 0.  ]))
     """
     found = np.zeros((len(record), 2))
     rows = np.flatnonzero(record.measured)
@@ -136,17 +127,8 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
 def wander_rms(record: Record) -> float:
     """RMS by which the level of a record is open, since the heights of its jumps are.
 
-    Arguments:
-        record: the measurement, without its jumps.
-
     Returns:
         The RMS over all samples in output units; 0 without jumps.
-
-    Example:
-        >>> t = np.arange(100.0)
-        >>> record = Record.from_arrays(t, t % 7, t % 7 + 9.0 * (t >= 50))
-        >>> wander_rms(record.levelled(np.where(t == 50, 1.0, 0.0)[:, None] * [9.0, 0.2]))
-        0.1
     """
     total = 0.0
     for rows in record.stretches:

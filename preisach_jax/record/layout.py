@@ -77,18 +77,6 @@ def header_start(rows: Iterable[Sequence[str]]) -> int | None:
 
     The first run of rows of numbers is the data; the row above it, or the one above a row of units,
     has the names.
-
-    Arguments:
-        rows: the rows of a file that are not blank, as cells; read as far as needed.
-
-    Returns:
-        The place of the names; or that of the data if a single word stands above it; 0 if nothing
-        above the table looks like settings.  None if there are no rows of numbers.
-
-    Example:
-        >>> header_start([["Model", "DPO"], ["Sample Interval", "0.1"], ["TIME", "CH1"],
-        ...               ["0", "1"], ["0.1", "2"], ["0.2", "3"]])
-        2
     """
     rows, data = _first_data(rows)
     if data is None or data == 0:
@@ -138,15 +126,7 @@ def _is_setting(row: Sequence[str], width: int) -> bool:
 
 
 def settings_of(lines: Sequence[str], delimiter: str) -> list[Setting]:
-    """The settings that stand above a table, comment signs and all.
-
-    Arguments:
-        lines: the first lines of the file.
-        delimiter: what stands between the cells.
-
-    Returns:
-        One for each line that has a name and a value.
-    """
+    """The settings that stand above a table, comment signs and all."""
     found: list[Setting] = []
     for row, line in enumerate(lines, start=1):
         bare = line.strip().lstrip("#%").strip()
@@ -160,12 +140,7 @@ def settings_of(lines: Sequence[str], delimiter: str) -> list[Setting]:
 
 
 def sampling_of(settings: Sequence[Setting]) -> Sampling | None:
-    """The time between two rows, where a setting states it or the rate.
-
-    Example:
-        >>> sampling_of([Setting("Sample Rate (kHz)", ("2",), 3)])
-        Sampling(step_s=0.0005, name='Sample Rate (kHz)', row=3)
-    """
+    """The time between two rows, where a setting states it or the rate."""
     for setting in settings:
         bare = re.sub(r"\s*[\[(].*[\])]\s*$", "", setting.name).strip()
         in_name = re.search(r"[\[(]([^\])]*)[\])]\s*$", setting.name)

@@ -50,27 +50,7 @@ class _Budget:
 
 
 def matlab_arrays(content: bytes, most_values: float) -> dict[str, Any]:
-    """The variables of a file: arrays, texts, lists of cells, and structures as dicts of them.
-
-    Arguments:
-        content: the whole file, of version 5 to 7.
-        most_values: how many values it may unpack to.
-
-    Returns:
-        Variables by name: vectors and greater arrays, texts, and dicts; what else MATLAB has, such
-        as functions, is left out.
-
-    Raises:
-        ValueError: the file is damaged; `TooMuchError` if it unpacks to more.
-
-    Example:
-        >>> import io
-        >>> from scipy.io import savemat
-        >>> file = io.BytesIO()
-        >>> savemat(file, {"run": {"u": [1.0, 2.0]}})
-        >>> matlab_arrays(file.getvalue(), 100)
-        {'run': {'u': array([1., 2.])}}
-    """
+    """The variables of a file: arrays, texts, lists of cells, and structures as dicts of them."""
     order = ">" if content[126:128] == b"MI" else "<"
     if content[126:128] not in (b"MI", b"IM"):
         raise ContentError("its header does not say in which order the bytes stand")

@@ -48,17 +48,6 @@ def read_micromag(text: str, source: str) -> Table:
     The file has no time of each point. It follows from the protocol: a point takes the averaging
     time, a rest at saturation the pause; both are stretched alike to the elapsed time that the
     header states, which accounts for the slewing of the field.
-
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
-    Returns:
-        Table of `t` (s), `field` and `moment`; the moment is NaN at saturation.
-
-    Raises:
-        InputError: another kind of MicroMag file, a header without `HSat` or averaging time, a
-            point that is not two numbers, or not as many points as the header announces.
     """
     lines = text.split("\n")
     if not any("first-order reversal curves" in line.lower() for line in lines[:5]):

@@ -37,15 +37,7 @@ class ReadOptions(TypedDict, total=False):
 
 
 def checked(options: ReadOptions) -> ReadOptions:
-    """The options with a single auxiliary name as a list of one.
-
-    Raises:
-        InputError: an option that does not exist, or both a time column and a rate.
-
-    Example:
-        >>> checked({"aux": "load_N"})
-        {'aux': ('load_N',)}
-    """
+    """The options with a single auxiliary name as a list of one."""
     for name in options:
         if name not in ReadOptions.__annotations__:
             near = get_close_matches(name, ReadOptions.__annotations__, n=1)

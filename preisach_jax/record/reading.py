@@ -27,20 +27,7 @@ _MARKUP = (b"<!doctype", b"<html", b"<?xml", b"<table", b"<head", b"<body")
 
 
 def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
-    """Read the columns of a file.
-
-    Arguments:
-        path: a file of any kind in `preisach_jax.record.readers`, known by how it begins, else by
-            its ending; packed by gzip or ZIP or not; anything else is delimiter-separated text.
-            Behind the name of a workbook may stand # and the name of a sheet: `"book.xlsx#Run 2"`.
-        source: the file as the user named it, where that is not its path.
-
-    Returns:
-        The columns with their names and places in the file.
-
-    Raises:
-        InputError: there is no such file, it cannot be read, or it holds no table.
-    """
+    """Read the columns of a file."""
     source = str(path) if source is None else source
     path, sheet = _without_sheet(Path(path))
     _check_file(path, source)

@@ -43,17 +43,8 @@ class Samples:
             belongs to the history of the input only.
         aux: auxiliary columns by name, each (K,) float64, finite.
         channels: name and unit of `"time"`, `"input"`, `"output"` and each auxiliary column.
-        name: the file's name without its folder.
-        sha256: digest of time, input and output as little-endian float64.
-        initial_memory: state at the first sample, one of `"low"`, `"high"` (saturated),
-            `"demagnetised"`, `"free"` (unknown), or for a prediction `"as-fitted"`.
         time_values: (K,) float64, the time column as in the file, in the file's unit.
-        spikes: what was measured at the outputs that `without` left out, by row.
-        input_spikes: what was measured at the inputs that `bridged` replaced, by row.
         faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
-        jumps: by how much the output jumped, which `levelled` took back, by row.
-        torn_row: the last row of the file, counted from 1, if it breaks off and was left out.
-        runs: where each of several records lies that were joined; empty for a record by itself.
     """
 
     time: np.ndarray
@@ -185,24 +176,7 @@ class Samples:
         return float(np.ptp(values)) if values.size else float("nan")
 
     def part(self, start: int, stop: int) -> Self:
-        """The samples from `start` up to, not including, `stop`.
-
-        Arguments:
-            start, stop: indices as for a slice.
-
-        Returns:
-            The record of these samples; its initial memory is `"free"` unless it starts with the
-            first sample.
-
-        Raises:
-            InputError: there are fewer than two samples in that range.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
-            >>> record.part(1, 3).time
-            array([1., 2.])
-        """
+        """The samples from `start` up to, not including, `stop`."""
         first, last, _ = slice(start, stop).indices(len(self))
         if last - first < 2:
             raise InputError(
@@ -226,15 +200,6 @@ class Samples:
 
         Arguments:
             spikes: (K,) bool: whose output is not to be used.
-
-        Returns:
-            The record with the same digest, its output NaN there; itself if nothing is left out.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 50, 2])
-            >>> record.without(np.array([False, True, False])).spikes
-            {1: 50.0}
         """
         if not spikes.any():
             return self
@@ -246,24 +211,7 @@ class Samples:
         )
 
     def masked(self, faults: Sequence[tuple[str, int, int]]) -> Self:
-        """The same measurement without the output of stretches in which its sensor was at fault.
-
-        Arguments:
-            faults: kind, first row, and first row after it, of each stretch.
-
-        Returns:
-            The record with the same digest, its output NaN there, which `faults` remembers; itself
-            if nothing is left out.
-
-        Raises:
-            InputError: if too little of the output is left to identify anything.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays(np.arange(99.0), np.arange(99.0), np.arange(99.0))
-            >>> int(record.masked([("stuck", 3, 7)]).measured.sum())
-            95
-        """
+        """The same measurement without the output of stretches in which its sensor was at fault."""
         if not faults:
             return self
         output = self.output.copy()
@@ -285,17 +233,6 @@ class Samples:
         Arguments:
             jumps: (K, 2) by how much the output jumps at each sample, in its unit, mostly 0; and
                 the standard errors of these heights. A known jump is corrected by it.
-
-        Returns:
-            The record with the same digest, whose `jumps` remember the heights; itself if there are
-            none.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 2], [0, 51, 52])
-            >>> levelled = record.levelled(np.array([[0.0, 0.0], [50.0, 0.1], [0.0, 0.0]]))
-            >>> levelled.output, levelled.jumps
-            (array([0., 1., 2.]), {1: Jump(height=50.0, error=0.1)})
         """
         heights, errors = jumps.T
         if not heights.any():
@@ -312,17 +249,6 @@ class Samples:
 
         Arguments:
             spikes: (K,) bool: whose input is not to be used.
-
-        Returns:
-            The record with the same digest, whose `input_spikes` remember what was measured; itself
-            if nothing is replaced.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 50, 2], [0, 1, 2])
-            >>> bridged = record.bridged(np.array([False, True, False]))
-            >>> bridged.input, bridged.input_spikes
-            (array([0., 1., 2.]), {1: 50.0})
         """
         if not spikes.any():
             return self
@@ -340,20 +266,8 @@ class Samples:
 
         Two records with the same digest of `n` samples begin with the same `n` samples.
 
-        Arguments:
-            n: number of samples, at most K.
-
         Returns:
             SHA-256 of the `n` rows (time, input) as little-endian float64.
-
-        Raises:
-            InputError: `n` is negative or above K.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> record = Record.from_arrays([0.0, 1.0, 2.0], [0, 1, 0], [0, 1, 1])
-            >>> record.inputs_digest(2) == record.part(0, 2).inputs_digest(2)
-            True
         """
         if not 0 <= n <= len(self):
             raise InputError(f"n is {n}: give at least 0 and at most {len(self)} samples")
@@ -361,23 +275,7 @@ class Samples:
         return hashlib.sha256(rows.tobytes()).hexdigest()
 
     def check_identifiable(self, source: str | None = None) -> None:
-        """Check that a model can be identified from the record.
-
-        Arguments:
-            source: the file for messages; the record's name by default.
-
-        Raises:
-            InputError: the input or the measured output is constant, nothing was measured, or fewer
-                than `MIN_MEASURED` samples were.
-
-        Example:
-            >>> from preisach_jax.record import Record
-            >>> Record.from_arrays([0.0, 1.0], [2, 2], [0, 1]).check_identifiable()
-            Traceback (most recent call last):
-            ...
-            preisach_jax.errors.InputError: record, column input: the input is constant (2 in all 2
-            rows), so nothing can be learnt from it; record while the input moves
-        """
+        """Check that a model can be identified from the record."""
         if self.initial_memory == AS_FITTED:
             raise InputError(
                 f"{source or self.name}: the initial memory is {AS_FITTED!r}, which says where a "

@@ -25,8 +25,6 @@ class Signal:
 
     Arguments:
         values: (K,) the samples.
-        start_s: time of the first one, s.
-        step_s: time between two, s; None where `times` has them.
         unit: unit of the values, `""` if unknown.
         times: (K,) times in s, where they are not evenly spaced.
     """
@@ -46,15 +44,7 @@ class Signal:
 
 
 def with_stated_time(table: Table, sampling: Sampling | None) -> Table:
-    """The same with a column of time, where the file states the interval and has no such column.
-
-    Arguments:
-        table: the columns.
-        sampling: what the file states, None if nothing.
-
-    Returns:
-        The table; a note tells what was made.
-    """
+    """The same with a column of time, where the file states the interval and has no such column."""
     if sampling is None or MADE_TIME in table.columns:
         return table
     if any(could_be_time(table, name) for name in table.columns):
@@ -77,22 +67,6 @@ def table_of_signals(signals: Mapping[str, Signal], source: str) -> Table:
     """A table of channels, brought to the times of the fastest one where their times differ.
 
     The others are interpolated by straight lines within the time that all of them cover.
-
-    Arguments:
-        signals: channels by name.
-        source: what messages call the file.
-
-    Returns:
-        The table, with a column of time; a note names what was interpolated.
-
-    Raises:
-        InputError: there are none, or no time that all of them cover.
-
-    Example:
-        >>> fast = Signal(np.arange(5.0), step_s=0.5)
-        >>> slow = Signal(np.array([0.0, 10.0, 20.0]), step_s=1.0)
-        >>> table_of_signals({"u": fast, "z": slow}, "run").columns["z"]
-        array([ 0.,  5., 10., 15., 20.])
     """
     check_names([*signals, MADE_TIME], source)
     if not signals:

@@ -11,10 +11,6 @@ def spans(marked: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
 
     Arguments:
         marked: `(time,)`, the rows.
-
-    Example:
-        >>> spans(np.array([True, False, True, True]))
-        [(0, 1), (2, 4)]
     """
     edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

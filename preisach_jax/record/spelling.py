@@ -21,15 +21,6 @@ def with_plain_numbers(table: Table) -> Table:
 
     A cell that is spelt otherwise than those at the beginning of its column stays as it is, and is
     refused where a number is needed.
-
-    Arguments:
-        table: the columns of a file.
-
-    Example:
-        >>> cells = np.array(["0.5 V", "1.5 V"], dtype=object)
-        >>> read = with_plain_numbers(Table("log.csv", {"u": cells}, np.arange(2)))
-        >>> read.columns["u"], read.units
-        (array([0.5, 1.5]), {'u': 'V'})
     """
     columns, units, notes = dict(table.columns), dict(table.units), list(table.notes)
     for name, cells in table.columns.items():

@@ -64,17 +64,8 @@ ANSWERED = 3.0
 def gross_spikes(record: Record) -> np.ndarray:
     """Where the output leaves its course by more than its range, whatever a model says.
 
-    Arguments:
-        record: the measurement.
-
     Returns:
         (time,) bool: the spikes.
-
-    Example:
-        >>> t = np.arange(1000) / 100
-        >>> record = Record.from_arrays(t, np.sin(t), np.where(t == 3.0, 1e6, np.sin(t)))
-        >>> np.flatnonzero(gross_spikes(record))
-        array([300])
     """
     rows = np.flatnonzero(record.measured)
     if len(rows) < LEAST_ROWS:
@@ -93,19 +84,10 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     ringing does, is no spike.
 
     Arguments:
-        record: the measurement.
         modelled: (time,) output of a model of it, however bad, in output units.
 
     Returns:
         (time,) bool: the spikes.
-
-    Example:
-        >>> t = np.arange(1000) / 100
-        >>> z = np.sin(t) + 1e-3 * np.random.default_rng(0).normal(size=1000)
-        >>> z[[200, 613]] += [1.0, -0.5]
-        >>> record = Record.from_arrays(t, np.sin(t), z)
-        >>> np.flatnonzero(isolated_spikes(record, np.sin(t)))
-        array([200, 613])
     """
     rows = np.flatnonzero(record.measured)
     if len(rows) < LEAST_ROWS:
@@ -130,20 +112,8 @@ def input_spikes(record: Record) -> np.ndarray:
     The output's mean over a spike and just after it is compared with that just before it, beside
     what the course without the spikes lets expect.  If it moved with the spikes, they are pulses.
 
-    Arguments:
-        record: the measurement.
-
     Returns:
         (time,) bool: the spikes.
-
-    Example:
-        >>> t = np.arange(1000) / 100
-        >>> drive = np.sin(t)
-        >>> read = drive + 0.3 * np.isin(t, [2.0, 5.5])
-        >>> np.flatnonzero(input_spikes(Record.from_arrays(t, read, drive)))
-        array([200, 550])
-        >>> input_spikes(Record.from_arrays(t, read, read)).any()
-        np.False_
     """
     if record.measured.sum() < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)

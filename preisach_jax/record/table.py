@@ -28,21 +28,13 @@ class Table:
     """Named columns of a file, with the place of each entry for messages.
 
     Arguments:
-        source: the file as the user named it.
         columns: by name in the file's order; (K,) float64 with NaN for empty cells, or (K,) objects
             (texts, and NaN for empty cells) where a column is not all numbers.
         rows: (K,) row of the file, counted from 1, in which an entry stands.
-        named: False where the file has no names and the columns go by position `"1"`, `"2"`, ...
-        decimal: the decimal sign of numbers still held as text.
         units: units by column, where the format or a line of units states them.
-        left_aside: what the file holds and the table does not, by name, with the reason.
-        roles: the column of each role, where the format fixes it.
-        initial_memory: the state at the first sample, where the format knows it.
-        notes: what the reader assumed, in sentences for the user.
         is_record: whether it was made of a record, whose times stay what they are: in a file, great
             ones count from an epoch.
         exact: columns of numbers so great that float64 cuts them: (K,) integers, or the texts.
-        torn_row: the last row of the file, if it breaks off and was left out.
     """
 
     source: str
@@ -81,11 +73,7 @@ class Table:
         return f"{self.source}, column {column}, row {self.rows[k]}"
 
     def check_rows(self) -> None:
-        """Check that there are rows enough for a record.
-
-        Raises:
-            InputError: there are fewer than two.
-        """
+        """Check that there are rows enough for a record."""
         if self.rows.size == 0:
             raise InputError(f"{self.source}: there are no rows; give at least 2")
         if self.rows.size == 1:
@@ -96,15 +84,8 @@ class Table:
     def numbers(self, column: str, remedy: str) -> np.ndarray:
         """A column as numbers.
 
-        Arguments:
-            column: its name.
-            remedy: what the user can do about an entry that is not a number.
-
         Returns:
             (K,) float64, NaN where the cell is empty.
-
-        Raises:
-            InputError: an entry is text.
         """
         values, bad = self._parsed(column)
         if bad.size:
@@ -122,9 +103,6 @@ class Table:
 
     def from_first(self, column: str) -> np.ndarray:
         """What numbers are above the first one, without the rounding of great numbers.
-
-        Arguments:
-            column: its name; all its entries are numbers.
 
         Returns:
             (K,) float64.
@@ -170,22 +148,7 @@ class Table:
 
 
 def check_names(names: Sequence[str], place: str) -> None:
-    """Refuse more columns than a record could have, names that stand twice, and endless ones.
-
-    Arguments:
-        names: the names in the file's order.
-        place: the file, and the row where they stand, for messages.
-
-    Raises:
-        InputError: the names are no names of the columns of a record.
-
-    Example:
-        >>> check_names(["t", "u", "t"], "stage.csv, row 1")
-        Traceback (most recent call last):
-        ...
-        preisach_jax.errors.InputError: stage.csv, row 1: the column name 't' stands 2 times; give
-        every column its own name
-    """
+    """Refuse more columns than a record could have, names that stand twice, and endless ones."""
     if len(names) > MOST_COLUMNS:
         raise InputError(
             f"{place}: there are {len(names):,} columns, and up to {MOST_COLUMNS:,} are read; give "
@@ -206,12 +169,7 @@ def check_names(names: Sequence[str], place: str) -> None:
 
 
 def shortened(names: Sequence[str]) -> str:
-    """Names for a message: the first twenty where there are more, and not all of a long one.
-
-    Example:
-        >>> shortened(["t", "u", "z"])
-        't, u, z'
-    """
+    """Names for a message: the first twenty where there are more, and not all of a long one."""
     more = f", ... ({len(names)} in all)" if len(names) > 20 else ""
     return ", ".join(n if len(n) <= 60 else f"{n[:60]}..." for n in names[:20]) + more
 

@@ -84,15 +84,8 @@ _LONGEST = 200
 def split_unit(column: str) -> tuple[str, str]:
     """The quantity and the unit that a column's name holds.
 
-    Arguments:
-        column: name such as `u_V`, `Weg [µm]`, `Zeit (ms)`, `Weg in mm` or `H/(A/m)`.
-
     Returns:
         The name without its unit, and the unit as it is written there, `""` if there is none.
-
-    Example:
-        >>> split_unit("u_V"), split_unit("Weg [µm]"), split_unit("curve")
-        (('u', 'V'), ('Weg', 'µm'), ('curve', ''))
     """
     column = column.strip()
     if column.startswith("in ") and column[3:].strip() in _SUFFIXES:
@@ -127,12 +120,7 @@ def is_unit(text: str) -> bool:
 
 
 def is_known_unit(unit: str) -> bool:
-    """Whether a unit is made of units that are known, with or without a prefix.
-
-    Example:
-        >>> is_known_unit("kg*m/s^2"), is_known_unit("parsec"), is_known_unit("counts")
-        (True, False, True)
-    """
+    """Whether a unit is made of units that are known, with or without a prefix."""
 
     def is_known(word: str) -> bool:
         return (
@@ -147,12 +135,7 @@ def is_known_unit(unit: str) -> bool:
 
 
 def plain_unit(text: str) -> str:
-    """A unit from a line of units, without brackets, and words such as `Volts` as their symbol.
-
-    Example:
-        >>> plain_unit("(ms)"), plain_unit("Volt"), plain_unit("[a.u.]")
-        ('ms', 'V', 'a.u.')
-    """
+    """A unit from a line of units, without brackets, and words such as `Volts` as their symbol."""
     bare = text.strip().strip("[]()").strip()
     return _WORDS.get(bare.lower(), bare)
 
@@ -165,10 +148,6 @@ def seconds_per(unit: str) -> tuple[float, float] | None:
 
     Returns:
         (multiplier, divisor), to be applied in this order, or None if `unit` is no unit of time.
-
-    Example:
-        >>> seconds_per("ms"), seconds_per("min"), seconds_per("V")
-        ((1.0, 1000.0), (60.0, 1.0), None)
     """
     unit = unit.strip().lower() or "s"
     return _SECONDS.get(_SPELLINGS.get(unit, unit))

@@ -67,15 +67,10 @@ def true_weights(plane: Plane, stroke: float = TRUE_STROKE_UM) -> np.ndarray:
     R ∝ exp(-4 (α - β)/range) (1 + (α + β - 2 low)/(2 range)), scaled so that Σ R is the stroke.
 
     Arguments:
-        plane: the Preisach plane.
         stroke: Σ R, in the unit of the output.
 
     Returns:
         (cells,) weights R, in the unit of the output.
-
-    Example:
-        >>> round(float(true_weights(Plane(levels=9, low=0.0, high=75.0)).sum()), 6)
-        100.0
     """
     span = plane.high - plane.low
     bias = (plane.alpha + plane.beta - 2 * plane.low) / (2 * span)
@@ -98,19 +93,8 @@ class Realisation(NamedTuple):
 def realisation(key: jax.Array, seed: int | jax.Array, samples: int, noises: int) -> Realisation:
     """Draw the experiment and the noise of one seed of a sweep.
 
-    Arguments:
-        key: random key of the sweep (`jax.random.key`).
-        seed: number of the realisation.
-        samples: time steps at 2 kHz.
-        noises: how many powers of noise the sweep has.
-
     Returns:
         The record of the stage, and noise of unit variance.
-
-    Example:
-        >>> drawn = realisation(jax.random.key(0), 3, samples=100, noises=2)
-        >>> drawn.record.stroke_um.shape, drawn.noise.shape
-        ((100,), (100, 2))
     """
     input_key, noise_key = jax.random.split(jax.random.fold_in(key, seed))
     record = experiment(input_key, samples, paper_stage(PLAYS))
@@ -295,11 +279,7 @@ def _draw_with_shapes(
 
 @functools.lru_cache(maxsize=8)
 def _compiled_identify(
-    levels: tuple[int, ...],
-    room: tuple[int, Room],
-    seeds: int,
-    samples: int,
-    noises: int,
+    levels: tuple[int, ...], room: tuple[int, Room], seeds: int, samples: int, noises: int
 ) -> Callable[[Any, Any], Any]:
     planes = [_plane(N).padded(max(levels)) for N in levels]
     truths = [
@@ -332,21 +312,8 @@ def checked_settings(
 ) -> tuple[tuple[int, ...], tuple[float, ...], tuple[int, ...], int]:
     """Settings of a sweep as plain numbers.
 
-    Arguments:
-        levels: N of the planes.
-        noise: standard deviations of the noise, µm.
-        seeds: how many realisations, or their numbers.
-        samples: time steps.
-
     Returns:
         `(levels, noise, seeds, samples)`, the seeds by their numbers.
-
-    Raises:
-        InputError: a number is out of its range; the message begins with the argument's name.
-
-    Example:
-        >>> checked_settings((9, 5), (0.1,), 3, 2000)
-        ((9, 5), (0.1,), (0, 1, 2), 2000)
     """
     if isinstance(seeds, Sequence | np.ndarray):
         numbers = tuple(seeds)

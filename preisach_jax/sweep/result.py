@@ -360,17 +360,7 @@ _PLAIN = ("samples", "first", "slope", "compile_s", "run_s", "device")
 
 
 def merge(parts: Sequence[Sweep]) -> Sweep:
-    """Join sweeps that differ in their seeds only.
-
-    Arguments:
-        parts: at least one sweep.
-
-    Returns:
-        One sweep over all their seeds, in the order given; seconds add up.
-
-    Raises:
-        InputError: they differ in more than their seeds.
-    """
+    """Join sweeps that differ in their seeds only."""
     one = parts[0]
     for other in parts[1:]:
         for name in ("levels", "noise_um", "key", "samples"):

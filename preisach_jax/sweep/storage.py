@@ -34,37 +34,7 @@ def sweep_to_folder(
     resume: bool = True,
     progress: Callable[[str, float], None] | None = None,
 ) -> Sweep:
-    """Run a sweep by chunks of seeds into a folder, or go on with one that was interrupted.
-
-    Arguments:
-        folder: the folder; it need not exist. It gets `seeds_*.npz`, one a chunk as `Sweep.save`
-            writes it, and at the end `sweep.json`.
-        key: random key (`jax.random.key`); realisation i depends on the key and on i only.
-        levels: N of the planes, each at least 2.
-        noise: standard deviations of the noise where the truth is known, µm.
-        seeds: how many realisations of input and noise, or their numbers; those that the folder
-            lacks are computed.
-        samples: time steps at 2 kHz.
-        chunk: how many seeds are computed at once, and written when they are done.
-        resume: keep the seeds that are there; otherwise start anew.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The results of all seeds in the folder.
-
-    Raises:
-        InputError: a number is out of its range, the folder holds a sweep of other settings or a
-            file that cannot be read, it cannot be written to, or memory is too small for a chunk.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     found = sweep_to_folder(
-        ...         folder, jax.random.key(0), (5, 3), (0.1,), seeds=2, samples=2000, chunk=1
-        ...     )
-        ...     print(sorted(path.name for path in Path(folder).iterdir()))
-        ['seeds_0000-0000.npz', 'seeds_0001-0001.npz', 'sweep.json']
-    """
+    """Run a sweep by chunks of seeds into a folder, or go on with one that was interrupted."""
     folder = Path(folder)
     levels, noise, numbers, samples = checked_settings(levels, noise, seeds, samples)
     chunk = whole_number("chunk is", chunk, 1)

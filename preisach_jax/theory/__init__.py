@@ -13,11 +13,7 @@ from preisach_jax.theory.bounds import (
     residual_ratio_bound,
     switching_sum_bound,
 )
-from preisach_jax.theory.noise import (
-    measured_output,
-    next_squared_error,
-    noise_power,
-)
+from preisach_jax.theory.noise import measured_output, next_squared_error, noise_power
 from preisach_jax.theory.propagation import (
     ErrorMoments,
     average_over_samples,

@@ -44,10 +44,7 @@ FILTER_WIRES: Mapping[tuple[str, str], tuple[tuple[Place, ...], Place | None]] =
     ("hysterons", "sum"): (((1.55, 1.65), (2.05, 1.65)), (1.62, 1.7)),
     ("sum", "difference_model"): (((2.85, 1.65), (4.62, 1.65)), (3.1, 1.47)),
     ("sum", "delay_model"): (((2.95, 1.65), (2.95, 2.15), (3.35, 2.15)), None),
-    ("delay_model", "difference_model"): (
-        ((3.85, 2.15), (4.75, 2.15), (4.75, 1.78)),
-        (3.93, 2.22),
-    ),
+    ("delay_model", "difference_model"): (((3.85, 2.15), (4.75, 2.15), (4.75, 1.78)), (3.93, 2.22)),
     ("difference_z", "error"): (((4.88, 3.1), (5.55, 3.1), (5.55, 2.51)), (5.1, 3.18)),
     ("difference_model", "error"): (
         ((4.88, 1.65), (5.25, 1.65), (5.25, 2.38), (5.42, 2.38)),

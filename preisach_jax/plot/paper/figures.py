@@ -86,11 +86,7 @@ FIGURES: Mapping[str, PaperFigure] = {
 
 
 def figure_names(chosen: Sequence[str] | None, quick: bool) -> list[str]:
-    """Names of the files of figures, three for each number; None is all.
-
-    Raises:
-        InputError: there is no figure of a number.
-    """
+    """Names of the files of figures, three for each number; None is all."""
     numbers = list(FIGURES) if chosen is None else [str(number) for number in chosen]
     for number in numbers:
         if number not in FIGURES:
@@ -108,23 +104,8 @@ def figures(
     """Compute and draw figures, and write each as PDF, as PNG and as the numbers behind it.
 
     Arguments:
-        folder: where to; it is made if it does not exist.
         chosen: numbers of figures, as in ("4", "8"); None is all.
         quick: whether to compute short records and few realisations, to try it out.
-        progress: called with a text and the part that is done.
-
-    Returns:
-        The files figure_01.pdf, figure_01.png (300 dots an inch), figure_01.json and so on. Equal
-        numbers give equal bytes.
-
-    Raises:
-        InputError: there is no figure of a number, or the folder cannot be written to.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     [path.name for path in figures(folder, ["1"])]
-        ['figure_01.pdf', 'figure_01.png', 'figure_01.json']
     """
     folder = Path(folder)
     numbers = list(FIGURES) if chosen is None else [str(number) for number in chosen]

@@ -18,18 +18,7 @@ if TYPE_CHECKING:
 
 
 def read_parquet(path: Path, source: str) -> Table:
-    """Read the columns of a Parquet file; needs the optional package pyarrow.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; a row of it counts from 1.
-
-    Raises:
-        InputError: pyarrow is not installed, or the file is broken.
-    """
+    """Read the columns of a Parquet file; needs the optional package pyarrow."""
     parquet = library("pyarrow.parquet", "pyarrow", "Parquet files", source)
     try:
         with parquet.ParquetFile(path) as file:
@@ -50,18 +39,7 @@ def read_parquet(path: Path, source: str) -> Table:
 
 
 def read_feather(path: Path, source: str) -> Table:
-    """Read the columns of a Feather or Arrow IPC file; needs the optional package pyarrow.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; a row of it counts from 1.
-
-    Raises:
-        InputError: pyarrow is not installed, or the file is broken.
-    """
+    """Read the columns of a Feather or Arrow IPC file; needs the optional package pyarrow."""
     feather = library("pyarrow.feather", "pyarrow", "Feather files", source)
     try:
         content = feather.read_table(str(path), memory_map=False)

@@ -26,14 +26,8 @@ class Reader:
     """A format: how its files are known, and what reads them.
 
     Arguments:
-        name: the format in words, for messages and the documentation.
-        suffixes: endings of file names, in lower case.
-        starts: how its files begin, where the first bytes tell; the bytes come before the ending.
-        read: takes the path and the file as the user named it.
         is_text: for formats of text that no ending tells: whether a text is one, by its beginning;
             then `read_text` reads it.
-        read_text: takes the text, with `\\n` as line end, and the file as the user named it.
-        note: what the documentation says beside it.
         foreign: whether a library reads it that is not of Python, and may end its process.
     """
 
@@ -48,17 +42,7 @@ class Reader:
 
 
 def library(module: str, package: str, kind: str, source: str) -> Any:
-    """A library that one reader needs.
-
-    Arguments:
-        module: what is imported.
-        package: what is installed.
-        kind: the format, for the message.
-        source: the file as the user named it.
-
-    Raises:
-        InputError: it is not installed; the message names the extra.
-    """
+    """A library that one reader needs."""
     try:
         import_module(module.split(".", maxsplit=1)[0])
         return import_module(module)

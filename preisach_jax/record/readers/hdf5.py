@@ -27,16 +27,9 @@ _REMEDIES = {
 def read_hdf5(path: Path, source: str) -> Table:
     """Read the data sets of an HDF5 file; needs the optional package h5py.
 
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
     Returns:
         The table; columns go by their path, as in `run/u`, fields of compound data by `run/u`
         too.  Units are read from attributes such as `units`, rates from such as `dt` or `fs`.
-
-    Raises:
-        InputError: h5py is not installed, the file is broken, or it holds no vectors.
     """
     return _read(path, source, "/")
 

@@ -26,18 +26,7 @@ def is_infiniium(text: str) -> bool:
 
 
 def read_infiniium(text: str, source: str) -> Table:
-    """Read the channels below the header.
-
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
-    Returns:
-        The table: the channels, and a column of time from `XOrg` and `XInc` unless there is one.
-
-    Raises:
-        InputError: the rows below are no table.
-    """
+    """Read the channels below the header."""
     match = _DATA.search(text)
     header, body = (text[: match.start()], text[match.end() :]) if match else (text, "")
     lines = (re.split(r"[,\t]", line) for line in header.split("\n"))

@@ -21,32 +21,12 @@ _DEEPEST = 8
 
 
 def is_json(text: str) -> bool:
-    """Whether a text begins as JSON of objects or arrays does, and as no row of a table does.
-
-    Example:
-        >>> is_json('{"t": [0, 1]}'), is_json("[s],[V]")
-        (True, False)
-    """
+    """Whether a text begins as JSON of objects or arrays does, and as no row of a table does."""
     return bool(_BEGIN.match(text))
 
 
 def read_json(text: str, source: str) -> Table:
-    """Read the arrays of a JSON text; those within objects go by their dotted names.
-
-    Arguments:
-        text: the whole file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; a row of it counts the entries of the arrays from 1.
-
-    Raises:
-        InputError: it is no JSON, or holds no arrays of one length.
-
-    Example:
-        >>> list(read_json('[{"t": 0, "u": 1}, {"t": 1, "u": 2}]', "run.json").columns)
-        ['t', 'u']
-    """
+    """Read the arrays of a JSON text; those within objects go by their dotted names."""
     try:
         content = _parsed(text)
         arrays = _arrays(content, "", _DEEPEST)

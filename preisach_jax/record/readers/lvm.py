@@ -40,19 +40,7 @@ def is_lvm(text: str) -> bool:
 
 
 def read_lvm(text: str, source: str) -> Table:
-    """Read the channels of a LabVIEW measurement file.
-
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
-    Returns:
-        The table: a column of time from `X_Value`, or from `X0` and `Delta_X`, and the channels.
-        Channels of unequal rates are interpolated; segments are put one behind the other.
-
-    Raises:
-        InputError: it has no second header, no rows, or segments that do not follow in time.
-    """
+    """Read the channels of a LabVIEW measurement file."""
     file_header = _header(text[: max(text.find(_END), 0)], None)
     word = (file_header.get("Separator") or ["Tab"])[0]
     separator = _SEPARATORS.get(word.lower(), word or "\t")

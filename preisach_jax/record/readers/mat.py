@@ -18,18 +18,7 @@ from preisach_jax.record.table import Table
 
 
 def read_mat(path: Path, source: str) -> Table:
-    """Read the vectors of a MATLAB file; fields of structures go by `structure.field`.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; a row of it counts from 1 within the vectors.
-
-    Raises:
-        InputError: the file is broken, or holds no vectors of one length.
-    """
+    """Read the vectors of a MATLAB file; fields of structures go by `structure.field`."""
     import scipy
 
     size = path.stat().st_size

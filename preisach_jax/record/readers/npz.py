@@ -16,18 +16,7 @@ from preisach_jax.record.table import Table
 
 
 def read_npz(path: Path, source: str) -> Table:
-    """Read the one-dimensional arrays of an NPZ file; their names are the columns.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; a row of it counts from 1 within the arrays.
-
-    Raises:
-        InputError: the file is broken, holds Python objects, or no arrays of one length.
-    """
+    """Read the one-dimensional arrays of an NPZ file; their names are the columns."""
     try:
         with zipfile.ZipFile(path) as archive:
             members = [member for member in archive.infolist() if _is_array(archive, member)]
@@ -80,18 +69,7 @@ def _array_in(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[str, n
 
 
 def read_npy(path: Path, source: str) -> Table:
-    """Read an array of NumPy: the columns of a matrix, or the fields of a structured array.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; the columns of a matrix go by number.
-
-    Raises:
-        InputError: the file is broken, holds Python objects, or is no vector, matrix or table.
-    """
+    """Read an array of NumPy: the columns of a matrix, or the fields of a structured array."""
     try:
         array: Any = np.load(path, allow_pickle=False)
         if not isinstance(array, np.ndarray):

@@ -64,18 +64,9 @@ def _is_npz(names: Sequence[str]) -> bool:
 def unpack(path: Path, kind: str, folder: Path, source: str) -> tuple[Path, str]:
     """Unpack the one file that a packed file holds, beside texts and pictures about it.
 
-    Arguments:
-        path: the packed file.
-        kind: as `packed_kind` told.
-        folder: where to put what comes out.
-        source: the file as the user named it.
-
     Returns:
         The unpacked file, with the ending that it had before it was packed, and a sentence on
         what lies beside it, `""` if nothing does.
-
-    Raises:
-        InputError: it is broken, holds several files, or unpacks to far too much.
     """
     remedy = "pack it again, or give the file as it was before"
     try:
@@ -152,9 +143,6 @@ def check_members(
     """Refuse an archive that unpacks to far too much, by unpacking it block by block.
 
     What an archive states of its sizes is not believed.
-
-    Raises:
-        InputError: it does.
     """
     total = 0
     for member in members:

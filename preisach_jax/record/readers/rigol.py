@@ -31,18 +31,7 @@ def is_rigol(text: str) -> bool:
 
 
 def read_rigol(text: str, source: str) -> Table:
-    """Read a CSV that counts samples; the time follows from start and increment.
-
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
-    Returns:
-        The table, with a column of time.
-
-    Raises:
-        InputError: the rows below are no table.
-    """
+    """Read a CSV that counts samples; the time follows from start and increment."""
     if stated := _STATED.match(text):
         start, step = float(stated["start"]), float(stated["step"])
         names, skipped = stated["names"].split(","), 1
@@ -70,10 +59,7 @@ def read_rigol(text: str, source: str) -> Table:
     columns = {name: values for name, values in columns.items() if not name.startswith("X (")}
     columns[MADE_TIME] = start + np.arange(table.rows.size) * step
     return replace(
-        table,
-        columns=columns,
-        units={**table.units, MADE_TIME: "s"},
-        roles={"time": MADE_TIME},
+        table, columns=columns, units={**table.units, MADE_TIME: "s"}, roles={"time": MADE_TIME}
     )
 
 

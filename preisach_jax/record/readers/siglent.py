@@ -31,15 +31,8 @@ def is_siglent(text: str) -> bool:
 def read_siglent(text: str, source: str) -> Table:
     """Read the channels below the settings, by the names and units that the settings give them.
 
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
     Returns:
         The table: the time and the channels, with their units.
-
-    Raises:
-        InputError: no line `Second,...` stands below the settings, or the rows below are no table.
     """
     head = _HEAD.search(text)
     if head is None:

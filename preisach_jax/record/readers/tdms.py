@@ -25,16 +25,6 @@ def read_tdms(path: Path, source: str) -> Table:
     """Read the channels of a TDMS file; needs the optional package npTDMS.
 
     The index file beside it, `.tdms_index`, is not read: it may be of another state of the file.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-
-    Returns:
-        The table; columns go by the channel, or `group/channel` where there are several groups.
-
-    Raises:
-        InputError: npTDMS is not installed, the file is broken, or it holds no channels.
     """
     nptdms = library("nptdms", "npTDMS", "TDMS files", source)
     try:

@@ -26,15 +26,8 @@ def is_tds(text: str) -> bool:
 def read_tds(text: str, source: str) -> Table:
     """Read time and channel beside the settings.
 
-    Arguments:
-        text: the whole file with `\\n` as line end.
-        source: the file as the user named it.
-
     Returns:
         A table of `TIME` and the channel, with their units.
-
-    Raises:
-        InputError: a row has fewer than five cells.
     """
     about: dict[str, str] = {}
     samples: list[str] = []

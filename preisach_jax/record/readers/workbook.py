@@ -33,20 +33,7 @@ _COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
 def read_workbook(path: Path, source: str, sheet: str | None = None) -> Table:
-    """Read one sheet; needs the optional package python-calamine.
-
-    Arguments:
-        path: the file.
-        source: the file as the user named it.
-        sheet: the sheet's name, None for the one with the most rows.
-
-    Returns:
-        The table; a row of it is the row of the sheet.
-
-    Raises:
-        InputError: python-calamine is not installed, the workbook is protected by a password, has
-            macros, is broken, no sheet holds a table, or there is no such sheet.
-    """
+    """Read one sheet; needs the optional package python-calamine."""
     _check_harmless(path, source)
     calamine = library("python_calamine", "python-calamine", "workbooks", source)
     try:

@@ -461,7 +461,7 @@ def test_writing_keeps_the_mode_and_replaces_neither_links_nor_devices(tmp_path)
 @pytest.mark.parametrize(
     "words",
     [
-        "look a", "diagnose a --report r", "fleet a ok.json --out f", "predict a ok.json --out p",
+        "look a", "diagnose a --report r", "predict a ok.json --out p",
         "predict m.json a --out p", "fit ok.json --out a", "diagnose ok.json --report a",
         "compare m.json ok.csv --report a", "simulate --out a", "simulate --out b --truth a",
     ],

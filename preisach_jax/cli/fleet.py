@@ -52,7 +52,7 @@ Row = dict[str, Any]
 
 @command(
     "preisach fleet stages/*.csv --out fleet",
-    "preisach fleet stages/*.csv --fit --effects creep,delay --levels 25 --out fleet",
+    "preisach fleet stages/*.csv --fit --effects creep,delay --out fleet",
     "preisach fleet stages/*.csv --scheduler tcp://node1:8786 --out fleet",
     reads=READING,
 )
@@ -69,8 +69,7 @@ def fleet(
         bool, typer.Option("--fit", help="fit the effects of --effects; diagnose nothing")
     ] = False,
     workers: Annotated[
-        int | None,
-        typer.Option(metavar="W", help="processes on this machine [one a core]"),
+        int | None, typer.Option(metavar="W", help="processes on this machine [one a core]")
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -81,6 +80,7 @@ def fleet(
 ) -> dict[str, Any]:
     """Diagnose or fit many records, one after another on every core or host."""
     from preisach_jax.files import check_folder, json_bytes, write_files
+    from preisach_jax.report import diagnosis_names
 
     for package in ("distributed", "pyarrow"):
         if find_spec(package) is None:
@@ -91,12 +91,14 @@ def fleet(
     check_choice(names, levels)
     if workers is not None:
         whole_number("--workers is", workers, 1)
-    folders = [out / name for name in _folder_names(data)]
+    titles = _names(data)
+    folders = [out / name for name in _folder_names(titles)]
     check_folder(out, data, [TABLE], force=force)
     for folder in folders:
-        check_folder(folder, data, [ROW, "model.json"], force=force)
+        written = ["model.json"] if fit else diagnosis_names(folder)
+        check_folder(folder, data, [ROW, *written], force=force)
     rows: dict[int, Row] = {}
-    records = dict(_loaded(data, with_effects(columns, names), rows))
+    records = dict(_loaded(data, titles, with_effects(columns, names), rows))
     settings = {
         "does": "fit" if fit else "diagnose",
         "effects": names,
@@ -105,17 +107,17 @@ def fleet(
     }
     for k in list(records) if resume else ():
         held = _held(folders[k] / ROW)
-        if held and held["settings"] == settings and held["sha256"] == records[k].sha256:
-            rows[k] = held["row"]
+        if held and held.items() >= _identity(records[k], settings).items():
+            rows[k] = {**held["row"], "record": titles[k]}
             del records[k]
     if held := sum(not row["why_not"] for row in rows.values()):
         screen.note(f"{held} of {len(data)} were done before, and are kept")
     try:
         with resumable(out, context.obj["command"]):
             for k, row, files in _done(records, settings, workers, scheduler):
-                rows[k] = {"record": str(data[k]), **row}
+                rows[k] = {"record": titles[k], **row}
                 if files:
-                    about = {"sha256": records[k].sha256, "settings": settings, "row": rows[k]}
+                    about = {**_identity(records[k], settings), "row": rows[k]}
                     files[ROW] = json_bytes(about)
                 write_files({folders[k] / name: content for name, content in files.items()})
     finally:
@@ -127,9 +129,9 @@ def fleet(
     failed = [row for row in table if row["why_not"]]
     if failed:
         raise InputError(
-            f"{len(failed)} of {len(table)} records came to nothing ({failed[0]['why_not']}); the "
-            f"column why_not of {out / TABLE} has all: mend or leave them out, and give the same "
-            "command again"
+            f"{len(failed)} of {len(table)} records came to nothing ({failed[0]['record']}: "
+            f"{failed[0]['why_not']}); the column why_not of {out / TABLE} has all: mend or leave "
+            "them out, and give the same command again"
         )
     return screen.written([out / TABLE, *folders], records=table)
 
@@ -175,7 +177,7 @@ def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes]
 
 
 def _loaded(
-    paths: Sequence[Path], columns: ReadOptions, rows: dict[int, Row]
+    paths: Sequence[Path], titles: Sequence[str], columns: ReadOptions, rows: dict[int, Row]
 ) -> Iterator[tuple[int, Record]]:
     """The records by their numbers; what cannot be read gets its row."""
     from preisach_jax.record import Record
@@ -190,7 +192,7 @@ def _loaded(
         try:
             record = Record.load(path, **{**columns, "announce": notes.append})
         except InputError as error:
-            rows[number] = {"record": str(path), **_failed(error)}
+            rows[number] = {"record": titles[number], **_failed(error, f"{path}: ")}
             continue
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)
@@ -248,7 +250,7 @@ def _client(workers: int, scheduler: str | None) -> Generator[tuple[Any, Any]]:
                 n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=0,  # the system knows better when memory ends
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             dask[0](cluster) as client,
@@ -287,34 +289,46 @@ def _version_here() -> str:
         return "not at all"
 
 
-def _failed(error: BaseException) -> Row:
-    """The row of a record that came to nothing."""
+def _failed(error: BaseException, named: str = "") -> Row:
+    """The row of a record that came to nothing; its own column names it already."""
     if type(error).__name__ == "KilledWorker":
         why = "its worker died again and again: too little memory for it? Take fewer --workers"
     elif isinstance(error, InputError):
-        why = str(error)
+        why = str(error).removeprefix(named)
     else:
         why = f"{type(error).__name__}: {error}"
     return {"verdict": "", "effects": "", "why_not": why}
 
 
-def _folder_names(paths: Sequence[Path]) -> list[str]:
-    """A name for the folder of each record: that of its file, or what tells it from the others.
+def _names(paths: Sequence[Path]) -> list[str]:
+    """What the table calls the records: their files, from the folder that holds them all.
 
-    Example:
-        >>> _folder_names([Path("a/x.csv"), Path("a/y.csv")])
-        ['x', 'y']
-        >>> _folder_names([Path("a/x.csv"), Path("b/x.csv")])
-        ['a_x_csv', 'b_x_csv']
+    Folders above it tell who works where, which is nobody's business who reads the results.
     """
+    whole = [Path(os.path.realpath(path)).parent / path.name for path in paths]
+    try:
+        common = os.path.commonpath([path.parent for path in whole])
+        names = [path.relative_to(common).as_posix() for path in whole]
+    except ValueError:  # on several drives
+        names = [str(path) for path in paths]
+    return [name.encode(errors="replace").decode() for name in names]
+
+
+def _folder_names(names: Sequence[str]) -> list[str]:
+    """A name for the folder of each record: that of its file, or what tells it from the others."""
     from preisach_jax.files import file_name
 
-    names = [file_name(path.stem) for path in paths]
-    if len(set(names)) < len(names):
-        names = [file_name("_".join(path.parts[-2:])) for path in paths]
-    if len(set(names)) < len(names):
-        names = [f"{number}_{name}" for number, name in enumerate(names)]
-    return names
+    for shown in ([file_name(Path(name).stem) for name in names], [*map(file_name, names)]):
+        if len(set(shown)) == len(shown):
+            return shown
+    return [f"{number}_{file_name(name)}" for number, name in enumerate(names)]
+
+
+def _identity(record: Record, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a result was made of: values, what they are taken for, and what was asked."""
+    channels = {role: [each.name, each.unit] for role, each in record.channels.items()}
+    memory = record.initial_memory
+    return {"sha256": record.sha256, "settings": settings, "channels": channels, "memory": memory}
 
 
 def _held(path: Path) -> dict[str, Any] | None:
@@ -323,7 +337,7 @@ def _held(path: Path) -> dict[str, Any] | None:
 
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
-        return held if held.keys() >= {"sha256", "settings", "row"} else None
+        return held if "row" in held else None
     except (OSError, ValueError, AttributeError):
         return None
 

@@ -17,7 +17,7 @@ from typer.main import get_command
 
 from preisach_jax.cli import main, screen
 from preisach_jax.cli.application import build
-from preisach_jax.cli.completion import EFFECT_NAMES
+from preisach_jax.cli.completion import effect_names
 from preisach_jax.effects import library
 
 COMMAND = [sys.executable, "-c", "import sys; from preisach_jax.cli import main; sys.exit(main())"]
@@ -221,4 +221,4 @@ def test_commands_and_effects_are_completed_and_files_left_to_the_shell():
 
 def test_the_names_that_are_completed_are_those_of_the_library():
     # Those of a column are named after it.
-    assert [*EFFECT_NAMES] == sorted(name for name in library() if not name.endswith(":COL"))
+    assert effect_names() == sorted(name for name in library() if not name.endswith(":COL"))

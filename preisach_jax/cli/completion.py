@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-EFFECT_NAMES = (
-    "ageing",
-    "creep",
-    "delay",
-    "drift",
-    "eddy_currents",
-    "excess_loss",
-    "hum",
-    "input_lag",
-    "input_quantisation",
-    "leakage",
-    "log_rate",
-    "moving",
-    "operator_creep",
-    "output_lag",
-    "output_nonlinearity",
-    "output_quantisation",
-    "rate_dependence",
-    "reptation",
-    "resonance",
-    "restoring_force",
-    "slew_limit",
-    "viscosity",
-)
-"""The built-in effects; to ask the library itself would take seconds at every press of a key."""
+from pathlib import Path
+
+
+def effect_names() -> list[str]:
+    """The built-in effects, one file each: to load them takes seconds, and a key is pressed."""
+    files = (Path(__file__).parents[1] / "effects").glob("*.py")
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in files}
+    return sorted(name for name, text in texts.items() if f'name: ClassVar[str] = "{name}"' in text)
 
 
 def complete_effect(incomplete: str) -> list[str]:
     """Names of effects that begin so."""
-    return [name for name in EFFECT_NAMES if name.startswith(incomplete)]
+    return [name for name in effect_names() if name.startswith(incomplete)]
 
 
 def complete_effects(incomplete: str) -> list[str]:

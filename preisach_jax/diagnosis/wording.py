@@ -17,53 +17,25 @@ from preisach_jax.diagnosis.residuals import (
 )
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding
 from preisach_jax.diagnosis.tolerance import stroke_of
+from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.base import Effect
+from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
 from preisach_jax.record.blemishes import fault_lines
 
-PLAIN = {
-    "creep": "creep (the output goes on moving after the input has stopped)",
-    "operator_creep": "creep with a threshold (after large moves the output goes on moving, after "
-    "small ones it does not)",
-    "reptation": "reptation (repeated loops drift towards their middle, whatever the rate)",
-    "eddy_currents": "eddy currents (the faster the output changes, the later the material sees "
-    "its input)",
-    "input_lag": "a lag of the drive (the input reaches the material late and smoothed)",
-    "delay": "a pure delay between input and measured output",
-    "drift": "a drift of the measurement that does not depend on the input",
-    "ageing": "ageing (the loop shrinks as time goes by)",
-    "output_lag": "a lag of the sensor (the reading follows the output late and smoothed)",
-    "slew_limit": "a slew limit of the drive (its fastest moves come late)",
-    "rate_dependence": "rate dependence (the faster the input, the wider the loop)",
-    "resonance": "a resonance of the mechanics",
-    "hum": "a hum of fixed frequency in the reading",
-    "output_nonlinearity": "a nonlinear sensor (it bends the whole loop in the same way)",
-    "moving": "feedback of the output on the material (minor loops that are not congruent)",
-    "input_quantisation": "coarse steps of the drive's converter",
-    "output_quantisation": "coarse steps of the sensor's converter",
-    "excess_loss": "an excess loss (domain walls need a field by the root of the input's rate)",
-    "viscosity": "a viscosity (a part of the output depends on the speed of the input)",
-    "leakage": "a leakage of the reading (a constant output decays to zero)",
-    "restoring_force": "mechanics around the hysteresis (it is a force that the output drives)",
-    "log_rate": "a widening of the loop with the logarithm of the rate",
-}
-
-OF_COLUMN = {
-    "aux": "the influence of {}",
-    "gain": "a loop that {} scales",
-    "cross": "coupling from {} through the mechanics",
-}
-
 
 def plain(name: str) -> str:
-    """An effect's name in words that a mechanic understands."""
+    """An effect's name in words that a mechanic understands; its name, if it has no others."""
     prefix, _, column = name.partition(":")
-    if column and prefix in OF_COLUMN:
-        return OF_COLUMN[prefix].format(column)
-    return PLAIN.get(name, name)
+    for kind in BUILT_IN:
+        if issubclass(kind, OfColumn) and column and kind.prefix == prefix:
+            return kind.in_words.format(column)
+        if kind.name == name:
+            return kind.in_words
+    return name
 
 
 def sentence(

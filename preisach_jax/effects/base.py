@@ -86,6 +86,8 @@ class Effect(eqx.Module):
 
     Class attributes:
         name: name in models, reports and on the command line.
+        in_words: what a verdict calls it, so that a mechanic understands it; that of an effect of a
+            column has `{}` for the column.
         place: where it acts.
         physics: one paragraph on what happens in the machine.
         source: where that can be read.
@@ -117,6 +119,7 @@ class Effect(eqx.Module):
     """
 
     name: ClassVar[str] = ""
+    in_words: ClassVar[str] = ""
     place: ClassVar[Place]
     physics: ClassVar[str] = ""
     source: ClassVar[str] = ""

@@ -33,6 +33,7 @@ class Creep(OutputEffect):
     """
 
     name: ClassVar[str] = "creep"
+    in_words: ClassVar[str] = "creep (the output goes on moving after the input has stopped)"
     physics: ClassVar[str] = (
         "Domains go on switching by thermal activation after the field has settled, so the stroke "
         "of a piezo actuator grows with the logarithm of time, by one or two per cent a decade. "

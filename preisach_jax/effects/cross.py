@@ -43,6 +43,7 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
     """
 
     prefix: ClassVar[str] = "cross"
+    in_words: ClassVar[str] = "coupling from {} through the mechanics"
     form_pays: ClassVar[float] = 0.9
     physics: ClassVar[str] = (
         "The axes of a stage, a mirror or a scanner share a frame and flexures that are not quite "

@@ -25,6 +25,7 @@ class Delay(OutputEffect):
     """
 
     name: ClassVar[str] = "delay"
+    in_words: ClassVar[str] = "a pure delay between input and measured output"
     physics: ClassVar[str] = (
         "Converters, the filter of the sensor and its digital link, and a data logger that takes "
         "its channels one after the other deliver the output later than the input by a fixed time, "

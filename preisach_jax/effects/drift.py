@@ -67,6 +67,7 @@ class Drift(AddedEffect):
     """
 
     name: ClassVar[str] = "drift"
+    in_words: ClassVar[str] = "a drift of the measurement that does not depend on the input"
     physics: ClassVar[str] = (
         "Warming frames, electronics and sensors move the zero of the measurement slowly and "
         "without regard to the input, mostly as an exponential approach to a new equilibrium, "

@@ -32,6 +32,9 @@ class EddyCurrents(HysteresisEffect):
     """
 
     name: ClassVar[str] = "eddy_currents"
+    in_words: ClassVar[str] = (
+        "eddy currents (the faster the output changes, the later the material sees its input)"
+    )
     goes_with_speed: ClassVar[bool] = True
     feeds_back: ClassVar[bool] = True
     # Each trial of k means all states anew, and an output that agrees with itself.

@@ -25,6 +25,9 @@ class ExcessLoss(AddedEffect):
     """
 
     name: ClassVar[str] = "excess_loss"
+    in_words: ClassVar[str] = (
+        "an excess loss (domain walls need a field by the root of the input's rate)"
+    )
     goes_with_speed: ClassVar[bool] = True
     # Other machines have no domain walls, and a root of the rate looks like any other widening.
     on_request: ClassVar[bool] = True

@@ -40,6 +40,7 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
     """
 
     prefix: ClassVar[str] = "gain"
+    in_words: ClassVar[str] = "a loop that {} scales"
     physics: ClassVar[str] = (
         "The current in a coil sets how stiff a magnetorheological fluid is, a temperature how "
         "much a piezo strains for a volt, a load how far a magnet gets: the height of the whole "

@@ -44,6 +44,7 @@ class Hum(AddedEffect):
     """
 
     name: ClassVar[str] = "hum"
+    in_words: ClassVar[str] = "a hum of fixed frequency in the reading"
     physics: ClassVar[str] = (
         "The mains couple into the wiring of sensor and drive by ground loops and stray fields, at "
         "their frequency and, from rectifiers, at multiples of it; fans and pumps shake the bench "

@@ -25,6 +25,9 @@ class InputLag(FirstOrderLag, InputEffect):
     """
 
     name: ClassVar[str] = "input_lag"
+    in_words: ClassVar[str] = (
+        "a lag of the drive (the input reaches the material late and smoothed)"
+    )
     physics: ClassVar[str] = (
         "The command is recorded before the amplifier, but the material sees what is behind it. "
         "A voltage amplifier with its output resistance and the capacitance of the piezo stack, "

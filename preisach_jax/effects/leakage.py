@@ -30,6 +30,7 @@ class Leakage(OutputEffect):
     """
 
     name: ClassVar[str] = "leakage"
+    in_words: ClassVar[str] = "a leakage of the reading (a constant output decays to zero)"
     physics: ClassVar[str] = (
         "A charge amplifier loses its charge through the resistor of its feedback and the "
         "insulation of its cable, an integrator behind a pick-up coil is given a corner against "

@@ -30,6 +30,7 @@ class LogRate(SpeedWidening):
     """
 
     name: ClassVar[str] = "log_rate"
+    in_words: ClassVar[str] = "a widening of the loop with the logarithm of the rate"
     special: ClassVar[bool] = True
     physics: ClassVar[str] = (
         "A domain wall or a polar region leaves a barrier by thermal activation: over a wait ten "

@@ -31,6 +31,9 @@ class Moving(HysteresisEffect):
     """
 
     name: ClassVar[str] = "moving"
+    in_words: ClassVar[str] = (
+        "feedback of the output on the material (minor loops that are not congruent)"
+    )
     feeds_back: ClassVar[bool] = True
     # It compensates discretisation of a coarse plane, and takes minutes on a fine one.
     on_request: ClassVar[bool] = True

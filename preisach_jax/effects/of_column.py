@@ -32,7 +32,7 @@ class OfColumn(Effect):
         prefix: what stands before the column's name in that of the effect.
 
     Arguments:
-        unit: its unit.
+        unit: unit of the column.
     """
 
     prefix: ClassVar[str] = ""

@@ -34,6 +34,10 @@ class OperatorCreep(AddedEffect):
     """
 
     name: ClassVar[str] = "operator_creep"
+    in_words: ClassVar[str] = (
+        "creep with a threshold (after large moves the output goes on moving, after "
+        "small ones it does not)"
+    )
     # Its nine columns follow much that is slow and bent, whatever it is.
     on_request: ClassVar[bool] = True
     physics: ClassVar[str] = (

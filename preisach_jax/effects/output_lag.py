@@ -22,6 +22,9 @@ class OutputLag(FirstOrderLag, OutputEffect):
     """
 
     name: ClassVar[str] = "output_lag"
+    in_words: ClassVar[str] = (
+        "a lag of the sensor (the reading follows the output late and smoothed)"
+    )
     physics: ClassVar[str] = (
         "The material moves at once, but the reading follows late: the demodulator of a capacitive "
         "or inductive sensor, a strain gauge amplifier and an anti-aliasing filter average over a "

@@ -33,6 +33,7 @@ class OutputNonlinearity(SensorEffect):
     """
 
     name: ClassVar[str] = "output_nonlinearity"
+    in_words: ClassVar[str] = "a nonlinear sensor (it bends the whole loop in the same way)"
     physics: ClassVar[str] = (
         "The reading is not in proportion to the displacement: a capacitive or inductive sensor "
         "away from its calibration, a lever, a material near saturation. Whatever the history, "

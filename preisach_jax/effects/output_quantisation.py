@@ -54,6 +54,7 @@ class OutputQuantisation(SensorEffect):
     """
 
     name: ClassVar[str] = "output_quantisation"
+    in_words: ClassVar[str] = "coarse steps of the sensor's converter"
     physics: ClassVar[str] = (
         "The converter behind the sensor has steps. Where they are greater than the noise, the "
         "reading stands still and jumps; what is lost in between no model can bring back, but a "

@@ -33,6 +33,7 @@ class RateDependence(SpeedWidening):
     """
 
     name: ClassVar[str] = "rate_dependence"
+    in_words: ClassVar[str] = "rate dependence (the faster the input, the wider the loop)"
     physics: ClassVar[str] = (
         "Domain walls are damped: to switch in less time they need more field, so the thresholds "
         "move apart with the speed of the input, and the loop widens with a power of the rate. At "

@@ -32,6 +32,9 @@ class Reptation(AddedEffect):
     """
 
     name: ClassVar[str] = "reptation"
+    in_words: ClassVar[str] = (
+        "reptation (repeated loops drift towards their middle, whatever the rate)"
+    )
     physics: ClassVar[str] = (
         "Every cycle changes the fields by which the domains act on each other, and so helps some "
         "of those over their barriers that the cycle itself would not switch. What an earlier "

@@ -58,6 +58,7 @@ class Resonance(Modal, OutputEffect):
     """
 
     name: ClassVar[str] = "resonance"
+    in_words: ClassVar[str] = "a resonance of the mechanics"
     physics: ClassVar[str] = (
         "Behind the active material a mass moves on a spring: the stage on its flexures, or the "
         "stack itself.  The mode follows slow motion, overshoots and rings after fast motion at "

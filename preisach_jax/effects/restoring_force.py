@@ -42,6 +42,9 @@ class RestoringForce(HysteresisEffect):
     """
 
     name: ClassVar[str] = "restoring_force"
+    in_words: ClassVar[str] = (
+        "mechanics around the hysteresis (it is a force that the output drives)"
+    )
     # Its body is simulated, not solved for by least squares: only where a resonance is promising.
     on_request: ClassVar[bool] = True
     physics: ClassVar[str] = (

@@ -32,6 +32,7 @@ class SlewLimit(InputEffect):
     """
 
     name: ClassVar[str] = "slew_limit"
+    in_words: ClassVar[str] = "a slew limit of the drive (its fastest moves come late)"
     physics: ClassVar[str] = (
         "An amplifier delivers a greatest current, and a piezo stack is a capacitor: the voltage "
         "cannot change faster than current over capacitance.  Slower motion passes unchanged; "

@@ -40,6 +40,7 @@ class Viscosity(AddedEffect):
     """
 
     name: ClassVar[str] = "viscosity"
+    in_words: ClassVar[str] = "a viscosity (a part of the output depends on the speed of the input)"
     goes_with_speed: ClassVar[bool] = True
     beside_the_loop: ClassVar[bool] = True
     physics: ClassVar[str] = (

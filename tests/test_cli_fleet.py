@@ -100,6 +100,10 @@ def test_a_diagnosis_of_each_is_its_report(files, tmp_path, capsys):
     assert (row["verdict"], row["effects"]) == (found["verdict"], ", ".join(found["effects"]))
     assert row["rms"] == found["ladder"][-1]["rms_validation"]
     assert (tmp_path / "stage0" / "report.html").exists()
+    # Of a result with other options nothing stays.
+    assert run(files[0], "--fit", "--levels", 5, "--out", tmp_path) == 0
+    names = sorted(path.name for path in (tmp_path / "stage0").iterdir())
+    assert names == ["fleet.json", "model.json"]
 
 
 DYING = """
@@ -169,7 +173,9 @@ def test_mistakes_are_one_line_that_names_the_option(
     words, fragments, files, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(fleet, "CONNECTING_S", 1)
+    (tmp_path / "fleet.parquet").write_bytes(b"PAR1 written by preisach_jax")
     assert run(*files, "--out", tmp_path, *words) == 2
+    assert (tmp_path / "fleet.parquet").read_bytes().startswith(b"PAR1 written")
     error = capsys.readouterr().err.strip().splitlines()
     assert len([line for line in error if line.startswith("preisach:")]) == 1
     for fragment in fragments:

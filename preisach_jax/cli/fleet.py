@@ -26,7 +26,7 @@ from preisach_jax.cli.options import (
     check_choice,
     effect_names,
     with_effects,
-)  # fmt: skip
+)
 from preisach_jax.cli.resumable import Resume, resumable
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError, whole_number
@@ -95,8 +95,7 @@ def fleet(
     folders = [out / name for name in _folder_names(titles)]
     check_folder(out, data, [TABLE], force=force)
     for folder in folders:
-        written = ["model.json"] if fit else diagnosis_names(folder)
-        check_folder(folder, data, [ROW, *written], force=force)
+        check_folder(folder, data, [ROW, *diagnosis_names(folder)], force=force)
     rows: dict[int, Row] = {}
     records = dict(_loaded(data, titles, with_effects(columns, names), rows))
     settings = {
@@ -112,17 +111,21 @@ def fleet(
             del records[k]
     if held := sum(not row["why_not"] for row in rows.values()):
         screen.note(f"{held} of {len(data)} were done before, and are kept")
+    before = len(rows)
     try:
         with resumable(out, context.obj["command"]):
             for k, row, files in _done(records, settings, workers, scheduler):
                 rows[k] = {"record": titles[k], **row}
-                if files:
-                    about = {**_identity(records[k], settings), "row": rows[k]}
-                    files[ROW] = json_bytes(about)
+                if not files:
+                    continue
+                files[ROW] = json_bytes({**_identity(records[k], settings), "row": rows[k]})
+                earlier = {*diagnosis_names(folders[k])} - {*files}
                 write_files({folders[k] / name: content for name, content in files.items()})
+                for name in earlier:  # of a result with other options
+                    (folders[k] / name).unlink(missing_ok=True)
     finally:
         table = [rows[k] for k in sorted(rows)]
-        if table:
+        if len(rows) > before or not records:  # else a table that is there says more
             _write_table(out / TABLE, table)
     _show(table)
     screen.say(f"\nTable: {out / TABLE}; one folder a record in {out}")
@@ -212,9 +215,14 @@ def _done(
         return
     waiting, futures = iter(records.items()), dict[Any, int]()
     workers = min(workers or usable_cores(), len(records))
-    with _client(workers, scheduler) as (client, completed), screen.progress() as show:
+    with (
+        warnings.catch_warnings(),
+        _client(workers, scheduler) as (client, completed),
+        screen.progress() as show,
+    ):
+        warnings.filterwarnings("ignore", message="Sending large graph")  # each task has a record
 
-        def submit() -> Any:
+        def submit() -> None:
             for number, record in waiting:
                 future = client.submit(study, record, settings, pure=False)
                 futures[future] = number
@@ -225,12 +233,12 @@ def _done(
             submit()
         show(f"{len(records)} records", 0.0)
         for count, future in enumerate(completed, start=1):
-            error = future.exception()
-            done: tuple[dict[str, bytes], Row] = (
-                future.result() if error is None else ({}, _failed(error))
-            )
-            files, row = done
-            yield futures.pop(future), row, files
+            number, error = futures.pop(future), future.exception()
+            if error is None:
+                files, row = cast(tuple[dict[str, bytes], Row], future.result())
+                yield number, row, files
+            else:
+                yield number, _failed(error), {}
             future.release()
             submit()
             show(f"{count} of {len(records)} records done", count / len(records))
@@ -241,24 +249,23 @@ def _client(workers: int, scheduler: str | None) -> Generator[tuple[Any, Any]]:
     """A client of Dask, of workers on this machine or of a scheduler that stands elsewhere."""
     from distributed import Client, LocalCluster, as_completed
 
-    dask = cast(Any, Client), cast(Any, LocalCluster)
-    warnings.filterwarnings("ignore", message="Sending large graph")  # a record is its task's own
+    connected, cluster_of = cast(Any, Client), cast(Any, LocalCluster)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what fails is told in the table
     if scheduler is None:
         with (
-            dask[1](
+            cluster_of(
                 n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=0,  # the system knows better when memory ends
                 dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             ) as cluster,
-            dask[0](cluster) as client,
+            connected(cluster) as client,
         ):
             yield client, as_completed()
         return
     try:
-        client = dask[0](scheduler, timeout=CONNECTING_S)
+        client = connected(scheduler, timeout=CONNECTING_S)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"--scheduler is {scheduler!r}, and no Dask scheduler answered there in {CONNECTING_S} "
@@ -273,6 +280,8 @@ def _check_versions(client: Any, scheduler: str) -> None:
     """Make sure that the workers have this version of the package."""
     here = version("preisach_jax")
     found = client.run(_version_here)
+    if not found:
+        screen.note(f"{scheduler} has no worker yet: waiting for one (dask worker {scheduler})")
     others = {name: one for name, one in found.items() if one != here}
     if others:
         name, other = next(iter(others.items()))

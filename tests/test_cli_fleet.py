@@ -53,9 +53,18 @@ def in_this_process(monkeypatch):
     monkeypatch.setattr(fleet, "_client", client)
 
 
+def folder_of(out, path):
+    (found,) = out.glob(f"{path.stem}-*")
+    return found
+
+
 def written(out):
     """When the row of each record was written."""
     return {path.parent.name: path.stat().st_mtime_ns for path in out.glob("*/fleet.json")}
+
+
+def changed(out, before):
+    return {name.partition("-")[0] for name, time in written(out).items() if time != before[name]}
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -64,46 +73,57 @@ def test_each_record_has_its_folder_and_row_and_is_done_once(files, tmp_path, ca
     torn.write_text("a,b\n")
     words = (*files, torn, "--fit", "--levels", 5, "--out", out)
     assert run(*words) == 2  # what cannot be read is told, and the others are done
-    said = capsys.readouterr().err
-    assert "1 of 4 records came to nothing" in said
-    assert "torn.csv: there is no row" in said
-    table = pd.read_parquet(out / "fleet.parquet")
-    table.index = [Path(record).name for record in table.record]
+    said = capsys.readouterr()
+    assert "1 of the records came to nothing, as torn.csv" in said.err
+    assert "torn.csv: there is no row" in said.out
+    table = pd.read_parquet(out / "fleet.parquet").set_index("record")
     for path in files:
-        model = pj.Model.load(tmp_path / "out" / path.stem / "model.json")
+        model = pj.Model.load(folder_of(out, path) / "model.json")
         row, fit = table.loc[path.name], pj.fit(pj.Record.load(path), levels=5)
         assert model.to_json()["weights"] == fit.model.to_json()["weights"]
         assert row.rms == fit.rms_validation
         assert row.percent_of_stroke == pytest.approx(100 * row.rms / fit.record.output_range)
+        assert (row.folder, row.verdict) == (folder_of(out, path).name, "fitted")
         assert (row.unit, row.levels, row.why_not) == ("um", 5, "")
+    assert table.loc["torn.csv"].verdict == "failed"
     assert "there is no row" in table.loc["torn.csv"].why_not
 
+    # Another file of a name that is there, in another order, moves nothing.
     torn.write_text(files[0].read_text())
+    other = tmp_path / "b" / "stage0.csv"
+    other.parent.mkdir()
+    other.write_text(files[1].read_text().replace("0.01,", "0.010,"))
     before = written(out)
-    assert run(*words) == 0
-    assert "3 of 4 were done before, and are kept" in capsys.readouterr().out
+    assert run(other, torn, *files[::-1], files[1], "--fit", "--levels", 5, "--out", out) == 0
+    said = capsys.readouterr().out
+    assert "3 of 5 were done before, and are kept" in said
+    assert "stage1.csv is given twice, and is taken once" in said
     assert written(out).items() > before.items()
-    assert sorted(path.name for path in (out / "torn").iterdir()) == ["fleet.json", "model.json"]
+    # The table is that of the folder; other options do a record anew, in its place.
     before = written(out)
-    assert run(*files, "--fit", "--levels", 4, "--out", out) == 0  # other settings
-    assert sum(time != before[name] for name, time in written(out).items()) == 3
+    assert run(files[0], "--fit", "--levels", 4, "--out", out) == 0
+    assert changed(out, before) == {"stage0"}
+    table = pd.read_parquet(out / "fleet.parquet")
+    assert sorted(table.levels) == [4, 5, 5, 5, 5]
     before = written(out)
+    assert run(files[0], "--fit", "--levels", 4, "--out", out) == 0
+    assert changed(out, before) == set()
     assert run(files[0], "--fit", "--levels", 4, "--out", out, "--restart") == 0
-    assert [name for name, time in written(out).items() if time != before[name]] == ["stage0"]
+    assert changed(out, before) == {"stage0"}
 
 
 @pytest.mark.usefixtures("in_this_process")
 def test_a_diagnosis_of_each_is_its_report(files, tmp_path, capsys):
     assert run(files[0], "--effects", "drift", "--levels", 5, "--out", tmp_path, "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)["records"]
-    found = json.loads((tmp_path / "stage0" / "diagnosis.json").read_text())
+    folder = folder_of(tmp_path, files[0])
+    found = json.loads((folder / "diagnosis.json").read_text())
     assert (row["verdict"], row["effects"]) == (found["verdict"], ", ".join(found["effects"]))
     assert row["rms"] == found["ladder"][-1]["rms_validation"]
-    assert (tmp_path / "stage0" / "report.html").exists()
+    assert (folder / "report.html").exists()
     # Of a result with other options nothing stays.
     assert run(files[0], "--fit", "--levels", 5, "--out", tmp_path) == 0
-    names = sorted(path.name for path in (tmp_path / "stage0").iterdir())
-    assert names == ["fleet.json", "model.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["fleet.json", "model.json"]
 
 
 DYING = """
@@ -137,7 +157,7 @@ def test_a_worker_that_is_killed_loses_nothing(files, tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "mark").exists()
     table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
-    assert table.record.tolist() == [path.name for path in files]
+    assert sorted(table.record) == [path.name for path in files]
     assert not table.why_not.any()
     assert "Traceback" not in done.stderr
 
@@ -180,19 +200,6 @@ def test_mistakes_are_one_line_that_names_the_option(
     assert len([line for line in error if line.startswith("preisach:")]) == 1
     for fragment in fragments:
         assert fragment in error[-1]
-
-
-@pytest.mark.usefixtures("in_this_process")
-def test_a_record_twice_and_names_alike(files, tmp_path, capsys):
-    assert run(files[0], files[0], "--out", tmp_path) == 2
-    assert "stage0.csv: this record is given twice" in capsys.readouterr().err
-    other = tmp_path / "b" / "stage0.csv"
-    other.parent.mkdir()
-    other.write_text(files[1].read_text())
-    assert run(files[0], other, "--fit", "--levels", 5, "--out", tmp_path / "out") == 0
-    folders = [path.name for path in (tmp_path / "out").iterdir() if path.is_dir()]
-    assert len(folders) == 2
-    assert all(name.endswith("_stage0_csv") for name in folders)
 
 
 def test_without_dask_what_to_install_is_told(files, tmp_path, capsys, monkeypatch):

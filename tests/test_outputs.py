@@ -43,7 +43,7 @@ WRITERS = {
     "export fmu": ([*MODEL, "--to", "fmu", "--out", "f"], ["f/stage.fmu"]),
     "fleet": (
         [*RECORD, "--out", "f"],
-        ["f/fleet.parquet", "f/stage/fleet.json", "f/stage/model.json"],
+        ["f/fleet.parquet"],
     ),
     "sweep": (["--out", "s"], ["s/sweep.json"]),
     "figures": (["--only", "1", "--out", "f"], ["f/figure_01.pdf", "f/figure_01.png"]),

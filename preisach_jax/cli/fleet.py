@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
+import re
+import signal
 import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -49,6 +53,9 @@ CONNECTING_S = 30
 Row = dict[str, Any]
 """What the table tells of one record; errors in the unit of its output."""
 
+COLUMNS = ("record", "folder", "verdict", "effects", "rms_base", "rms", "unit",
+           "percent_of_stroke", "levels", "seconds", "why_not")  # fmt: skip
+
 
 @command(
     "preisach fleet stages/*.csv --out fleet",
@@ -61,7 +68,8 @@ def fleet(
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="a record of each stage")],
     columns: ReadOptions,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="folder of the results; what it holds is kept")
+        Path,
+        typer.Option(metavar="DIR", help="folder of the results; those that it holds are kept"),
     ],
     effects: Effects = None,
     levels: Levels = None,
@@ -91,52 +99,51 @@ def fleet(
     check_choice(names, levels)
     if workers is not None:
         whole_number("--workers is", workers, 1)
-    titles = _names(data)
-    folders = [out / name for name in _folder_names(titles)]
     check_folder(out, data, [TABLE], force=force)
-    for folder in folders:
+    failed: list[Row] = []
+    records = dict(_loaded(data, with_effects(columns, names), failed))
+    folders = {path: out / _folder_name(path, record) for path, record in records.items()}
+    for folder in folders.values():
         check_folder(folder, data, [ROW, *diagnosis_names(folder)], force=force)
-    rows: dict[int, Row] = {}
-    records = dict(_loaded(data, titles, with_effects(columns, names), rows))
     settings = {
         "does": "fit" if fit else "diagnose",
         "effects": names,
         "levels": levels,
         "version": version("preisach_jax"),
     }
-    for k in list(records) if resume else ():
-        held = _held(folders[k] / ROW)
-        if held and held.items() >= _identity(records[k], settings).items():
-            rows[k] = {**held["row"], "record": titles[k]}
-            del records[k]
-    if held := sum(not row["why_not"] for row in rows.values()):
-        screen.note(f"{held} of {len(data)} were done before, and are kept")
-    before = len(rows)
+    left = {
+        path: record
+        for path, record in records.items()
+        if not resume or not _is_held(folders[path] / ROW, _identity(record, settings))
+    }
+    if kept := len(records) - len(left):
+        screen.note(f"{kept} of {len(records)} were done before, and are kept")
     try:
         with resumable(out, context.obj["command"]):
-            for k, row, files in _done(records, settings, workers, scheduler):
-                rows[k] = {"record": titles[k], **row}
+            for path, row, files in _done(left, settings, workers, scheduler):
                 if not files:
+                    failed.append({**row, "record": _name(path)})
                     continue
-                files[ROW] = json_bytes({**_identity(records[k], settings), "row": rows[k]})
-                earlier = {*diagnosis_names(folders[k])} - {*files}
-                write_files({folders[k] / name: content for name, content in files.items()})
-                for name in earlier:  # of a result with other options
-                    (folders[k] / name).unlink(missing_ok=True)
+                folder = folders[path]
+                about = {**row, "record": _name(path), "folder": folder.name}
+                files[ROW] = json_bytes({**_identity(records[path], settings), "row": about})
+                earlier = {*diagnosis_names(folder)} - {*files}
+                write_files({folder / each: content for each, content in files.items()})
+                for each in earlier:  # of a result with other options
+                    (folder / each).unlink(missing_ok=True)
     finally:
-        table = [rows[k] for k in sorted(rows)]
-        if len(rows) > before or not records:  # else a table that is there says more
-            _write_table(out / TABLE, table)
+        table = _write_table(out, failed)
     _show(table)
     screen.say(f"\nTable: {out / TABLE}; one folder a record in {out}")
-    failed = [row for row in table if row["why_not"]]
     if failed:
+        for row in failed[:SHOWN]:
+            screen.note(f"{row['record']}: {row['why_not']}")
         raise InputError(
-            f"{len(failed)} of {len(table)} records came to nothing ({failed[0]['record']}: "
-            f"{failed[0]['why_not']}); the column why_not of {out / TABLE} has all: mend or leave "
-            "them out, and give the same command again"
+            f"{len(failed)} of the records came to nothing, as {failed[0]['record']}; the column "
+            f"why_not of {out / TABLE} says why: mend or leave them out, and give the same command "
+            "again"
         )
-    return screen.written([out / TABLE, *folders], records=table)
+    return screen.written([out / TABLE, *folders.values()], records=table)
 
 
 def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes], Row]:
@@ -153,12 +160,12 @@ def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes]
     with jax.enable_x64(True), kept_between_runs():
         if settings["does"] == "fit":
             last = fit(record, names, levels)
-            verdict, effects, base = "", names, {}
+            verdict, effects, base = "fitted", names, None
             files = {"model.json": json_bytes(last.model.to_json())}
         else:
             found = diagnose(record, names or None, levels)
             verdict, effects, last = found.verdict, found.effects, found.final
-            base = {"rms_base": found.base.rms_validation}
+            base = found.base.rms_validation
             with tempfile.TemporaryDirectory() as folder:
                 place = Path(folder)
                 files = {
@@ -168,7 +175,7 @@ def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes]
     row = {
         "verdict": verdict,
         "effects": ", ".join(effects),
-        **base,
+        "rms_base": base,
         "rms": last.rms_validation,
         "unit": record.output_unit,
         "percent_of_stroke": 100 * last.rms_validation / record.output_range,
@@ -180,40 +187,40 @@ def study(record: Record, settings: Mapping[str, Any]) -> tuple[dict[str, bytes]
 
 
 def _loaded(
-    paths: Sequence[Path], titles: Sequence[str], columns: ReadOptions, rows: dict[int, Row]
-) -> Iterator[tuple[int, Record]]:
-    """The records by their numbers; what cannot be read gets its row."""
+    paths: Sequence[Path], columns: ReadOptions, failed: list[Row]
+) -> Iterator[tuple[Path, Record]]:
+    """The records by their files; what cannot be read gets a row that says why."""
     from preisach_jax.record import Record
 
     seen: set[str] = set()
-    for number, path in enumerate(paths):
-        place = os.path.realpath(path)
+    for path in paths:
+        place, notes = os.path.realpath(path), list[str]()
         if place in seen:
-            raise InputError(f"{path}: this record is given twice; give each record once")
+            screen.note(f"{path} is given twice, and is taken once")
+            continue
         seen.add(place)
-        notes: list[str] = []
         try:
             record = Record.load(path, **{**columns, "announce": notes.append})
         except InputError as error:
-            rows[number] = {"record": titles[number], **_failed(error, f"{path}: ")}
+            failed.append({**_failed(error, f"{path}: "), "record": _name(path)})
             continue
         if len(paths) <= SHOWN:
             screen.show_record(record, notes)
-        yield number, record
+        yield path, record
 
 
 def _done(
-    records: Mapping[int, Record],
+    records: Mapping[Path, Record],
     settings: Mapping[str, Any],
     workers: int | None,
     scheduler: str | None,
-) -> Iterator[tuple[int, Row, dict[str, bytes]]]:
+) -> Iterator[tuple[Path, Row, dict[str, bytes]]]:
     """The row and the files of each record, as soon as it is done."""
     from preisach_jax.cores import usable_cores
 
     if not records:
         return
-    waiting, futures = iter(records.items()), dict[Any, int]()
+    waiting, futures = iter(records.items()), dict[Any, Path]()
     workers = min(workers or usable_cores(), len(records))
     with (
         warnings.catch_warnings(),
@@ -223,9 +230,9 @@ def _done(
         warnings.filterwarnings("ignore", message="Sending large graph")  # each task has a record
 
         def submit() -> None:
-            for number, record in waiting:
+            for path, record in waiting:
                 future = client.submit(study, record, settings, pure=False)
-                futures[future] = number
+                futures[future] = path
                 completed.add(future)
                 return
 
@@ -233,12 +240,12 @@ def _done(
             submit()
         show(f"{len(records)} records", 0.0)
         for count, future in enumerate(completed, start=1):
-            number, error = futures.pop(future), future.exception()
+            path, error = futures.pop(future), future.exception()
             if error is None:
                 files, row = cast(tuple[dict[str, bytes], Row], future.result())
-                yield number, row, files
+                yield path, row, files
             else:
-                yield number, _failed(error), {}
+                yield path, _failed(error), {}
             future.release()
             submit()
             show(f"{count} of {len(records)} records done", count / len(records))
@@ -252,28 +259,40 @@ def _client(workers: int, scheduler: str | None) -> Generator[tuple[Any, Any]]:
     connected, cluster_of = cast(Any, Client), cast(Any, LocalCluster)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what fails is told in the table
     if scheduler is None:
-        with (
-            cluster_of(
+        with _leaving_interrupts_to_this_process():
+            cluster = cluster_of(
                 n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=0,  # the system knows better when memory ends
                 dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            connected(cluster) as client,
-        ):
+            )
+        with cluster, connected(cluster) as client:
             yield client, as_completed()
         return
     try:
         client = connected(scheduler, timeout=CONNECTING_S)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            f"--scheduler is {scheduler!r}, and no Dask scheduler answered there in {CONNECTING_S} "
-            f"s ({error}): start one by `dask scheduler`, and workers by `dask worker ADDRESS`"
+            f"--scheduler is {scheduler!r}, and no Dask scheduler answered there ({error}): give "
+            "its address, as tcp://HOST:8786; `dask scheduler` starts one, `dask worker` workers"
         ) from None
     with client:
         _check_versions(client, scheduler)
         yield client, as_completed()
+
+
+@contextmanager
+def _leaving_interrupts_to_this_process() -> Generator[None]:
+    """Processes that are started inside do not hear Ctrl-C, of which each would tell at length."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _check_versions(client: Any, scheduler: str) -> None:
@@ -306,31 +325,22 @@ def _failed(error: BaseException, named: str = "") -> Row:
         why = str(error).removeprefix(named)
     else:
         why = f"{type(error).__name__}: {error}"
-    return {"verdict": "", "effects": "", "why_not": why}
+    return {"verdict": "failed", "effects": "", "why_not": why}
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """What the table calls the records: their files, from the folder that holds them all.
+def _name(path: Path) -> str:
+    """What the table calls a record: its file as it was given, or its name alone.
 
-    Folders above it tell who works where, which is nobody's business who reads the results.
+    Folders above the one where the command is given tell who works where.
     """
-    whole = [Path(os.path.realpath(path)).parent / path.name for path in paths]
-    try:
-        common = os.path.commonpath([path.parent for path in whole])
-        names = [path.relative_to(common).as_posix() for path in whole]
-    except ValueError:  # on several drives
-        names = [str(path) for path in paths]
-    return [name.encode(errors="replace").decode() for name in names]
+    plain = path.name if path.is_absolute() or ".." in path.parts else path.as_posix()
+    return plain.encode(errors="replace").decode()
 
 
-def _folder_names(names: Sequence[str]) -> list[str]:
-    """A name for the folder of each record: that of its file, or what tells it from the others."""
-    from preisach_jax.files import file_name
-
-    for shown in ([file_name(Path(name).stem) for name in names], [*map(file_name, names)]):
-        if len(set(shown)) == len(shown):
-            return shown
-    return [f"{number}_{file_name(name)}" for number, name in enumerate(names)]
+def _folder_name(path: Path, record: Record) -> str:
+    """A name for the folder of a record, which depends on nothing but its file and values."""
+    stem = re.sub(r"[^\w-]", "_", path.stem.encode(errors="replace").decode())
+    return f"{stem}-{record.sha256[:8]}"
 
 
 def _identity(record: Record, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -340,19 +350,22 @@ def _identity(record: Record, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {"sha256": record.sha256, "settings": settings, "channels": channels, "memory": memory}
 
 
-def _held(path: Path) -> dict[str, Any] | None:
-    """What a folder says of the record that it was made of; None if it says nothing."""
-    import json
-
+def _read(path: Path) -> dict[str, Any]:
+    """What a folder says of the record that it was made of; nothing, if it cannot be read."""
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        return held if "row" in held else None
-    except (OSError, ValueError, AttributeError):
-        return None
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return content if "row" in content else {}
+    except (OSError, ValueError, TypeError):
+        return {}
 
 
-def _write_table(path: Path, rows: Sequence[Row]) -> None:
-    """The table as Parquet, in which `files.is_ours` knows it again."""
+def _is_held(path: Path, identity: Mapping[str, Any]) -> bool:
+    """Whether a folder holds the result of a record."""
+    return _read(path).items() >= identity.items()
+
+
+def _write_table(out: Path, failed: Sequence[Row]) -> list[Row]:
+    """The rows of all records in a folder, and of those that failed, as Parquet."""
     import io
 
     import pyarrow
@@ -360,11 +373,15 @@ def _write_table(path: Path, rows: Sequence[Row]) -> None:
 
     from preisach_jax.files import PARQUET_MARK, write_files
 
+    there = (_read(path).get("row") for path in sorted(out.glob(f"*/{ROW}")))
+    rows = [dict.fromkeys(COLUMNS) | row for row in [*filter(None, there), *failed]]
+    if not rows:
+        return []
     arrow, parquet, file = cast(Any, pyarrow), cast(Any, parquet), io.BytesIO()
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    table = arrow.table({name: [row.get(name) for row in rows] for name in columns})
+    table = arrow.table({name: [row[name] for row in rows] for name in COLUMNS})
     parquet.write_table(table.replace_schema_metadata({PARQUET_MARK: b"fleet"}), file)
-    write_files({path: file.getvalue()})
+    write_files({out / TABLE: file.getvalue()})
+    return rows
 
 
 def _show(rows: Sequence[Row]) -> None:
@@ -375,8 +392,8 @@ def _show(rows: Sequence[Row]) -> None:
         ("record", "verdict", "effects", "rms", "% of stroke"),
         [
             (
-                Path(row["record"]).name,
-                row["verdict"] or ("failed" if row["why_not"] else "fitted"),
+                row["record"],
+                row["verdict"],
                 row["effects"],
                 "" if row["why_not"] else quantity(row["rms"], row["unit"], 3),
                 "" if row["why_not"] else f"{row['percent_of_stroke']:.3g}",

@@ -38,7 +38,7 @@ def sweep_to_folder(
     folder = Path(folder)
     levels, noise, numbers, samples = checked_settings(levels, noise, seeds, samples)
     chunk = whole_number("chunk is", chunk, 1)
-    there = {path: Sweep.load(path) for path in sorted(folder.glob(CHUNKS))}
+    there = {path: _read(path) for path in sorted(folder.glob(CHUNKS))}
     if resume:
         asked = {"levels": levels, "noise_um": noise, "samples": samples,
                  "key": jax.random.key_data(key)}  # fmt: skip
@@ -66,10 +66,21 @@ def sweep_to_folder(
 
 def load_folder(folder: Path) -> Sweep:
     """The results of all seeds in a folder."""
-    parts = [Sweep.load(path) for path in sorted(folder.glob(CHUNKS))]
+    parts = [_read(path) for path in sorted(folder.glob(CHUNKS))]
     if not parts:
         raise InputError(f"{folder}: there is no {CHUNKS} in it; give a folder that a sweep wrote")
     return merge(parts)
+
+
+def _read(path: Path) -> Sweep:
+    try:
+        return Sweep.load(path)
+    except InputError as error:
+        reason = str(error).partition(": give")[0]
+        raise InputError(
+            f"{reason}: remove {path.name} and give the same command again, which computes its "
+            "seeds anew"
+        ) from None
 
 
 def _computed(

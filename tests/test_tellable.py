@@ -135,6 +135,11 @@ def test_at_one_rate_nothing_dynamic_is_named():
     assert found.effects == ()
     assert all("one rate only" in candidate.why_not for candidate in found.candidates)
     assert any("one rate" in note for note in found.notes)
+    late += 0.5 * np.sin(2 * np.pi * 3.3 * time)
+    record = pj.Record.from_arrays(time, u, late)
+    found = pj.diagnose(record, ["creep", "input_lag", "output_lag"], levels=LEVELS)
+    assert found.verdict == "unexplained"
+    assert "this record can show none of the effects that were asked for" in found.sentence
 
 
 @pytest.mark.parametrize(

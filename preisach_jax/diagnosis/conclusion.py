@@ -17,8 +17,8 @@ from preisach_jax.diagnosis.past import of_the_first_rise, of_the_past
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.step import Step, signed_planes
+from preisach_jax.diagnosis.tellable import REASONS, shows_little
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
-from preisach_jax.diagnosis.tellable import shows_little
 from preisach_jax.diagnosis.trial import (
     NOT_ON_ALL_ROWS,
     TOO_LITTLE,
@@ -102,9 +102,10 @@ def assembled(
         if bound.effect not in silent
     )
     close = close_calls(findings, candidates, budget, met)
+    shows_none = bool(candidates) and all(c.why_not in REASONS.values() for c in candidates)
     found = Diagnosis(
         verdict=verdict,
-        sentence=sentence(verdict, findings, budget, fits, tolerance, close),
+        sentence=sentence(verdict, findings, budget, fits, tolerance, close, shows_none),
         close=close,
         findings=findings,
         ladder=tuple(Rung.of(fit) for fit in fits),

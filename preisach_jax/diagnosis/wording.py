@@ -45,18 +45,25 @@ def sentence(
     fits: Sequence[Fit],
     tolerance: float = 0.0,
     close: Sequence[str] = (),
+    shows_none: bool = False,
 ) -> str:
     """The verdict in one sentence, and in a second one if it is close.
 
     Arguments:
         tolerance: RMS error, in output units, that does not matter.
+        shows_none: whether the record can show none of the effects that were asked for.
     """
-    said = _verdict(verdict, findings, budget, fits, tolerance)
+    said = _verdict(verdict, findings, budget, fits, tolerance, shows_none)
     return f"{said} The verdict is close: {'; '.join(close)}." if close else said
 
 
 def _verdict(
-    verdict: str, findings: Sequence[Finding], budget: Budget, fits: Sequence[Fit], tolerance: float
+    verdict: str,
+    findings: Sequence[Finding],
+    budget: Budget,
+    fits: Sequence[Fit],
+    tolerance: float,
+    shows_none: bool,
 ) -> str:
     stroke = stroke_of(fits[0].record)
     first, last = (_error(fit, budget.unit, stroke) for fit in (fits[0], fits[-1]))
@@ -80,9 +87,12 @@ def _verdict(
             f"which is {rest}."
         )
     if verdict == "unexplained":
+        none = "none of the effects tried explains it"
+        if shows_none:
+            none = "this record can show none of the effects that were asked for"
         return (
-            f"Something is missing, but none of the effects tried explains it: of the error of "
-            f"{last}, {unexplained} are neither noise nor discretisation."
+            f"Something is missing, but {none}: of the error of {last}, {unexplained} are neither "
+            "noise nor discretisation."
         )
     named = " and ".join(_with_family(finding) for finding in findings)
     rest = (

@@ -144,7 +144,7 @@ def check_folder(
     """Make sure before the work that results can be written into a folder afterwards.
 
     Arguments:
-        force: whether they may replace what no command wrote.
+        force: whether files may replace what no command wrote.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; give a folder for the results")

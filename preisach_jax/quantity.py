@@ -56,7 +56,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A value with its unit, in the prefix that reads best.
 
     Arguments:
-        unit: its unit as in the file, `""` if unknown.
+        unit: unit of the value as in the file, `""` if unknown.
     """
     if math.isnan(value):
         return "unknown"

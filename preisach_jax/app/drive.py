@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import panel as pn
 
 from preisach_jax.app import panels
@@ -102,8 +101,8 @@ class DriveView:
             if kind == FROM_FILE:
                 given = self._given()
                 return Order(lambda: given, *limits)
-            self._typed()
             shape = self._typed_shape()
+            shaped(shape, self._begin, row_s)  # refused here, what is no course
         except InputError as error:
             self.refuse(error)
             return None
@@ -191,10 +190,6 @@ class DriveView:
         """Time between two rows, without the rounding of a clock."""
         return float(f"{self._step.fit.model.origin.step_s:.9g}")
 
-    def _typed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time and output of the course that is typed."""
-        return shaped(self._typed_shape(), self._begin, self._row_s)
-
     def _typed_shape(self) -> Shape:
         numbers = {name: field.value for name, field in self._shape.items()}
         if missing := [name for name, value in numbers.items() if value is None]:
@@ -211,7 +206,8 @@ class DriveView:
         try:
             self._step.fit.model.check_invertible()
             if self._kind.value != FROM_FILE:
-                self.figures.show_course(*self._typed())
+                typed = shaped(self._typed_shape(), self._begin, self._row_s)
+                self.figures.show_course(*typed)
             elif self._file is not None:
                 course = course_of(self._step, self._file)
                 self.figures.show_course(course.time, course.output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
@@ -366,8 +367,6 @@ def _is_held(path: Path, identity: Mapping[str, Any]) -> bool:
 
 def _write_table(out: Path, failed: Sequence[Row]) -> list[Row]:
     """The rows of all records in a folder, and of those that failed, as Parquet."""
-    import io
-
     import pyarrow
     from pyarrow import parquet
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,7 +59,7 @@ def sweep(
 
     from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
-    from preisach_jax.sweep import LEVELS, NOISE_UM, checked_settings
+    from preisach_jax.sweep import LEVELS, NOISE_UM
     from preisach_jax.sweep.storage import RESULT, sweep_to_folder
 
     check_folder(out, [], [RESULT], force=force)
@@ -69,12 +68,9 @@ def sweep(
     powers = NOISE_UM if noise is None else numbers("--noise", noise, float)
     if not 0 <= seed < 2**63:
         raise InputError(f"--seed is {seed}: give a whole number of at least 0")
-    settings = (planes, powers, seeds, samples)
-    named_by_option(_NAMES, checked_settings, *settings)
+    settings = (jax.random.key(seed), planes, powers, seeds, samples, chunk, resume)
     with resumable(out, context.obj["command"]), screen.progress() as show:
-        run = partial(sweep_to_folder, progress=show)
-        key = jax.random.key(seed)
-        found = named_by_option(_NAMES, run, out, key, *settings, chunk, resume)
+        found = named_by_option(_NAMES, sweep_to_folder, out, *settings, show)
     show_sweep(found)
     screen.say(f"\nSweep: {out / RESULT}")
     return found.to_json()

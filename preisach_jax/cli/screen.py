@@ -284,10 +284,8 @@ def show_diagnosis(found: Diagnosis) -> None:
     if refused:
         best = max(refused, key=lambda c: c.gain)
         others = f" of the {len(refused)} effects" if len(refused) > 1 else ""
-        best_one = (
-            "Not added" if best.why_not.startswith("not tried") else f"Best{others} not added"
-        )
-        say(f"\n{best_one}: {best.effect} ({best.why_not})")
+        title = "Not added" if best.why_not.startswith("not tried") else f"Best{others} not added"
+        say(f"\n{title}: {best.effect} ({best.why_not})")
     if found.limits:
         say("\nNot found, and with 95 % confidence")
         for limit in found.limits:

@@ -37,7 +37,7 @@ def command(
     `screen.table` is for people; `--json` and `--quiet` silence it.
 
     Arguments:
-        fits: whether it fits models, which compiles for a while on the first run.
+        fits: whether the command fits models, which compiles for a while on the first run.
         computes: whether it needs JAX, which takes half a second to load.
     """
 

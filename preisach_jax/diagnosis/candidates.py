@@ -119,7 +119,7 @@ def refitted(
     """Refit some of the effects that were screened jointly with the rest of the model.
 
     Arguments:
-        in_full: whether each is refined to its end, whatever it promises and wherever it begins.
+        in_full: whether each effect is refined to its end, whatever it promises.
     """
     trials: list[Trial | NotFitted] = []
     problem, point, step = screening.problem, screening.point, screening.step

@@ -47,7 +47,7 @@ def with_mechanics(
 
     Arguments:
         tolerance: RMS error, in output units, that does not matter.
-        asked: whether it was asked for by name: then it is tried beside anything that is left.
+        asked: whether the effect was asked for: then it is tried wherever something is left.
     """
     rival = _rival(found, step, finals)
     if effect is None or found.base.record.runs or not found.leaves_a_part:

@@ -41,7 +41,7 @@ def is_of_steps(
     passes steps of the converter; samples fold its lines to anywhere.
 
     Arguments:
-        inputs: (time,) seconds and input, before they were thinned, of each run.
+        inputs: (time,) seconds and input of each run, before it was thinned.
     """
     heights = _heights(point, hum)
     line_hz = (int(np.argmax(heights)) + 1) * f_hz

@@ -59,7 +59,7 @@ def of_the_first_rise(record: Record, model: Model, error: float) -> tuple[str, 
     """What a reader must know if the first passage of the input is another one than later ones.
 
     Arguments:
-        error: its held-out error, in output units.
+        error: held-out error of the model, in output units.
     """
     if record.runs or model.chain.mechanics is not None:
         return ()
@@ -94,7 +94,7 @@ def of_the_past(record: Record, model: Model, error: float) -> tuple[str, ...]:
     time, as a drift and an ageing are.
 
     Arguments:
-        error: its held-out error, in output units.
+        error: held-out error of the model, in output units.
     """
     if record.initial_memory != "free" or record.runs or model.chain.mechanics is not None:
         return ()

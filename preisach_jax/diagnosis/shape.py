@@ -31,7 +31,7 @@ class Shape:
         """The same, multiplied by a state.
 
         Arguments:
-            values: (sample,) its values.
+            values: (sample,) values of the state.
             bracketed: whether the formula stands in brackets behind the symbol.
         """
         before, after = (f"{symbol} · (", ")") if bracketed else (f"{symbol} · ", "")
@@ -82,7 +82,7 @@ def memory(
     """First-order low-pass of a state, (sample,), at rest where a record starts.
 
     Arguments:
-        values: (sample,) its values.
+        values: (sample,) values of the state.
         time: (sample,) s.
     """
     return Shape(

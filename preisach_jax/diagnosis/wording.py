@@ -271,7 +271,7 @@ def next_experiment(
     """What to record next: what splits the families, or brings out what is unexplained.
 
     Arguments:
-        shows_little: whether the record cannot tell most of them.
+        shows_little: whether the record cannot tell most of the effects that were tried.
     """
     families = tuple(finding.family for finding in findings if len(finding.family) > 1)
     if families:

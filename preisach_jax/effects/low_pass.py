@@ -15,7 +15,7 @@ def low_pass_step(state: Array, value: Array, dt: Array, tau_s: Array | float) -
 
     Arguments:
         state: `(y, v)` stacked on the last axis: output and input after the last step.
-        dt: time since then, in s; zero leaves the output as it is.
+        dt: time since the last sample, in s; zero leaves the output as it is.
         tau_s: time constant in s, positive.
 
     Returns:

@@ -114,7 +114,7 @@ def creep_step(
 
     Arguments:
         place: their outputs, in input units.
-        dt: its length in s; at zero nothing moves.
+        dt: length of the step in s; at zero nothing moves.
         tau_s: time constant in s, positive.
     """
     safe_dt = jnp.where(dt > 0, dt, 1.0)

@@ -180,7 +180,7 @@ def files(
     """All files of the C export, by name.
 
     Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        rate_hz: sampling rate in Hz; by default that of the record of the identification.
     """
     described = describe(model, rate_hz, without)
     content = view(described)

@@ -27,7 +27,7 @@ def to_control(
     first sample: from them the output is that of `Model.predict` for a record that continues none.
 
     Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        rate_hz: sampling rate in Hz; by default that of the record of the identification.
     """
     try:
         import control

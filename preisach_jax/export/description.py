@@ -112,7 +112,7 @@ def describe(
     """Describe a model in discrete time.
 
     Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        rate_hz: sampling rate in Hz; by default that of the record of the identification.
     """
     check_not_inside(model.chain, model.origin.record, "code sample by sample")
     model = without_effects(model, without)

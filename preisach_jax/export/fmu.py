@@ -81,7 +81,7 @@ def fmu_archive(model: Model, rate_hz: float | None = None, without: Sequence[st
     """The content of an FMU: description, sources and this platform's binary.
 
     Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record on which it was identified.
+        rate_hz: sampling rate in Hz; by default that of the record of the identification.
     """
     described = describe(model, rate_hz, without)
     texts = _texts(described, model.columns["time"])

@@ -200,7 +200,7 @@ def run_over_blocks(
         known: (time,) the input as it was given, if it is known: inside a compiled function all
             that JAX has touched is traced.
         adapt: whether to learn.
-        missing: whether outputs may be missing, if it is known beforehand.
+        missing: whether outputs may be missing, if that is known beforehand.
     """
     before = state.input if state is not None else known[0] if known is not None else x[0]
     measured = z if state is None else jnp.append(state.reference_output, z)

@@ -122,7 +122,7 @@ def mended(record: Record, modelled: np.ndarray) -> Record:
     """The record without the samples that stand out alone, or if none do, without jumps.
 
     Arguments:
-        modelled: (time,) what a model makes of it, in output units.
+        modelled: (time,) what a model makes of the record, in output units.
     """
     left = _mended(record, modelled)
     known = left.spikes.keys() == record.spikes.keys() and left.jumps.keys() == record.jumps.keys()

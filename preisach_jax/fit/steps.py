@@ -97,7 +97,7 @@ def with_effect(
     refined.
 
     Arguments:
-        always: whether to refine all its forms whatever they promise.
+        always: whether to refine all forms of the effect whatever they promise.
     """
     promised = known
     if not promised:

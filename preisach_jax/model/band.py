@@ -248,7 +248,7 @@ class Band:
         """(row,) half width along a record, in output units.
 
         Arguments:
-            spread: (row, 2) deviation among other models along it.
+            spread: (row, 2) deviation among other models along the input.
         """
         half = self.by_slice(course)
         if self.law is None:

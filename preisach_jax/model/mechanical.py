@@ -18,7 +18,7 @@ def moved(
 
     Arguments:
         weights: (cells,) weights, in units of force.
-        begins: whether the record begins as the one that was fitted.  Otherwise it begins at rest,
+        begins: whether the record begins as the fitted one did.  Otherwise it begins at rest,
             or in the steady state of an input that closes as a period does.
     """
     effect, plane = chain.mechanics, chain.plane

@@ -20,7 +20,7 @@ def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None
     """Ask whether a model can predict along a record.
 
     Arguments:
-        units: its units by role.
+        units: units of the model by role.
     """
     _check_units(units, record)
     if chain.mechanics:

@@ -34,7 +34,7 @@ def unforeseen(
     of which that of this one is a sample: twice its variance.
 
     Arguments:
-        span: first and last time of the record on which it was identified, in s.
+        span: first and last time of the record on which the model was identified, in s.
         time: (time,) of the record that is predicted, in s.
         goes_on: whether that is the same record, and what comes behind it.
 

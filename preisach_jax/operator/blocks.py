@@ -55,7 +55,7 @@ class Blocks(NamedTuple):
         """Find the relays of the blocks.
 
         Arguments:
-            states: (cells,) states before the first sample, which lines hold until they are passed.
+            states: (cells,) states before the first sample, which hold until passed.
 
         Returns:
             (blocks, WIDTH) flat indices; `plane.cells`, which is out of range, as a filling.

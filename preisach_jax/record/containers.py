@@ -41,7 +41,7 @@ def table_of_arrays(
     alone; its longer side is that of the samples.
 
     Arguments:
-        units, roles, initial_memory: what is known of them, as in `Table`.
+        units, roles, initial_memory: what is known of the columns, as in `Table`.
     """
     check_names(list(arrays), source)
     vectors, named, notes = _vectors(arrays, source)

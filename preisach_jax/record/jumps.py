@@ -95,7 +95,7 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     taken back before are corrected where this model tells their heights better.
 
     Arguments:
-        modelled: (time,) output of a model of it, however bad, in output units.
+        modelled: (time,) output of a model of the record, however bad, in output units.
 
     Returns:
         (time, 2) heights of new jumps and corrections of known ones, in output units, and their

@@ -84,7 +84,7 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     ringing does, is no spike.
 
     Arguments:
-        modelled: (time,) output of a model of it, however bad, in output units.
+        modelled: (time,) output of a model of the record, however bad, in output units.
 
     Returns:
         (time,) bool: the spikes.

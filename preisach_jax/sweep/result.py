@@ -348,8 +348,14 @@ class Sweep:
             from preisach_jax.sweep.storage import load_folder
 
             return load_folder(Path(path))
-        remedy = "give a file that Sweep.save wrote, or the folder of a sweep"
-        with read_arrays(Path(path), FORMAT, "a sweep", remedy) as (about, stored):
+        return cls.from_file(
+            Path(path), "give a file that Sweep.save wrote, or the folder of a sweep"
+        )
+
+    @classmethod
+    def from_file(cls, path: Path, remedy: str) -> Sweep:
+        """Read a file that `save` wrote; `remedy` ends the message if it cannot be read."""
+        with read_arrays(path, FORMAT, "a sweep", remedy) as (about, stored):
             arrays = {name: stored[name] for name in (*cls.AXES, *_LABELS)}
             weights = tuple(stored[f"weights_{N}"] for N in arrays["levels"])
             return cls(weights=weights, **arrays, **{name: about[name] for name in _PLAIN})

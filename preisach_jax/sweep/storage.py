@@ -73,14 +73,9 @@ def load_folder(folder: Path) -> Sweep:
 
 
 def _read(path: Path) -> Sweep:
-    try:
-        return Sweep.load(path)
-    except InputError as error:
-        reason = str(error).partition(": give")[0]
-        raise InputError(
-            f"{reason}: remove {path.name} and give the same command again, which computes its "
-            "seeds anew"
-        ) from None
+    return Sweep.from_file(
+        path, f"remove {path.name} and give the same command again, which computes its seeds anew"
+    )
 
 
 def _computed(

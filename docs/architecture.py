@@ -29,8 +29,8 @@ the order.
 - `chain`, `identify`, `fit`, `model`: effects around the operator, the separable least squares
   behind a fit, and the model that is saved. A step of the search is a `Point`: immutable, so
   that it can be kept.
-- `diagnosis`: from the plain model to a verdict by immutable steps, walked by `diagnose` or by
-  hand (`explore`).
+- `diagnosis`: from the plain model by a search among whole models to a verdict, with `diagnose`
+  or by hand (`explore`).
 - `loss`: what closed cycles of a record lose, as measured and by a model.
 - `compensation`, `export`: the inverse, and C, FMU and python-control.
 - `present`, `plot`, `report`, `app`, `cli`: all that people see. A result loads its part of

@@ -82,7 +82,7 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "tau_s": ParameterEstimate(0.0542, 0.0538, np.inf, "s"),
     }
     drift = {"amplitude": ParameterEstimate(-0.4, -0.5, -0.3, "um")}
-    numbers = {"gain": 0.878, "z": 5.1, "blocks": 24, "delta_bic": 812.0}
+    numbers = {"gain": 0.878, "score": 15.1, "blocks": 24}
     findings = (
         Finding("creep", ("creep", "drift"), estimates, 0.6, 0.21, numbers),
         Finding("drift", ("drift",), drift, 0.21, 0.031, numbers),

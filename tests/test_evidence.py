@@ -1,4 +1,4 @@
-"""The two tests and the error budget: what they let pass, and what their numbers are."""
+"""The score and the error budget: what they let pass, and what their numbers are."""
 
 import re
 from dataclasses import replace
@@ -11,7 +11,7 @@ from scipy import signal, stats
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, response, signals_of
+from preisach_jax.chain import response, signals_of
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     Floor,
@@ -23,33 +23,19 @@ from preisach_jax.diagnosis.budget import (
     refined_levels,
 )
 from preisach_jax.diagnosis.evidence import (
-    GREAT_GAIN,
-    LEAST_DELTA_BIC,
-    LEAST_GAIN,
-    LEAST_Z,
+    LEAST_SCORE,
+    OF_THE_LAW,
+    STRETCHES,
     Evidence,
-    block_mean_squares,
     compare,
-    free_parameters,
-    innovation_variance,
-    residual_in_time,
+    predicted_errors,
     simple_ratio,
-    standardised,
 )
-from preisach_jax.diagnosis.noise import noise_rms
+from preisach_jax.diagnosis.noise import innovation_variance, noise_rms
 from preisach_jax.diagnosis.within_cells import within_cells_rms
-from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.fit import (
-    at_levels,
-    base_point,
-    finished,
-    on_a_coarser_plane,
-    plane_of,
-    with_effect,
-)
-from preisach_jax.identify import FOLDS, VALIDATION, Problem, evaluate, with_all_rows
+from preisach_jax.fit import at_levels, base_point, finished, on_a_coarser_plane, with_effect
+from preisach_jax.identify import FOLDS, Problem, with_all_rows
 from preisach_jax.identify.regression import solve_nonnegative
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
@@ -74,24 +60,39 @@ def points():
     with jax.enable_x64(True), threadpool_limits(1):
         problem = problem_of("drift")
         base = base_point(problem, LEVELS)
-        return problem, base, with_effect(problem, base, Drift(), always=True)
+        return problem, base, with_effect(problem, base, Drift())
 
 
 @pytest.mark.parametrize(
     ("evidence", "says"),
     [
-        (Evidence(0.9 * LEAST_GAIN, 99.0, 24, 1e3), "mean square falls by .* %, less than"),
-        (Evidence(0.0, 99.0, 24, 1e3), "does not fall"),
-        (Evidence(0.9 * GREAT_GAIN, LEAST_Z - 0.1, 24, 1e3), "held-out blocks .z = 2.9, below 3"),
-        (Evidence(0.5, 1.9, 24, 1e3), "over the 24 held-out blocks .z = 1.9, below 2"),
-        (Evidence(0.5, 9.0, 24, LEAST_DELTA_BIC - 0.1), "whitened residual.*ΔBIC = "),
-        (Evidence(np.nan, 9.0, 24, 99.0), "does not fall"),
-        (Evidence(0.5, np.nan, 24, 99.0), "varies too much"),
-        (Evidence(0.5, 9.0, 24, np.nan), "whitened residual"),
+        (Evidence(-0.1, 99.0, 24), "does not fall"),
+        (Evidence(0.5, LEAST_SCORE - 0.1, 24), "score over 24 stretches is 3.9, below 4"),
+        (Evidence(np.nan, 9.0, 24), "does not fall"),
+        (Evidence(0.5, np.nan, 24), "score over 24 stretches is nan"),
+        (Evidence(0.5, LEAST_SCORE, 24), "^$"),
     ],
 )
-def test_each_test_says_why_it_is_not_passed(evidence, says):
+def test_the_evidence_says_why_it_is_too_little(evidence, says):
     assert re.search(says, evidence.against)
+
+
+def test_the_score_is_a_students_t_with_what_laws_leave():
+    rng = np.random.default_rng(2)
+    simple = np.exp(rng.normal(0.4, 0.3, STRETCHES))
+    rich = np.exp(rng.normal(-0.6, 0.3, STRETCHES))
+    r = np.log(simple / rich) / 2
+    own = stats.ttest_1samp(r, 0.0)
+    error = float(np.mean(r)) / float(getattr(own, "statistic"))  # noqa: B009
+    expected = float(np.mean(r)) / np.hypot(error, OF_THE_LAW)
+    assert Evidence.of(simple, rich, 0.5).score == pytest.approx(expected)
+    # A floor far above both says nothing; nothing lost is nothing gained.
+    assert abs(Evidence.of(simple, rich, 0.5, 1e6).score) < 1e-3
+    assert Evidence.of(simple, simple, 0.0).score == 0.0
+    # A model without any error in some stretches is no reason for infinity.
+    assert np.isfinite(Evidence.of(simple, np.where(rich > 0.5, 0.0, rich), 0.5).score)
+    assert simple_ratio(1.0, 4.0) == 0.25
+    assert simple_ratio(0.0, 0.0) == 1.0
 
 
 @pytest.mark.parametrize("coefficients", [[], [0.9], [1.4, -0.6]])
@@ -105,30 +106,23 @@ def test_innovations_are_what_an_autoregression_cannot_foretell(coefficients):
     assert innovation_variance(np.zeros(100)) > 0.0
 
 
-def test_standardised_mean_is_students_t():
-    values = np.random.default_rng(2).normal(0.4, 1.0, 24)
-    expected = stats.ttest_1samp(values, 0.0)
-    assert standardised(values) == pytest.approx(float(getattr(expected, "statistic")))  # noqa: B009
-    assert standardised(np.ones(5)) == 0.0
-    assert simple_ratio(1.0, 4.0) == 0.25
-    assert simple_ratio(0.0, 0.0) == 1.0
-
-
-def test_blocks_are_summed_as_a_loop_does(points):
+def test_each_fold_is_predicted_from_the_others(points):
     problem, base, _ = points
-    residual = np.random.default_rng(3).normal(size=len(problem.rows))
-    got = block_mean_squares(problem, residual)
-    position = {int(row): k for k, row in enumerate(np.sort(problem.rows))}
-    expected: dict[int, list[float]] = {}
-    for row, block, fold in zip(problem.rows, problem.block, problem.fold, strict=True):
-        if fold == VALIDATION[0]:
-            expected.setdefault(int(block), []).append(residual[position[int(row)]] ** 2)
-    np.testing.assert_allclose(got, [np.mean(expected[block]) for block in sorted(expected)])
-    # With the model's own residuals, they make up its held-out mean square.
-    squares = block_mean_squares(problem, residual_in_time(problem, base))
-    sizes = [len(expected[block]) for block in sorted(expected)]
-    mean = np.average(squares, weights=sizes)
-    assert mean == pytest.approx(base.validation_mean_square, rel=1e-6)
+    error = np.zeros(len(problem.rows))
+    equations, nonnegative = base.equations, base.equations.nonnegative
+    for fold in range(FOLDS):
+        others = np.array([k for k in range(FOLDS) if k != fold])
+        gram, moment = equations.system(others, base.strength)
+        solution = solve_nonnegative(gram, moment, nonnegative)
+        rows = problem.fold == fold
+        error[rows] = base.target[rows] - base.matrix[rows] @ solution
+    by_time = error[np.argsort(problem.rows)]
+    edges = np.linspace(0, len(by_time), STRETCHES + 1)
+    got = predicted_errors(problem, base)
+    for k, mean in enumerate(got):
+        around = by_time[round(edges[k]) : round(edges[k + 1])]
+        assert mean == pytest.approx(np.mean(around**2), rel=0.1)
+    assert np.mean(got) == pytest.approx(np.mean(by_time**2), rel=0.01)
 
 
 def test_evidence_for_the_right_effect(points):
@@ -136,27 +130,9 @@ def test_evidence_for_the_right_effect(points):
     evidence = compare(problem, base, drift)
     assert evidence.against == ""
     assert evidence.gain > 0.9
-    assert evidence.blocks == 24
-    before, after = residual_in_time(problem, base), residual_in_time(problem, drift)
-    ratio = innovation_variance(before) / innovation_variance(after)
-    count = len(problem.target)
-    expected = count * np.log(ratio) - 2 * np.log(count)  # time constant and amplitude
-    assert evidence.delta_bic == pytest.approx(expected)
-
-
-def test_parameters_that_are_nothing_are_not_counted(x64):
-    problem = problem_of(None)
-    creep, drift = Creep(tau_s=(0.1, 1.0)), Drift(horizon_s=6.0)
-    chain = Chain(plane_of(problem, 5), (creep, InputLag(), drift))
-    values = {
-        "creep": {"c_1": 0.0, "c_2": 0.01},
-        "input_lag": {"tau_s": 0.01},
-        "drift": {"tau_s": 2.0},
-    }
-    point = evaluate(problem, chain, values, 1e-4)
-    # c_2 and the unknown starts of both elements, the lag, the drift's time constant and amplitude.
-    assert free_parameters(point) == 6
-    assert free_parameters(base_point(problem, 5)) == 0
+    assert evidence.blocks == STRETCHES
+    assert compare(problem, drift, base).score == pytest.approx(-evidence.score)
+    assert compare(problem, base, drift, floor=100 * base.validation_mean_square).against
 
 
 @pytest.mark.parametrize(("effect", "noise"), [(None, 0.006), ("drift", 0.1)])

@@ -190,7 +190,7 @@ def made_form():
     term = Term("u'³", 0.3, 0.1, "viscous friction", (rate,))
     position = np.linspace(-12, 12, 24)
     drawn = Dependence("rate of the input", "V/s", position, position**3 / 1e4, position**3 / 1e4)
-    evidence = {"gain": 0.8, "z": 5.0, "blocks": 24, "delta_bic": 400.0}
+    evidence = {"gain": 0.8, "score": 9.0, "blocks": 24}
     return SparseForm((term,), 0.2, 0.09, "um", evidence, 0.04, 40, "", (), drawn)
 
 

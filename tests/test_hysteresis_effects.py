@@ -509,7 +509,7 @@ def test_a_model_of_a_coarse_sensor_is_fitted_to_its_steps_and_reads_back(tmp_pa
     with double_precision():
         problem = Problem.of(record)
         base = base_point(problem, 9)
-        point = with_effect(problem, base, OutputQuantisation(), always=True)
+        point = with_effect(problem, base, OutputQuantisation())
         fit = finished(problem, point, record)
     assert point.values["output_quantisation"]["step"] == pytest.approx(0.5, rel=1e-6)
     # Residual and held-out error are those of the steps.

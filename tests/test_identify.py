@@ -18,18 +18,19 @@ from preisach_jax.effects.base import OutputEffect, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.fit import best_start
 from preisach_jax.identify import (
     IDENTIFICATION,
     VALIDATION,
     Problem,
     evaluate,
     refine,
+    starts_of,
     stepped,
     thinned_rows,
     with_all_rows,
     with_strength,
 )
-from preisach_jax.identify.signature import Projection, prospects
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
@@ -254,9 +255,7 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
     record, chain = simulated((effect,), {effect.name: every}, added)
     problem = Problem.of(record)
     base = with_strength(problem, evaluate(problem, chain.with_effects(()), {}, 1e-4))
-    promised = prospects(problem, base, Projection(problem, base), [effect])
-    best = max(promised, key=lambda prospect: prospect.reached)
-    start = evaluate(problem, chain, {effect.name: best.values}, base.strength, base)
+    start = best_start(problem, base, chain, effect.name, starts_of(effect), 1)
     found = refine(problem, start, iterations=20, tolerance=1e-7)
     assert found.objective <= start.objective
     for name, value in every.items():

@@ -19,7 +19,7 @@ from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.identify.regression import normal_equations, penalties
-from preisach_jax.identify.signature import Projection, prospects
+from preisach_jax.identify.signature import Projection
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
@@ -270,59 +270,3 @@ def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
 def test_limits_in_words(limit, texts):
     said = Limit(*limit).text("um")
     assert all(text in said for text in texts), said
-
-
-def promise_of(record, effect):
-    problem, point = plain_point(record)
-    projection = Projection(problem, point)
-    bound = effect.bound_to(problem.survey_of(point))
-    return max(each.explained for each in prospects(problem, point, projection, [bound]))
-
-
-def test_what_is_promised_is_what_a_regression_gives(x64):
-    """On the rows that identify and on those held out, beside the weights that are not zero."""
-    rng = np.random.default_rng(1)
-    problem, point = plain_point(hidden(noise=0.05, seed=1), strength=1e-12)
-    rows = np.isin(problem.fold, point.folds)
-    signatures = rng.normal(size=(COUNT, 3)) + 3 * point.residual[:, None]
-    free = point.matrix[:, ~point.equations.nonnegative | (point.solution > 0)]
-    whole = np.concatenate([free, signatures], axis=1)
-
-    def powers(matrix):
-        solution = np.linalg.lstsq(matrix[rows], point.target[rows], rcond=None)[0]
-        squares = (point.target - matrix @ solution) ** 2
-        return np.array([squares[rows].sum(), squares[~rows].sum()])
-
-    explained, held_out = 1 - powers(whole) / powers(free)
-    free_signs = np.zeros(3, dtype=bool)
-    projection = Projection(problem, point)
-    promise, _ = projection.promised(signatures * [1.0, 1e-9, 1e6], free_signs)
-    assert promise.explained == pytest.approx(explained, rel=1e-3)
-    assert promise.held_out == pytest.approx(held_out, rel=1e-2)
-    nothing = np.stack([np.zeros(COUNT), np.full(COUNT, np.nan), point.matrix[:, -1]], axis=1)
-    promise, _ = projection.promised(nothing, free_signs)
-    assert promise.explained == pytest.approx(0.0, abs=1e-9)
-
-
-def test_what_cannot_change_its_sign_promises_nothing_with_the_other(x64):
-    problem, point = plain_point(hidden(noise=0.05))
-    projection = Projection(problem, point)
-    signature = projection.left(point.residual + 1e-4 * np.sin(np.arange(COUNT)))[:, None]
-    only_positive = np.ones(1, dtype=bool)
-    right, as_it_is = projection.promised(signature, only_positive)
-    wrong, _ = projection.promised(-signature, only_positive)
-    assert right.explained > 0.9
-    assert as_it_is > 0.9
-    assert wrong.explained == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("effect", "values", "added"),
-    [
-        (OutputLag(), {"output_lag": {"tau_s": 0.02}}, ()),
-        (Drift(horizon_s=15.0), {"drift": {"tau_s": 5.0}}, (1.0,)),
-    ],
-)
-def test_what_is_hidden_promises_more_than_what_is_not(x64, effect, values, added):
-    assert promise_of(hidden([effect], values, added), type(effect)()) > 0.5
-    assert promise_of(hidden(), type(effect)()) < 0.02

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from preisach_jax.cli import application
-from preisach_jax.diagnosis import selection, step
+from preisach_jax.diagnosis import selection
 from preisach_jax.effects import library
 
 README = Path(__file__).parent.parent / "README.md"
@@ -54,7 +54,7 @@ def test_the_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
     """On a short record, a coarse plane that is not refined, and with two effects to try."""
     few = {name: effect for name, effect in library().items() if name in FEW}
     monkeypatch.setattr(START, "DEFAULT_LEVELS", 13)
-    monkeypatch.setattr(step, "refined_levels", lambda rows, levels: None)
+    monkeypatch.setattr(selection, "refined_levels", lambda rows, levels: None)
     monkeypatch.setattr(selection, "library", lambda: few)
     names = run_blocks(tmp_path, monkeypatch, SMALLER)
     check(names, tmp_path, capsys.readouterr().out)

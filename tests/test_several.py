@@ -12,7 +12,7 @@ import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.cli import main
-from preisach_jax.diagnosis.evidence import innovation_variance
+from preisach_jax.diagnosis.noise import innovation_variance
 from preisach_jax.effects.creep import Creep
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.plant.stage import make_stage

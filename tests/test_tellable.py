@@ -99,8 +99,6 @@ PLACES = np.sin(0.6 * np.pi * TIME) + 0.5 * np.sin(4 * np.pi * TIME + 1)
     [
         (Hum(), {"f_hz": 1.0}, np.sin(np.pi * TIME), "multiples of the drive"),
         (Hum(harmonics=1), {"f_hz": 50.0}, np.sin(np.pi * TIME), ""),
-        (Drift(horizon_s=20.0, waves=24), {}, triangle(TIME / 5), "faster than the drive"),
-        (Drift(horizon_s=20.0, waves=24), {}, FAST, ""),
         (Drift(horizon_s=20.0), {"tau_s": 600.0}, CHIRP, ""),  # at its bound: a straight line
         (Resonance(), {"f_hz": 100.0, "zeta": 0.69}, CHIRP, "zeta of 0.69 1 lies at the upper"),
         (Resonance(), {"f_hz": 1.01, "zeta": 0.02}, CHIRP, "f_hz of 1.01 Hz lies at the lower"),

@@ -22,8 +22,7 @@ EXCITATIONS = {
     "poor": ("#D55E00", "^"),
 }
 LABELS = {
-    "diagnose": "diagnose\n(both tests)",
-    "criterion": "whitened\ncriterion",
+    "diagnose": "diagnose",
     "forward": "forward\ncriterion",
     "held_out": "held-out\nerror",
     "correlation": "largest\ncorrelation",
@@ -194,7 +193,7 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         axes.plot(found, wrong, color=colour, marker=marker, markersize=4, label=kind)
         labels: dict[tuple[float, float], list[str]] = {}
         for row, point in zip(rows, zip(found, wrong, strict=True), strict=True):
-            labels.setdefault(point, []).append(f"{row['least_z']:g}")
+            labels.setdefault(point, []).append(f"{row['least_score']:g}")
         for point, same in labels.items():
             text = "–".join(dict.fromkeys((same[0], same[-1])))
             axes.annotate(text, point, (3, 3), textcoords="offset points", fontsize=7)
@@ -202,7 +201,7 @@ def draw_risk(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     axes.set_ylim(-0.5, max(5.0, 1.1 * axes.get_ylim()[1]))
     axes.set_xlabel("visible hidden effects that are named, %")
     axes.set_ylabel("names that are wrong, %")
-    axes.set_title("Risk against coverage; beside the points, the least z", loc="left")
+    axes.set_title("Risk against coverage; beside the points, the least score", loc="left")
     axes.grid(color="#E4E4E4", linewidth=0.6)
     figure.legend(loc="outside right upper")
     figure.savefig(path, dpi=140)

@@ -32,8 +32,8 @@ leave for the effects to be visible in a record at all."""
 ROUNDING = 1e-9
 """Relative difference of two steps that is the computer's rounding."""
 
-STRICTER = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
-"""Least z of the held-out blocks by which names are counted in the curve of risk and coverage."""
+STRICTER = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
+"""Least scores by which names are counted in the curve of risk and coverage."""
 
 STEEPEST = 12.0
 """Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
@@ -284,7 +284,7 @@ def limit_holds(result: Result) -> bool:
 
 
 def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
-    """Share of names that are wrong, and of visible hidden effects that are named, as z rises.
+    """Share of wrong names, and of visible hidden effects that are named, by the least score.
 
     Arguments:
         judged: finished cases; those hiding what the library lacks count for the names alone.
@@ -296,11 +296,13 @@ def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
     for least in STRICTER:
         names, effects = [], []
         for one in judged:
-            said = {name for name in one["effects"] if one["evidence"][name]["z"] >= least}
+            said = {
+                name for name in one["effects"] if one["evidence"][name].get("score", 0.0) >= least
+            }
             names += [name not in one["hidden"] for name in said]
             if one["in_library"] and one["in_library"] == one["hidden"] and is_visible(one):
                 effects += [name in said for name in one["hidden"]]
-        rows.append({"least_z": least, "wrong": rate(names), "found": rate(effects)})
+        rows.append({"least_score": least, "wrong": rate(names), "found": rate(effects)})
     return rows
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 FILE = "results.jsonl"
 
-RIVALS = ("criterion", "forward", "held_out", "correlation", "sparse")
+RIVALS = ("forward", "held_out", "correlation", "sparse")
 """Simpler ways to name an effect, which `rivals` explains."""
 
 

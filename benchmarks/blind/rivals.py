@@ -1,14 +1,11 @@
-"""Simpler ways to name an effect, judged on the same records, to show what both tests are for.
+"""Simpler ways to name an effect, judged on the same records, to show what the score is for.
 
-The first three see the joint refits of the effects that were worth fitting, the others the residual
-of the model without effects:
+The first two see the joint refits of the effects, the others the residual of the model without
+effects:
 
-- `criterion`: the first test alone, the greatest fall of the Bayesian information criterion on
-  whitened residuals, if it is 10 or more;
 - `forward`: forward selection by the ordinary information criterion, which takes samples as
   independent, on the held-out error;
-- `held_out`: the second test without its threshold, the greatest fall of the held-out error, if it
-  falls at all;
+- `held_out`: the greatest fall of the held-out error, if it falls at all;
 - `correlation`: the effect whose simple sign correlates most with the residual, if the ordinary
   information criterion prefers a term for it;
 - `sparse`: the greatest term of a sparse regression of the residual on the simple signs of all
@@ -24,7 +21,6 @@ from scipy import signal
 import preisach_jax as pj
 from blind.results import RIVALS
 
-LEAST_FALL = 10.0
 TERMS = 2  # of an effect, for the ordinary criterion
 LEAST_TERM = 0.1  # of a sparse regression, in parts of the residual
 SLOW = 0.05  # part of the record over which the sign of creep forgets
@@ -40,8 +36,7 @@ def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None
     Returns:
         Names by rival.
     """
-    first = [trial for trial in found.candidates if trial.step == 0 and "z" in trial.evidence]
-    criterion = {trial.effect: trial.evidence["delta_bic"] for trial in first}
+    first = [trial for trial in found.candidates if trial.step == 0 and "score" in trial.evidence]
     gain = {trial.effect: trial.gain for trial in first}
     rows = np.count_nonzero(found.base.record.measured)
     forward = {
@@ -50,7 +45,6 @@ def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None
     }
     signs, residual = _signs_and_residual(found, library)
     names = (
-        _greatest(criterion, LEAST_FALL),
         _greatest(forward, 0.0),
         _greatest(gain, 0.0),
         _greatest(_correlated(signs, residual), 0.0),

@@ -278,15 +278,16 @@ def _with_memory_columns(
     those whose opening stays as it was add to the offset.
     """
     free = np.flatnonzero(high[0] > low[0])
-    gap = high[:, free] - low[:, free]
     # Equal courses have equal projections on any direction, and different ones hardly ever.
-    direction = np.random.default_rng(0).normal(size=len(gap))
-    course = np.unique(np.round(direction @ gap, 9), return_inverse=True)[1]
+    direction = np.random.default_rng(0).normal(size=len(low))
+    gap = (direction @ high - direction @ low)[free]
+    course = np.unique(np.round(gap, 9), return_inverse=True)[1]
     groups: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     for one in range(course.max(initial=-1) + 1):
         members = np.flatnonzero(course == one)
-        column = gap[:, members[0]]
+        first = free[members[0]]
+        column = high[:, first] - low[:, first]
         if np.ptp(column) > 0:
             groups.append(free[members])
             columns.append(column)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from preisach_jax.chain.coefficients import Coefficients
@@ -29,6 +29,7 @@ from preisach_jax.chain.driven import drive, unrounded_path
 from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, operator_output
 from preisach_jax.effects.base import (
     AddedEffect,
+    Effect,
     InputEffect,
     OutputEffect,
     SensorEffect,
@@ -152,47 +153,72 @@ def tangents(
 ) -> np.ndarray:
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
 
-    Forward-mode derivatives; the Preisach operator is differentiated only for effects of the input
-    and inside it.  What is fed back is held fixed, as it is in the `regressors`.
+    Central differences, one-sided at a bound: a derivative through compiled code is compiled anew
+    for each effect, which takes longer than the steps it is for.  Converters, which have no slope,
+    are left out; their own steps are differentiated along each step.  What is fed back is held
+    fixed, as it is in the `regressors`.
     """
-    if not parameters:
-        return np.zeros((len(signals.time), 0))
+    smooth = chain.with_effects(tuple(each for each in chain.effects if not _rounds(each)))
+    # Half the step at which rounding and curvature cost the same.
+    small = float(np.finfo(np.dtype(jnp.result_type(float))).eps) ** (1 / 3)
+    outputs: dict[bool, Callable[[str, Mapping[str, Any]], jax.Array]] = {}
+    columns = [np.zeros((len(signals.time), 0))]
+    for effect, name in parameters:
+        own, now = chain.effect(effect), float(values[effect][name])
+        rounds = _rounds(own)
+        if rounds not in outputs:
+            acting = chain if rounds else smooth
+            outputs[rounds] = _moved_output(acting, values, signals, coefficients, parameters)
+        output = outputs[rounds]
+        if rounds:
+            along = jax.jvp(partial(output, effect), ({name: now},), ({name: 1.0},))[1]
+            columns.append(np.asarray(along)[:, None])
+            continue
+        declared = next(each for each in own.parameters() if each.name == name)
+        step = small * declared.scale_at(now)
+        low = max(now - step, min(declared.low, now))
+        high = min(now + step, max(declared.high, now))
+        first, last = (np.asarray(output(effect, {name: end})) for end in (low, high))
+        columns.append(((last - first) / (high - low))[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def _rounds(effect: Effect) -> bool:
+    """Whether an effect is a converter, whose steps have no slope."""
+    if isinstance(effect, SensorEffect):
+        return not effect.coefficients()
+    return isinstance(effect, InputEffect) and effect.rounds
+
+
+def _moved_output(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    coefficients: Coefficients,
+    parameters: Sequence[tuple[str, str]],
+) -> Callable[[str, Mapping[str, Any]], jax.Array]:
+    """The output of a model as a function of an effect and new values of its parameters."""
     before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
     hysteresis = None
     if chain.feeds_back or any(effect not in before for effect, _ in parameters):
         hysteresis = hysteresis_output(chain, values, signals, coefficients)
     beside = columns_beside(chain, values, signals, {})
 
-    def along(effect: str, names: list[str]) -> np.ndarray:
+    def output(effect: str, own: Mapping[str, Any]) -> jax.Array:
+        moved = cast(EffectValues, {**values, effect: {**values[effect], **own}})
+        if effect in before:
+            plain = course = drive(chain, moved, signals)
+            if chain.feeds_back:
+                course = drive(chain, moved, signals, hysteresis)
+            given = operator_output(chain, course, coefficients)
+            given = given + first_run_output(chain, plain, coefficients.first_run)
+        else:
+            assert hysteresis is not None
+            given = hysteresis
         others = _unmoved(chain, beside, effect)
+        return behind_hysteresis(chain, moved, signals, given, coefficients, others)
 
-        def output(own: dict[str, Array]) -> Array:
-            moved: Mapping[str, Mapping[str, Any]] = {**values, effect: {**values[effect], **own}}
-            if effect in before:
-                plain = course = drive(chain, moved, signals)
-                if chain.feeds_back:
-                    course = drive(chain, moved, signals, hysteresis)
-                given = operator_output(chain, course, coefficients)
-                given = given + first_run_output(chain, plain, coefficients.first_run)
-            else:
-                assert hysteresis is not None
-                given = hysteresis
-            return behind_hysteresis(chain, moved, signals, given, coefficients, others)
-
-        at = {name: jnp.asarray(values[effect][name], dtype=float) for name in names}
-        each = dict(zip(names, np.eye(len(names), dtype=jnp.result_type(float)), strict=True))
-
-        def derivative(step: Mapping[str, ArrayLike]) -> Array:
-            return jax.jvp(output, (at,), (step,))[1]
-
-        return np.asarray(jax.vmap(derivative)(each))
-
-    effects = dict.fromkeys(effect for effect, _ in parameters)
-    columns: dict[tuple[str, str], np.ndarray] = {}
-    for effect in effects:
-        names = [name for of, name in parameters if of == effect]
-        columns |= zip(((effect, name) for name in names), along(effect, names), strict=True)
-    return np.stack([columns[parameter] for parameter in parameters], axis=1)
+    return output
 
 
 def responses(
@@ -212,13 +238,8 @@ def responses(
     hysteresis = hysteresis_output(chain, values, signals, coefficients)
     others = columns_beside(chain, {**values, effect: many[0]}, signals, {})
     others = _unmoved(chain, others, effect)
-
-    def output(own: Mapping[str, ArrayLike]) -> Array:
-        moved = cast(EffectValues, {**values, effect: own})
-        return behind_hysteresis(chain, moved, signals, hysteresis, coefficients, others)
-
-    dtype = jnp.result_type(float)
-    stacked = {name: np.array([own[name] for own in many], dtype) for name in many[0]}
-    if not stacked:
-        return np.stack([np.asarray(output({}))] * len(many))
-    return np.asarray(jax.vmap(output)(stacked))
+    outputs = [
+        behind_hysteresis(chain, {**values, effect: own}, signals, hysteresis, coefficients, others)
+        for own in many
+    ]
+    return np.stack([np.asarray(output) for output in outputs])

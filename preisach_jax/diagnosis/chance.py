@@ -10,12 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.chain.signals import each_run
-from preisach_jax.diagnosis.plausible import bound_near
-from preisach_jax.effects.base import Effect, Signals
-from preisach_jax.effects.modal import Modal
+from preisach_jax.effects.base import Signals
 from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.identify import Point, Problem
-from preisach_jax.identify.signature import Projection, prospects
+from preisach_jax.identify import Point, Problem, evaluate
 
 SHIFTS = 10
 """Parts of a record by which a column is shifted, forward in time and backward: with the column
@@ -23,38 +20,24 @@ backward and not shifted there are 19 other courses, and one in twenty columns t
 do with the output leads them all."""
 
 
-def by_chance(problem: Problem, now: Point, effect: Effect, rich: Point) -> str:
+def by_chance(problem: Problem, point: Point, name: str) -> str:
     """What says that a column goes with a wander by chance; empty if nothing does.
 
-    Signals that wander at random go together for as long as a record is short, and a test that
-    takes its blocks for independent does not see it.  So the column is shifted in time, which
-    leaves its spectrum as it is: where it does no more than a shifted one, to first order in its
-    amount, it says nothing.  Behind a lag as long as is looked for, any column is so smooth that it
-    is a course more of what wanders.
+    Signals that wander at random go together for as long as a record is short, and rows between
+    those that identify tell nothing of it.  So the column is shifted in time, which leaves its
+    spectrum as it is: where it does no more than a shifted one, it says nothing.
     """
-    if not (isinstance(effect, OfColumn) and any(each.lawless for each in now.chain.effects)):
+    effect = point.chain.effect(name)
+    if not (isinstance(effect, OfColumn) and any(each.lawless for each in point.chain.effects)):
         return ""
-    for parameter in effect.parameters():
-        value = rich.values[effect.name][parameter.name]
-        if parameter.name == "tau_s" and bound_near(parameter, value) == "upper":
+    for signals in _shifted(problem.signals, effect.column):
+        other = replace(problem, signals=signals)
+        there = evaluate(other, point.chain, point.values, point.strength, point)
+        if there.objective <= point.objective:
             return (
-                f"behind a lag of {value:.3g} s, the longest that is looked for, "
-                f"{effect.column} is a course more of what wanders"
+                f"{effect.column} shifted in time explains as much of what wanders: that they go "
+                "together is chance"
             )
-    # Where the column's own response has its modes, a shifted one has none.
-    form = replace(effect, starts=()) if isinstance(effect, Modal) else effect
-    projection = Projection(problem, now)
-
-    def left_by(signals: Signals) -> float:
-        found = prospects(replace(problem, signals=signals), now, projection, [form])
-        return min(float(np.mean(each.promise.residual**2)) for each in found)
-
-    here = left_by(problem.signals)
-    if any(left_by(other) <= here for other in _shifted(problem.signals, effect.column)):
-        return (
-            f"{effect.column} shifted in time explains as much of what wanders: that they go "
-            "together is chance"
-        )
     return ""
 
 

@@ -1,33 +1,24 @@
-"""From the last step of a diagnosis to its result: final fits, budget, limits, verdict."""
+"""From a search to its diagnosis: final fits, budget, limits, verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.diagnosis.budget import discretisation_rms, error_budget
-from preisach_jax.diagnosis.evidence import LEAST_GAIN, compare
-from preisach_jax.diagnosis.finals import Final, FinalFits
+from preisach_jax.cores import on_all_cores
+from preisach_jax.diagnosis.budget import Floor, discretisation_rms, error_budget, refined_levels
+from preisach_jax.diagnosis.evidence import LEAST_SCORE, Evidence, predicted_errors, simple_ratio
 from preisach_jax.diagnosis.limits import Limit, limits
-from preisach_jax.diagnosis.margin import close_calls
 from preisach_jax.diagnosis.memoryless import memoryless
 from preisach_jax.diagnosis.past import of_the_first_rise, of_the_past
+from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.remainder import relations
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
-from preisach_jax.diagnosis.step import Step, signed_planes
+from preisach_jax.diagnosis.search import Selection
 from preisach_jax.diagnosis.tellable import REASONS, shows_little
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
-from preisach_jax.diagnosis.trial import (
-    NOT_ON_ALL_ROWS,
-    TOO_LITTLE,
-    TOO_SLIGHT,
-    WITHOUT_A_LAW,
-    failures,
-    given_up_rows,
-)
-from preisach_jax.diagnosis.walk import with_rival_leading
 from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import (
     located,
@@ -37,23 +28,45 @@ from preisach_jax.diagnosis.wording import (
     sentence,
 )
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import Fit, Progress, in_silence
-from preisach_jax.identify import Point
+from preisach_jax.fit import (
+    FINAL_ROWS,
+    Fit,
+    Progress,
+    at_levels,
+    finished,
+    in_silence,
+    moved_to,
+    on_a_coarser_plane,
+    with_signs,
+)
+from preisach_jax.identify import Point, Problem
 from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.look import look
 from preisach_jax.model import Model
+from preisach_jax.record import Record
 
 MOST_MISSED = 0.3
 """RMS error of a final model, over the spread of the output, beyond which no effect is named."""
+
+NO_LIMITS = "This record does not show {}, if there (see preisach look): no limits are given."
+
+TOO_LITTLE = (
+    "with all effects found, the model still misses most of the output: no effect can be named "
+    "reliably"
+)
+
+NOT_ON_ALL_ROWS = "it improves the rows used in the search, but too little on the whole record"
+
+WITHOUT_A_LAW = (
+    "it follows no law, and much of what it should explain remains: no effect can be named reliably"
+)
 
 MOST_LEFT_BY_THE_LAWLESS = 0.1
 """Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
 for what was there."""
 
-NO_LIMITS = "This record does not show {}, if there (see preisach look): no limits are given."
-
-LEAST_BESIDE_THE_UNEXPLAINED = 0.2
-"""Mean square that the last effect must take away, over that which stays unexplained beside it."""
+A_LITTLE = 1.25
+"""Factor on a score, or on the error allowed, within which a verdict is close."""
 
 
 def verdict_of(budget: Budget, named: bool, tolerance: float = 0.0) -> tuple[str, bool]:
@@ -131,187 +144,195 @@ def _lines(model: Model) -> dict[str, tuple[float, ...]]:
     }
 
 
-def concluded(
-    step: Step, finals: FinalFits, tolerance: float, progress: Progress = in_silence
-) -> Diagnosis:
-    """The diagnosis that a last step comes to.
+@dataclass(frozen=True, eq=False)
+class Final:
+    """A model fitted to all rows.
 
-    Its models are fitted to all rows; effects that help too little there are given up.
+    Attributes:
+        fit: the fit, without its regressors, which are great.
+        floor: what no other effect can take away from its error.
+        errors: (stretch,) mean squares that it predicts, in squared output ranges.
+        objections: what of its effects all rows show to be none of them, by their names.
+    """
+
+    fit: Fit
+    floor: Floor
+    errors: np.ndarray
+    objections: Mapping[str, str]
+
+
+def finals_of(record: Record, search: Problem, points: Sequence[Point]) -> list[Final]:
+    """Models that were found on some rows of a record, fitted to all of them."""
+    whole = Problem.of(record, FINAL_ROWS)
+    bases = whole.reduced(search)
+
+    def final(point: Point) -> Final:
+        own, reduced = replace(whole, cache={}), replace(bases, cache=dict(bases.cache))
+        fit = finished(own, moved_to(reduced, point), record)
+        told = {name: implausible(own, fit.point, name) for name in fit.effects}
+        floor, errors = Floor.of(own, fit), predicted_errors(own, fit.point)
+        objections = {name: text for name, text in told.items() if text}
+        return Final(replace(fit, point=fit.point.slim), floor, errors, objections)
+
+    return list(on_all_cores(final, points))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The models of a path fitted to all rows, and what the last one leaves.
+
+    Attributes:
+        finals: the models.
+        other: the last one on another plane.
+        planes: both, with all hysterons and weights of one sign.
+        budget: of the last one.
+    """
+
+    finals: list[Final]
+    other: Point
+    planes: tuple[Point, Point]
+    budget: Budget
+
+    @staticmethod
+    def of(record: Record, all_hysterons: Problem, selection: Selection) -> Fitted:
+        """The models of a selection."""
+        problem, now = selection.problem, selection.now
+        finals = finals_of(record, problem, selection.path)
+        rows = min(len(problem.record), FINAL_ROWS)
+        finer = refined_levels(rows, now.chain.plane.levels)
+        coarser = finer is None
+        other = on_a_coarser_plane(problem, now) if coarser else at_levels(problem, now, finer)
+        planes = with_signs(all_hysterons, now), with_signs(all_hysterons, other)
+        last = finals[-1]
+        within = within_cells_rms(record, last.fit.residual, planes[0].chain.plane)
+        discretisation = discretisation_rms(all_hysterons, *planes, within)
+        whole = Problem.of(record, FINAL_ROWS)
+        budget = error_budget(whole, last.fit, last.floor, discretisation)
+        return Fitted(finals, other, planes, budget)
+
+
+def concluded(
+    record: Record,
+    all_hysterons: Problem,
+    selection: Selection,
+    tolerance: float,
+    progress: Progress = in_silence,
+) -> Diagnosis:
+    """The diagnosis that a search comes to.
+
+    Its models are fitted to all rows; effects that all rows speak against are given up.
 
     Arguments:
+        all_hysterons: the record as it was cut for the search, for models with all hysterons.
         tolerance: RMS error, in output units, that does not matter.
     """
-    step = step.compared
-    rivals = {name: point for named in step.named for name, point in named.rivals.items()}
-    for point in (*step.path, *rivals.values()):
-        finals.begin(step.problem, point)
-    # Meanwhile, for the step that this will most likely be:
-    progress("limiting the effects that were not found", 0.0)
-    planes = signed_planes(step)
-    limited, bounds = step, _limits(step, planes)
-    known = step
-    step = _with_plausible_rivals(step, finals)
-    while True:
-        step, fitted = _fitted(step, finals, progress)
-        fits = [final.fit for final in fitted]
-        step = step.compared
-        if step is not known:
-            known, planes = step, signed_planes(step)
-        now, other = planes
-        within = within_cells_rms(step.record, fits[-1].residual, now.chain.plane)
-        discretisation = discretisation_rms(step.all_hysterons, now, other, within)
-        progress("measuring the error budget", 0.9)
-        budget = error_budget(finals.problem, fits[-1], fitted[-1].floor, discretisation)
-        fewer = (
-            _without_what_the_drive_makes(step, fitted[-1])
-            or _without_the_lawless(step, budget)
-            or _without_the_slight(step, budget, fits, tolerance)
-        )
-        if fewer is None:
-            break
-        step = fewer
-    if step is not limited:
-        bounds = _limits(step, planes)
-    parameters = with_model_error(fits[-1].model.parameters, step.now, step.other or step.now)
+    problem = selection.problem
+    measured = problem.target / problem.unit
+    # Where hysteresis is not what makes the output, the first effect that bends the model towards
+    # it is seldom what is there: a damper's force looks like a displacement delayed.
+    if selection.now.validation_mean_square > MOST_MISSED**2 * measured.var():
+        while selection.names:
+            selection = selection.without(len(selection.names) - 1, TOO_LITTLE)
+    progress("fitting all rows", 0.95)
+    fitted = Fitted.of(record, all_hysterons, selection)
+    while (against := _refuted(selection, fitted, tolerance)) is not None:
+        selection = selection.without(*against)
+        fitted = Fitted.of(record, all_hysterons, selection)
+    fits = [final.fit for final in fitted.finals]
+    budget, planes = fitted.budget, fitted.planes
+    progress("limiting the effects that were not found", 0.98)
+    spoken_of = {*selection.names, *(name for own in selection.rivals for name in own)}
+    absent = [effect for effect in selection.tried if effect.name not in spoken_of]
+    # What the grid of the plane adds must not pass for an effect: the finest plane is best.
+    finest = max(planes, key=lambda point: point.chain.plane.levels)
+    parameters = with_model_error(fits[-1].model.parameters, selection.now, fitted.other)
     model = replace(fits[-1].model, parameters=parameters)
     model = model.with_budget(budget.noise, budget.discretisation)
     fits[-1] = replace(fits[-1], model=model)
+    whole = Problem.of(record, FINAL_ROWS)
+    rivals = [(name, point) for own in selection.rivals for name, point in own.items()]
+    in_place = finals_of(record, problem, [point for _, point in rivals])
     return assembled(
         fits,
-        _findings(step, fits),
+        tuple(_finding(selection, fits, position) for position in range(len(selection.names))),
         budget,
-        step.candidates,
-        bounds,
-        step.tried,
+        selection.candidates,
+        limits(all_hysterons, finest, absent),
+        selection.tried,
         (
-            *notes_on(step.record, model),
-            *of_the_first_rise(step.record, model, fits[-1].rms_validation),
-            *of_the_past(step.record, model, fits[-1].rms_validation),
-            *untellable_notes(finals.problem, step.tried),
-            *failures(list(step.trials)),
+            *notes_on(record, model),
+            *of_the_first_rise(record, model, fits[-1].rms_validation),
+            *of_the_past(record, model, fits[-1].rms_validation),
+            *untellable_notes(whole, selection.tried),
+            *selection.failures,
         ),
         tolerance=tolerance,
-        little=shows_little(finals.problem, step.tried),
+        little=shows_little(whole, selection.tried),
         alternatives={
-            name: finals.of(step.problem, point).fit.model
-            for named in step.named
-            for name, point in named.rivals.items()
+            name: final.fit.model for (name, _), final in zip(rivals, in_place, strict=True)
         },
     )
 
 
-def _limits(step: Step, planes: tuple[Point, Point]) -> tuple[Limit, ...]:
-    """How great each effect could be that is not in the model of a step, nor like one in it."""
-    spoken_of = {name for named in step.named for name in (named.name, *named.rivals)}
-    absent = [effect for effect in step.tried if effect.name not in spoken_of]
-    # What the grid of the plane adds must not pass for an effect: the finest plane is best.
-    finest = max(planes, key=lambda point: point.chain.plane.levels)
-    return limits(step.all_hysterons, finest, absent)
-
-
-def without_what_explains_too_little(step: Step) -> Step:
-    """Name nothing where the final model still misses much of the output.
-
-    Where hysteresis is not what makes the output, the first effect that bends the model
-    towards it is seldom what is there: a damper's force looks like a displacement delayed.
-    """
-    measured = step.problem.target / step.problem.unit
-    if step.now.validation_mean_square <= MOST_MISSED**2 * measured.var():
-        return step
-    rows = given_up_rows(list(step.trials), [named.trial for named in step.named], TOO_LITTLE)
-    return replace(step, named=(), path=step.path[:1], trials=tuple(rows), other=None)
-
-
-def _without_the_last(step: Step, objection: str) -> Step:
-    rows = given_up_rows(list(step.trials), [step.named[-1].trial], objection)
-    return replace(step, named=step.named[:-1], path=step.path[:-1], trials=tuple(rows), other=None)
-
-
-def _without_the_lawless(step: Step, budget: Budget) -> Step | None:
-    """Take back a form without a law that leaves much unexplained beside what it takes up.
-
-    Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
-    """
-    for position, named in enumerate(step.named):
-        effect = step.now.chain.effect(named.name)
-        taken = float(np.std(step.now.share_of(named.name)) * step.problem.unit)
-        if effect.lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
-            return _without(step, position, WITHOUT_A_LAW)
+def _refuted(selection: Selection, fitted: Fitted, tolerance: float) -> tuple[int, str] | None:
+    """The place of an effect that all rows speak against, and what they say; None if of none."""
+    finals, budget, unit = fitted.finals, fitted.budget, selection.problem.unit
+    last = finals[-1]
+    for position, name in enumerate(selection.names):
+        if objection := last.objections.get(name):
+            return position, objection
+    if len(finals) > 1:
+        before = finals[-2]
+        gain = 1 - simple_ratio(last.fit.rms_validation**2, before.fit.rms_validation**2)
+        floor = tolerance**2 / unit**2
+        if Evidence.of(before.errors, last.errors, gain, floor).against:
+            return len(finals) - 2, NOT_ON_ALL_ROWS
+    for position, name in enumerate(selection.names):
+        taken = float(np.std(fitted.planes[0].share_of(name)) * unit)
+        # Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
+        lawless = selection.now.chain.effect(name).lawless
+        if lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
+            return position, WITHOUT_A_LAW
     return None
 
 
-def _with_plausible_rivals(step: Step, finals: FinalFits) -> Step:
-    """Let a rival stand for an effect that all rows show at a bound, if they do not so of it."""
-    for position, named in enumerate(step.named):
-        if named.name not in finals.of(step.problem, step.now).contradicted:
-            continue
-        ranked = sorted(named.rivals.items(), key=lambda item: item[1].validation_mean_square)
-        for rival, point in ranked:
-            if rival not in finals.of(step.problem, point).contradicted:
-                step = with_rival_leading(step, position, rival)
-                break
-    return step
+def _finding(selection: Selection, fits: Sequence[Fit], position: int) -> Finding:
+    name, before, after = selection.names[position], fits[position], fits[position + 1]
+    tried = next(t for t in selection.steps[position] if t.effect == name and t.evidence)
+    assert tried.evidence is not None
+    return Finding(
+        name,
+        (name, *selection.rivals[position]),
+        fits[-1].model.parameters[name],
+        before.rms_validation,
+        after.rms_validation,
+        tried.evidence.numbers(),
+    )
 
 
-def _without_what_the_drive_makes(step: Step, final: Final) -> Step | None:
-    """Take back an effect that shows itself on all rows to come from the drive."""
-    for position, named in enumerate(step.named):
-        if objection := final.from_the_drive.get(named.name):
-            return _without(step, position, objection)
-    return None
+def close_calls(
+    findings: Sequence[Finding], candidates: Sequence[Candidate], budget: Budget, met: bool
+) -> tuple[str, ...]:
+    """What a little more or less data could turn: scores, or an error, near their limits.
 
+    Arguments:
+        met: whether the error that is not explained was taken to be within the budget.
 
-def _without(step: Step, position: int, objection: str) -> Step:
-    kept = (*step.named[:position], *step.named[position + 1 :])
-    rows = given_up_rows(list(step.trials), [step.named[position].trial], objection)
-    path = step.ladder([each.name for each in kept])
-    return replace(step, named=kept, path=path, trials=tuple(rows), other=None)
-
-
-def _without_the_slight(
-    step: Step, budget: Budget, fits: Sequence[Fit], tolerance: float
-) -> Step | None:
-    """Take back a last effect that does little beside what stays unexplained.
-
-    Beside physics that the library does not have, whatever bends the model a little towards it
-    passes the tests.
+    Returns:
+        A clause each; empty if the verdict is clear.
     """
-    if not step.named or budget.is_met or budget.unexplained <= tolerance:
-        return None
-    taken = fits[-2].rms_validation ** 2 - fits[-1].rms_validation ** 2
-    if taken >= LEAST_BESIDE_THE_UNEXPLAINED * budget.unexplained**2:
-        return None
-    return _without_the_last(step, TOO_SLIGHT)
 
+    def is_near(evidence: Mapping[str, float]) -> bool:
+        return 1 / A_LITTLE < evidence.get("score", 0.0) / LEAST_SCORE < A_LITTLE
 
-def _fitted(step: Step, finals: FinalFits, progress: Progress) -> tuple[Step, list[Final]]:
-    """The fit of each model; last effects that help too little on all rows are given up."""
-    fitted: list[Final] = []
-    for position, point in enumerate(step.path):
-        progress("fitting all rows", 0.4 + 0.5 * position / len(step.path))
-        fitted.append(finals.of(step.problem, point))
-    # The first test, on all rows.
-    most = (1 - LEAST_GAIN) ** 0.5
-    errors = [final.fit.rms_validation for final in fitted]
-    while len(fitted) > 1 and not errors[len(fitted) - 1] <= most * errors[len(fitted) - 2]:
-        step = _without_the_last(step, NOT_ON_ALL_ROWS)
-        fitted.pop()
-    return step, fitted
-
-
-def _findings(step: Step, fits: Sequence[Fit]) -> tuple[Finding, ...]:
-    findings: list[Finding] = []
-    for position, named in enumerate(step.named):
-        before, after = fits[position], fits[position + 1]
-        evidence = compare(step.problem, step.path[position], step.path[position + 1])
-        findings.append(
-            Finding(
-                named.name,
-                (named.name, *named.rivals),
-                fits[-1].model.parameters[named.name],
-                before.rms_validation,
-                after.rms_validation,
-                evidence.numbers(),
-            )
-        )
-    return tuple(findings)
+    calls = [
+        f"{each.effect} passes by a small margin" for each in findings if is_near(each.evidence)
+    ]
+    last = [c for c in candidates if c.step == len(findings) and not c.accepted]
+    refused = [c.effect for c in last if is_near(c.evidence) and c.evidence["score"] < LEAST_SCORE]
+    calls += [f"{name} fails by a small margin" for name in dict.fromkeys(refused)]
+    least, most = budget.allowed / A_LITTLE**0.5, budget.allowed * A_LITTLE**0.5
+    if met == budget.is_met and least < budget.unexplained < most:
+        side = "just within" if met else "just beyond"
+        calls.append(f"what is not explained is {side} noise and discretisation")
+    return tuple(calls)

@@ -320,7 +320,7 @@ def _error(problem: Problem, levels: int, effects: Sequence[Effect]) -> float:
     try:
         point = base_point(problem, levels)
         for effect in effects:
-            point = with_effect(problem, point, effect, always=True)
+            point = with_effect(problem, point, effect)
     except (FloatingPointError, np.linalg.LinAlgError):
         return math.nan
     return float(np.sqrt(point.validation_mean_square)) * problem.unit

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from preisach_jax.diagnosis.budget import (
     Floor,
     budget_of_residual,
@@ -18,10 +20,8 @@ from preisach_jax.diagnosis.limits import limits
 from preisach_jax.diagnosis.memoryless import Memoryless, memoryless
 from preisach_jax.diagnosis.past import of_the_past
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
+from preisach_jax.diagnosis.search import Search, Whole, candidate
 from preisach_jax.diagnosis.selection import effects_to_try
-from preisach_jax.diagnosis.step import Step
-from preisach_jax.diagnosis.trial import Trial
-from preisach_jax.diagnosis.walk import tried_beside
 from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
@@ -148,8 +148,8 @@ class Exploration:
     def candidates(self, progress: Progress | None = None) -> tuple[Candidate, ...]:
         """Try every effect that is left beside this model, and rank them.
 
-        Those that pass both tests come first (see `diagnose`), the one that does best leading;
-        then the others by what they gain.
+        Those that nothing speaks against come first (see `diagnose`), each group by how well the
+        model with it predicts.
 
         Arguments:
             progress: called with a text and a share done.
@@ -169,18 +169,15 @@ class Exploration:
 
     def _ranked(self, progress: Progress) -> tuple[Candidate, ...]:
         with double_precision():
-            trials, best, _ = tried_beside(self._as_step(), 0.0, progress)
-        rows: list[tuple[bool, bool, float, Candidate]] = []
-        for trial in trials:
-            passes = isinstance(trial, Trial) and trial.passes
-            candidate = trial.candidate(self.problem.unit, False, "")
-            candidate = replace(candidate, why_not="") if passes else candidate
-            rows.append((trial is not best, not passes, -candidate.gain, candidate))
-        return tuple(row[-1] for row in sorted(rows, key=lambda row: row[:-1]))
-
-    def _as_step(self) -> Step:
-        """This step as the program walks on from one."""
-        return Step(self.record, self.problem, self.problem, self.tried, (self.point,))
+            search = Search.of(self.problem, self.tried, progress=progress)
+            trials = search.beside(Whole.of(self.problem, self.point), 0.0, 1.0)
+        rows: list[tuple[bool, float, Candidate]] = []
+        for tried in trials:
+            row = candidate(tried, len(self.effects), self.problem.unit, "")
+            error = tried.model.error if tried.model is not None else np.inf
+            rows.append((bool(tried.objection), error, replace(row, why_not=tried.objection)))
+        rows.sort(key=lambda row: row[:2])
+        return tuple(row for *_, row in rows if row.effect not in self.effects)
 
     def add(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
         """Add an effect, whatever speaks against it, and refit everything.
@@ -209,7 +206,7 @@ class Exploration:
         tried = self.tried if new.name in by_name else (*self.tried, new)
         with double_precision():
             progress(f"fitting {new.name}", 0.0)
-            point = with_effect(self.problem, self.point, new, always=True)
+            point = with_effect(self.problem, self.point, new)
             progress("fitting all rows", 0.6)
             errors = (held_out_rms(self.problem, each) for each in (self.point, point))
             added = (*self.fit.added, Added((new.name,), *errors))

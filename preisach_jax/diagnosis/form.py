@@ -65,7 +65,7 @@ class SparseForm:
         terms: the leading one first; empty if none is offered.
         rms_before, rms_after: held-out error without and with it, in `unit`.
         unit: that of the output.
-        evidence: what the two tests of an effect measured; empty if nothing was tried.
+        evidence: the score and the gain behind it; empty if nothing was tried.
         chance: greatest gain of the same search on remainders that were shifted.
         draws: how many of these.
         why_not: why no form is offered; empty if one is.

@@ -9,16 +9,15 @@ import numpy as np
 from preisach_jax.diagnosis.budget import budget_of_residual
 from preisach_jax.diagnosis.conclusion import MOST_MISSED, assembled
 from preisach_jax.diagnosis.evidence import Evidence, compare_fits
-from preisach_jax.diagnosis.finals import FinalFits
 from preisach_jax.diagnosis.result import Candidate, Diagnosis, Finding
-from preisach_jax.diagnosis.step import Step
-from preisach_jax.diagnosis.trial import Trial
+from preisach_jax.diagnosis.search import Selection
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
-from preisach_jax.fit import Fit, Progress, fit_inside
+from preisach_jax.fit import Fit, Progress, fit_inside, on_all_rows
 from preisach_jax.quantity import quantity
+from preisach_jax.record import Record
 
 LEAST_GAIN = 0.5
 """Relative fall of the held-out mean square against a resonance below which the hysteresis is not
@@ -31,25 +30,25 @@ MISSES_MUCH = "the model with it still misses much of the output"
 
 def with_mechanics(
     found: Diagnosis,
-    step: Step,
-    finals: FinalFits,
+    selection: Selection,
+    record: Record,
     effect: RestoringForce | None,
     tolerance: float,
     progress: Progress,
     *,
     asked: bool = False,
 ) -> Diagnosis:
-    """The diagnosis, with the hysteresis inside the mechanics if that passes both tests.
+    """The diagnosis, with the hysteresis inside the mechanics if that passes.
 
-    It is simulated, alone, which takes a minute: only where a resonance was named, or promises
+    It is simulated, alone, which takes a minute: only where a resonance was named, or does
     most and was not, and more remains than the budget.  It takes the place of all other effects,
-    and must pass the tests against the model with the resonance.
+    and must pass against the model with the resonance.
 
     Arguments:
         tolerance: RMS error, in output units, that does not matter.
         asked: whether the effect was asked for: then it is tried wherever something is left.
     """
-    rival = _rival(found, step, finals)
+    rival = _rival(found, selection, record)
     if effect is None or found.base.record.runs or not found.leaves_a_part:
         return found
     if rival is None:
@@ -57,7 +56,7 @@ def with_mechanics(
             return found
         rival = found.final
     before = min(rival, found.final, key=lambda fit: fit.rms_validation)
-    record, levels = finals.record, found.base.model.plane.levels
+    levels = found.base.model.plane.levels
     try:
         fit = fit_inside(
             record,
@@ -84,19 +83,21 @@ def with_mechanics(
     )
     if objection:
         return replace(found, candidates=(*found.candidates, row))
-    return _inside(found, step, before, fit, row, tolerance)
+    return _inside(found, selection, before, fit, row, tolerance)
 
 
-def _rival(found: Diagnosis, step: Step, finals: FinalFits) -> Fit | None:
+def _rival(found: Diagnosis, selection: Selection, record: Record) -> Fit | None:
     """The model with a resonance that is to be beaten; None where no resonance leads."""
     name = Resonance.name
     if name in found.effects:
         return found.final
-    first = [t for t, _, _ in step.trials if isinstance(t, Trial) and t.step == 0]
-    best = max(first, key=lambda trial: trial.evidence.gain, default=None)
-    if found.effects or best is None or best.effect.name != name or best.evidence.gain <= 0:
+    first = [tried for tried in selection.steps[0] if tried.model and tried.evidence]
+    best = max(first, key=lambda each: each.evidence.gain if each.evidence else 0.0, default=None)
+    if found.effects or best is None or best.effect != name or best.model is None:
         return None
-    return finals.of(step.problem, best.point).fit
+    if best.evidence is None or not best.evidence.gain > 0:
+        return None
+    return on_all_rows(record, selection.problem, best.model.point)
 
 
 def _objection(evidence: Evidence, fit: Fit) -> str:
@@ -117,7 +118,7 @@ def _objection(evidence: Evidence, fit: Fit) -> str:
 
 
 def _inside(
-    found: Diagnosis, step: Step, before: Fit, fit: Fit, row: Candidate, tolerance: float
+    found: Diagnosis, selection: Selection, before: Fit, fit: Fit, row: Candidate, tolerance: float
 ) -> Diagnosis:
     """The diagnosis that names it in place of all other effects."""
     budget = budget_of_residual(fit)
@@ -146,7 +147,7 @@ def _inside(
         budget,
         (*others, row),
         (),
-        step.tried,
+        selection.tried,
         (*notes_on(fit.record, found.base.model), note),
         tolerance=tolerance,
     )

@@ -80,7 +80,7 @@ class LearnedTerm:
         numbers: how many numbers it takes from the record.
         rms_before, rms_after: held-out error without and with it, in `unit`.
         unit: that of the output.
-        evidence: what the two tests of an effect measured.
+        evidence: the score and the gain behind it.
         chance: greatest gain of the same training on shifted remainders.
         draws: how many of these.
         curves: how it depends on the states that matter most, the first one most.

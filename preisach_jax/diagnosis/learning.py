@@ -94,7 +94,7 @@ def learned(
     column = LearnedColumn(net, names)
     after = _trained(problem, point, column, lambda text, done: progress(text, 0.5 * done))
     numbers = 1 + sum(int(np.size(each)) for each in jax.tree.leaves(eqx.filter(net, eqx.is_array)))
-    evidence = evidence_between(problem, point.residual, after.residual, numbers)
+    evidence = evidence_between(problem, point.residual, after.residual)
     before, left = (
         float(np.sqrt(each.validation_mean_square)) * problem.unit for each in (point, after)
     )

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from preisach_jax.diagnosis.evidence import LEAST_GAIN, simple_ratio
+from preisach_jax.diagnosis.evidence import simple_ratio
 from preisach_jax.fit import Fit
 from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
+
+LEAST_GAIN = 0.05
+"""Relative fall of the held-out mean square that hysteresis must bring."""
 
 LITTLE = 2e-3
 """RMS over the stroke below which hysteresis, or what cells cannot follow, is little."""

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from preisach_jax.diagnosis.evidence import innovation_variance, residual_in_time
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.identify import Point, Problem
 from preisach_jax.look.stretches import repeating_period
@@ -39,6 +38,9 @@ CLEARLY_PREDICTED = 0.75
 """RMS error of an autoregression of a residual, over the noise that its second differences show,
 below which these show what rings."""
 
+AR_ORDER = 20
+"""Order of that autoregression."""
+
 
 def noise_rms(problem: Problem, point: Point) -> float:
     r"""RMS of the noise, from what is unpredictable from one sample to the next.
@@ -58,7 +60,7 @@ def noise_rms(problem: Problem, point: Point) -> float:
     Returns:
         The RMS in output units.
     """
-    residual = residual_in_time(problem, point) * problem.unit
+    residual = point.residual[problem.in_time] * problem.unit
     white = unpredictable_rms(residual, problem.breaks)
     repeated = _rms_of_repeats(problem, residual)
     if repeated is not None:
@@ -185,3 +187,27 @@ def _full_stretches(there: np.ndarray) -> list[int]:
         for start, stop in edges.reshape(-1, 2).tolist()
         for begin in range(start, stop - SAMPLES + 1, SAMPLES)
     ]
+
+
+def innovation_variance(
+    residual: np.ndarray, order: int = AR_ORDER, breaks: tuple[int, ...] = ()
+) -> float:
+    """Variance of what an autoregression cannot predict of a residual.
+
+    Least squares on lagged values (P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods,
+    2nd ed., Springer 1991, ch. 8).
+
+    Arguments:
+        residual: (row,) residual in time order.
+    """
+    if breaks:
+        parts = np.split(residual, breaks)
+        powers = [innovation_variance(part, order) * len(part) for part in parts if len(part)]
+        return sum(powers) / len(residual)
+    order = min(order, len(residual) // 10)
+    if order < 1:
+        return max(float(np.mean(residual**2)), np.finfo(float).tiny)
+    goal = residual[order:]
+    lagged = np.stack([residual[order - k : -k] for k in range(1, order + 1)], axis=1)
+    solution = np.linalg.lstsq(lagged, goal, rcond=None)[0]
+    return max(float(np.mean((goal - lagged @ solution) ** 2)), np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""Whether a form of what remains is offered: what it must do beside passing the two tests."""
+"""Whether a form of what remains is offered: what it must do beside its score."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.diagnosis.evidence import Evidence
-from preisach_jax.diagnosis.judgement import CONFIRMATION_LEVELS, WEAK
 from preisach_jax.fit import REFINEMENT, at_levels
 from preisach_jax.identify import Point, Problem
 from preisach_jax.quantity import quantity
+
+WEAK = 0.9
+"""Relative fall of the held-out mean square below which a finer plane must not do as well."""
+
+CONFIRMATION_LEVELS = 50
+"""Finest plane that it is compared with."""
 
 LEAST_FORM_GAIN = 0.25
 """Relative fall of the held-out mean square below which no form is offered."""

@@ -62,13 +62,6 @@ def out_of_law(problem: Problem, point: Point, name: str) -> str:
     """What of an effect's fitted parameters is none of what it is; empty if nothing is."""
     effect = point.chain.effect(name)
     survey, values = surveyed(problem), point.values[name]
-    if isinstance(effect, Drift) and effect.waves:
-        fastest_s = 2 * effect.horizon_s / effect.waves
-        if fastest_s < survey.cycle_s:
-            return (
-                f"its fastest wave of {fastest_s:.3g} s is faster than the drive, which comes back "
-                f"every {survey.cycle_s:.3g} s"
-            )
     if isinstance(effect, Viscosity) and _goes_with_position(survey, values["tau_s"]):
         return (
             f"its speed, {values['tau_s']:.3g} s late, goes with where the input is rather than "

@@ -1,7 +1,7 @@
 """The search for a sparse form of what remains of a model.
 
 The terms are pursued in the remainder one by one (`freed`); the blocks held out say whether more
-of them stay, by the two tests that an effect must pass.  Chance is measured by the same search on
+of them stay, by the score that an effect must have.  Chance is measured by the same search on
 remainders that are shifted round parts of the record, each part by a lag of its own: they keep
 their course, and lose what they go with.
 """
@@ -51,8 +51,8 @@ def find_form(
 
     The terms are powers, products, saturating functions and first-order memories of the input,
     the output of the model, their rates, path and time since the last reversal, time, and
-    auxiliary columns.  The density is fitted anew with them.  A form is offered only if it passes
-    the two tests of an effect on the held-out blocks, lowers the held-out mean square by a quarter
+    auxiliary columns.  The density is fitted anew with them.  A form is offered only if it has
+    the score of an effect on the held-out blocks, lowers the held-out mean square by a quarter
     at least, takes away more than the discretisation of the plane, does better than a finer plane,
     and does more than the same search on any of some shifted remainders.  Where none is
     offered, a small network of these states, other than time, is tried in its place by the same
@@ -77,8 +77,8 @@ def find_form(
         >>> z = u**1.1 + 0.02 * np.gradient(u, t) ** 3
         >>> z += 0.01 * np.random.default_rng(0).normal(size=3000)
         >>> found = pj.diagnose(pj.Record.from_arrays(t, u, z), ["drift"], levels=9)
-        >>> found.verdict, [term.formula for term in pj.find_form(found).terms]
-        ('unexplained', ["u'³"])
+        >>> found.verdict, pj.find_form(found).terms[0].formula
+        ('unexplained', "u'³")
     """
     if not draws >= 1:
         raise InputError(f"draws is {draws}; give an integer of at least 1")
@@ -121,7 +121,7 @@ def sought(
     none = SparseForm.none(fit.rms_validation, record.output_unit, "", tuple(library.notes))
     if not trial.chosen:
         return replace(
-            none, why_not="no term lowers the held-out error by a twentieth and passes both tests"
+            none, why_not="no term predicts the record so much better that an effect would be named"
         )
     progress("measuring what chance reaches", 0.6)
     evidence = trial.evidence.numbers()
@@ -162,7 +162,7 @@ def _by_its_own_output(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Terms that pass both tests one after the other, fitted with the density.
+    """Terms that each have the score of an effect, fitted with the density.
 
     Attributes:
         problem, point, terms: the record, the model, and all terms beside it.
@@ -186,9 +186,8 @@ class _Trial:
         )
 
     def beats(self, simpler: _Trial) -> bool:
-        """Whether both tests speak for it against one of fewer terms."""
-        more = max(self.numbers - simpler.numbers, 1)
-        return not evidence_between(self.problem, simpler.after, self.after, more).against
+        """Whether its score speaks for it against one of fewer terms."""
+        return not evidence_between(self.problem, simpler.after, self.after).against
 
     @property
     def of_output(self) -> bool:
@@ -216,7 +215,7 @@ class _Trial:
     def evidence(self) -> Evidence:
         """What speaks for all its terms together."""
         before = self.point.residual
-        return evidence_between(self.problem, before, self.after, self.numbers)
+        return evidence_between(self.problem, before, self.after)
 
     @property
     def rms(self) -> tuple[float, float]:

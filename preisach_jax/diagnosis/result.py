@@ -62,7 +62,7 @@ class Finding:
         family: names that this record cannot tell from it, itself included.
         parameters: its parameters with 95 % intervals.
         rms_before, rms_after: held-out error without and with it, in output units.
-        evidence: the statistics of the two tests between the model before and that with it.
+        evidence: gain, score and number of stretches, between the model before and that with it.
     """
 
     effect: str
@@ -82,7 +82,7 @@ class Candidate:
         step: how many effects the model had when it was tried.
         gain: relative fall of the held-out mean square.
         rms_validation: held-out error with it, in output units.
-        evidence: the statistics of the two tests.
+        evidence: gain, score and number of stretches.
         accepted: whether it was added.
         why_not: why it was not; empty if it was.
     """

@@ -1,31 +1,24 @@
-"""The diagnosis: screen all effects, add the best that passes both tests, repeat, stop."""
+"""The diagnosis: a model without effects, a search for what it lacks, a conclusion."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
-from preisach_jax.diagnosis.conclusion import concluded, without_what_explains_too_little
-from preisach_jax.diagnosis.finals import FinalFits
-from preisach_jax.diagnosis.growth import grown, in_best_forms, with_larger, with_larger_beside
+from preisach_jax.diagnosis.budget import refined_levels
+from preisach_jax.diagnosis.conclusion import concluded
 from preisach_jax.diagnosis.inside import with_mechanics
-from preisach_jax.diagnosis.pace import Pace
-from preisach_jax.diagnosis.pairs import with_better_pair, with_pair
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
-from preisach_jax.diagnosis.step import Step, on_a_refined_plane, refined_with_signs
+from preisach_jax.diagnosis.search import Search, Selection, Whole
 from preisach_jax.diagnosis.tolerance import tolerance_of
-from preisach_jax.diagnosis.walk import (
-    MOST_EFFECTS,
-    with_best,
-    with_better_rivals,
-    with_families,
-    without_superfluous,
-)
 from preisach_jax.effects import OF_COLUMNS, library, listed, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.fit import (
+    FINAL_ROWS,
     Fit,
     Progress,
+    at_levels,
     aux_units,
     begun,
     checked_levels,
@@ -34,13 +27,21 @@ from preisach_jax.fit import (
     in_reduced_basis,
     in_silence,
     mended_by,
+    on_all_rows,
 )
+from preisach_jax.identify import Point, Problem
 from preisach_jax.loss import magnet_of
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
 """Called with a fit on the way of a diagnosis, and with all that was tried before it."""
+
+SEARCH_LEVELS = 38
+"""Levels of the finest plane on which all effects are tried: a finer one takes long."""
+
+REFINEMENT_PAYS = 0.1
+"""Relative fall of the held-out mean square for which a finer plane is kept."""
 
 
 def diagnose(
@@ -55,10 +56,10 @@ def diagnose(
 ) -> Diagnosis:
     """Find out which physical effects a rate-independent model of a record lacks.
 
-    Every effect whose signature, freed from what the density can take up, is in the residual is
-    refitted jointly with the density and judged on held-out blocks.  The best is added if it
-    passes both tests (`evidence`), and the search goes on from there; effects that later ones have
-    made superfluous are taken out again.
+    Every effect that the record can show is refitted jointly with the density, from all its starts,
+    beside a few models at a time.  Whole models are compared by how well they predict stretches of
+    the record from the others (`evidence`): the smallest that predicts as well as the best one is
+    taken, and those of its size that predict as well are the families.
 
     Arguments:
         record: the measurement, or several of one machine: one model, with a memory for each.
@@ -99,7 +100,7 @@ def diagnose(
     with double_precision():
         return freed_of_blemishes(
             record,
-            lambda given: _walk(
+            lambda given: _diagnosed(
                 given,
                 tried,
                 (mechanics, bool(inside)),
@@ -132,7 +133,7 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
     return resolve(asked, aux_units(record))
 
 
-def _walk(
+def _diagnosed(
     record: Record,
     tried: tuple[Effect, ...],
     mechanics: tuple[RestoringForce | None, bool],
@@ -141,82 +142,60 @@ def _walk(
     progress: Progress,
     watch: Watch | None,
 ) -> Diagnosis:
-    """The diagnosis of one record, begun again without the blemishes that an effect shows."""
-    while True:
-        pace = Pace(progress)
-        pace.tell("fitting the rate-independent model", 0.0)
-        record, problem, point = begun(record, checked_levels(levels))
-        small, point = in_reduced_basis(problem, point)
-        step = Step(record, small, problem, tried, (point,))
-        with FinalFits(record) as finals:
-            found = _selected(step, finals, levels is not None, tolerance, pace, watch)
-            if isinstance(found, Step):
-                if levels is None:
-                    found = refined_with_signs(found)
-                plain = concluded(found, finals, tolerance, pace.tell)
-                effect, asked = mechanics
-                return with_mechanics(
-                    plain, found, finals, effect, tolerance, pace.tell, asked=asked
-                )
-        record = found
+    progress("fitting the rate-independent model", 0.0)
+    record, all_hysterons, point = begun(record, checked_levels(levels))
+    problem, point = in_reduced_basis(all_hysterons, point)
 
-
-def _selected(
-    step: Step,
-    finals: FinalFits,
-    levels_are_given: bool,
-    tolerance: float,
-    pace: Pace,
-    watch: Watch | None,
-) -> Step | Record:
-    """Forward selection with a backward check; the record without its spikes where it has some."""
-
-    def refined_and_shown(step: Step) -> Step:
-        step = in_best_forms(step)
-        step = on_a_refined_plane(step, levels_are_given, lambda text: pace.tell(text, 0.0))
-        finals.begin(step.problem, step.now)
+    def show(point: Point) -> None:
         if watch is not None:
-            watch(finals.of(step.problem, step.now).fit, step.candidates)
-        return step
+            watch(on_all_rows(record, problem, point), ())
 
-    step = refined_and_shown(step)
-    while len(step.named) < MOST_EFFECTS:
-        pace.begin_round(len(step.named))
-        larger = grown(step)
-        tried, more = with_best(step, tolerance, pace.tell)
-        pair = with_better_pair(step, tried, tolerance)
-        if pair is not None:
-            pair = with_better_rivals(pair, range(len(pair.named)))
-        others = [other for other in (larger, pair) if other is not None]
-        other = min(others, key=lambda other: other.now.validation_mean_square, default=None)
-        step = tried
-        if other is not None and not (more and _is_better(step, other)):
-            beside, found = (step, False) if more else with_larger_beside(step, tolerance, other)
-            step = refined_and_shown(beside if found else other)
-            continue
-        if not more:
-            step, more = with_larger(step, tolerance)
-        if not more:
-            step, more = with_pair(step, tolerance)
-        if not more:
-            step, more = with_larger_beside(step, tolerance)
-        if not more:
-            break
-        if len(step.named) == 1:
-            left = mended_by(step.record, step.now)
-            if left is not step.record:
-                return left
-        # The rivals of the last one were tried beside the very same model.
-        step = with_better_rivals(step, range(len(step.named) - 1))
-        # A finer plane may bring out what the coarse one has hidden.
-        step = refined_and_shown(without_superfluous(step))
-    else:  # no effect more may be named, but those that are may still lack a term
-        while (larger := grown(step)) is not None:
-            step = refined_and_shown(larger)
-    pace.begin_conclusion(len(step.named))
-    return without_what_explains_too_little(with_families(step, range(len(step.named))))
+    finer = None if levels is not None else finer_plane(problem, point, SEARCH_LEVELS)
+    point = finer or point
+    show(point)
+    search = Search.of(problem, tried, tolerance, progress)
+    # What the plain model misses hides blemishes that the best effect shows.
+    best = search.best_beside(point)
+    if best is not None and (left := mended_by(record, best)) is not record:
+        return _diagnosed(left, tried, mechanics, levels, tolerance, progress, watch)
+    selection = search.run(point, show)
+    if levels is None:
+        selection = _on_a_finer_plane(selection, search)
+    found = concluded(record, all_hysterons, selection, tolerance, progress)
+    effect, asked = mechanics
+    return with_mechanics(found, selection, record, effect, tolerance, progress, asked=asked)
 
 
-def _is_better(step: Step, other: Step) -> bool:
-    """Whether the model of a step leaves less on the rows held out than that of another."""
-    return step.now.validation_mean_square < other.now.validation_mean_square
+def finer_plane(problem: Problem, point: Point, most: int | None = None) -> Point | None:
+    """A model on the finest plane that pays; None if none does.
+
+    Arguments:
+        most: levels of the finest plane that is tried.
+    """
+    finest: Point | None = None
+    while True:
+        now = finest or point
+        levels = refined_levels(min(len(problem.record), FINAL_ROWS), now.chain.plane.levels)
+        if levels is None or (most is not None and levels > most):
+            return finest
+        other = at_levels(problem, now, levels)
+        least = (1 - REFINEMENT_PAYS) * now.validation_mean_square
+        if not other.validation_mean_square < least:
+            return finest
+        finest = other
+
+
+def _on_a_finer_plane(selection: Selection, search: Search) -> Selection:
+    """The same on the plane that its last model asks for; searched anew if that shows more."""
+    finer = finer_plane(selection.problem, selection.now)
+    if finer is None:
+        return selection
+    levels = finer.chain.plane.levels
+    refined = selection.on_levels(levels)
+    if levels > SEARCH_LEVELS:
+        return refined
+    again = replace(search, met={}, tried_beside={}, standing={})
+    now = Whole.of(again.problem, refined.now)
+    if again.is_noise(now) or all(tried.objection for tried in again.beside(now)):
+        return refined
+    return again.run(refined.path[0])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from preisach_jax.diagnosis.evidence import LEAST_SCORE
 from preisach_jax.diagnosis.memoryless import Memoryless
 from preisach_jax.diagnosis.residuals import (
     cumulated_periodogram,
@@ -154,8 +155,8 @@ def evidence_in_words(candidate: Candidate) -> str:
         return f"{text}. Against it: {candidate.why_not}."
     numbers = candidate.evidence
     return (
-        f"{text}, consistently over {numbers['blocks']:.0f} blocks (z = {numbers['z']:.1f}); the "
-        f"whitened residual shrinks (ΔBIC = {numbers['delta_bic']:,.0f})."
+        f"{text}, consistently over {numbers['blocks']:.0f} stretches of the record (score "
+        f"{numbers['score']:.1f}, where {LEAST_SCORE:.0f} is enough for a name)."
     )
 
 

@@ -53,6 +53,8 @@ class Survey:
             there is no model yet.
         aux: (sample,) auxiliary columns by name, in their units.
         starts: samples at which another run starts, behind the first one.
+        cycle_s: time between two passages of a place of the input in one direction, in s, in the
+            median; zero where it is not known.
     """
 
     duration_s: float
@@ -65,6 +67,7 @@ class Survey:
         default_factory=dict[str, np.ndarray], compare=False, repr=False
     )
     starts: tuple[int, ...] = ()
+    cycle_s: float = 0.0
 
     @property
     def speeds(self) -> np.ndarray:
@@ -201,8 +204,8 @@ class Effect(eqx.Module):
     ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
         """This effect with one term more, and values to start from; by default None, it has none.
 
-        Of several starts those are refined that promise most to first order in the size of the
-        term: in its parameters that are searched on a linear scale.
+        Of several starts those are refined that would explain most in the size that suits them:
+        the output is taken to be linear in what of the term is searched on a linear scale.
 
         Arguments:
             survey: the record, with the residual of a model that has this effect.

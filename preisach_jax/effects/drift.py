@@ -119,17 +119,22 @@ class Drift(AddedEffect):
         signals = Signals(jnp.asarray(survey.time - survey.time[0]), jnp.asarray(survey.input), {})
         most = np.asarray(replace(settled, waves=WAVES[-1]).columns(signals))
         wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
-        for waves in WAVES:
+        for waves in self._slower_than_the_drive(survey):
             left = _left(survey.residual, most[:, :waves])
             if left < WANDERS * least:
                 wander, least = replace(settled, waves=waves), left
         return (settled,) if wander is None else (settled, wander)
 
+    @staticmethod
+    def _slower_than_the_drive(survey: Survey) -> list[int]:
+        """Numbers of waves of which the fastest, of period 2 T / k, is no faster than the drive."""
+        return [waves for waves in WAVES if 2 * survey.duration_s >= waves * survey.cycle_s]
+
     def enlarged(
         self, survey: Survey, values: Values
     ) -> tuple[Drift, tuple[dict[str, float], ...]] | None:
         del values  # of a wander, the model's other errors may have hidden the faster waves
-        more = [waves for waves in WAVES if waves > self.waves]
+        more = [waves for waves in self._slower_than_the_drive(survey) if waves > self.waves]
         if not (self.waves and more) or len(survey.residual) < LEAST_ROWS:
             return None
         return replace(self, waves=more[0]), ({},)

@@ -68,6 +68,12 @@ class Parameter:
         """Whether the parameter has a natural zero, at which what it measures vanishes."""
         return self.amount and self.low == 0 and not self.log
 
+    def scale_at(self, value: float) -> float:
+        """What a small change of a value is measured by: itself, or the range of the search."""
+        if self.log:
+            return abs(value)
+        return self.high - self.low if math.isfinite(self.high - self.low) else max(abs(value), 1.0)
+
     def to_search(self, value: float) -> float:
         """The search coordinate of a value: its logarithm where `log` is set."""
         return math.log(value) if self.log else value

@@ -138,7 +138,7 @@ def _fitted(
     errors = [held_out_rms(problem, point)]
     for position, effect in enumerate(chosen):
         progress(f"fitting {effect.name}", share * position / len(chosen))
-        point = with_effect(problem, point, effect, always=True)
+        point = with_effect(problem, point, effect)
         errors.append(held_out_rms(problem, point))
     pairs = zip(chosen, itertools.pairwise(errors), strict=True)
     added = tuple(Added((effect.name,), *pair) for effect, pair in pairs)

@@ -2,47 +2,32 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from preisach_jax.chain import Chain
 from preisach_jax.chain.runs import response
-from preisach_jax.cores import on_all_cores
-from preisach_jax.effects.base import Effect, HysteresisEffect
-from preisach_jax.identify import VALIDATION, Point, Problem, evaluate, refine, with_strength
-from preisach_jax.identify.signature import Projection, Prospect, prospects
+from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect
+from preisach_jax.errors import NotFiniteError
+from preisach_jax.identify import (
+    VALIDATION,
+    Point,
+    Problem,
+    evaluate,
+    refine,
+    starts_of,
+    with_strength,
+)
 
 MOST_STARTS = 2
 """Starts of a form of an effect that are refined."""
 
-STARTS_REACH = 2.0
-"""Times what the best start leaves of the residual's power that another one may leave to be refined
-as well."""
-
-BEHIND = 2.0
-"""Times the held-out mean square of the best model so far at which, after the first steps, another
-one is given up: it can be no rival."""
-
-FAR_BEHIND = 6.0
-"""The same for an effect inside the hysteresis, whose first steps say less of where it comes to."""
-
-NO_GAIN = 1.1
-"""Times the held-out mean square of the model without an effect at which, after the first steps,
-the one with it is given up."""
-
-FORMS_HOPE = 0.9
-"""Share of the held-out mean square that the most likely form of an effect inside the hysteresis
-must not leave for its other forms to be refined: the wrong form of what is there takes much more
-away."""
-
-FORMS_BEHIND = 3.0
-"""Times the held-out mean square of the best model so far that the most likely form must not leave
-for its other forms to be refined."""
-
-FORMS_REACH = 2.0
-"""Times what the most likely form promises to leave which another may leave to be refined."""
+FORMS_HOPE = 0.95
+"""Held-out mean square, over that of the model without it, that the first form of an effect of the
+input or of the hysteresis must not leave for its other forms to be tried: each means all states of
+the hysterons anew, and the wrong form of what is there takes much more away."""
 
 REFINEMENT = 1.5
 """Ratio of the levels of two planes that are compared."""
@@ -83,74 +68,58 @@ def settled(problem: Problem, point: Point) -> Point:
     return point if point.strength == before else refine(problem, point, iterations=4)
 
 
-def with_effect(
-    problem: Problem,
-    point: Point,
-    effect: Effect,
-    always: bool = False,
-    known: Sequence[Prospect] = (),
-    best: float = np.inf,
-) -> Point:
-    """The best model that has an effect beside those of a point, all refitted jointly.
+def with_effect(problem: Problem, point: Point, effect: Effect) -> Point:
+    """The best model that has an effect beside those of a point, all refitted jointly."""
+    return settled(problem, roughly_with(problem, point, effect))
 
-    Its forms and starts are compared by what they promise to first order; the best ones are
-    refined.
 
-    Arguments:
-        always: whether to refine all forms of the effect whatever they promise.
+def roughly_with(problem: Problem, point: Point, effect: Effect) -> Point:
+    """The same after the first steps from the best starts of the best form.
+
+    Every start is refitted in full but for the effect's own parameters.
     """
-    promised = known
-    if not promised:
-        forms = problem.forms_of(effect, point)
-        promised = prospects(problem, point, Projection(problem, point), forms)
-    starts = [list(own) for _, own in itertools.groupby(promised, lambda each: id(each.effect))]
-    left = [1 - max(start.held_out for start in own) for own in starts]
-    likely = int(np.argmin(left))
-    inside = isinstance(effect, HysteresisEffect)
-    most = (FAR_BEHIND if inside else BEHIND) * best
-    if not always:
-        most = min(most, NO_GAIN * point.validation_mean_square)
-    tried = {likely: _with_form(problem, point, starts[likely], most)}
-    # To first order, waves without a law promise more than a law whose time constant is yet to be
-    # found: a form that stays behind says little of the others.
-    if inside and tried[likely].validation_mean_square > most:
-        return tried[likely]
-    # Forms of an effect inside the hysteresis look alike, and each means all states anew.
-    picks = inside and not always
-    hope = min(FORMS_HOPE * point.validation_mean_square, FORMS_BEHIND * best)
-    if picks and tried[likely].validation_mean_square > hope:
-        return tried[likely]
-    for position, own in enumerate(starts):
-        if position != likely and not (picks and left[position] > FORMS_REACH * left[likely]):
-            tried[position] = _with_form(problem, point, own, most)
-    found, *others = [tried[position] for position in sorted(tried)]
-    for trial in others:
-        if trial.validation_mean_square < effect.form_pays * found.validation_mean_square:
+    costly = isinstance(effect, InputEffect | HysteresisEffect)
+    found: Point | None = None
+    for form in problem.forms_of(effect, point):
+        starts = starts_of(form)
+        if costly and found is not None:
+            if found.validation_mean_square > FORMS_HOPE * point.validation_mean_square:
+                break
+            known = found.values[effect.name]
+            starts = [{p.name: known.get(p.name, p.start[0]) for p in form.parameters()}]
+        chain = point.chain.with_effects((*point.chain.effects, form))
+        trial = best_start(problem, point, chain, effect.name, starts, 1 if costly else MOST_STARTS)
+        pays = 1.0 if found is None else effect.form_pays * found.validation_mean_square
+        if found is None or trial.validation_mean_square < pays:
             found = trial
+    assert found is not None  # each effect has a form
     return found
 
 
-def _with_form(problem: Problem, point: Point, starts: Sequence[Prospect], most: float) -> Point:
-    """The best model with one form of an effect, from the starts that promise most.
-
-    One whose held-out mean square is above `most` after the first steps is not refined to its end.
-    """
-    ranked = sorted(starts, key=lambda start: -start.reached)[:MOST_STARTS]
-    effect = ranked[0].effect
-    chain = point.chain.with_effects((*point.chain.effects, effect))
-    near = [
-        start for start in ranked if 1 - start.reached <= STARTS_REACH * (1 - ranked[0].reached)
-    ]
-
-    def refined(start: Prospect) -> Point:
-        values = {**point.values, effect.name: start.values}
-        there = evaluate(problem, chain, values, point.strength, point)
-        return refine(problem, there, iterations=3)
-
-    trial = min(on_all_cores(refined, near or ranked[:1]), key=lambda trial: trial.objective)
-    if trial.validation_mean_square > most:
-        return trial
-    return settled(problem, trial)
+def best_start(
+    problem: Problem,
+    point: Point,
+    chain: Chain,
+    effect: str,
+    starts: Sequence[dict[str, float]],
+    most: int,
+) -> Point:
+    """The best model of a chain, after the first steps from the best starts of an effect."""
+    kept: list[Point] = []
+    failure: NotFiniteError | None = None
+    for start in starts:
+        values = {**point.values, effect: start}
+        try:
+            trial = evaluate(problem, chain, values, point.strength, point)
+        except NotFiniteError as error:
+            failure = error
+            continue
+        # The regressors of all starts would be gigabytes.
+        kept = sorted([*kept, trial], key=lambda each: each.objective)[:most]
+    if failure is not None and not kept:
+        raise failure
+    refined = (refine(problem, trial, iterations=3) for trial in kept)
+    return min(refined, key=lambda each: each.objective)
 
 
 def without_effect(problem: Problem, point: Point, name: str) -> Point:
@@ -184,7 +153,7 @@ def moved_to(problem: Problem, point: Point) -> Point:
             continue
         # Thinned rows may have led to a wrong line, from which no refinement leads away.
         without = without_effect(problem, moved, effect.name)
-        again = with_effect(problem, without, effect, always=True)
+        again = with_effect(problem, without, effect)
         if again.validation_mean_square < (1 - LEAST_PROMISE) * moved.validation_mean_square:
             moved = again
     return moved

@@ -26,9 +26,9 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.joined import without_rows
 
-WHOLE_CELLS = 400
+WHOLE_CELLS = 100
 """Cells up to which all hysterons are kept, with weights of one sign: they cost little more than a
-reduced basis, and tell an effect from the density better."""
+reduced basis."""
 
 
 WORTH_THINNING = 0.75

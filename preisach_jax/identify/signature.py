@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,14 +16,12 @@ from preisach_jax.effects.base import (
     Effect,
     HysteresisEffect,
     InputEffect,
-    OutputEffect,
     SensorEffect,
     WeightEffect,
 )
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import NotFiniteError
 from preisach_jax.identify import Point, Problem, linearise, starts_of
-from preisach_jax.identify.regression import solve_nonnegative
 
 COARSE_LEVELS = 19
 """Levels of the plane on which the signature of moved thresholds is computed."""
@@ -49,48 +47,6 @@ class Seen:
     deviation: float
     rms: float
     absorbed: float
-
-
-@dataclass(frozen=True, eq=False)
-class Promise:
-    """What signatures explain of a residual, each with the size that suits it best.
-
-    Attributes:
-        explained: share of the residual's power on the rows that identify.
-        held_out: relative fall of the mean square on the rows held out.
-        residual: (row,) what is left.
-    """
-
-    explained: float
-    held_out: float
-    residual: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Prospect:
-    """A form of an effect at one of its starts, and what it promises to first order.
-
-    Attributes:
-        effect: the form.
-        values: its parameters.
-        promise: what its signatures promise in any size.
-        reached: share of the residual's power that it explains at the very start.
-    """
-
-    effect: Effect
-    values: dict[str, float]
-    promise: Promise
-    reached: float
-
-    @property
-    def explained(self) -> float:
-        """Share of the residual's power that it explains on the rows that identify."""
-        return self.promise.explained
-
-    @property
-    def held_out(self) -> float:
-        """Relative fall of the mean square that it predicts on the rows held out."""
-        return self.promise.held_out
 
 
 class Projection:
@@ -155,40 +111,6 @@ class Projection:
         deviation = squares.std(ddof=1) / np.sqrt(len(squares))
         return float(np.sqrt(np.mean(self.residual**2) + deviations * deviation))
 
-    def promised(self, signatures: np.ndarray, nonnegative: np.ndarray) -> tuple[Promise, float]:
-        """What signatures, `(row, signature)`, explain of the residual together.
-
-        Arguments:
-            signatures: the signatures, in output ranges.
-            nonnegative: (signature,) which of them cannot act with the other sign.
-
-        Returns:
-            What they promise, and the share of the residual's power that they explain as they are,
-            with sizes of one.
-        """
-        finite = np.isfinite(signatures).all(axis=0)
-        if not finite.any():
-            raise NotFiniteError(
-                f"all {finite.size} changes of the output are not finite; check the effect's law"
-            )
-        sizes = np.linalg.norm(signatures[self.rows], axis=0)
-        kept = finite & (sizes > 0)
-        power = float(self.residual @ self.residual)
-        if not kept.any() or not power:
-            return Promise(0.0, 0.0, self.whole), 0.0
-        left = self.left(signatures[:, kept] / sizes[kept])
-        own = left[self.rows]
-        gram = own.T @ own
-        gram[np.diag_indices_from(gram)] += HIDDEN**2
-        found = solve_nonnegative(gram, own.T @ self.residual, nonnegative[kept])
-        after = self.whole - left @ found
-        as_it_is = self.residual - own @ sizes[kept]
-        explained = 1 - float(np.sum(after[self.rows] ** 2)) / power
-        others = ~self.rows
-        before = float(np.sum(self.whole[others] ** 2))
-        held_out = 1 - float(np.sum(after[others] ** 2)) / before if before else 0.0
-        return Promise(explained, held_out, after), 1 - float(as_it_is @ as_it_is) / power
-
 
 def amounts_of(effect: Effect) -> list[Parameter]:
     """What an effect changes the output in proportion to, where it is weak; may be empty."""
@@ -239,41 +161,6 @@ def changes_of_output(
     present = np.asarray(response(without, point.values, problem.signals, coefficients))
     changed = responses(chain, point.values, problem.signals, coefficients, effect, starts)
     return (changed - present)[:, problem.rows] / problem.unit
-
-
-def prospects(
-    problem: Problem, point: Point, projection: Projection, forms: Sequence[Effect]
-) -> list[Prospect]:
-    """What forms of an effect promise to first order, one for each start."""
-    found: list[Prospect] = []
-    for effect in forms:
-        for values, signatures, signed in _signatures(problem, point, effect):
-            promise, reached = projection.promised(signatures, signed)
-            sized = not amounts_of(effect)
-            found.append(Prospect(effect, values, promise, reached if sized else promise.explained))
-    return found
-
-
-def _signatures(
-    problem: Problem, point: Point, effect: Effect
-) -> Iterator[tuple[dict[str, float], np.ndarray, np.ndarray]]:
-    """Starts of an effect, its `(row, signature)` there, and which cannot change their sign."""
-    amounts = amounts_of(effect)
-    if not amounts:
-        for values, signature in size_signatures(problem, point, effect):
-            yield values, signature[:, None], np.ones(1, dtype=bool)
-        return
-    beside = np.zeros((len(problem.rows), 0))
-    moves = isinstance(effect, OutputEffect | WeightEffect) and bool(effect.coefficients())
-    for position, (values, columns) in enumerate(amount_signatures(problem, point, effect)):
-        # The past of an output effect is the same at all its starts.
-        if moves and (position == 0 or isinstance(effect, WeightEffect)):
-            beside = _columns_alone(problem, point, effect, values)[problem.rows]
-        signatures = np.concatenate([columns, beside], axis=1)
-        # Behind the amounts stand what moves beside them, and columns of single runs.
-        nonnegative = [each.is_amount for each in amounts]
-        nonnegative += [False] * (signatures.shape[1] - len(nonnegative))
-        yield values, signatures, np.array(nonnegative)
 
 
 def _values_with(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -15,12 +14,7 @@ from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, REFUSED, STYLE
 from preisach_jax.quantity import number, scaled
 
 if TYPE_CHECKING:
-    from preisach_jax.diagnosis.result import Candidate, Diagnosis
-
-
-MOST_PROMISED = 5
-"""Effects of a step that were not fitted which the figure of candidates shows, those that promised
-most."""
+    from preisach_jax.diagnosis.result import Diagnosis
 
 
 @mpl.rc_context(STYLE)
@@ -86,10 +80,10 @@ def waterfall(found: Diagnosis) -> Figure:
 def candidates(found: Diagnosis) -> Figure:
     """Gain of the effects that were tried, and why each was added or not.
 
-    Those that were fitted are drawn, and of the others the ones that promised most; a table has
-    all of them.
+    Those that were fitted are drawn; a table has the others too.
     """
-    tried, left_out = _shown(found.candidates)
+    fitted = [each for each in found.candidates if np.isfinite(each.rms_validation)]
+    tried = sorted(fitted, key=lambda c: (c.step, not c.accepted, -c.gain))
     reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 62)) for c in tried]
     places: list[float] = []
     headings: list[tuple[float, int]] = []
@@ -107,11 +101,7 @@ def candidates(found: Diagnosis) -> Figure:
     lowest = -20.0 if np.any(gains < 0) else 0.0
     for y, gain, candidate, reason in zip(places, gains, tried, reasons, strict=True):
         shade = AFTER if candidate.accepted else REFUSED
-        fitted = bool(np.isfinite(candidate.rms_validation))
-        look = (
-            {"color": shade} if fitted else {"color": "none", "edgecolor": shade, "hatch": "////"}
-        )
-        axes.barh(y, max(gain, lowest), height=0.7, **look)
+        axes.barh(y, max(gain, lowest), height=0.7, color=shade)
         beyond = "< " if gain < lowest else ""
         shown = lowest if gain < lowest else gain
         axes.annotate(
@@ -125,8 +115,6 @@ def candidates(found: Diagnosis) -> Figure:
     for y, step in headings:
         onto = " + ".join(found.effects[:step])
         text = f"on the model with {onto}" if onto else "on the model without effects"
-        if more := left_out.get(step):
-            text += f" ({more} that promise less, not shown)"
         axes.annotate(
             text, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8.5,
             fontweight="bold", annotation_clip=False,
@@ -137,25 +125,9 @@ def candidates(found: Diagnosis) -> Figure:
     axes.set_xlim(lowest, 115)
     axes.set_xticks(np.arange(lowest, 101, 20))
     axes.grid(axis="y", visible=False)
-    axes.set_xlabel("decrease of the held-out mean square (%); hatched: expected, not fitted")
+    axes.set_xlabel("decrease of the held-out mean square (%)")
     axes.set_title("Effects that were tried")
     return figure
-
-
-def _shown(tried: Sequence[Candidate]) -> tuple[list[Candidate], dict[int, int]]:
-    """The candidates to draw, in the order of their steps, and how many of each step are not."""
-    ranked = sorted(tried, key=lambda c: (c.step, not c.accepted, -c.gain))
-    shown: list[Candidate] = []
-    left_out: dict[int, int] = {}
-    promised: dict[int, int] = {}
-    for candidate in ranked:
-        if not np.isfinite(candidate.rms_validation):
-            promised[candidate.step] = promised.get(candidate.step, 0) + 1
-            if promised[candidate.step] > MOST_PROMISED:
-                left_out[candidate.step] = left_out.get(candidate.step, 0) + 1
-                continue
-        shown.append(candidate)
-    return shown, left_out
 
 
 def _plain_number(value: float, position: float) -> str:

@@ -277,9 +277,8 @@ def _finding(finding: Finding, model: Model) -> dict[str, Any]:
 
 _EVIDENCE = {
     "gain": "decrease of the held-out mean square (share)",
-    "z": "gain over the held-out blocks, in standard errors",
-    "blocks": "held-out blocks",
-    "delta_bic": "ΔBIC on whitened residuals",
+    "score": "score of the prediction of each stretch from others",
+    "blocks": "stretches",
 }
 
 
@@ -310,12 +309,13 @@ def _method(found: Diagnosis) -> list[str]:
         "by linear least squares at each value of the effects' parameters, which are found by "
         "Gauss-Newton steps (variable projection [4]).",
         _held_out(found.base.record),
-        "An effect is named only if it passes two tests. First, the held-out mean square falls by "
-        f"at least {100 * evidence.LEAST_GAIN:.0f} %, by more than {evidence.LEAST_Z:g} standard "
-        "errors over the blocks. Second, the Bayesian information criterion [5] of the "
-        "residuals, whitened by an autoregression, falls by more than "
-        f"{evidence.LEAST_DELTA_BIC:g}. Effects that pass as well as the best one form its "
-        "family: this record cannot tell them apart.",
+        "Whole models are compared, each refitted in full. Each predicts "
+        f"{evidence.STRETCHES} stretches of the record from the others; the score of one against "
+        "a simpler one is the mean logarithm of the ratio of their RMS errors over its standard "
+        f"error, to which {100 * evidence.OF_THE_LAW:.0f} % are added that no number of rows "
+        f"removes. An effect is named if its score is at least {evidence.LEAST_SCORE:g}. Models "
+        "of as many effects that predict as well as the best one form a family: this record "
+        "cannot tell them apart.",
         "Intervals are 95 %, from the joint linearisation in weights and parameters, with "
         "residuals that may be correlated within a block. Bands of the residual tests are "
         "99 % [6].",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 
@@ -64,25 +64,6 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> I
                 yield future.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-class Background:
-    """Threads that compute while the caller goes on, in the caller's precision."""
-
-    def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(usable_cores())
-
-    def begin(self, function: Callable[[], Result]) -> Future[Result]:
-        """Compute something as soon as a thread is free; it must not change what others use."""
-
-        def compute(_: None) -> Result:
-            return function()
-
-        return self._pool.submit(_as_in_this_thread(compute), None)
-
-    def close(self) -> None:
-        """Wait for nothing: what has not begun is left, what has begun ends unheard."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _as_in_this_thread(function: Callable[[Item], Result]) -> Callable[[Item], Result]:

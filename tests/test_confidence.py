@@ -15,12 +15,7 @@ from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit import at_levels
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
-from preisach_jax.identify.confidence import (
-    OF_THE_LAW,
-    differs_from_nothing,
-    estimates,
-    with_model_error,
-)
+from preisach_jax.identify.confidence import OF_THE_LAW, estimates, with_model_error
 
 SEEDS = 20
 SECONDS, COUNT = 6.0, 400
@@ -97,63 +92,6 @@ def test_intervals_stay_inside_the_bounds_and_hold_their_value_on_any_grid(x64):
             assert own.low < own.high
             assert own.value == point.values[effect][parameter.name]
     assert found["creep"]["c_1"].low == 0.0
-
-
-# --- whether an effect is there at all ---
-
-
-def certain(effect, start, truth, added, seeds=SEEDS):
-    """Share of records in which an effect is surely there, and in which one interval says so."""
-    record, output, chain = clean((effect,), {effect.name: truth}, added)
-    sure, alone = [], []
-    for seed in range(seeds):
-        noisy = output + noise_of(seed)
-        problem, point, found = identified(record, noisy, chain, {effect.name: start})
-        sure.append(any(differs_from_nothing(problem, point, effect.name)))
-        amounts = [found[effect.name][name] for name in found[effect.name] if name in AMOUNTS]
-        alone.append(any(each.low * each.high > 0 for each in amounts))
-    return np.mean(sure), np.mean(alone)
-
-
-AMOUNTS = ("per_record", "c_1", "c_2", "amplitude", "loss")
-
-
-@pytest.mark.parametrize(
-    ("effect", "start", "truth", "added"),
-    [
-        (Slope(), {}, {}, (-0.05,)),
-        (Ageing(horizon_s=SECONDS), {"loss": 0.01, "tau_s": 2.0}, {"loss": 0.02, "tau_s": 2.0}, ()),
-    ],
-)
-def test_an_effect_is_surely_there_if_it_stands_out_of_the_noise(x64, effect, start, truth, added):
-    assert certain(effect, start, truth, added, seeds=5)[0] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("effect", "start", "most"),
-    [
-        (Slope(), {}, 0.15),
-        # Two amounts, each with its own interval, and both together.
-        (Creep(tau_s=(0.4, 0.6)), {"c_1": 0.01, "c_2": 0.01}, 0.2),
-    ],
-)
-def test_an_effect_that_is_absent_is_seldom_surely_there(x64, effect, start, most):
-    absent = dict.fromkeys(start, 0.0)
-    added = (0.0,) if isinstance(effect, Slope) else ()
-    assert certain(effect, start, absent, added)[0] <= most
-
-
-def test_elements_that_share_one_tail_are_sure_together(x64):
-    twins = {"c_1": 0.01, "c_2": 0.01}
-    sure, alone = certain(Creep(tau_s=(0.45, 0.55)), twins, twins, (), seeds=12)
-    assert sure == 1.0
-    assert alone < 0.9
-
-
-def test_an_effect_without_amounts_is_there_once_it_is_in_the_model(x64):
-    record, output, chain = clean((InputLag(),), {"input_lag": {"tau_s": 0.05}}, ())
-    problem, point, _ = identified(record, output, chain, {"input_lag": {"tau_s": 0.05}})
-    assert all(differs_from_nothing(problem, point, "input_lag"))
 
 
 def test_intervals_grow_by_what_another_grid_tells_of_this_one():

@@ -67,7 +67,7 @@ def points():
     ("evidence", "says"),
     [
         (Evidence(-0.1, 99.0, 24), "does not fall"),
-        (Evidence(0.5, LEAST_SCORE - 0.1, 24), "score over 24 stretches is 3.9, below 4"),
+        (Evidence(0.5, LEAST_SCORE - 0.1, 24), "score over 24 stretches is 2.9, below 3"),
         (Evidence(np.nan, 9.0, 24), "does not fall"),
         (Evidence(0.5, np.nan, 24), "score over 24 stretches is nan"),
         (Evidence(0.5, LEAST_SCORE, 24), "^$"),

@@ -19,9 +19,10 @@ OF_THE_LAW = 0.03
 the plane, and laws that are not quite the machine's, make the errors of any two models differ by
 some per cent."""
 
-LEAST_SCORE = 4.0
-"""Score below which nothing is named: of 60 records that hide nothing none reaches 2, but where the
-drive itself makes a line; of the effects that are hidden, those that are seen have 6 and more."""
+LEAST_SCORE = 3.0
+"""Score below which nothing is named.  In 14 development records that hide nothing no effect has
+more than 1.7, but for a line that the drive makes, which lowers no held-out error; hidden effects
+that are seen have 6 and more."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ best one is taken; those of the same size that predict as well are its families.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -529,23 +530,19 @@ class Search:
             self.tried,
             tuple(model.point for model in path),
             (),
-            tuple(
-                self._with_chosen(self.beside(model), model, after)
-                for model, after in zip(path, [*path[1:], None], strict=True)
+            (
+                *(self._with_chosen(*pair) for pair in itertools.pairwise(path)),
+                () if best is not root and self.is_noise(best) else self.beside(best),
             ),
         )
         rivals = tuple(self._rivals(best, name) for name in selection.names)
         return replace(selection, rivals=rivals)
 
-    def _with_chosen(
-        self, tried: tuple[Tried, ...], before: Whole, after: Whole | None
-    ) -> tuple[Tried, ...]:
+    def _with_chosen(self, before: Whole, after: Whole) -> tuple[Tried, ...]:
         """What was tried beside a model, with the effect that was chosen as it was chosen."""
-        if after is None:
-            return tried
         (name,) = set(after.names) - set(before.names)
         chosen = Tried(name, after, self.compare(before, after), "")
-        return tuple(chosen if each.effect == name else each for each in tried)
+        return tuple(chosen if each.effect == name else each for each in self.beside(before))
 
     def _rivals(self, best: Whole, name: str) -> dict[str, Point]:
         """The models that predict as well as the best one with another effect in place of one."""

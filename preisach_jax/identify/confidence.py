@@ -13,7 +13,7 @@ import scipy
 
 from preisach_jax.chain import Coefficients
 from preisach_jax.chain.runs import of_last_run
-from preisach_jax.effects.base import Parameter, WeightEffect
+from preisach_jax.effects.base import Parameter
 from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
 from preisach_jax.identify.point import share_off
 from preisach_jax.model import ParameterEstimate
@@ -26,9 +26,6 @@ OF_THE_LAW = 1.3
 """How many times as long intervals are for machines, whose laws are never quite those of effects.
 With it 93 % of 136 parameters of blind records with seeds from 8e9 and 9e9 are held, 88 % without;
 95 % and 90 % if those of viscosity are left out, whose speed was late."""
-
-LEAST_PARTS = 3
-"""Least number of blocks for each amount from which their covariance is inverted."""
 
 OTHERS_OF_BLOCKS = 12
 """Models that a band gets from stretches of the record."""
@@ -233,83 +230,6 @@ def _variances(parts: np.ndarray) -> np.ndarray:
     """Variance of the sum of independent parts, `(part, column)`."""
     count = len(parts)
     return (parts**2).sum(axis=0) * count / (count - 1)
-
-
-def _scatter(parts: np.ndarray) -> np.ndarray:
-    """Covariance of the sum of independent parts, `(part, column)`."""
-    count = len(parts)
-    return parts.T @ parts * count / (count - 1)
-
-
-class Certainty(NamedTuple):
-    """Whether an effect is surely there.
-
-    Attributes:
-        alone: one of its amounts has an interval that excludes zero, or it has no amounts.
-        together: all its amounts together are surely not zero.
-    """
-
-    alone: bool
-    together: bool
-
-
-def differs_from_nothing(problem: Problem, point: Point, effect: str) -> Certainty:
-    r"""Whether the amounts of an effect (gains, losses, coefficients) are surely not all zero.
-
-    One of them alone by its interval, and all together by Hotelling's test,
-    \(T^2 = a^\top S^{-1} a\) with the sandwich covariance S of `estimates`, against
-    \(k (n - 1) / (n - k)\, F_{k, n-k}\) for k amounts and n blocks (T. W. Anderson, An Introduction
-    to Multivariate Statistical Analysis, 3rd ed., Wiley 2003, sec. 5.2): elements of a creep that
-    share one tail are each uncertain, and together are not.  Amounts at their bound of zero are
-    held there.  Effects without an amount, such as a lag, are there as soon as they are in the
-    model.
-    """
-    own = [p for name, p in point.parameters if name == effect]
-    amounts = [p.name for p in own if p.is_amount or p.start == (0.0,)]
-    # What an effect of the weights moves beside the loop is not what it is named for.
-    scaling = {each.name for each in point.chain.at(WeightEffect)}
-    names = point.chain.coefficients
-    linear_amounts = [
-        place + 1
-        for place, (name, each) in enumerate(names)
-        if name == effect and each.amount and name not in scaling
-    ]
-    if not amounts and not linear_amounts:
-        return Certainty(alone=True, together=True)
-    parameters = [
-        (name, p) for name, p in point.parameters if not p.is_amount or point.values[name][p.name]
-    ]
-    found = influences(problem, point, parameters)
-    linear, parts = found.linear, (found.blocks, found.stretches)
-    size, first = len(point.solution), point.columns.first_added
-    columns = [first + place - 1 for place in linear_amounts]
-    # Amounts of single runs stand just behind the offset.
-    alone = enumerate(point.columns.own, start=point.columns.offset + 1)
-    columns += [column for column, (_, place) in alone if place in linear_amounts]
-    values = [point.solution[column] for column in columns]
-    for position, (name, p) in enumerate(parameters):
-        if name == effect and p.name in amounts:
-            columns.append(size + position)
-            values.append(point.values[name][p.name] * linear.scale[position])
-    amount = np.array(values)
-    covariances = [_scatter(part[:, columns]) for part in parts]
-    half = _factor(len(parts[0])) * np.sqrt(np.maximum(*map(np.diag, covariances)))
-    together = all(
-        _differs_from_zero(amount, covariance, len(part))
-        for covariance, part in zip(covariances, parts, strict=True)
-    )
-    return Certainty(alone=bool((np.abs(amount) > half).any()), together=together)
-
-
-def _differs_from_zero(values: np.ndarray, covariance: np.ndarray, count: int) -> bool:
-    """Whether numbers, of which a covariance is known from `count` parts, are not all zero."""
-    size = len(values)
-    # With few parts for each number, the covariance is too uncertain for a joint test.
-    if not 0 < LEAST_PARTS * size <= count:
-        return False
-    statistic = values @ np.linalg.pinv(covariance, hermitian=True) @ values
-    bound = size * (count - 1) / (count - size) * scipy.special.fdtri(size, count - size, LEVEL)
-    return bool(statistic > bound)
 
 
 def _factor(count: int) -> float:

@@ -39,7 +39,7 @@ def searched(time, u, z, effects, **options):
     _, whole, point = begun(pj.Record.from_arrays(time, u, z, **options), LEVELS)
     problem, point = in_reduced_basis(whole, point)
     search = Search.of(problem, effects)
-    return search, search.run(point)
+    return search, search.run(Whole.of(problem, point))
 
 
 @pytest.fixture(scope="module")

@@ -145,7 +145,7 @@ def sensor_columns_of(effect: SensorEffect, count: int, values: Values, reading:
 
 @_compiled
 def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal: Array) -> Array:
-    """The reading z of a sensor, which solves z - columns(z) @ coefficients = signal.
+    """The reading z of a sensor before its converter: z - columns(z) @ coefficients = signal.
 
     Newton steps that bisect instead where they leave what is known to hold the reading (`rtsafe`
     in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
@@ -173,9 +173,13 @@ def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal
     reading = jax.lax.stop_gradient(found[2])
     # The last step has the derivatives of the solution, by the implicit function theorem.
     value, slope = value_and_slope(reading)
-    reading = reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
-    # Steps have no slope: derivatives are those of what is fitted, the reading before them.
-    return reading + jax.lax.stop_gradient(acting.converted(reading) - reading)
+    return reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
+
+
+@_compiled
+def converted_reading(effect: SensorEffect, values: Values, reading: Array) -> Array:
+    """A reading in steps, whose derivatives are those of what is fitted, the reading before."""
+    return reading + jax.lax.stop_gradient(effect.at(values).converted(reading) - reading)
 
 
 # Compiled apart: inside other functions, what is computed of one path may differ in the last bit.

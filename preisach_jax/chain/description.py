@@ -106,6 +106,12 @@ class Chain(eqx.Module):
         placed = "" if self.plane.own_thresholds is None else " where the output moves"
         return "Bouc-Wen law" if one_state else f"{self.plane.levels} levels{placed}"
 
+    @property
+    def unrounded(self) -> Chain:
+        """The chain without converters of the input, whose steps have no rate and no slope."""
+        kept = (e for e in self.effects if not (isinstance(e, InputEffect) and e.rounds))
+        return self.with_effects(tuple(kept))
+
     def with_effects(self, effects: tuple[Effect, ...]) -> Chain:
         """The same plane and hysterons with other effects."""
         return replace(self, effects=effects)

@@ -26,8 +26,7 @@ def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Arr
 
 def unrounded_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
     """The input behind its effects but for steps of converters, which have no rate, `(time,)`."""
-    smooth = [e for e in chain.effects if not (isinstance(e, InputEffect) and e.rounds)]
-    return driven_path(chain.with_effects(tuple(smooth)), values, signals)
+    return driven_path(chain.unrounded, values, signals)
 
 
 def drive(

@@ -20,6 +20,7 @@ from preisach_jax.chain.compiled import (
     apply_effect,
     as_array,
     as_arrays,
+    converted_reading,
     factor_of,
     free_response_of,
     reading_of,
@@ -29,7 +30,6 @@ from preisach_jax.chain.driven import drive, unrounded_path
 from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, operator_output
 from preisach_jax.effects.base import (
     AddedEffect,
-    Effect,
     InputEffect,
     OutputEffect,
     SensorEffect,
@@ -45,11 +45,13 @@ def behind_hysteresis(
     hysteresis: jax.Array,
     coefficients: Coefficients,
     known: Mapping[str, jax.Array] | None = None,
+    in_steps: bool = True,
 ) -> jax.Array:
     """From the output of the Preisach operator to that of the model, `(time,)`.
 
     Arguments:
         hysteresis: (time,) output of the operator.
+        in_steps: whether the reading has the steps of a converter.
     """
     signal = hysteresis
     for factor in gains_of(chain, values, signals):
@@ -62,7 +64,7 @@ def behind_hysteresis(
     offset = coefficients.offset
     offset = offset if isinstance(offset, jax.Array) else as_array(float(offset))
     signal = _summed(signal, offset, beside, amounts)
-    return sensed(chain, values, signal, coefficients)
+    return sensed(chain, values, signal, coefficients, in_steps)
 
 
 @eqx.filter_jit
@@ -76,14 +78,21 @@ def _summed(
 
 
 def sensed(
-    chain: Chain, values: EffectValues, signal: jax.Array, coefficients: Coefficients
+    chain: Chain,
+    values: EffectValues,
+    signal: jax.Array,
+    coefficients: Coefficients,
+    in_steps: bool = True,
 ) -> jax.Array:
     """What the sensor reads of the output of the rest of the model, `(time,)`."""
     start = len(coefficients.added) - chain.sensor_coefficients
     for effect in chain.at(SensorEffect):
         stop = start + len(effect.coefficients())
         share = jnp.asarray(coefficients.added[start:stop])
-        signal = reading_of(effect, as_arrays(values[effect.name]), share, signal)
+        own = as_arrays(values[effect.name])
+        signal = reading_of(effect, own, share, signal)
+        if in_steps and effect.converts:
+            signal = converted_reading(effect, own, signal)
         start = stop
     return signal
 
@@ -158,16 +167,15 @@ def tangents(
     are left out; their own steps are differentiated along each step.  What is fed back is held
     fixed, as it is in the `regressors`.
     """
-    smooth = chain.with_effects(tuple(each for each in chain.effects if not _rounds(each)))
     # Half the step at which rounding and curvature cost the same.
     small = float(np.finfo(np.dtype(jnp.result_type(float))).eps) ** (1 / 3)
     outputs: dict[bool, Callable[[str, Mapping[str, Any]], jax.Array]] = {}
     columns = [np.zeros((len(signals.time), 0))]
     for effect, name in parameters:
         own, now = chain.effect(effect), float(values[effect][name])
-        rounds = _rounds(own)
+        rounds = isinstance(own, InputEffect) and own.rounds
         if rounds not in outputs:
-            acting = chain if rounds else smooth
+            acting = chain if rounds else chain.unrounded
             outputs[rounds] = _moved_output(acting, values, signals, coefficients, parameters)
         output = outputs[rounds]
         if rounds:
@@ -183,13 +191,6 @@ def tangents(
     return np.concatenate(columns, axis=1)
 
 
-def _rounds(effect: Effect) -> bool:
-    """Whether an effect is a converter, whose steps have no slope."""
-    if isinstance(effect, SensorEffect):
-        return not effect.coefficients()
-    return isinstance(effect, InputEffect) and effect.rounds
-
-
 def _moved_output(
     chain: Chain,
     values: EffectValues,
@@ -197,7 +198,7 @@ def _moved_output(
     coefficients: Coefficients,
     parameters: Sequence[tuple[str, str]],
 ) -> Callable[[str, Mapping[str, Any]], jax.Array]:
-    """The output of a model as a function of an effect and new values of its parameters."""
+    """The output before a converter, as a function of an effect and its parameters' values."""
     before = {effect.name for place in PLACES[:2] for effect in chain.at(place)}
     hysteresis = None
     if chain.feeds_back or any(effect not in before for effect, _ in parameters):
@@ -216,7 +217,7 @@ def _moved_output(
             assert hysteresis is not None
             given = hysteresis
         others = _unmoved(chain, beside, effect)
-        return behind_hysteresis(chain, moved, signals, given, coefficients, others)
+        return behind_hysteresis(chain, moved, signals, given, coefficients, others, in_steps=False)
 
     return output
 

@@ -161,20 +161,34 @@ class Final:
     objections: Mapping[str, str]
 
 
-def finals_of(record: Record, search: Problem, points: Sequence[Point]) -> list[Final]:
-    """Models that were found on some rows of a record, fitted to all of them."""
-    whole = Problem.of(record, FINAL_ROWS)
-    bases = whole.reduced(search)
+class Finals:
+    """Models that were found on some rows of a record, fitted to all of them, each once.
 
-    def final(point: Point) -> Final:
-        own, reduced = replace(whole, cache={}), replace(bases, cache=dict(bases.cache))
-        fit = finished(own, moved_to(reduced, point), record)
-        told = {name: implausible(own, fit.point, name) for name in fit.effects}
-        floor, errors = Floor.of(own, fit), predicted_errors(own, fit.point)
-        objections = {name: text for name, text in told.items() if text}
-        return Final(replace(fit, point=fit.point.slim), floor, errors, objections)
+    Arguments:
+        record: the record.
+        search: the record as it was cut for the search.
+    """
 
-    return list(on_all_cores(final, points))
+    def __init__(self, record: Record, search: Problem):
+        self.record, self.search = record, search
+        self.whole = Problem.of(record, FINAL_ROWS)
+        self._known: dict[Point, Final] = {}
+
+    def of(self, points: Sequence[Point]) -> list[Final]:
+        """The models, in their order."""
+        bases = self.whole.reduced(self.search)
+
+        def final(point: Point) -> Final:
+            own, reduced = replace(self.whole, cache={}), replace(bases, cache=dict(bases.cache))
+            fit = finished(own, moved_to(reduced, point), self.record)
+            told = {name: implausible(own, fit.point, name) for name in fit.effects}
+            floor, errors = Floor.of(own, fit), predicted_errors(own, fit.point)
+            objections = {name: text for name, text in told.items() if text}
+            return Final(replace(fit, point=fit.point.slim), floor, errors, objections)
+
+        new = [point for point in points if point not in self._known]
+        self._known |= zip(new, on_all_cores(final, new), strict=True)
+        return [self._known[point] for point in points]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,25 +208,24 @@ class Fitted:
     budget: Budget
 
     @staticmethod
-    def of(record: Record, all_hysterons: Problem, selection: Selection) -> Fitted:
+    def of(known: Finals, all_hysterons: Problem, selection: Selection) -> Fitted:
         """The models of a selection."""
         problem, now = selection.problem, selection.now
-        finals = finals_of(record, problem, selection.path)
+        finals = known.of(selection.path)
         rows = min(len(problem.record), FINAL_ROWS)
         finer = refined_levels(rows, now.chain.plane.levels)
         coarser = finer is None
         other = on_a_coarser_plane(problem, now) if coarser else at_levels(problem, now, finer)
         planes = with_signs(all_hysterons, now), with_signs(all_hysterons, other)
         last = finals[-1]
-        within = within_cells_rms(record, last.fit.residual, planes[0].chain.plane)
+        within = within_cells_rms(known.record, last.fit.residual, planes[0].chain.plane)
         discretisation = discretisation_rms(all_hysterons, *planes, within)
-        whole = Problem.of(record, FINAL_ROWS)
-        budget = error_budget(whole, last.fit, last.floor, discretisation)
+        budget = error_budget(known.whole, last.fit, last.floor, discretisation)
         return Fitted(finals, other, planes, budget)
 
 
 def concluded(
-    record: Record,
+    finals: Finals,
     all_hysterons: Problem,
     selection: Selection,
     tolerance: float,
@@ -223,10 +236,11 @@ def concluded(
     Its models are fitted to all rows; effects that all rows speak against are given up.
 
     Arguments:
+        finals: the models that were fitted to all rows on the way.
         all_hysterons: the record as it was cut for the search, for models with all hysterons.
         tolerance: RMS error, in output units, that does not matter.
     """
-    problem = selection.problem
+    record, problem = finals.record, selection.problem
     measured = problem.target / problem.unit
     # Where hysteresis is not what makes the output, the first effect that bends the model towards
     # it is seldom what is there: a damper's force looks like a displacement delayed.
@@ -234,10 +248,10 @@ def concluded(
         while selection.names:
             selection = selection.without(len(selection.names) - 1, TOO_LITTLE)
     progress("fitting all rows", 0.95)
-    fitted = Fitted.of(record, all_hysterons, selection)
-    while (against := _refuted(selection, fitted, tolerance)) is not None:
+    fitted = Fitted.of(finals, all_hysterons, selection)
+    while (against := _refuted(selection, fitted)) is not None:
         selection = selection.without(*against)
-        fitted = Fitted.of(record, all_hysterons, selection)
+        fitted = Fitted.of(finals, all_hysterons, selection)
     fits = [final.fit for final in fitted.finals]
     budget, planes = fitted.budget, fitted.planes
     progress("limiting the effects that were not found", 0.98)
@@ -249,9 +263,8 @@ def concluded(
     model = replace(fits[-1].model, parameters=parameters)
     model = model.with_budget(budget.noise, budget.discretisation)
     fits[-1] = replace(fits[-1], model=model)
-    whole = Problem.of(record, FINAL_ROWS)
     rivals = [(name, point) for own in selection.rivals for name, point in own.items()]
-    in_place = finals_of(record, problem, [point for _, point in rivals])
+    in_place = finals.of([point for _, point in rivals])
     return assembled(
         fits,
         tuple(_finding(selection, fits, position) for position in range(len(selection.names))),
@@ -263,18 +276,18 @@ def concluded(
             *notes_on(record, model),
             *of_the_first_rise(record, model, fits[-1].rms_validation),
             *of_the_past(record, model, fits[-1].rms_validation),
-            *untellable_notes(whole, selection.tried),
+            *untellable_notes(finals.whole, selection.tried),
             *selection.failures,
         ),
         tolerance=tolerance,
-        little=shows_little(whole, selection.tried),
+        little=shows_little(finals.whole, selection.tried),
         alternatives={
             name: final.fit.model for (name, _), final in zip(rivals, in_place, strict=True)
         },
     )
 
 
-def _refuted(selection: Selection, fitted: Fitted, tolerance: float) -> tuple[int, str] | None:
+def _refuted(selection: Selection, fitted: Fitted) -> tuple[int, str] | None:
     """The place of an effect that all rows speak against, and what they say; None if of none."""
     finals, budget, unit = fitted.finals, fitted.budget, selection.problem.unit
     last = finals[-1]
@@ -284,8 +297,7 @@ def _refuted(selection: Selection, fitted: Fitted, tolerance: float) -> tuple[in
     if len(finals) > 1:
         before = finals[-2]
         gain = 1 - simple_ratio(last.fit.rms_validation**2, before.fit.rms_validation**2)
-        floor = tolerance**2 / unit**2
-        if Evidence.of(before.errors, last.errors, gain, floor).against:
+        if Evidence.of(before.errors, last.errors, gain, selection.floor).against:
             return len(finals) - 2, NOT_ON_ALL_ROWS
     for position, name in enumerate(selection.names):
         taken = float(np.std(fitted.planes[0].share_of(name)) * unit)

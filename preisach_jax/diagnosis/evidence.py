@@ -105,15 +105,11 @@ def gain_of(simple: Point, rich: Point) -> float:
     return 1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square)
 
 
-def compare_fits(simple: Fit, rich: Fit, floor: float = 0.0) -> Evidence:
-    """Evidence for one fit of a single record against another, from the rows held out.
-
-    Arguments:
-        floor: mean square, in squared output units, that does not matter.
-    """
+def compare_fits(simple: Fit, rich: Fit) -> Evidence:
+    """Evidence for one fit of a single record against another, from the rows held out."""
     before, after = (_by_stretch(fit.residual[rich.validation]) for fit in (simple, rich))
     gain = 1 - simple_ratio(rich.rms_validation**2, simple.rms_validation**2)
-    return Evidence.of(before, after, gain, floor)
+    return Evidence.of(before, after, gain)
 
 
 def evidence_between(problem: Problem, before: np.ndarray, after: np.ndarray) -> Evidence:

@@ -137,6 +137,7 @@ class Selection:
         rivals: for each effect, in the order of the path, the models of equal size that predict as
             well with another one in its place, by the names of those.
         steps: what was tried beside each of the models of the path.
+        floor: mean square, in squared output ranges, that does not matter.
     """
 
     problem: Problem
@@ -144,6 +145,7 @@ class Selection:
     path: tuple[Point, ...]
     rivals: tuple[Mapping[str, Point], ...]
     steps: tuple[tuple[Tried, ...], ...]
+    floor: float
 
     @property
     def now(self) -> Point:
@@ -180,19 +182,17 @@ class Selection:
     def without(self, position: int, objection: str) -> Selection:
         """The same without an effect that something speaks against, the others refitted."""
         name = self.names[position]
-        path = list(self.path[: position + 1])
-        for known in self.names[position + 1 :]:
-            later = next(p for p in self.path if known in _names(p))
-            path.append(without_effect(self.problem, later, name))
-        rivals = self.rivals[:position] + self.rivals[position + 1 :]
-        steps = list(self.steps[: len(path)])
+        later = self.path[position + 2 :]
+        others = (without_effect(self.problem, point, name) for point in later)
+        # Rivals of later effects were found beside what is gone.
+        rivals = (*self.rivals[:position], *[dict[str, Point]()] * len(later))
+        steps = list(self.steps[: len(self.path) - 1])
         steps[position] = tuple(
             replace(each, objection=objection) if each.effect == name else each
             for each in steps[position]
         )
-        if rivals and position < len(rivals):  # found beside what is gone
-            rivals = tuple({} if k >= position else each for k, each in enumerate(rivals))
-        return replace(self, path=tuple(path), rivals=rivals, steps=tuple(steps))
+        path = (*self.path[: position + 1], *others)
+        return replace(self, path=path, rivals=rivals, steps=tuple(steps))
 
     def on_levels(self, levels: int) -> Selection:
         """The same models on a plane of other levels."""
@@ -202,6 +202,11 @@ class Selection:
             for own in self.rivals
         )
         return replace(self, path=path, rivals=rivals)
+
+
+def _in_place_of(chain: Chain, effect: Effect, other: Effect) -> Chain:
+    """A chain with one of its effects in another form."""
+    return chain.with_effects(tuple(other if each is effect else each for each in chain.effects))
 
 
 def _names(point: Point) -> set[str]:
@@ -272,6 +277,7 @@ class Search:
         Arguments:
             tolerance: RMS error, in output units, that does not matter.
         """
+        # Asked before the workers do, who share the problem.
         survey = replace(problem.survey, cycle_s=surveyed(problem).cycle_s)
         problem = replace(problem, survey=survey)
         # What the heights of a sensor's jumps leave open does not speak for an effect.
@@ -283,16 +289,18 @@ class Search:
         gain = gain_of(simple.point, rich.point)
         return Evidence.of(simple.errors, rich.errors, gain, self.floor)
 
-    def run(self, root: Point, watch: Callable[[Point], object] | None = None) -> Selection:
-        """Search from a model on, and choose.
+    def run(
+        self, root: Whole, watch: Callable[[Point, tuple[Candidate, ...]], object] | None = None
+    ) -> Selection:
+        """Search from a model without effects on, and choose.
 
         Arguments:
-            watch: called with the best model of each size.
+            watch: called with the best model of each size, and with what was tried beside the best
+                one of the size before.
         """
-        begin = self._meet(Whole.of(self.problem, root))
-        frontier = [begin]
+        frontier = [self._meet(root)]
         for size in range(MOST_EFFECTS + 1):
-            found: dict[Key, Whole] = {}
+            lead, found = frontier[0], dict[Key, Whole]()
             for position, model in enumerate(frontier):
                 if size and self.is_noise(model):
                     continue
@@ -309,12 +317,18 @@ class Search:
             near = ranked[0].error + np.log(REACH)
             frontier = [each for each in ranked if each.error < near]
             if watch is not None:
-                watch(frontier[0].point)
-        return self._chosen(begin)
+                added = min(set(frontier[0].names) - set(lead.names), default="")
+                rows = [
+                    candidate(each, len(lead.names), self.problem.unit, added)
+                    for each in self.beside(lead)
+                    if each.effect not in lead.names
+                ]
+                watch(frontier[0].point, tuple(rows))
+        return self._chosen()
 
-    def best_beside(self, point: Point) -> Point | None:
+    def best_beside(self, model: Whole) -> Point | None:
         """The best model with an effect beside a model that nothing speaks against, if any."""
-        model = self._meet(Whole.of(self.problem, point))
+        self._meet(model)
         passing = [t.model for t in self.beside(model, 0.0, 0.4) if t.model and not t.objection]
         best = min(passing, key=lambda each: each.error, default=None)
         return None if best is None else best.point
@@ -337,7 +351,6 @@ class Search:
             begin, end: share of all work that is done before and after.
         """
         if model.key not in self.tried_beside:
-            surveyed(self.problem)  # before the workers ask: they share the problem
             present = set(model.names)
             left = [effect for effect in self.tried if effect.name not in present]
             every, point = [*left, *model.point.chain.effects], self.filled(model)
@@ -407,8 +420,7 @@ class Search:
         if found is None:
             return None
         more, starts = found
-        others = tuple(more if each is effect else each for each in point.chain.effects)
-        chain = point.chain.with_effects(others)
+        chain = _in_place_of(point.chain, effect, more)
         if len(starts) > MOST_STARTS:
             starts = self._sized(point, chain, more, effect, starts)
         return best_start(self.problem, point, chain, name, starts, MOST_STARTS)
@@ -456,8 +468,7 @@ class Search:
                 known = {parameter.name for parameter in form.parameters()} == values.keys()
                 if not known or eqx.tree_equal(form, present):
                     continue
-                others = tuple(form if e is present else e for e in point.chain.effects)
-                chain = point.chain.with_effects(others)
+                chain = _in_place_of(point.chain, present, form)
                 trial = best_start(self.problem, point, chain, present.name, [values], 1)
                 if Whole.of(self.problem, trial).error < model.error:
                     self._meet(Whole.of(self.problem, settled(self.problem, trial)))
@@ -476,8 +487,7 @@ class Search:
             if not isinstance(effect, Modal) or effect.modes < 2:
                 continue
             for less, start in effect.without_each_mode(model.point.values[effect.name]):
-                others = tuple(less if e is effect else e for e in model.point.chain.effects)
-                chain = model.point.chain.with_effects(others)
+                chain = _in_place_of(model.point.chain, effect, less)
                 trial = best_start(self.problem, model.point, chain, effect.name, [start], 1)
                 found.append(self._meet(Whole.of(self.problem, trial)))
         return found
@@ -502,12 +512,9 @@ class Search:
             special = sum(effect.special for effect in effects)
             return len(effects), special, sum(n for _, n in model.key), model.error
 
-        for model in sorted(alike, key=cost):
-            if self._stands(model):
-                return model
-        return best
+        return next(model for model in sorted(alike, key=cost) if self._stands(model))
 
-    def _chosen(self, root: Whole) -> Selection:
+    def _chosen(self) -> Selection:
         """The best model, once everything was tried that could take the place of an effect."""
         best = self._best()
         while True:
@@ -524,7 +531,6 @@ class Search:
             gone = min(names, key=lambda name: self._without(path[0], name).error)
             names.remove(gone)
             path.insert(0, self._without(path[0], gone))
-        path[0] = root
         selection = Selection(
             self.problem,
             self.tried,
@@ -532,8 +538,9 @@ class Search:
             (),
             (
                 *(self._with_chosen(*pair) for pair in itertools.pairwise(path)),
-                () if best is not root and self.is_noise(best) else self.beside(best),
+                () if best.names and self.is_noise(best) else self.beside(best),
             ),
+            self.floor,
         )
         rivals = tuple(self._rivals(best, name) for name in selection.names)
         return replace(selection, rivals=rivals)

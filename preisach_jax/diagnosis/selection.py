@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from preisach_jax.diagnosis.budget import refined_levels
-from preisach_jax.diagnosis.conclusion import concluded
+from preisach_jax.diagnosis.conclusion import Finals, concluded
 from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.search import Search, Selection, Whole
@@ -27,7 +27,6 @@ from preisach_jax.fit import (
     in_reduced_basis,
     in_silence,
     mended_by,
-    on_all_rows,
 )
 from preisach_jax.identify import Point, Problem
 from preisach_jax.loss import magnet_of
@@ -35,7 +34,7 @@ from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]
-"""Called with a fit on the way of a diagnosis, and with all that was tried before it."""
+"""Called with a fit on the way of a diagnosis, and with what was tried before it."""
 
 SEARCH_LEVELS = 38
 """Levels of the finest plane on which all effects are tried: a finer one takes long."""
@@ -146,22 +145,25 @@ def _diagnosed(
     record, all_hysterons, point = begun(record, checked_levels(levels))
     problem, point = in_reduced_basis(all_hysterons, point)
 
-    def show(point: Point) -> None:
+    finals = Finals(record, problem)
+
+    def show(point: Point, tried: tuple[Candidate, ...] = ()) -> None:
         if watch is not None:
-            watch(on_all_rows(record, problem, point), ())
+            watch(finals.of([point])[0].fit, tried)
 
     finer = None if levels is not None else finer_plane(problem, point, SEARCH_LEVELS)
     point = finer or point
-    show(point)
     search = Search.of(problem, tried, tolerance, progress)
+    root = Whole.of(problem, point)
+    show(root.point)
     # What the plain model misses hides blemishes that the best effect shows.
-    best = search.best_beside(point)
+    best = search.best_beside(root)
     if best is not None and (left := mended_by(record, best)) is not record:
         return _diagnosed(left, tried, mechanics, levels, tolerance, progress, watch)
-    selection = search.run(point, show)
+    selection = search.run(root, show)
     if levels is None:
         selection = _on_a_finer_plane(selection, search)
-    found = concluded(record, all_hysterons, selection, tolerance, progress)
+    found = concluded(finals, all_hysterons, selection, tolerance, progress)
     effect, asked = mechanics
     return with_mechanics(found, selection, record, effect, tolerance, progress, asked=asked)
 
@@ -198,4 +200,4 @@ def _on_a_finer_plane(selection: Selection, search: Search) -> Selection:
     now = Whole.of(again.problem, refined.now)
     if again.is_noise(now) or all(tried.objection for tried in again.beside(now)):
         return refined
-    return again.run(refined.path[0])
+    return again.run(Whole.of(again.problem, refined.path[0]))

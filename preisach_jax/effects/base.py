@@ -390,6 +390,11 @@ class SensorEffect(Effect):
         """The functions φ_k of a reading, `(time, columns)`, smooth; by default none."""
         return jnp.zeros((*reading.shape, 0), reading.dtype)
 
+    @property
+    def converts(self) -> bool:
+        """Whether the reading has the steps of a converter."""
+        return type(self).converted is not SensorEffect.converted
+
     def converted(self, reading: Float[Array, " time"]) -> Float[Array, " time"]:
         """The reading in the steps of a converter; by default as it is.
 

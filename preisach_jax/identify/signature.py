@@ -77,8 +77,7 @@ class Projection:
             matrix = np.concatenate([matrix, linear.tangents[:, loose]], axis=1)
         self.matrix: np.ndarray = matrix
         self.factor: Any = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)])
-        self.whole: np.ndarray = point.residual
-        self.residual: np.ndarray = self.whole[self.rows]
+        self.residual: np.ndarray = point.residual[self.rows]
 
     def left(self, signatures: np.ndarray) -> np.ndarray:
         """What the model leaves of `(row,)` or `(row, signature)`."""

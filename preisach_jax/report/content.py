@@ -46,7 +46,6 @@ REFERENCES = (
     "and recursive identification of Preisach model.",
     "G. H. Golub, V. Pereyra, The differentiation of pseudo-inverses and nonlinear least squares "
     "problems whose variables separate, SIAM Journal on Numerical Analysis 10 (1973) 413–432.",
-    "G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461–464.",
     "G. E. P. Box, G. M. Jenkins, Time Series Analysis: Forecasting and Control, Holden-Day 1976.",
 )
 
@@ -318,7 +317,7 @@ def _method(found: Diagnosis) -> list[str]:
         "cannot tell them apart.",
         "Intervals are 95 %, from the joint linearisation in weights and parameters, with "
         "residuals that may be correlated within a block. Bands of the residual tests are "
-        "99 % [6].",
+        "99 % [5].",
     ]
 
 

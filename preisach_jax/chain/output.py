@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from preisach_jax.chain.coefficients import Coefficients
@@ -32,10 +33,15 @@ from preisach_jax.effects.base import (
     AddedEffect,
     InputEffect,
     OutputEffect,
+    Parameter,
     SensorEffect,
     Signals,
     WeightEffect,
 )
+
+MANY = 3
+"""Parameters of one effect from which on its derivatives are compiled: seven of a creep take 30 ms
+then, and 100 by differences."""
 
 
 def behind_hysteresis(
@@ -163,32 +169,61 @@ def tangents(
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`.
 
     Central differences, one-sided at a bound: a derivative through compiled code is compiled anew
-    for each effect, which takes longer than the steps it is for.  Converters, which have no slope,
-    are left out; their own steps are differentiated along each step.  What is fed back is held
-    fixed, as it is in the `regressors`.
+    for each effect, which pays where it has many parameters (`MANY`).  Converters, which have no
+    slope, are left out; their own steps are differentiated along each step.  What is fed back is
+    held fixed, as it is in the `regressors`.
     """
-    # Half the step at which rounding and curvature cost the same.
-    small = float(np.finfo(np.dtype(jnp.result_type(float))).eps) ** (1 / 3)
+    columns: dict[tuple[str, str], np.ndarray] = {}
     outputs: dict[bool, Callable[[str, Mapping[str, Any]], jax.Array]] = {}
-    columns = [np.zeros((len(signals.time), 0))]
-    for effect, name in parameters:
-        own, now = chain.effect(effect), float(values[effect][name])
+    for effect in dict.fromkeys(effect for effect, _ in parameters):
+        own = chain.effect(effect)
+        names = [name for of, name in parameters if of == effect]
         rounds = isinstance(own, InputEffect) and own.rounds
         if rounds not in outputs:
             acting = chain if rounds else chain.unrounded
             outputs[rounds] = _moved_output(acting, values, signals, coefficients, parameters)
-        output = outputs[rounds]
-        if rounds:
-            along = jax.jvp(partial(output, effect), ({name: now},), ({name: 1.0},))[1]
-            columns.append(np.asarray(along)[:, None])
-            continue
-        declared = next(each for each in own.parameters() if each.name == name)
-        step = small * declared.scale_at(now)
-        low = max(now - step, min(declared.low, now))
-        high = min(now + step, max(declared.high, now))
-        first, last = (np.asarray(output(effect, {name: end})) for end in (low, high))
-        columns.append(((last - first) / (high - low))[:, None])
-    return np.concatenate(columns, axis=1)
+        output = partial(outputs[rounds], effect)
+        at = {name: float(values[effect][name]) for name in names}
+        if rounds or len(names) >= MANY:
+            found = _forward(output, at)
+        else:
+            found = _by_differences(output, at, own.parameters())
+        columns |= zip(((effect, name) for name in names), found, strict=True)
+    empty = np.zeros((len(signals.time), 0))
+    return np.stack([columns[each] for each in parameters], axis=1) if parameters else empty
+
+
+def _forward(
+    output: Callable[[Mapping[str, Any]], jax.Array], at: Mapping[str, float]
+) -> np.ndarray:
+    """Derivatives of an output with respect to each parameter, `(parameter, time)`."""
+    steps = dict(zip(at, np.eye(len(at), dtype=jnp.result_type(float)), strict=True))
+    place = {name: jnp.asarray(value, dtype=float) for name, value in at.items()}
+
+    def derivative(step: Mapping[str, ArrayLike]) -> Array:
+        return jax.jvp(output, (place,), (step,))[1]
+
+    return np.asarray(jax.vmap(derivative)(steps))
+
+
+def _by_differences(
+    output: Callable[[Mapping[str, Any]], jax.Array],
+    at: Mapping[str, float],
+    declared: Sequence[Parameter],
+) -> np.ndarray:
+    """The same by central differences."""
+    # Half the step at which rounding and curvature cost the same.
+    small = float(np.finfo(np.dtype(jnp.result_type(float))).eps) ** (1 / 3)
+    found: list[np.ndarray] = []
+    by_name = {parameter.name: parameter for parameter in declared}
+    for name, now in at.items():
+        parameter = by_name[name]
+        step = small * parameter.scale_at(now)
+        low = max(now - step, min(parameter.low, now))
+        high = min(now + step, max(parameter.high, now))
+        first, last = (np.asarray(output({name: end})) for end in (low, high))
+        found.append((last - first) / (high - low))
+    return np.stack(found)
 
 
 def _moved_output(

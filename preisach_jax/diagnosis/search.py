@@ -17,13 +17,7 @@ import numpy as np
 from preisach_jax.chain import Chain
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.chance import by_chance
-from preisach_jax.diagnosis.evidence import (
-    LEAST_SCORE,
-    OF_THE_LAW,
-    Evidence,
-    gain_of,
-    predicted_errors,
-)
+from preisach_jax.diagnosis.evidence import Evidence, gain_of, predicted_errors
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.result import Candidate
@@ -302,8 +296,6 @@ class Search:
         for size in range(MOST_EFFECTS + 1):
             lead, found = frontier[0], dict[Key, Whole]()
             for position, model in enumerate(frontier):
-                if size and self.is_noise(model):
-                    continue
                 span = [(size + k / len(frontier)) / (size + 1.5) for k in (position, position + 1)]
                 for each in self.beside(model, *span):
                     if each.model is None or len(each.model.names) > MOST_EFFECTS:
@@ -324,6 +316,8 @@ class Search:
                     if each.effect not in lead.names
                 ]
                 watch(frontier[0].point, tuple(rows))
+            if self.is_noise(frontier[0]):
+                break
         return self._chosen()
 
     def best_beside(self, model: Whole) -> Point | None:
@@ -336,8 +330,8 @@ class Search:
     def is_noise(self, model: Whole) -> bool:
         """Whether a model leaves so little beside the noise that nothing can be named any more."""
         noise = noise_rms(self.problem, self.filled(model)) / self.problem.unit
-        left = 0.5 * float(np.mean(np.log((model.errors + self.floor) / (noise**2 + self.floor))))
-        return left < LEAST_SCORE * OF_THE_LAW
+        least = np.full_like(model.errors, noise**2)
+        return bool(Evidence.of(model.errors, least, 1.0, self.floor).against)
 
     def filled(self, model: Whole) -> Point:
         """A model with its regressors."""

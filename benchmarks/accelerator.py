@@ -32,8 +32,8 @@ def sweep_of_noise(seeds: int = SEEDS) -> tuple[Callable[[], Any], dict[str, Any
     """The sweep of Fig. 8, 32 seeds at once: 5 planes, 8 noise levels."""
     import jax
 
-    from preisach_jax.sweep import LEVELS as PLANES
-    from preisach_jax.sweep import sweep
+    from preisach_jax.paper.sweep import LEVELS as PLANES
+    from preisach_jax.paper.sweep import sweep
 
     def run() -> np.ndarray:
         found = sweep(jax.random.key(0), seeds=seeds, samples=SAMPLES)

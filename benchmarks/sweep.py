@@ -20,8 +20,8 @@ from timing import spread, timed
 from preisach_jax.devices import use_all_cores
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
+from preisach_jax.paper.sweep import LEVELS, NOISE_UM, realisation, sweep
 from preisach_jax.plant import RANGE_V
-from preisach_jax.sweep import LEVELS, NOISE_UM, realisation, sweep
 from preisach_jax.theory import propagate_error
 
 SEEDS, SAMPLES, REPEATS = 8, 50_000, 11

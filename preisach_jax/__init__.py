@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from preisach_jax.model import Model, ParameterEstimate, Prediction
     from preisach_jax.operator.plane import Plane
     from preisach_jax.operator.simulation import simulate
+    from preisach_jax.paper.sweep import Sweep, sweep
     from preisach_jax.plant import simulate_stage
     from preisach_jax.record import Record
-    from preisach_jax.sweep import Sweep, sweep
 
     __version__: str
 
@@ -139,7 +139,7 @@ _HOMES = {
     "Signals": "effects.base",
     "SparseForm": "diagnosis",
     "Survey": "effects.base",
-    "Sweep": "sweep",
+    "Sweep": "paper.sweep",
     "WeightEffect": "effects.base",
     "coefficient": "effects.parameter",
     "compare_recursions": "filter.comparison",
@@ -157,7 +157,7 @@ _HOMES = {
     "simulate": "operator.simulation",
     "simulate_loop": "compensation",
     "simulate_stage": "plant",
-    "sweep": "sweep",
+    "sweep": "paper.sweep",
 }
 """The module that defines each name, within this package."""
 

@@ -431,7 +431,8 @@ def propagate_error(
         if progress is not None and k % 256 == 0:
             progress(f"covariance of {plane.cells} weights", k / len(events))
     sample = np.array([event.sample for event in events], int)
-    return ErrorMoments(sample, *rows, mean, covariance)
+    mean_squared, variance, output_variance = rows
+    return ErrorMoments(sample, mean_squared, variance, output_variance, mean, covariance)
 
 
 def noise_coefficient(

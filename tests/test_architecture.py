@@ -14,7 +14,7 @@ PACKAGE = Path(preisach_jax.__file__).parent
 # From below: a file may import from those before its own layer, and within its layer.
 LAYERS: Sequence[str] = (
     "errors escape quantity files cores devices operator filter signals plant piezo frequency "
-    "theory sweep record look effects mechanics chain model loss export compensation identify fit "
+    "theory record look effects mechanics chain model loss export compensation identify fit "
     "diagnosis present paper plot report app cli __main__"
 ).split()
 # Methods that users expect on a result, and that load a higher room when they are called.
@@ -78,7 +78,7 @@ def test_importing_all_loads_no_heavy_package_configures_nothing_and_starts_no_d
     code = """
 import jax
 before = dict(jax.config.values)
-import preisach_jax.fit, preisach_jax.sweep
+import preisach_jax.fit, preisach_jax.paper.sweep
 from preisach_jax import *
 assert dict(jax.config.values) == before
 assert len(before) > 20

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from preisach_jax.cli import main
-from preisach_jax.sweep import merge, storage, sweep
+from preisach_jax.paper import sweep as module
+from preisach_jax.paper.sweep import Sweep, merge, sweep
 
 SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)
 WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 2 --samples 1000 --seed 5 --chunk 1".split()
@@ -49,16 +50,16 @@ def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
     assert shown.rstrip().endswith(f"Sweep: {out / 'sweep.json'}")
     content = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
     assert content["rows"][1]["coefficient"] == expected.coefficient[1]
-    np.testing.assert_array_equal(storage.load_folder(out).noise_part, expected.noise_part)
+    np.testing.assert_array_equal(Sweep.load(out).noise_part, expected.noise_part)
 
 
 # The second chunk begins, and never ends.
 HANGING = """
 import sys, time
 from preisach_jax.cli import main
-from preisach_jax.sweep import storage
+from preisach_jax.paper import sweep as module
 
-genuine = storage.sweep
+genuine = module.sweep
 
 def hang(key, levels, noise, seeds, samples):
     if seeds == [1]:
@@ -66,7 +67,7 @@ def hang(key, levels, noise, seeds, samples):
         time.sleep(300)
     return genuine(key, levels, noise, seeds, samples)
 
-storage.sweep = hang
+module.sweep = hang
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -85,7 +86,7 @@ def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path, capsys)
     (out / ".seeds_0001-0001.npz.0a1b2c3d.999999999.part").write_bytes(b"half")
     assert main(words) == 0
     assert first.stat().st_mtime_ns == before
-    found = storage.load_folder(out)
+    found = Sweep.load(out)
     for name in found.AXES:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     for one, other in zip(found.weights, expected.weights, strict=True):
@@ -102,7 +103,7 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(storage, "sweep", interrupted)
+    monkeypatch.setattr(module, "sweep", interrupted)
     out = str(tmp_path / "a sweep")
     assert main([*WORDS, "--restart", "--out", out]) == 130
     again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])

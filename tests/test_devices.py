@@ -10,7 +10,7 @@ import pytest
 from oracles import PLANE, wandering
 
 import preisach_jax as pj
-from preisach_jax.sweep import Sweep
+from preisach_jax.paper.sweep import Sweep
 
 DEVICES = """
 import sys

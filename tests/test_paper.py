@@ -18,8 +18,8 @@ from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
-from preisach_jax.paper.experiment import identification
 from preisach_jax.paper.noise import power_law_through
+from preisach_jax.paper.numbers import identification
 from preisach_jax.piezo import NOTCH_DENOMINATOR, NOTCH_NUMERATOR, paper_stage, resonances
 from preisach_jax.plot.paper import FIGURES, PRINT, figures
 

@@ -14,13 +14,13 @@ from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
-from preisach_jax.sweep import (
+from preisach_jax.paper.sweep import (
     Sweep,
     fit_power_law,
     merge,
     realisation,
-    storage,
     sweep,
+    sweep_to_folder,
     true_weights,
 )
 from preisach_jax.theory import largest_slope
@@ -29,6 +29,7 @@ from preisach_jax.theory import largest_slope
 LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
 FIRST = 200
 SETTINGS = (LEVELS, NOISE, SEEDS, SAMPLES)
+MODULE = sys.modules[sweep.__module__]
 KEY, ONES = jax.random.key(7), np.ones(2)
 
 
@@ -162,7 +163,7 @@ def test_bad_settings_are_refused(change, message):
     [
         (lambda: fit_power_law(ONES, -ONES), r"fitted to -1\.0: give positive"),
         (lambda: fit_power_law(ONES, ONES), "2 points in 1 rows: give at least two more"),
-        (lambda: storage.sweep_to_folder("new", KEY, chunk=0), "chunk is 0: give a whole number"),
+        (lambda: sweep_to_folder("new", KEY, chunk=0), "chunk is 0: give a whole number"),
         (lambda: sweep(0, *SETTINGS), r"make one by jax\.random\.key"),  # pyright: ignore
         (lambda: sweep(np.zeros(3, np.uint32), *SETTINGS), "make one by"),  # pyright: ignore
     ],
@@ -255,7 +256,7 @@ def test_what_is_saved_is_read_back_and_what_is_damaged_refused(whole, tmp_path)
 
 def run_to(folder, key=KEY, **changes):
     settings = {"levels": LEVELS, "noise": NOISE, "seeds": SEEDS, "samples": SAMPLES}
-    return storage.sweep_to_folder(folder, key, **({**settings, "chunk": CHUNK} | changes))
+    return sweep_to_folder(folder, key, **({**settings, "chunk": CHUNK} | changes))
 
 
 @pytest.fixture
@@ -267,7 +268,7 @@ def computed(monkeypatch):
         seen.append(list(seeds))
         return sweep(key, levels, noise, seeds, samples)
 
-    monkeypatch.setattr(storage, "sweep", counted)
+    monkeypatch.setattr(MODULE, "sweep", counted)
     return seen
 
 
@@ -322,7 +323,7 @@ def test_too_little_memory_for_a_chunk_is_told(tmp_path, monkeypatch):
             raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes")
         return sweep(key, levels, noise, seeds, samples)
 
-    monkeypatch.setattr(storage, "sweep", small)
+    monkeypatch.setattr(MODULE, "sweep", small)
     with pytest.raises(InputError, match="too small for 2 seeds at once: give a smaller chunk"):
         run_to(tmp_path)
     assert run_to(tmp_path, chunk=1).seeds.tolist() == [0, 1, 2, 3]
@@ -331,6 +332,6 @@ def test_too_little_memory_for_a_chunk_is_told(tmp_path, monkeypatch):
 # Last, as it compiles anew what all tests above share.
 def test_the_precision_of_the_caller_does_not_matter(whole, x64):
     for cache in ("_compiled_draw", "_compiled_identify"):
-        getattr(sys.modules[sweep.__module__], cache).cache_clear()
+        getattr(MODULE, cache).cache_clear()
     check_same(sweep(KEY, *SETTINGS), whole)
     assert {rows.dtype.name for rows in whole.weights} == {"float64"}

@@ -40,7 +40,7 @@ import preisach_jax as pj
 from preisach_jax.cli import main as command_line
 from preisach_jax.files import write_files
 from preisach_jax.filter.state import FilterState
-from preisach_jax.sweep.storage import sweep_to_folder
+from preisach_jax.paper.sweep import sweep_to_folder
 
 PATIENCE_S = 300
 """Seconds after which a child that neither ends nor is due counts as hanging."""

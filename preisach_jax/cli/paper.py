@@ -14,7 +14,7 @@ from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
-    from preisach_jax.sweep import Sweep
+    from preisach_jax.paper.sweep import Sweep
 
 _EXPONENTS = {
     "paper": "norm (31) against W (29), switching samples",
@@ -59,8 +59,7 @@ def sweep(
 
     from preisach_jax.devices import use_all_cores
     from preisach_jax.files import check_folder
-    from preisach_jax.sweep import LEVELS, NOISE_UM
-    from preisach_jax.sweep.storage import RESULT, sweep_to_folder
+    from preisach_jax.paper.sweep import LEVELS, NOISE_UM, RESULT, sweep_to_folder
 
     check_folder(out, [], [RESULT], force=force)
     use_all_cores()

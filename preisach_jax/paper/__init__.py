@@ -10,9 +10,6 @@ from preisach_jax.paper.comparison import (
     recursions,
     relays_and_ramps,
 )
-from preisach_jax.paper.experiment import Loops, TimeFrame, loops, time_frame
-from preisach_jax.paper.frequency_response import Bode, bode
-from preisach_jax.paper.hinge import Hinge, fit_hinge, knee_interval
 from preisach_jax.paper.noise import (
     Coefficients,
     Proportionality,
@@ -21,16 +18,26 @@ from preisach_jax.paper.noise import (
     noise_sweep,
     proportionality,
 )
-from preisach_jax.paper.numbers import FigureData
-from preisach_jax.paper.squared_error import Convergence, convergence
-from preisach_jax.paper.structure import (
+from preisach_jax.paper.numbers import (
     Block,
+    Bode,
+    Convergence,
     Diagram,
+    FigureData,
+    Hinge,
     HysteronLoops,
+    Loops,
     Signal,
+    TimeFrame,
+    bode,
+    convergence,
     experiment_diagram,
     filter_diagram,
+    fit_hinge,
     hysteron_loops,
+    knee_interval,
+    loops,
+    time_frame,
 )
 
 __all__ = [

@@ -21,11 +21,12 @@ from preisach_jax.identify.regression import (
 from preisach_jax.operator.checks import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
-from preisach_jax.paper.numbers import FigureData, Progress, report
+from preisach_jax.paper.numbers import FigureData, report
+from preisach_jax.paper.sweep import PowerLaw, fit_power_law
 from preisach_jax.piezo import experiment
 from preisach_jax.plant import RANGE_V, make_stage
 from preisach_jax.signals import bernoulli_ramp
-from preisach_jax.sweep import PowerLaw, fit_power_law
+from preisach_jax.theory import Progress
 
 RATE_HZ = 2000.0
 NOISE_UM = 0.006
@@ -43,33 +44,23 @@ ABOVE_NOISE = 1.2
 
 @dataclass(frozen=True, eq=False)
 class HysteronComparison(FigureData):
-    """Fig. 10: residual of batch least squares with relays and with ramps.
+    """Fig. 10: batch least squares with relays and with ramps.
 
-    Attributes:
-        levels: (level,) N, ascending.
-        relay_um: (level,) RMS residual with relays, on the part of the record that was not fitted.
-        ramp_um: (level,) the same with ramps.
-        relay_error_um: (level,) RMS error with relays there, against the output without noise.
-        ramp_error_um: (level,) the same with ramps.
-        relay: exponent of the error in N, over all levels.
-        ramp: the same, over the first `ramp_levels` levels only; None where they are too few.
-        ramp_levels: how many levels have a residual clear of the noise.
-        noise_um: standard deviation of the sensor's noise.
-        stroke_um: range of the output.
-        seconds: length of the fitted part, and of the other.
+    RMS residuals, and errors against the output without noise, are those on the part of the record
+    that was not fitted.
     """
 
-    levels: np.ndarray
-    relay_um: np.ndarray
+    levels: np.ndarray  # (level,) N, ascending
+    relay_um: np.ndarray  # (level,) residual
     ramp_um: np.ndarray
-    relay_error_um: np.ndarray
+    relay_error_um: np.ndarray  # (level,) error
     ramp_error_um: np.ndarray
-    relay: PowerLaw
-    ramp: PowerLaw | None
-    ramp_levels: int
-    noise_um: float
-    stroke_um: float
-    seconds: float
+    relay: PowerLaw  # exponent of the error in N
+    ramp: PowerLaw | None  # the same, over the first `ramp_levels`; None where they are too few
+    ramp_levels: int  # how many levels have a residual clear of the noise
+    noise_um: float  # standard deviation of the sensor's noise
+    stroke_um: float  # range of the output
+    seconds: float  # length of the fitted part, and of the other
 
     @property
     def caption(self) -> str:
@@ -184,27 +175,19 @@ def _held_out(
 
 @dataclass(frozen=True, eq=False)
 class RecursionComparison(FigureData):
-    """Fig. 11: what the recursions learn from one record.
+    """Fig. 11: what the recursions learn from one record, in parts of the output's range.
 
-    Attributes:
-        names: the recursions and their settings.
-        relay_error: (recursion,) RMS error e at events over the last half, with relays, in parts
-            of the output's range.
-        relay_replay: (recursion,) RMS of output less model with the final weights over a new
-            record, likewise.
-        ramp_error: (recursion,) error with ramps.
-        ramp_replay: (recursion,) replay with ramps.
-        levels: N.
-        samples: samples of each record.
+    Errors are the RMS of e at events over the last half; replays that of output less model with the
+    final weights over a new record.
     """
 
-    names: tuple[str, ...]
-    relay_error: np.ndarray
+    names: tuple[str, ...]  # the recursions and their settings
+    relay_error: np.ndarray  # (recursion,)
     relay_replay: np.ndarray
     ramp_error: np.ndarray
     ramp_replay: np.ndarray
     levels: int
-    samples: int
+    samples: int  # of each record
 
     @property
     def caption(self) -> str:

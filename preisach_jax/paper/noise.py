@@ -12,10 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.operator.plane import Plane
-from preisach_jax.paper.numbers import FigureData, Progress, report
+from preisach_jax.paper.numbers import FigureData, report
+from preisach_jax.paper.sweep import (
+    LEVELS,
+    NOISE_UM,
+    PowerLaw,
+    Sweep,
+    fit_power_law,
+    realisation,
+    sweep,
+)
 from preisach_jax.plant import RANGE_V
-from preisach_jax.sweep import LEVELS, NOISE_UM, PowerLaw, Sweep, fit_power_law, realisation, sweep
-from preisach_jax.theory import noise_coefficient, residual_ratio_bound
+from preisach_jax.theory import Progress, noise_coefficient, residual_ratio_bound
 
 
 @functools.lru_cache(maxsize=2)
@@ -26,37 +34,20 @@ def noise_sweep(seed: int, levels: tuple[int, ...], seeds: int, samples: int) ->
 
 @dataclass(frozen=True, eq=False)
 class Proportionality(FigureData):
-    """Fig. 8: auxiliary norm of the weight error against the power of the quantisation noise.
-
-    Attributes:
-        levels: (level,) N.
-        noise_power_um2: (level,) W, eq. (29).
-        over_events_um: (level,) norm (31), e² averaged over the switching samples.
-        over_samples_um: (level,) the same averaged over all samples, e = 0 where nothing switches.
-        line_power_um2: (2,) ends of the fitted lines.
-        line_events_um: (2,) fitted power law there, over switching samples.
-        line_samples_um: (2,) fitted power law there, over all samples.
-        events: exponent of the norm in W, over switching samples.
-        samples: exponent over all samples.
-        error_in_levels: exponent of ⟨e⟩ over switching samples in N.
-        root_cells_in_levels: exponent of √L in N.
-        share_in_levels: exponent in N of the share of samples at which something switches.
-        seeds: number of realisations.
-        record_samples: samples of each record.
-    """
+    """Fig. 8: auxiliary norm (31) against the power of the quantisation noise."""
 
     levels: np.ndarray
-    noise_power_um2: np.ndarray
-    over_events_um: np.ndarray
-    over_samples_um: np.ndarray
-    line_power_um2: np.ndarray
-    line_events_um: np.ndarray
+    noise_power_um2: np.ndarray  # (level,) W, eq. (29)
+    over_events_um: np.ndarray  # (level,) norm (31), e² averaged over the switching samples
+    over_samples_um: np.ndarray  # the same over all samples, e = 0 where nothing switches
+    line_power_um2: np.ndarray  # (2,) ends of the fitted lines
+    line_events_um: np.ndarray  # fitted power law there
     line_samples_um: np.ndarray
-    events: PowerLaw
-    samples: PowerLaw
-    error_in_levels: PowerLaw
-    root_cells_in_levels: PowerLaw
-    share_in_levels: PowerLaw
+    events: PowerLaw  # exponent of the norm in W, over switching samples
+    samples: PowerLaw  # over all samples
+    error_in_levels: PowerLaw  # of ⟨e⟩ over switching samples in N
+    root_cells_in_levels: PowerLaw  # of √L in N
+    share_in_levels: PowerLaw  # in N of the share of samples at which something switches
     seeds: int
     record_samples: int
 
@@ -108,12 +99,7 @@ def proportionality(
 
 
 def power_law_through(x: np.ndarray, y: np.ndarray, exponent: float, at: np.ndarray) -> np.ndarray:
-    """Values of the power law of a given exponent that goes through the middle of some points.
-
-    Arguments:
-        x: (points,) positive numbers.
-        y: (points,) positive numbers.
-    """
+    """Values of the power law of a given exponent that goes through the middle of some points."""
     middle = np.mean(np.log(y) - exponent * np.log(x))
     return np.exp(middle + exponent * np.log(at))
 
@@ -124,41 +110,22 @@ def _with_interval(law: PowerLaw) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Coefficients(FigureData):
-    """Fig. 9: what noise does to the weights where the truth is known.
-
-    Attributes:
-        levels: (level,) N.
-        noise_power_um2: (noise,) W of white noise.
-        noise_part_um2: (level, noise) what noise adds to ⟨‖E‖²⟩.
-        total_um2: (level, noise) ⟨‖E‖²⟩.
-        floor_um2: (level,) ⟨‖E‖²⟩ without noise, which is left of the initial error.
-        line_power_um2: (2,) ends of the fitted lines.
-        lines_um2: (level, 2) fitted power laws with a common exponent there.
-        exponent: the common exponent.
-        coefficient: (level,) mean of the noise part over W.
-        coefficient_error: (level,) its standard error over noise and seeds.
-        same_input: (level,) the same for the first input alone.
-        same_input_error: (level,) its standard error over noise.
-        exact: (level,) exact coefficient for the first input, by the propagation of Cov(E).
-        bound: (level,) bound (25) for T = L.
-        seeds: number of realisations.
-        samples: samples of each record.
-    """
+    """Fig. 9: what noise does to the weights where the truth is known."""
 
     levels: np.ndarray
-    noise_power_um2: np.ndarray
-    noise_part_um2: np.ndarray
-    total_um2: np.ndarray
-    floor_um2: np.ndarray
-    line_power_um2: np.ndarray
-    lines_um2: np.ndarray
+    noise_power_um2: np.ndarray  # (noise,) W of white noise
+    noise_part_um2: np.ndarray  # (level, noise) what noise adds to ⟨‖E‖²⟩
+    total_um2: np.ndarray  # (level, noise) ⟨‖E‖²⟩
+    floor_um2: np.ndarray  # (level,) ⟨‖E‖²⟩ without noise, which is left of the initial error
+    line_power_um2: np.ndarray  # (2,) ends of the fitted lines
+    lines_um2: np.ndarray  # (level, 2) fitted power laws with a common exponent there
     exponent: PowerLaw
-    coefficient: np.ndarray
-    coefficient_error: np.ndarray
-    same_input: np.ndarray
-    same_input_error: np.ndarray
-    exact: np.ndarray
-    bound: np.ndarray
+    coefficient: np.ndarray  # (level,) mean of the noise part over W
+    coefficient_error: np.ndarray  # its standard error over noise and seeds
+    same_input: np.ndarray  # the same for the first input alone
+    same_input_error: np.ndarray  # its standard error over noise
+    exact: np.ndarray  # for the first input, by the propagation of Cov(E)
+    bound: np.ndarray  # (level,) bound (25) for T = L
     seeds: int
     samples: int
 
@@ -221,11 +188,7 @@ def coefficients(
 
 
 def exact_coefficients(found: Sweep, progress: Progress | None = None) -> np.ndarray:
-    """Exact ratio of what noise adds to ⟨‖E‖²⟩ and W, for the first input of a sweep.
-
-    Returns:
-        (level,) trace of Cov(E)/W, averaged over the samples of the residual interval.
-    """
+    """(level,) ⟨tr Cov(E)⟩/W over the residual interval, for the first input of a sweep, exact."""
     key = cast(jax.Array, jax.random.wrap_key_data(jnp.asarray(found.key)))
     exact: list[float] = []
     with jax.enable_x64(True):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from functools import partial
 from typing import Any, cast
 
 import equinox as eqx
@@ -13,8 +15,12 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.errors import InputError, whole_number
-from preisach_jax.filter.checks import (
+from preisach_jax.filter.relays import room_for, run_over_blocks
+from preisach_jax.filter.state import (
     MOST_SAMPLES,
+    FilterInfo,
+    FilterResult,
+    FilterState,
     check_start,
     checked_adapt,
     input_and_output,
@@ -23,13 +29,10 @@ from preisach_jax.filter.checks import (
     require_state,
     start_at,
 )
-from preisach_jax.filter.relays import room_for, run_over_blocks
-from preisach_jax.filter.runs import run_over_moves, run_over_samples
-from preisach_jax.filter.state import FilterInfo, FilterResult, FilterState
 from preisach_jax.operator.blocks import Room
 from preisach_jax.operator.checks import as_float
 from preisach_jax.operator.hysteron import hysteron_step
-from preisach_jax.operator.moves import EVENT_SIZE, ramp_moves
+from preisach_jax.operator.moves import EVENT_SIZE, RampMoves, RampRun, adapt_over_moves, ramp_moves
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import chosen_form
 from preisach_jax.operator.update import UpdateRule
@@ -148,33 +151,13 @@ class AdaptiveFilter(eqx.Module):
                 )
 
     def options(self) -> dict[str, float | bool]:
-        """The options that are on, by their names; empty for the paper's filter.
-
-        Returns:
-            `dead_zone`, `leakage`, `error_limit` and `nonnegative`, as far as they were given.
-
-        Example:
-            >>> AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0), leakage=1e-4).options()
-            {'leakage': 0.0001}
-        """
+        """The options that are on, by their names; empty for the paper's filter."""
         given = {name: getattr(self, name) for name in ("dead_zone", "leakage", "error_limit")}
         numbers = {name: float(np.asarray(n)) for name, n in given.items() if n is not None}
         return numbers | ({"nonnegative": True} if self.nonnegative else {})
 
     def rule(self, dtype: DTypeLike) -> UpdateRule:
-        """What an error does to the weights, leakage aside.
-
-        Arguments:
-            dtype: floating type to compute in.
-
-        Returns:
-            The rule, with numbers of that type.
-
-        Example:
-            >>> filt = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0), step_size=0.5)
-            >>> float(filt.rule(float).rate(jnp.asarray(3.0), 2.0))
-            0.75
-        """
+        """What an error does to the weights, leakage aside."""
 
         def typed(number: ArrayLike | None) -> jax.Array | None:
             return None if number is None else jnp.asarray(number, dtype)
@@ -344,12 +327,12 @@ class AdaptiveFilter(eqx.Module):
         chosen = chosen_form(form, self._why_no_events(x, z, state))
         few = form == "auto" and self.plane.levels < LEVELS_FOR_MOVES
         if chosen == "dense" or (self.hysteron == "ramp" and few):
-            found = cast(FilterResult, run_over_samples(self, x, z, state, count, adapt))
+            found = cast(FilterResult, _run_over_samples(self, x, z, state, count, adapt))
         elif self.hysteron == "relay":
             found = run_over_blocks(self, x, z, known, state, count, adapt, room, missing)
         else:
             moves = ramp_moves(self.plane, x)
-            found = cast(FilterResult, run_over_moves(self, x, z, moves, count, adapt))
+            found = cast(FilterResult, _run_over_moves(self, x, z, moves, count, adapt))
         return found
 
     def room(self, x: ArrayLike) -> Room:
@@ -387,3 +370,54 @@ class AdaptiveFilter(eqx.Module):
         if any(isinstance(each, Tracer) for each in (self.initial_weight, x, z)):
             return WITHOUT_VALUES
         return "" if np.isfinite(z).all() else "where outputs are missing"
+
+
+@partial(jax.jit, static_argnames=("passes", "adapt"))
+def _run_over_samples(
+    filt: AdaptiveFilter,
+    x: jax.Array,
+    z: jax.Array,
+    state: FilterState | None,
+    passes: int,
+    adapt: bool,
+) -> FilterResult:
+    """Run sample by sample, in a scan of the filter's step."""
+    start = filt.init(x[0], z[0]) if state is None else state
+
+    def advance(
+        state: FilterState, sample: tuple[jax.Array, jax.Array]
+    ) -> tuple[FilterState, FilterInfo]:
+        return filt.step(state, *sample, adapt)
+
+    def one_pass(
+        carry: tuple[FilterState, FilterInfo], _: None
+    ) -> tuple[tuple[FilterState, FilterInfo], None]:
+        before = dataclasses.replace(start, weights=carry[0].weights)
+        return jax.lax.scan(advance, before, (x, z)), None
+
+    no_rows = FilterInfo(*[jnp.zeros(x.shape, start.weights.dtype)] * len(FilterInfo._fields))
+    state, info = jax.lax.scan(one_pass, (start, no_rows), length=passes)[0]
+    return FilterResult(state.weights, *info, state)
+
+
+@partial(jax.jit, static_argnames=("passes", "adapt"))
+def _run_over_moves(
+    filt: AdaptiveFilter, x: jax.Array, z: jax.Array, moves: RampMoves, passes: int, adapt: bool
+) -> FilterResult:
+    """Run ramps over the lines of the plane that each sample moves, O(N) a sample."""
+    start = filt.init(x[0], z[0])
+    rule = filt.rule(z.dtype)
+    if not adapt:
+        rule = dataclasses.replace(rule, step_size=jnp.zeros((), z.dtype))
+
+    def one_pass(weights: jax.Array) -> RampRun:
+        return adapt_over_moves(filt.plane, moves, z, weights, start.states, rule)
+
+    def learnt(_: jax.Array, weights: jax.Array) -> jax.Array:
+        return one_pass(weights).weights
+
+    before = cast(jax.Array, jax.lax.fori_loop(1, passes, learnt, start.weights))
+    found = one_pass(before)
+    state = FilterState(found.weights, found.states, x[-1], found.reference_states, found.reference)
+    switched = found.squared if adapt else jnp.zeros_like(found.squared)
+    return FilterResult(found.weights, found.output, found.error, switched, state)

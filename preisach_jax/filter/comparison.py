@@ -26,13 +26,12 @@ from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.checks import input_and_output
 from preisach_jax.filter.least_squares import (
     LeastSquaresResult,
     RecursiveLeastSquares,
     require_double,
 )
-from preisach_jax.filter.state import FilterResult
+from preisach_jax.filter.state import FilterResult, input_and_output
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from preisach_jax.devices import compiled, evenly
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.checks import input_and_output
+from preisach_jax.filter.state import input_and_output
 from preisach_jax.operator.blocks import Room
 from preisach_jax.operator.simulation import simulate
 
@@ -78,8 +78,9 @@ def run_fleet(
         )
     rows = _checked(adaptive, inputs, outputs)
     lengths = [len(x) for x, _ in rows]
+    # A row that is shorter rests at its last value.
     x, z = (
-        np.stack([_lengthened(row, max(lengths)) for row in side])
+        np.stack([np.pad(row, (0, max(lengths) - len(row)), mode="edge") for row in side])
         for side in zip(*rows, strict=True)
     )
     missing = not all(np.isfinite(own).all() for _, own in rows)
@@ -126,11 +127,6 @@ def _checked(
             raise InputError(f"record {number}: {error}") from None
     kind = jnp.result_type(*(side for row in rows for side in row))
     return [(np.asarray(x, kind), np.asarray(z, kind)) for x, z in rows]
-
-
-def _lengthened(row: np.ndarray, length: int) -> np.ndarray:
-    """A row that rests at its last value until a length."""
-    return np.pad(row, (0, length - len(row)), mode="edge")
 
 
 _Found = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]

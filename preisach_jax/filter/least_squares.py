@@ -14,14 +14,14 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter.checks import (
+from preisach_jax.filter.state import (
+    FilterInfo,
     check_start,
     input_and_output,
     require_one_number,
     require_state,
     start_at,
 )
-from preisach_jax.filter.state import FilterInfo
 from preisach_jax.operator.hysteron import hysteron_step
 from preisach_jax.operator.moves import EVENT_SIZE
 from preisach_jax.operator.plane import Plane

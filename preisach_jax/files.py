@@ -62,7 +62,8 @@ _OURS = re.compile(
     | \{\s*"record":[ ]\{\s*"name":[ ][^\n]*\s*"sha256":
     | \{\s*"effects":[ ]\[[^]]*\],\s*"parameters":
     | \{\s*"figure":[ ]\d+,\s*"title":
-    | \x89PNG.{,80}Software\0preisach_jax | <!DOCTYPE[ ]html>.{,300}content="preisach_jax"
+    | \x89PNG.{,80}Software\0preisach_jax | <\?xml.{,900}<dc:title>preisach_jax</dc:title>
+    | <!DOCTYPE[ ]html>.{,300}content="preisach_jax"
     | /\*[ ](?:A[ ]Preisach[ ]model[ ]of[ ]hysteresis|Self[ ]test[ ]of[ ]preisach_model)
     | \#[ ]A[ ]Preisach[ ]model[ ]in[ ]C\n
     | \#[ ]make[ ]{11}builds[ ]the[ ]library[ ]and[ ]the[ ]self

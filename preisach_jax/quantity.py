@@ -77,6 +77,12 @@ def number(value: float, digits: int = 4) -> str:
     return f"{float(rounded):.0f}" if "e+" in rounded and abs(value) < 1e4 else rounded
 
 
+def change(percent: float, digits: int = 0) -> str:
+    """A change in per cent with its sign; none where it is rounded to nothing."""
+    text = f"{percent:+.{digits}f} %"
+    return text[1:] if float(text[:-2]) == 0 else text.replace("-", "−")
+
+
 def interval(value: float, low: float, high: float, unit: str, digits: int = 4) -> str:
     """A value with its 95 % interval, all in one unit."""
     factor, shown = scaled(value, unit)

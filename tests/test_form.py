@@ -216,7 +216,7 @@ def test_json_report_and_texts_say_that_it_is_no_cause(tmp_path):
     }  # fmt: skip
     assert content["label"] == LABEL == "form, not cause"
     assert set(content["terms"][0]) == {"formula", "coefficient", "rms", "physics", "states"}
-    assert tmp_path / "form.png" in write_report(found, tmp_path)
+    assert tmp_path / "form.svg" in write_report(found, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     for text in ("A form of what remains", "This is a form, not a cause", "viscous friction",
                  "u&#39;³", "from 200 nm to 90 nm RMS"):  # fmt: skip
@@ -308,6 +308,6 @@ def test_a_learned_term_is_told_in_json_report_and_texts(unsparse, tmp_path):
     assert set(told["learned"]) == {"numbers", "states", "curves"}
     assert form.learned.sentence in asked.summary()
     assert "where to look: " in asked.summary()
-    assert tmp_path / "form.png" in write_report(asked, tmp_path)
+    assert tmp_path / "form.svg" in write_report(asked, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "A learned term (form, not cause)" in page

@@ -23,15 +23,15 @@ WRITERS = {
     "diagnose": (
         [*RECORD, "--report", "r"],
         ["r/report.html", "r/diagnosis.json", "r/base.json", "r/model.json", "r/loop.png",
-         "r/form.png", "r/alternatives/creep.json"],
+         "r/form.svg", "r/alternatives/creep.json"],
     ),
     "fit": ([*RECORD, "--out", "m.json"], ["m.json"]),
     "predict": ([*MODEL, *RECORD, "--out", "p.csv"], ["p.csv"]),
     "compare": (
-        [*MODEL, *RECORD, "--report", "r"], ["r/report.html", "r/comparison.json", "r/density.png"]
+        [*MODEL, *RECORD, "--report", "r"], ["r/report.html", "r/comparison.json", "r/density.svg"]
     ),
     "compare several": (
-        [*MODEL, *RECORD, "other.csv", "--report", "r"], ["r/comparison.json", "r/overlay.png"]
+        [*MODEL, *RECORD, "other.csv", "--report", "r"], ["r/comparison.json", "r/overlay.svg"]
     ),
     "design": (["report", "--out", "next.csv"], ["next.csv"]),
     "compensate": ([*MODEL, *RECORD, "--out", "drive.csv"], ["drive.csv"]),
@@ -112,7 +112,7 @@ MINE = (
     b"PK\3\4 torn",
 )
 EACH_KIND = ("r/diagnosis.json", "p.csv", "c/preisach_model.c", "f/stage.fmu", "f/figure_01.pdf",
-             "l.png", "r/density.png", "d/reversal-curves/report.html")  # fmt: skip
+             "l.png", "r/density.svg", "r/loop.png", "d/reversal-curves/report.html")  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])
@@ -180,7 +180,7 @@ def test_a_report_again_holds_no_figures_of_the_run_before(place):
     (out / "waterfall.png").write_bytes(b"mine")
     assert main([*words_of("compare several"), "--quiet"]) == 0
     assert {path.name for path in out.iterdir()} == {
-        "report.html", "comparison.json", "overlay.png", "own.png", "waterfall.png",
+        "report.html", "comparison.json", "overlay.svg", "own.png", "waterfall.png",
     }  # fmt: skip
     assert (out / "waterfall.png").read_bytes() == b"mine"
     assert is_ours(out / "comparison.json")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from preisach_jax.quantity import interval, quantity, scaled
+from preisach_jax.quantity import change, interval, quantity, scaled
 
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 
@@ -45,3 +45,11 @@ def test_an_interval_has_one_unit():
     assert interval(999e-9, 998e-9, 1002e-9, "m") == "999 nm (95 %: 998 to 1002)"
     assert interval(0.02, -math.inf, math.inf, "1") == "0.02 (95 %: -∞ to ∞)"
     assert interval(0.0, 0.0, 0.5, "1") == "0 (95 %: 0 to 0.5)"
+
+
+@pytest.mark.parametrize(
+    ("percent", "digits", "text"),
+    [(-12.34, 1, "−12.3 %"), (12.34, 0, "+12 %"), (-0.04, 1, "0.0 %"), (0.2, 0, "0 %")],
+)
+def test_a_change_that_is_rounded_to_nothing_has_no_sign(percent, digits, text):
+    assert change(percent, digits) == text

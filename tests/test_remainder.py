@@ -92,7 +92,7 @@ def test_report_tells_and_draws_what_the_remainder_goes_with(tmp_path):
     assert relations(record, np.zeros(6000)) == relations(record, np.full(6000, np.nan)) == ()
     found = relations(record, 0.01 * np.gradient(record.input, TIME) + slow_noise(2, 0.2))
     diagnosis = make_diagnosis("unexplained", remainder=found)
-    assert (tmp_path / "remainder.png") in write_report(diagnosis, tmp_path)
+    assert (tmp_path / "remainder.svg") in write_report(diagnosis, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "goes with the rate of the input" in page
     content = diagnosis.to_json()["remainder"]

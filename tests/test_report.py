@@ -69,7 +69,7 @@ def written(tmp_path_factory):
 def test_the_page_needs_nothing_from_elsewhere(written, tmp_path):
     folder, found, page = written
     names = {path.name for path in folder.iterdir()}
-    pictures = {name for name in names if name.endswith(".png")}
+    pictures = {name for name in names if name.endswith(".svg")}
     assert len(pictures) == 8
     assert names - pictures == {"report.html", "diagnosis.json", "base.json", "model.json"}
     own = (package_files("preisach_jax.report") / "zoom.js").read_text(encoding="utf-8")
@@ -80,10 +80,11 @@ def test_the_page_needs_nothing_from_elsewhere(written, tmp_path):
     source = (folder / "report.html").read_text(encoding="utf-8")
     assert "@import" not in source
     assert "url(" not in source
-    write_report(found, tmp_path)
+    write_report(found, tmp_path, as_png=True)
     assert 1e5 < (tmp_path / "report.html").stat().st_size < 6e6
     pictures = {name: (tmp_path / name).read_bytes() for name in pictures}
     assert len({*pictures.values()}) == 8
+    assert len([*tmp_path.glob("*.png")]) == 8
 
 
 def test_the_page_says_what_was_found_and_takes_no_name_for_markup(written):

@@ -192,7 +192,7 @@ def test_it_is_named_where_it_is_hidden_and_reported(body, tmp_path):
     write_report(found, tmp_path / "report")
     assert "restoring_force" in (tmp_path / "report" / "report.html").read_text()
     # The plane of a displacement has no axes of the input to be drawn on.
-    assert not (tmp_path / "report" / "density.png").exists()
+    assert not (tmp_path / "report" / "density.svg").exists()
     compared = compare(found.model, record)
     assert compared.fit_percent > 95
     write_comparison(compared, tmp_path / "comparison")

@@ -104,7 +104,7 @@ def _shown(result: Compared) -> str:
     """Sentence, notes, table and overlay as HTML; names from files are escaped."""
     notes = [f"{name}: {note}" for name, each in result.found.items() for note in each.notes]
     lines = Markup("").join(Markup('<p class="soft">{}</p>').format(note) for note in notes)
-    uri = "data:image/png;base64," + base64.b64encode(result.picture).decode()
+    uri = "data:image/svg+xml;base64," + base64.b64encode(result.picture).decode()
     alternative = f"Residuals, loops and errors of {', '.join(result.found)}, drawn over each other"
     return str(
         Markup("<p><b>{}</b></p>").format(several_sentence(result.found))

@@ -47,7 +47,7 @@ class Compared:
 
     Attributes:
         found: the comparisons by what each is called, of one model or of one record.
-        picture: the overlay as PNG.
+        picture: the overlay as SVG.
         command: the command line that does the same.
         files: contents by name: the report, the model of the page.
     """
@@ -96,7 +96,7 @@ def compared(step: Exploration, dropped: Sequence[Dropped], progress: Progress) 
     with tempfile.TemporaryDirectory() as place:
         paths = write_comparisons(found, Path(place), command=command)
         files = {path.name: path.read_bytes() for path in paths}
-    picture = files.pop("overlay.png")
+    picture = files.pop("overlay.svg")
     files[OWN_MODEL] = json_bytes(own.to_json())
     return Compared(found, picture, command, files)
 

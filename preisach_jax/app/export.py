@@ -30,7 +30,7 @@ def exports(
     progress("writing the report", 0.7)
     with tempfile.TemporaryDirectory() as folder:
         command = "preisach app (the script repeat.py repeats these steps)"
-        paths = write_report(concluded, Path(folder), command=command)
+        paths = write_report(concluded, Path(folder), command=command, as_png=True)
         contents = {path.name: path.read_bytes() for path in paths}
     figures = io.BytesIO()
     with zipfile.ZipFile(figures, "w") as archive:

@@ -22,7 +22,7 @@ from preisach_jax.look import Look
 from preisach_jax.present.diagnosis import form_lines, headline
 from preisach_jax.present.model import parameter_rows
 from preisach_jax.present.record import record_lines
-from preisach_jax.quantity import number, quantity
+from preisach_jax.quantity import change, number, quantity
 from preisach_jax.record import Record
 
 _WIDGETS, _HEAD = "preisach-widgets.css", "preisach-head.css"
@@ -151,8 +151,8 @@ def ladder(step: Exploration, found: Diagnosis | None) -> str:
         share = 100 * rung.rms_validation / most
         fall = ""
         if place:
-            change = 100 * (rung.rms_validation / rungs[place - 1].rms_validation - 1)
-            fall = f" ({change:+.1f} %)".replace("-", "−")
+            percent = 100 * (rung.rms_validation / rungs[place - 1].rms_validation - 1)
+            fall = f" ({change(percent, 1)})"
         lines.append(
             Markup(
                 '<li><span class="name">{}</span>'

@@ -17,6 +17,7 @@ from preisach_jax.cli import screen
 from preisach_jax.cli.completion import complete_effect
 from preisach_jax.cli.options import (
     READING,
+    AsPng,
     Data,
     Effects,
     Force,
@@ -98,6 +99,7 @@ def diagnose(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-report"
     ),
+    as_png: AsPng = False,
     force: Force = False,
 ) -> dict[str, Any]:
     """Find out which effects a plain hysteresis model lacks."""
@@ -126,14 +128,14 @@ def diagnose(
             progress=lambda text, done: show(text, share * done),
         )
         show("writing the report", 0.97 * share)
-        write_report(found, report, command=own)
+        write_report(found, report, command=own, as_png=as_png)
         if explore:  # the report without a form stays if this is interrupted
             form = find_form(
                 found, progress=lambda text, done: show(text, share + (0.97 - share) * done)
             )
             show("writing the form into the report", 0.97)
             found = replace(found, form=form)
-            write_report(found, report, command=own)
+            write_report(found, report, command=own, as_png=as_png)
     screen.show_diagnosis(found)
     screen.say(f"\nReport: {report / 'report.html'}")
     return found.to_json()

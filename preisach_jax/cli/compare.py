@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.options import READING, Data, Force, ModelFile, with_columns_of
+from preisach_jax.cli.options import READING, AsPng, Data, Force, ModelFile, with_columns_of
 from preisach_jax.cli.shared import command
 from preisach_jax.errors import InputError
 
@@ -39,6 +39,7 @@ def compare(
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(
         "preisach-comparison"
     ),
+    as_png: AsPng = False,
     force: Force = False,
 ) -> dict[str, Any]:
     """Test a model against records, or several models against one."""
@@ -53,10 +54,10 @@ def compare(
         label: _compared(*pair, columns)
         for label, pair in zip(_labels(models, records), pairs, strict=True)
     }
-    line: str = context.obj["command"]
+    how = {"command": context.obj["command"], "as_png": as_png}
     if len(found) == 1:
-        return _show_one(next(iter(found.values())), report, line)
-    return _show_several(found, report, line)
+        return _show_one(next(iter(found.values())), report, how)
+    return _show_several(found, report, how)
 
 
 def _sorted(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
@@ -101,11 +102,11 @@ def _compared(model: Path, data: Path, columns: ReadOptions) -> Comparison:
     return run(loaded, record)
 
 
-def _show_one(comparison: Comparison, report: Path, line: str) -> dict[str, Any]:
+def _show_one(comparison: Comparison, report: Path, how: dict[str, Any]) -> dict[str, Any]:
     from preisach_jax.report import write_comparison
     from preisach_jax.report.content import comparison_sentence, error_rows, test_rows
 
-    write_comparison(comparison, report, command=line)
+    write_comparison(comparison, report, **how)
     sentence = comparison_sentence(comparison)
     screen.answer(sentence)
     screen.say("\n".join(["", sentence, *comparison.notes, ""]))
@@ -116,11 +117,13 @@ def _show_one(comparison: Comparison, report: Path, line: str) -> dict[str, Any]
     return comparison.to_json()
 
 
-def _show_several(found: dict[str, Comparison], report: Path, line: str) -> dict[str, Any]:
+def _show_several(
+    found: dict[str, Comparison], report: Path, how: dict[str, Any]
+) -> dict[str, Any]:
     from preisach_jax.report import comparisons_json, write_comparisons
     from preisach_jax.report.several import HEADERS, several_rows, several_sentence
 
-    write_comparisons(found, report, command=line)
+    write_comparisons(found, report, **how)
     sentence = several_sentence(found)
     screen.answer(sentence)
     screen.say(f"\n{sentence}\n")

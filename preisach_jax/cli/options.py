@@ -84,7 +84,7 @@ Levels = Annotated[
 Force = Annotated[
     bool, typer.Option("--force", help="replace files that preisach_jax did not write")
 ]
-
+AsPng = Annotated[bool, typer.Option("--png", help="write the figures as PNG as well")]
 
 READING = {
     "time": Time,

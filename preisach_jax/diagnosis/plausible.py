@@ -93,10 +93,11 @@ def _more_than_its_past(problem: Problem, point: Point, effect: Creep) -> str:
     most = float(np.max(np.asarray(bounds)))
     if left <= BEYOND_ANY_PAST * most:
         return ""
+    unit = problem.record.output_unit
+    kept = f"at most {quantity(most, unit, 2)}" if most > 0 else "none"
     return (
-        f"{quantity(left, problem.record.output_unit, 2)} of what it takes away is put down to the "
-        "time before the record, of which elements of its gains can have kept at most "
-        f"{quantity(most, problem.record.output_unit, 2)}: it stands for a drift"
+        f"{quantity(left, unit, 2)} of what it takes away is put down to the time before the "
+        f"record, of which elements of its gains can have kept {kept}: it stands for a drift"
     )
 
 

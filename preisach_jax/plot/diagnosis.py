@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, REFUSED, STYLE
-from preisach_jax.quantity import number, scaled
+from preisach_jax.quantity import change, number, scaled
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis
@@ -46,7 +46,7 @@ def waterfall(found: Diagnosis) -> Figure:
                 edgecolor=AFTER, linestyle=":", hatch="///", alpha=0.35, zorder=2,
             )  # fmt: skip
             axes.plot([place - 0.69, place + 0.31], [errors[place - 1]] * 2, color="0.4", lw=0.8)
-            label += f"\n{-100 * saved / errors[place - 1]:+.0f} %".replace("-", "−")
+            label += f"\n{change(-100 * saved / errors[place - 1])}"
         inside = logarithmic or error > 0.2 * errors.max()
         box = {"facecolor": shade, "lw": 0, "pad": 1} if inside else None
         axes.annotate(
@@ -105,19 +105,19 @@ def candidates(found: Diagnosis) -> Figure:
         beyond = "< " if gain < lowest else ""
         shown = lowest if gain < lowest else gain
         axes.annotate(
-            f"{beyond}{shown:.1f} %", (max(shown, 0), y), xytext=(4, 0),
-            textcoords="offset points", va="center", fontsize=8,
+            f"{beyond}{shown:z.1f} %", (max(shown, 0), y), xytext=(4, 0),
+            textcoords="offset points", va="center", fontsize=8, in_layout=False,
         )  # fmt: skip
         beside.annotate(
             reason, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8,
-            color="black" if candidate.accepted else "0.35",
+            color="black" if candidate.accepted else "0.35", in_layout=False,
         )  # fmt: skip
     for y, step in headings:
         onto = " + ".join(found.effects[:step])
         text = f"on the model with {onto}" if onto else "on the model without effects"
         axes.annotate(
             text, (0, y), xycoords=("axes fraction", "data"), va="center", fontsize=8.5,
-            fontweight="bold", annotation_clip=False,
+            fontweight="bold", annotation_clip=False, in_layout=False,
         )  # fmt: skip
     beside.set_axis_off()
     axes.set_yticks(places, [c.effect for c in tried])

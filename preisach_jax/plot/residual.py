@@ -139,8 +139,9 @@ def _cloud(axes: Axes, position: np.ndarray, values: np.ndarray, shade: str) -> 
     if len(rows) > _POINTS:
         rows = np.sort(np.random.default_rng(0).choice(rows, _POINTS, replace=False))
     axes.plot(
-        position[rows], values[rows], ".", color=shade, ms=1.6, alpha=0.25, mew=0, rasterized=True
-    )
+        position[rows], values[rows], ".", color=shade, ms=1.6, alpha=0.25, mew=0, rasterized=True,
+        zorder=1.9,  # below the lines: pixels that are drawn in a row become one picture
+    )  # fmt: skip
     bins = stats.binned(position, values)
     if len(bins.centre) > 1:
         axes.fill_between(bins.centre, bins.low, bins.high, color=shade, alpha=0.22, lw=0)

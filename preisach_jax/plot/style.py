@@ -27,6 +27,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # else matplotlib measures all ticks again to place each title
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -75,7 +76,8 @@ def svg(figure: Figure) -> str:
     stream = io.StringIO()
     _lay_out(figure)
     with _resolution(figure, 150):
-        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})
+        metadata = {"Date": None, "Creator": "preisach_jax"}
+        FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)
     return stream.getvalue()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,27 +42,34 @@ def diagnosis_names(folder: Path) -> list[str]:
     # Which alternatives there will be is known after the work only.
     held = [f"alternatives/{path.name}" for path in folder.glob("alternatives/*.json")]
     files = ["report.html", "diagnosis.json", "base.json", "model.json", *held]
-    return files + [f"{name}.png" for name in _DIAGNOSED]
+    return files + _pictures(_DIAGNOSED)
 
 
 def comparison_names(several: bool) -> list[str]:
     """Names of the files that a report of one comparison, or of several, may write."""
     figures = _SEVERAL if several else _COMPARED
-    return ["report.html", "comparison.json", *(f"{name}.png" for name in figures)]
+    return ["report.html", "comparison.json", *_pictures(figures)]
 
 
-def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) -> list[Path]:
+def _pictures(figures: Iterable[str]) -> list[str]:
+    return [f"{name}.{kind}" for name in figures for kind in ("svg", "png")]
+
+
+def write_report(
+    found: Diagnosis, folder: Path, *, command: str | None = None, as_png: bool = False
+) -> list[Path]:
     """Write the report of a diagnosis.
 
     Arguments:
         found: the diagnosis.
         folder: where to; it is made if it does not exist.
         command: the command line that made it, for the page.
+        as_png: whether to write the figures as PNG as well, which takes as long again.
 
     Returns:
         The files: `report.html`, `diagnosis.json`, `base.json` (the model without effects),
         `model.json` (the final one), `alternatives/` (a model with each other member of a family
-        in place of the effect that was named), and the figures as PNG.
+        in place of the effect that was named), and the figures as SVG.
 
     Raises:
         InputError: if the folder cannot be written to; then nothing was.
@@ -92,18 +99,17 @@ def write_report(found: Diagnosis, folder: Path, *, command: str | None = None) 
     elif found.form is not None and found.form.learned is not None and found.form.learned.curves:
         figures["form"] = curves(found.form.learned)
     files = {
-        "report.html": _rendered("report.html.j2", page, figures),
         "diagnosis.json": json_bytes(found.to_json()),
         "base.json": json_bytes(found.base.model.to_json()),
         "model.json": json_bytes(found.model.to_json()),
     }
     for name, model in found.alternatives.items():
         files[f"alternatives/{file_name(name)}.json"] = json_bytes(model.to_json())
-    return _write(folder, files, figures)
+    return _write(folder, "report.html.j2", page, files, figures, as_png)
 
 
 def write_comparison(
-    comparison: Comparison, folder: Path, *, command: str | None = None
+    comparison: Comparison, folder: Path, *, command: str | None = None, as_png: bool = False
 ) -> list[Path]:
     """Write the report of a comparison.
 
@@ -111,9 +117,10 @@ def write_comparison(
         comparison: a model beside a measurement.
         folder: where to; it is made if it does not exist.
         command: the command line that made it, for the page.
+        as_png: whether to write the figures as PNG as well, which takes as long again.
 
     Returns:
-        The files: `report.html`, `comparison.json`, and the figures as PNG.
+        The files: `report.html`, `comparison.json`, and the figures as SVG.
 
     Raises:
         InputError: if the folder cannot be written to; then nothing was.
@@ -133,15 +140,16 @@ def write_comparison(
     if not comparison.model.chain.mechanics:
         figures["density"] = plot.density(comparison.model)
     page = comparison_page(comparison, command)
-    files = {
-        "report.html": _rendered("comparison.html.j2", page, figures),
-        "comparison.json": json_bytes(comparison.to_json()),
-    }
-    return _write(folder, files, figures)
+    files = {"comparison.json": json_bytes(comparison.to_json())}
+    return _write(folder, "comparison.html.j2", page, files, figures, as_png)
 
 
 def write_comparisons(
-    comparisons: Mapping[str, Comparison], folder: Path, *, command: str | None = None
+    comparisons: Mapping[str, Comparison],
+    folder: Path,
+    *,
+    command: str | None = None,
+    as_png: bool = False,
 ) -> list[Path]:
     """Write the report of several comparisons, of one model or of one record.
 
@@ -149,9 +157,10 @@ def write_comparisons(
         comparisons: by what each is called.
         folder: where to; it is made if it does not exist.
         command: the command line that made it, for the page.
+        as_png: whether to write the figures as PNG as well, which takes as long again.
 
     Returns:
-        The files: `report.html`, `comparison.json` (a list), and `overlay.png`.
+        The files: `report.html`, `comparison.json` (a list), and `overlay.svg`.
 
     Raises:
         InputError: if the folder cannot be written to; then nothing was.
@@ -165,11 +174,8 @@ def write_comparisons(
     check_folder(folder)
     figures = {"overlay": overlay(comparisons)}
     page = several_page(comparisons, command)
-    files = {
-        "report.html": _rendered("several.html.j2", page, figures),
-        "comparison.json": json_bytes(comparisons_json(comparisons)),
-    }
-    return _write(folder, files, figures)
+    files = {"comparison.json": json_bytes(comparisons_json(comparisons))}
+    return _write(folder, "several.html.j2", page, files, figures, as_png)
 
 
 def comparisons_json(comparisons: Mapping[str, Comparison]) -> dict[str, Any]:
@@ -177,19 +183,30 @@ def comparisons_json(comparisons: Mapping[str, Comparison]) -> dict[str, Any]:
     return {"comparisons": [{"name": name, **each.to_json()} for name, each in comparisons.items()]}
 
 
-def _write(folder: Path, files: Mapping[str, bytes], figures: Mapping[str, Figure]) -> list[Path]:
-    pictures = {f"{name}.png": png(figure) for name, figure in figures.items()}
-    everything = {folder / name: content for name, content in {**files, **pictures}.items()}
-    written = write_files(everything)
+def _write(
+    folder: Path,
+    template: str,
+    page: Mapping[str, Any],
+    files: Mapping[str, bytes],
+    figures: Mapping[str, Figure],
+    as_png: bool,
+) -> list[Path]:
+    """Draw the figures, each once, and write them with the page that shows them."""
+    drawn = {name: svg(figure).encode(errors="replace") for name, figure in figures.items()}
+    contents = {"report.html": _rendered(template, page, drawn), **files}
+    contents |= {f"{name}.svg": content for name, content in drawn.items()}
+    if as_png:
+        contents |= {f"{name}.png": png(figure) for name, figure in figures.items()}
+    written = write_files({folder / name: content for name, content in contents.items()})
     # Figures of the run before are of other data, and beside the new page they would mislead.
-    for name in {*_DIAGNOSED, *_SEVERAL} - figures.keys():
-        old = folder / f"{name}.png"
+    for name in {*_pictures((*_DIAGNOSED, *_SEVERAL))} - contents.keys():
+        old = folder / name
         if old.is_file() and not old.is_symlink() and is_ours(old):
             old.unlink()
     return written
 
 
-def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figure]) -> bytes:
+def _rendered(template: str, page: Mapping[str, Any], drawn: Mapping[str, bytes]) -> bytes:
     # Names of columns and effects come from files and may hold anything: all is escaped.
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("preisach_jax", "report"),
@@ -198,11 +215,8 @@ def _rendered(template: str, page: Mapping[str, Any], figures: Mapping[str, Figu
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sources = {name: _data_uri(svg(figure)) for name, figure in figures.items()}
+    inline = "data:image/svg+xml;base64,"
+    sources = {name: inline + base64.b64encode(each).decode() for name, each in drawn.items()}
     # A file's name may hold bytes that are no text.
     text = environment.get_template(template).render(page, figures=sources)
     return text.encode(errors="replace")
-
-
-def _data_uri(source: str) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(source.encode(errors="replace")).decode()

@@ -7,14 +7,13 @@ BIN   := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo app test campaigns lint docs bench clean
+.PHONY: help setup demo app test lint docs bench clean
 
 help:
 	@echo "make setup   make .venv with the pinned dependencies and this package"
 	@echo "make demo    diagnose the bundled measurement and a simulated stage"
 	@echo "make app     open the interactive page"
 	@echo "make test    run the tests"
-	@echo "make campaigns   run what proves rather than protects, for hours"
 	@echo "make lint    check format, lint and types"
 	@echo "make docs    build the documentation into build/site"
 	@echo "make bench   measure speed"
@@ -61,9 +60,6 @@ app: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --durations 20
 
-campaigns: $(STAMP)
-	$(BIN)/python benchmarks/campaigns.py
-
 lint: $(STAMP)
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
@@ -73,7 +69,6 @@ docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir build/site
 
 bench: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-build-isolation --editable ".[bench]"
 	$(BIN)/python benchmarks/run.py
 
 clean:

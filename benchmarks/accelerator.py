@@ -153,7 +153,7 @@ def _measured(levels: int, lanes: int) -> tuple[Any, np.ndarray, np.ndarray]:
 def child(task: str, repeats: int, results: Path) -> None:
     """Measure one task on the devices of this process, and leave figures and results in files."""
     import jax
-    from timing import spread, timed
+    from common import spread, timed
 
     from preisach_jax.devices import use_all_cores
 
@@ -218,7 +218,7 @@ def main() -> None:
             rows[task] = row | {"difference": compared(task, asked.platforms, Path(place))}
             print(task, json.dumps(rows[task]), flush=True)
     os.environ["JAX_PLATFORMS"] = asked.platforms[0]
-    from conditions import write_results
+    from common import write_results
 
     write_results("accelerator.json", {"tasks": rows})
 

@@ -32,7 +32,7 @@ import jax
 import numpy as np
 from blind import hidden, world
 from blind.excitation import Drive, make_drive
-from conditions import write_results
+from common import write_results
 
 import preisach_jax as pj
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from conditions import write_results
+from common import write_results
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from exported import HIGH, LOW, Compiled, drawn, predicted, smooth, wild

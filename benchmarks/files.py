@@ -1,6 +1,6 @@
 """How fast records are read: a hundred megabytes of each kind, and a look at what was read.
 
-    python benchmarks/files.py [--megabytes 100] [--out benchmarks/results/files.json]
+    python benchmarks/files.py [--megabytes 100]
 
 Each kind is read in a process of its own, so that its greatest memory is its own; the file is in
 the cache of the disk. Beside the time on the wall stands that of the processor, as other programs
@@ -12,17 +12,15 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
-import os
-import platform
 import resource
 import subprocess
 import sys
 import tempfile
 import time
-from datetime import date
 from pathlib import Path
 
 import numpy as np
+from common import write_results
 
 KINDS = (
     "csv", "csv_semicolon_comma", "csv_no_names", "txt_spaces", "tektronix.csv", "lvm", "csv.gz",
@@ -173,7 +171,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--megabytes", type=float, default=100.0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS))
-    parser.add_argument("--out", type=Path)
     parser.add_argument("--read", type=Path)
     parser.add_argument("--look", action="store_true")
     words = parser.parse_args()
@@ -183,20 +180,7 @@ def main() -> None:
     results: list[dict[str, float | str]] = []
     for kind in words.kinds:
         results.append(measure(kind, words.megabytes, kind in {"csv", "npz"}))
-        if words.out:
-            _save(words.out, results)
-
-
-def _save(path: Path, results: list[dict[str, float | str]]) -> None:
-    """Save what has been measured so far, with what else the machine was doing."""
-    content = {
-        "date": date.today().isoformat(),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-        "load_1_min": os.getloadavg()[0],
-        "python": platform.python_version(),
-        "results": results,
-    }
-    path.write_text(json.dumps(content, indent=1) + "\n")
+        write_results("files.json", {"results": results})
 
 
 if __name__ == "__main__":

@@ -10,13 +10,11 @@ are those of single calls; the first call, which may compile, is told apart.
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 import numpy as np
-from conditions import write_results
-from streaming import latency
+from common import latency, one_core, write_results
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from exported import HIGH, LOW, drawn, predicted, smooth
@@ -33,7 +31,12 @@ CHAINS: dict[str, list[str]] = {
 
 def main() -> None:
     """Measure, print, and write the figures."""
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    with one_core():
+        write_results("inverse.json", {"rate_hz": RATE_HZ, "rows": measure()})
+
+
+def measure() -> list[dict]:
+    """A row for every chain, plane, and with or without learning."""
     rows = []
     for name, effects in CHAINS.items():
         for levels in LEVELS:
@@ -48,11 +51,10 @@ def main() -> None:
                 readings = [z[0], *z[:-1]]
                 noisy = (np.asarray(readings) + 1e-3 * np.sin(np.arange(SAMPLES))).tolist()
                 found = latency(drive, z, noisy)
-                del found["histogram"]
                 row = {"name": name, "effects": effects, "levels": levels, "learns": learns}
                 rows.append(row | found)
                 print(name, levels, "learns" if learns else "", found, flush=True)
-    write_results("inverse.json", {"rate_hz": RATE_HZ, "rows": rows})
+    return rows
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from conditions import write_results
+from common import write_results
 
 from preisach_jax.plant import simulate_stage
 

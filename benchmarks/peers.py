@@ -11,7 +11,6 @@ regression on the states of exact relays.  One core; medians of repeated runs.
 
 from __future__ import annotations
 
-import os
 from functools import partial
 
 import jax
@@ -19,10 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import scipy.linalg
-from conditions import write_results
+from common import measured, one_core, write_results
 from scipy import signal
 from threadpoolctl import threadpool_limits
-from timing import measured
 
 import preisach_jax as pj
 
@@ -133,65 +131,15 @@ def identification() -> list[dict]:
     return [*rows, {"method": name, "levels": LEVELS} | seconds | found]
 
 
-def forward(levels: int, samples: int) -> dict:
-    """Seconds of simulation, and for short records of its gradient with respect to the input."""
-    plane = pj.Plane(levels=levels, low=0.0, high=1.0)
-    x = jnp.asarray(stage_input(3, 0.02, 0.98, samples))
-    weights = jnp.asarray(np.random.default_rng(1).uniform(size=plane.cells) / plane.cells)
-    single, single_weights = x.astype(jnp.float32), weights.astype(jnp.float32)
-    soft = jax.jit(partial(soft_relays, plane))
-    exact = pj.simulate(plane, weights, x, "relay")
-    error = np.sqrt(np.mean((soft(single_weights, single) - exact) ** 2))
-    row = {
-        "levels": levels,
-        "samples": samples,
-        "relays": measured(lambda: pj.simulate(plane, weights, x, "relay"), 9),
-        "ramps": measured(lambda: pj.simulate(plane, weights, x, "ramp"), 3),
-        "soft_relays": measured(lambda: soft(single_weights, single), 3),
-        "rms_of_soft_relays_from_exact_ones": float(error),
-    }
-    if samples == SAMPLES:
-        steep = jax.jit(jax.grad(lambda x: jnp.sum(soft_relays(plane, single_weights, x) ** 2)))
-        ramps = jax.grad(lambda x: jnp.sum(pj.simulate(plane, weights, x, "ramp") ** 2))
-        row["gradient_of_soft_relays_in_input"] = measured(lambda: steep(single), 3)
-        row["gradient_of_ramps_in_input"] = measured(lambda: ramps(x), 3)
-    return row
-
-
-def batched() -> dict:
-    """Seconds of 64 simulations of 1,000 samples with weights of their own."""
-    plane = pj.Plane(levels=LEVELS, low=0.0, high=1.0)
-    rng = np.random.default_rng(2)
-    x = jnp.asarray(np.stack([stage_input(10 + k, 0.02, 0.98, 1_000) for k in range(64)]))
-    weights = jnp.asarray(rng.uniform(size=(64, plane.cells)) / plane.cells)
-    exact = jax.jit(jax.vmap(lambda w, x: pj.simulate(plane, w, x, "relay")))
-    soft = jax.jit(jax.vmap(partial(soft_relays, plane)))
-    single = weights.astype(jnp.float32), x.astype(jnp.float32)
-    return {
-        "records": 64,
-        "samples": 1_000,
-        "relays_batch": measured(lambda: exact(weights, x), 9),
-        "soft_relays_batch": measured(lambda: soft(*single), 5),
-    }
-
-
 def main() -> None:
     """Measure all and write the figures."""
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     jax.config.update("jax_enable_x64", True)
-    with threadpool_limits(1):
-        content = {
-            "identification": identification(),
-            "forward": [forward(37, SAMPLES), forward(75, 10 * SAMPLES)],
-            "batch": batched(),
-        }
-    for row in content["identification"]:
+    with one_core(), threadpool_limits(1):
+        rows = identification()
+    for row in rows:
         print({name: round(v, 5) if isinstance(v, float) else v for name, v in row.items()})
-    for row in [*content["forward"], content["batch"]]:
-        each = {n: f"{1e3 * v['median_s']:.3g} ms" for n, v in row.items() if isinstance(v, dict)}
-        print(row.get("levels", LEVELS), row["samples"], each)
     settings = {"samples": SAMPLES, "noise": NOISE, "soft_width": WIDTH, "cores": 1}
-    write_results("peers.json", settings | content)
+    write_results("peers.json", settings | {"identification": rows})
 
 
 if __name__ == "__main__":

@@ -2,10 +2,9 @@
 
     python benchmarks/run.py relays
 
-Beside the package stand, in the same run and on the same core, NumPy as one first writes it (all
-relays at every sample), NumPy as one writes it for speed (lists of the relays that switch), numba
-if it is installed, and C (`relays.c`, compiled here with -O3 -march=native).  All give the same
-weights, which is checked.  Ramps, for which there is no reference, stand beside their dense form.
+Beside the package stands, in the same run and on the same core, C (`relays.c`, compiled here with
+-O3 -march=native), whose weights are the same, which is checked.  Ramps, for which there is no
+reference, stand beside their dense form.
 One input, a Bernoulli ramp at 2 kHz; double precision; medians of repeated runs.  What finds the
 switching events counts as part of the run.
 """
@@ -22,9 +21,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from conditions import write_results
-from relays_numba import numba_functions
-from timing import REPEATS, measured
+from common import REPEATS, measured, one_core, write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.blocks import switching
@@ -35,7 +32,6 @@ from preisach_jax.signals import bernoulli_ramp
 
 LEVELS, SAMPLES, RATE_HZ, LANES = (9, 13, 19, 37, 75), 50_000, 2000.0, 64
 START = 1e-9  # weights before the first event
-NAIVE_SAMPLES = 2_000  # of the naive loop, whose time is extrapolated
 SOURCE = Path(__file__).with_name("relays.c")
 
 
@@ -71,30 +67,6 @@ class CReference:
         return output
 
 
-class NumbaReference:
-    """The functions of `relays_numba`; False where numba is not installed."""
-
-    def __init__(self):
-        self.functions = numba_functions()
-
-    def __bool__(self) -> bool:
-        return self.functions is not None
-
-    def adapt(self, plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """(cells, lanes) weights after the outputs (time, lanes) of one input."""
-        assert self.functions is not None
-        weights = np.full((plane.cells, z.shape[1]), START)
-        self.functions[0](plane.levels, plane.low, plane.delta_x, x, z, weights)
-        return weights
-
-    def simulate(self, plane: Plane, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(time,) output."""
-        assert self.functions is not None
-        output = np.empty(len(x))
-        self.functions[1](plane.levels, plane.low, plane.delta_x, x, weights, output)
-        return output
-
-
 def _limits(plane: Plane) -> tuple[ctypes.c_double, ctypes.c_double]:
     return ctypes.c_double(plane.low), ctypes.c_double(plane.delta_x)
 
@@ -105,55 +77,7 @@ def _pointer(array: np.ndarray) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def naive_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """All relays at every sample, eq. (3), (4), (7), (8), (12), for one lane."""
-    alpha, beta = plane.alpha, plane.beta
-    weights, states, reference = np.full(plane.cells, START), x[0] > alpha, z[0, 0]
-    for k in range(1, len(x)):
-        new = np.where(x[k] >= alpha, True, np.where(x[k] < beta, False, states))
-        on, off = new & ~states, states & ~new
-        area = on.sum() + off.sum()
-        if area:
-            error = z[k, 0] - reference - (weights[on].sum() - weights[off].sum())
-            weights[on] += error / area
-            weights[off] -= error / area
-            reference = z[k, 0]
-        states = new
-    return weights[:, None]
-
-
-def clever_adapt(plane: Plane, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Only samples that pass a threshold, and lists of the relays that they switch."""
-    levels = np.floor((x - plane.low) / plane.delta_x + 0.5).astype(int)
-    events = np.flatnonzero(np.diff(levels)) + 1
-    weights = np.full((plane.cells, z.shape[1]), START)
-    start = levels[0]
-    lowest = np.where(np.arange(plane.levels) < start, start, 0)
-    highest = np.full(plane.levels, start)
-    first = np.arange(plane.levels) * (np.arange(plane.levels) + 1) // 2
-    before, reference = start, z[0]
-    for k in events:
-        to = levels[k]
-        if to > before:
-            sign = 1.0
-            parts = [first[i] + np.arange(lowest[i], i + 1) for i in range(before, to)]
-        else:
-            sign = -1.0
-            parts = [first[j : highest[j]] + j for j in range(to, before)]
-        cells = np.concatenate(parts) if len(parts) > 1 else parts[0]
-        if len(cells):
-            error = z[k] - reference - sign * weights[cells].sum(axis=0)
-            weights[cells] += sign * error / len(cells)
-            reference = z[k]
-        lowest[before:to] = to
-        highest[to:before] = to
-        np.minimum(lowest, to, out=lowest)
-        np.maximum(highest, to, out=highest)
-        before = to
-    return weights
-
-
-def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
+def measure(levels: int, c: CReference) -> dict:
     """All variants on one plane."""
     plane = Plane(levels=levels, low=0.0, high=RANGE_V)
     x = np.asarray(bernoulli_ramp(jax.random.key(levels), SAMPLES, RATE_HZ, high=RANGE_V))
@@ -161,27 +85,15 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
     truth = rng.uniform(0.1, 1.0, plane.cells)
     clean = c.simulate(plane, x, truth)
     z = np.ascontiguousarray(clean[:, None] + 0.01 * rng.normal(size=(SAMPLES, LANES)))
-    one = np.ascontiguousarray(z[:, :1])
     filt, inputs = AdaptiveFilter(plane, initial_weight=START), jnp.asarray(x)
     own = np.ascontiguousarray(z.T)
     batch = jax.jit(jax.vmap(lambda z: filt.run(x, z).weights))
     ramps, lanes, weights = AdaptiveFilter(plane, "ramp"), jnp.asarray(z), jnp.asarray(truth)
-    wanted = c.adapt(plane, x, z)
-    check(plane, c, numba, x, z, wanted, truth)
+    check(plane, c, x, z, truth)
 
     def loss(weights, x=inputs, hysteron="relay"):
         return jnp.sum(simulate(plane, weights, x, hysteron) ** 2)
 
-    few = slice(0, NAIVE_SAMPLES)
-    naive, scale = (
-        measured(lambda: naive_adapt(plane, x[few], one[few]), 3),
-        SAMPLES / NAIVE_SAMPLES,
-    )
-    with_numba = {
-        "one_lane": lambda: numba.adapt(plane, x, one),
-        "many_lanes": lambda: numba.adapt(plane, x, z),
-        "simulate": lambda: numba.simulate(plane, x, truth),
-    }
     gradient = jax.jit(jax.value_and_grad(loss))
     of_input = jax.jit(jax.value_and_grad(partial(loss, hysteron="ramp"), argnums=1))
     found = {
@@ -189,16 +101,11 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
             "event_form": measured(lambda: filt.run(x, own[0]).weights),
             "dense_form": measured(lambda: filt.run(x, own[0], form="dense").weights, 3),
             "c": measured(lambda: c.run(plane, x, own[0])),
-            "clever_numpy": measured(lambda: clever_adapt(plane, x, one), 3),
-            "naive_numpy_extrapolated": {
-                name: value if name == "repeats" else scale * value for name, value in naive.items()
-            },
         },
         "many_lanes": {
             "vmap_of_run": measured(lambda: batch(own)),
             "c": measured(lambda: [c.run(plane, x, one) for one in own]),
             "c_lanes_side_by_side": measured(lambda: c.adapt(plane, x, z)),
-            "clever_numpy": measured(lambda: clever_adapt(plane, x, z), 3),
         },
         "simulate": {
             "event_form": measured(lambda: simulate(plane, weights, inputs, "relay")),
@@ -218,42 +125,26 @@ def measure(levels: int, c: CReference, numba: NumbaReference) -> dict:
             ),
         },
     }
-    if numba:
-        for task, call in with_numba.items():
-            found[task]["numba"] = measured(call)
     return {"levels": levels, "events": len(switching(plane, x))} | found
 
 
-def check(plane: Plane, c: CReference, numba: NumbaReference, x, z, wanted, truth) -> None:
-    """Make sure that all variants find the same weights and outputs."""
+def check(plane: Plane, c: CReference, x, z, truth) -> None:
+    """Make sure that all find the same weights and outputs."""
     filt = AdaptiveFilter(plane, initial_weight=START)
+    wanted, first = c.adapt(plane, x, z), np.ascontiguousarray(z[:, 0])
     batch = jax.jit(jax.vmap(lambda z: filt.run(x, z).weights))(z.T)
-    others = [batch.T, clever_adapt(plane, x, z)]
-    simulated = [simulate(plane, truth, x, "relay")]
-    if numba:
-        others.append(numba.adapt(plane, x, z))
-        simulated.append(numba.simulate(plane, x, truth))
-    for got in others:
-        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-11)
-    for got in simulated:
-        np.testing.assert_allclose(got, c.simulate(plane, x, truth), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(
-        c.run(plane, x, np.ascontiguousarray(z[:, 0])), wanted[:, 0], atol=1e-11
-    )
-    np.testing.assert_allclose(filt.run(x, z[:, 0]).weights, wanted[:, 0], rtol=0, atol=1e-11)
-    few = slice(0, NAIVE_SAMPLES)
-    one = np.ascontiguousarray(z[few, :1])
-    part = c.adapt(plane, x[few], one)
-    np.testing.assert_allclose(naive_adapt(plane, x[few], one), part, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(batch.T, wanted, rtol=0, atol=1e-11)
+    for got in (c.run(plane, x, first), filt.run(x, first).weights):
+        np.testing.assert_allclose(got, wanted[:, 0], rtol=0, atol=1e-11)
+    simulated = simulate(plane, truth, x, "relay")
+    np.testing.assert_allclose(simulated, c.simulate(plane, x, truth), rtol=0, atol=1e-8)
 
 
 def main() -> None:
     """Measure all planes and write the figures."""
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     jax.config.update("jax_enable_x64", True)
-    with tempfile.TemporaryDirectory() as folder:
-        numba = NumbaReference()
-        rows = [measure(levels, CReference(folder), numba) for levels in LEVELS]
+    with one_core(), tempfile.TemporaryDirectory() as folder:
+        rows = [measure(levels, CReference(folder)) for levels in LEVELS]
     for row in rows:
         for task in ("one_lane", "many_lanes", "simulate"):
             base = row[task]["c"]["median_s"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 
 import export
-import growth
 import inverse
 import page
 import peers
@@ -19,7 +18,6 @@ BENCHMARKS = {
     "streaming": streaming.main,
     "relays": relays.main,
     "export": export.main,
-    "growth": growth.main,
     "inverse": inverse.main,
     "page": page.main,
     "peers": peers.main,

@@ -10,13 +10,11 @@ told apart.
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable
 
 import jax
 import numpy as np
-from conditions import write_results
+from common import latency, one_core, write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
@@ -27,8 +25,6 @@ from preisach_jax.signals import bernoulli_ramp
 
 LEVELS, RATE_HZ = (9, 19, 37, 75), 2000.0
 SAMPLES, JITTED_SAMPLES = 50_000, 10_000
-PERCENTILES = (50, 90, 99, 99.9)
-EDGES_US = np.geomspace(1.0, 1e5, 101)  # twenty bins a decade
 
 
 def jitted(filt: AdaptiveFilter) -> Callable[[float, float], float]:
@@ -42,26 +38,6 @@ def jitted(filt: AdaptiveFilter) -> Callable[[float, float], float]:
         return float(info.output)
 
     return take_in
-
-
-def latency(take_in: Callable[[float, float], float], x: list, z: list) -> dict:
-    """Microseconds of single calls: percentiles and a histogram."""
-    spent = []
-    for sample in zip(x, z, strict=True):
-        begin = time.perf_counter_ns()
-        take_in(*sample)
-        spent.append((time.perf_counter_ns() - begin) / 1e3)
-    first, later = spent[0], np.array(spent[1:])
-    counts = np.histogram(later.clip(EDGES_US[0], EDGES_US[-1]), EDGES_US)[0]
-    row = {f"p{percent}_us": float(np.percentile(later, percent)) for percent in PERCENTILES}
-    return {
-        "samples": len(x),
-        "least_us": later.min(),
-        **row,
-        "most_us": later.max(),
-        "first_us": first,
-        "histogram": counts,
-    }
 
 
 def measure() -> list[dict]:
@@ -89,23 +65,8 @@ def measure() -> list[dict]:
 
 def main() -> None:
     """Measure and write the results."""
-    pins = hasattr(os, "sched_setaffinity")
-    cores = os.sched_getaffinity(0) if pins else set()
-    if pins:
-        os.sched_setaffinity(0, {max(cores)})
-    try:
-        with jax.enable_x64(True):
-            rows = measure()
-    finally:
-        if pins:
-            os.sched_setaffinity(0, cores)
-    content = {
-        "rate_hz": RATE_HZ,
-        "pinned_to_one_core": pins,
-        "histogram_edges_us": EDGES_US,
-        "rows": rows,
-    }
-    write_results("streaming.json", content)
+    with one_core(), jax.enable_x64(True):
+        write_results("streaming.json", {"rate_hz": RATE_HZ, "rows": measure()})
 
 
 if __name__ == "__main__":

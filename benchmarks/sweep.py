@@ -14,8 +14,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from conditions import write_results
-from timing import spread, timed
+from common import spread, timed, write_results
 
 from preisach_jax.devices import use_all_cores
 from preisach_jax.filter.adaptive import AdaptiveFilter

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,16 +18,13 @@ import time
 from pathlib import Path
 from statistics import median
 
-from conditions import write_results
+from common import write_results
 
 from preisach_jax.plant import simulate_stage
 
 SAMPLES, RATE_HZ, SEED = 36_000, 2000.0, 11
 HIDDEN = ((), ("creep",), ("creep", "input_lag"), ("creep", "input_lag", "drift"))
 RUNS = 3
-
-TOO_SHORT_S = 5.0
-"""Time left below which an estimate is told as "a few seconds"."""
 
 
 def write_stage(path: Path, effects: tuple[str, ...]) -> None:
@@ -75,38 +70,6 @@ def diagnosis(folder: Path, effects: tuple[str, ...]) -> dict:
     }
 
 
-def estimates(folder: Path, effects: tuple[str, ...]) -> dict:
-    """How far the time left that a diagnosis tells lies from the truth, after its first quarter."""
-    data = folder / "stage.csv"
-    write_stage(data, effects)
-    columns = ["--time", "t_s", "--input", "u_V", "--output", "z_um"]
-    start = time.perf_counter()
-    child = subprocess.Popen(
-        [sys.executable, "-m", "preisach_jax.cli", "diagnose", str(data), *columns,
-         "--report", str(folder / "report")],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    told: list[tuple[float, float]] = []
-    assert child.stderr is not None
-    for line in child.stderr:
-        if said := re.search(r"\((?:about (\d+) s|a few seconds) left\)", line):
-            told.append((time.perf_counter() - start, float(said[1] or 5.0)))
-    child.wait()
-    whole = time.perf_counter() - start
-    ratios = [
-        left / (whole - now)
-        for now, left in told
-        if now > whole / 4 and max(left, whole - now) > TOO_SHORT_S
-    ]
-    return {
-        "hidden": list(effects),
-        "wall_s": whole,
-        "told": told,
-        "least_ratio": min(ratios, default=None),
-        "greatest_ratio": max(ratios, default=None),
-    }
-
-
 def prediction(folder: Path) -> dict:
     """A prediction by a fresh process."""
     arguments = ["predict", str(folder / "report" / "model.json"), str(folder / "stage.csv")]
@@ -134,18 +97,9 @@ def main() -> None:
         for effects in HIDDEN:
             diagnoses.append(diagnosis(folder, effects))
             print(json.dumps(diagnoses[-1]), flush=True)
-        told = [estimates(folder, effects) for effects in HIDDEN]
-        print(json.dumps(told), flush=True)
         predicted = prediction(folder)
         print(json.dumps(predicted), flush=True)
-    own_peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    content = {
-        "own_peak_GiB": own_peak,
-        "diagnose": diagnoses,
-        "estimates": told,
-        "predict": predicted,
-    }
-    write_results("whole_process.json", content)
+    write_results("whole_process.json", {"diagnose": diagnoses, "predict": predicted})
 
 
 if __name__ == "__main__":

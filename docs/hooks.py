@@ -18,7 +18,6 @@ import formulas  # noqa: E402
 import gallery  # noqa: E402
 import measurements  # noqa: E402
 import scores  # noqa: E402
-import trials  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 
 
@@ -29,7 +28,6 @@ def generated() -> dict[str, str]:
         "gallery.md": gallery.page(),
         "method/measurements.md": measurements.page(),
         "method/scores.md": scores.page(),
-        "method/trust.md": trials.page(),
         "reference/architecture.md": architecture.page(),
         "reference/command-line.md": command_line.page(),
     }

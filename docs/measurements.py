@@ -37,25 +37,23 @@ def ms(timing: Result) -> str:
 
 def diagnoses() -> str:
     """Whole processes with report."""
-    content, before = result("whole_process.json"), result("whole_process_before.json")
-    rows = []
-    for row, old in zip(content["diagnose"], before["diagnose"], strict=True):
-        rows.append(
-            [
-                " + ".join(row["hidden"]) or "nothing",
-                f"{row['verdict'].replace('_', ' ')}: {' + '.join(row['effects'])}".rstrip(": "),
-                f"{1e3 * row['rms_validation']:.2f}",
-                f"{row['first_run']['wall_s']:.0f}",
-                f"{row['wall_s']:.0f} ({old['wall_s']:.0f})",
-                f"{row['peak_GiB']:.1f} ({old['peak_GiB']:.1f})",
-            ]
-        )
+    content = result("whole_process.json")
+    rows = [
+        [
+            " + ".join(row["hidden"]) or "nothing",
+            f"{row['verdict'].replace('_', ' ')}: {' + '.join(row['effects'])}".rstrip(": "),
+            f"{1e3 * row['rms_validation']:.2f}",
+            f"{row['first_run']['wall_s']:.0f}",
+            f"{row['wall_s']:.0f}",
+            f"{row['peak_GiB']:.1f}",
+        ]
+        for row in content["diagnose"]
+    ]
     head = ["hidden", "said", "error, nm", "first run, s", "later runs, s", "peak, GiB"]
     predict = content["predict"]
     return f"""## A diagnosis, whole process with report
 
-{content["diagnose"][0]["samples"]:,} samples, two cores, medians; in brackets the state before the
-search in a reduced basis. {made(content)}
+{content["diagnose"][0]["samples"]:,} samples, two cores, medians. {made(content)}
 
 {table(head, rows)}
 
@@ -135,7 +133,7 @@ reached were told in every row that is far off.
 
 def exported() -> str:
     """The exported code: against `predict`, and its speed."""
-    code, long = result("export.json"), result("endurance.json")
+    code = result("export.json")
     rows = [
         [kind, course.replace("_", " "), *(f"{each[key]:.3g}" for key in each)]
         for kind, courses in code["ns_a_sample"].items()
@@ -148,7 +146,6 @@ def exported() -> str:
         ]
         for row in result("inverse.json")["rows"]
     ]  # fmt: skip
-    rest = long["rests"][0]["samples"]
     return f"""## The code in C
 
 {code["models"]} exported models against `predict` over {code["samples"]:,} samples each, in double
@@ -157,11 +154,6 @@ are equal to the bit; {code["ramps_within_1e-12"]} of {code["ramps"]} of ramps a
 the range, at most {code["worst_double"]:.1e} apart. In single precision
 {code["float_without_jumps_within_1e-5"]} of the {code["float_without_jumps"]} whose output does not
 jump are within 1e-5, at most {code["worst_float_without_jumps"]:.1e} apart. {made(code)}
-
-After {rest:,} samples of jitter at rest {long["rests_that_came_back"]} of {len(long["rests"])}
-models gave the same output to the bit. {long["fuzzed_whole"]} of {len(long["fuzzed"])} runs of
-{long["fuzzed"][0]["samples"]:,} odd samples (NaN, infinities, out of range) under sanitizers left
-the state whole.
 
 Nanoseconds a sample, N = 37, beside a kernel written by hand for a plain relay plane:
 
@@ -202,29 +194,27 @@ most instructions take one, and waiting for flash memory comes on top. {made(con
 
 
 def operator() -> str:
-    """Simulation and identification beside C, numba and NumPy."""
+    """Simulation and identification beside C."""
     content = result("relays.json")
     rows = []
     for plane in content["planes"]:
         for name, task in (("simulate", "simulate"), ("identify one output", "one_lane")):
             own, c = plane[task]["event_form"], plane[task]["c"]
-            numba = plane[task].get("numba")
             rows.append(
                 [
                     str(plane["levels"]), name, ms(own), f"{own['median_s'] / c['median_s']:.1f}",
-                    f"{own['median_s'] / numba['median_s']:.1f}" if numba else "",
                     f"{plane[task]['dense_form']['median_s'] / own['median_s']:.0f}",
                 ]
             )  # fmt: skip
         own, c = (plane["many_lanes"][name] for name in ("vmap_of_run", "c"))
         name = f"identify {content['lanes']} outputs, `vmap`"
         ratio = f"{own['median_s'] / c['median_s']:.1f}"
-        rows.append([str(plane["levels"]), name, ms(own), ratio, "", ""])
-    head = ["levels", "task", "ms", "times C", "times numba", "dense form, times this"]
+        rows.append([str(plane["levels"]), name, ms(own), ratio, ""])
+    head = ["levels", "task", "ms", "times C", "dense form, times this"]
     return f"""## The operator of relays
 
-A Bernoulli ramp of {content["samples"]:,} samples at 2 kHz, one core, double precision; C and numba
-written for this alone, in the same run; all give the same weights. C does what `run` does, from raw
+A Bernoulli ramp of {content["samples"]:,} samples at 2 kHz, one core, double precision; C
+written for this alone, in the same run, gives the same weights. C does what `run` does, from raw
 samples to weights and the output of each, and one output after the other. {made(content)}
 
 {table(head, rows)}
@@ -264,27 +254,16 @@ def _variants(content: dict[str, Any]) -> list[list[str]]:
     ]  # fmt: skip
 
 
-def growth_and_sweep() -> str:
-    """How time grows, and the sweep of Fig. 8."""
-    growth, sweep = result("growth.json"), result("sweep.json")
-    rows = [[name, f"{exponent:.2f}"] for name, exponent in growth["exponents"].items()]
-    memory = "; ".join(
-        f"{row['task'].replace('_', ' ')} of {row['samples']:,} samples: {row['run_MiB']:.0f} MiB"
-        for row in growth["memory"]
-    )
-    run = sweep["sweep"]
+def sweep() -> str:
+    """The sweep of Fig. 8."""
+    content = result("sweep.json")
+    run = content["sweep"]
     identifications = run["outputs"] * len(run["levels"])
-    return f"""## Growth, and the sweep of Fig. 8
+    return f"""## The sweep of Fig. 8
 
-Exponents of time, one core. {made(growth)}
-
-{table(["along", "exponent"], rows)}
-
-Memory of a run: {memory}.
-
-The sweep ({identifications} identifications of {run["samples"]:,} samples, experiments included):
+{identifications} identifications of {run["samples"]:,} samples, experiments included:
 {run["run"]["median_s"]:.2f} s, compiled once in {run["compile_s"]:.0f} s; a loop over the filter in
-its dense form would take {sweep["ratio"]:.0f} times as long. {made(sweep)}"""
+its dense form would take {content["ratio"]:.0f} times as long. {made(content)}"""
 
 
 def streaming() -> str:
@@ -395,7 +374,7 @@ otherwise: on the GPU the same diagnosis did not end in 80 s. {made(content)}
 
 
 SECTIONS: tuple[Callable[[], str], ...] = (
-    diagnoses, page_and_files, drive, exported, controller, operator, streaming, growth_and_sweep,
+    diagnoses, page_and_files, drive, exported, controller, operator, streaming, sweep,
     peers, bands, accelerator,
 )  # fmt: skip
 

@@ -7,11 +7,18 @@ from typing import Any
 
 import hypothesis.strategies as st
 import numpy as np
-from trust.seeds import model_content
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain
+from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.effects.ageing import Ageing
+from preisach_jax.effects.auxiliary import Auxiliary
+from preisach_jax.effects.creep import Creep
+from preisach_jax.effects.drift import Drift
+from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
+from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.files import plain_json
+from preisach_jax.model import Origin, ParameterEstimate
 from preisach_jax.operator.checks import HYSTERONS
 
 SAMPLES = 40
@@ -87,9 +94,65 @@ def values_of(draw, parameter: pj.Parameter) -> float:
     return draw(st.floats(low, high, allow_subnormal=False))
 
 
+def columns() -> dict[str, np.ndarray]:
+    """Time, input and output of a small record, with an auxiliary column."""
+    t = np.arange(60) / 20
+    u = 5 - 5 * np.cos(t * (1 + t / 4))
+    return {"t_s": t, "u_V": u, "z_um": u**1.1 + 0.01 * t, "load_N": np.sin(3 * t)}
+
+
+def model_content() -> dict[str, Any]:
+    """The content of a model file with an effect of every place, made without a fit."""
+    arrays = columns()
+    effects = (
+        InputLag(),
+        RateDependence(with_corners=True),
+        Ageing(),
+        Creep(tau_s=(0.1, 1.0)),
+        Drift(),
+        Auxiliary(column="load_N", unit="N"),
+        OutputNonlinearity(),
+    )
+    chain = Chain(pj.Plane(levels=3, low=0.0, high=10.0), effects)
+
+    def estimate(p):
+        low, high = max(p.low, -1e3), min(p.high, 1e3)
+        value = p.start[0] if low <= p.start[0] <= high else (low + high) / 2
+        return ParameterEstimate(float(value), float("-inf"), float(value) * 2, p.unit)
+
+    parameters = {
+        effect.name: {p.name: estimate(p) for p in effect.parameters()} for effect in effects
+    }
+    for effect, coefficient in chain.coefficients:
+        parameters[effect][coefficient.name] = estimate(coefficient)
+    names = {"time": "t_s", "input": "u_V", "output": "z_um", "aux": ["load_N"]}
+    record = pj.Record.from_arrays(
+        arrays["t_s"], arrays["u_V"], arrays["z_um"], aux={"load_N": arrays["load_N"]}
+    )
+    model = pj.Model(
+        chain=chain,
+        values={e: {p: got.value for p, got in inner.items()} for e, inner in parameters.items()},
+        coefficients=Coefficients(
+            np.arange(6.0) + 0.5,
+            np.arange(6.0) / 10,
+            0.25,
+            np.array([parameters[e][p.name].value for e, p in chain.coefficients]),
+            np.linspace(0, 1, 6),
+        ),
+        parameters=parameters,
+        visited=np.array([True] * 5 + [False]),
+        columns=names,
+        units={"time": "s", "input": "V", "output": "um", "load_N": "N"},
+        origin=Origin.of(record),
+        rms_validation=0.02,
+        noise=0.01,
+    )
+    return model.to_json()
+
+
 @st.composite
 def models(draw, effects: tuple[pj.Effect, ...], levels: int = 3) -> pj.Model:
-    """Models of some effects on the record of `trust.seeds`, made of the content of a file."""
+    """Models of some effects on the record of `columns`, made of the content of a file."""
     content: dict[str, Any] = plain_json(model_content())
     plane = pj.Plane(levels, content["low"], content["high"])
     chain = Chain(plane, effects)

@@ -8,7 +8,7 @@ import numpy as np
 from blind import world
 
 FOLDER = Path(blind.__file__).parent
-JAX_FREE = ("world", "stage", "foreign", "hidden", "machines", "excitation")
+JAX_FREE = ("world", "stage", "hidden", "excitation")
 
 
 def short(effects, seed=21):

@@ -11,8 +11,6 @@ from preisach_jax.cli import main
 from preisach_jax.errors import InputError
 from preisach_jax.files import write_files
 
-# Kills: of them at any moment `benchmarks/trust/faults.py` is the campaign
-
 
 def test_what_killed_writers_left_is_removed_and_what_others_write_is_not(tmp_path):
     killed, living, foreign = (

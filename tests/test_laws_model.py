@@ -4,8 +4,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
-from strategies import models
-from trust.seeds import columns
+from strategies import columns, models
 
 import preisach_jax as pj
 from preisach_jax.chain import PLACES

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from blind.rates import read_results, summary_of
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -82,7 +83,7 @@ def test_it_is_short_and_shows_figures_of_the_committed_results():
     rows = json.loads((results / "whole_process.json").read_text())["diagnose"]
     none, one, *_, three = (f"{row['wall_s']:.0f} s" for row in rows)
     assert f"{none} where nothing is missing, {one} with one effect and {three} with three" in words
-    found = json.loads((results / "blind" / "summary.json").read_text())["excitation"]["all"]
+    found = summary_of(read_results(results / "blind"))
     plain, alone, outside = found["adequate"], found["exact"]["single"], found["wrong_name_outside"]
     named = found["false_alarms"]["diagnose"]["count"]
     assert f"({found['cases']} stages simulated by independent code)" in words

@@ -23,7 +23,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from conditions import write_results
+from common import write_results
 
 import preisach_jax as pj
 from blind.world import Measurement, make_measurement
@@ -39,14 +39,7 @@ KNOWN_AS = {"nothing": ()}
 
 
 def measured(seed: int, effect: str, drive: str, levels: int) -> dict[str, Any]:
-    """Counts of one record: rows inside the band by kind and slice, width and error by kind.
-
-    Arguments:
-        seed: of the record.
-        effect: the hidden effect, or `"nothing"`.
-        drive: kind of the record that is fitted, one of `DRIVES`; the new one is of the other.
-        levels: levels of the plane.
-    """
+    """Counts of one record: rows inside the band by kind and slice, width and error by kind."""
     hidden = {} if effect == "nothing" else {effect: 1.0}
     made = make_measurement(hidden, seed, drive, SECONDS, RATE_HZ)
     rows = np.arange(len(made.time))

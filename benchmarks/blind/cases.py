@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from blind.excitation import KINDS
-from blind.machines import STRENGTHS as MACHINES
+from blind.hidden import MACHINES
 from blind.world import EFFECTS, NOTHING, OUTSIDE
 
 SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -71,9 +71,6 @@ class Choice:
         sizes: of the hidden effects; 1 is nominal.
         seeds: a key of `SEEDS`.
         limit: at most so many cases, spread evenly over those chosen; None for all.
-
-    Raises:
-        ValueError: if a name is unknown.
     """
 
     suites: Sequence[str] = ()
@@ -105,19 +102,7 @@ class Choice:
 
 
 def make_cases(choice: Choice) -> list[Case]:
-    """The chosen cases, in an order in which any first part is an even sample of the whole.
-
-    Arguments:
-        choice: which.
-
-    Returns:
-        The cases.
-
-    Example:
-        >>> chosen = make_cases(Choice(["none"], excitations=["poor"], limit=2))
-        >>> [case.excitation for case in chosen]
-        ['poor', 'poor']
-    """
+    """The chosen cases, in an order in which any first part is an even sample of the whole."""
     cases = filter(choice.holds, _all_cases(choice.seeds))
     order = sorted(cases, key=lambda case: (case.repeat / REPEATS[case.suite], _number(case.id)))
     return order[: choice.limit]

@@ -82,25 +82,7 @@ class Pen:
 
 
 def make_drive(kind: str, seconds: float, seed: int, rate_hz: float = 1350.0) -> Drive:
-    """A drive of `seconds`, with a history before it; its corners lie on sampling instants.
-
-    Arguments:
-        kind: one of `KINDS`.
-        seconds: length of the record, in s.
-        seed: of the random levels.
-        rate_hz: sampling rate.
-
-    Returns:
-        The drive.
-
-    Raises:
-        ValueError: if there is no such kind.
-
-    Example:
-        >>> drive = make_drive("rich", 20.0, seed=1)
-        >>> bool(drive(np.linspace(-3.0, 20.0, 9)).max() <= 1)
-        True
-    """
+    """A drive of `seconds`, with a history before it; its corners lie on sampling instants."""
     if kind not in KINDS:
         raise ValueError(f"no excitation {kind!r}: one of {', '.join(KINDS)}")
     tick_s = 1 / rate_hz

@@ -7,7 +7,7 @@ zero lie before the record.  Every function returns its signal unchanged where t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
@@ -18,6 +18,11 @@ from scipy.interpolate import CubicSpline
 
 Truth = dict[str, Any]
 """Parameters of a hidden effect by name, in s, V, um; those the library has too bear its names."""
+
+LOAD_N = 10.0  # amplitude of the load column
+AXIS_V = 40.0
+"""Reach of the other axis to both sides of its middle."""
+JUMPS, SHOCKS = 8, 25
 
 
 @dataclass(frozen=True)
@@ -41,36 +46,9 @@ class Scene:
     peak_v_s: float
 
 
-def draw(
-    name: str,
-    size: float,
-    scene: Scene,
-    seed: int,
-    strengths: Mapping[str, Callable[..., Truth]] | None = None,
-) -> Truth:
-    """The true parameters of a hidden effect.
-
-    Arguments:
-        name: name of the effect, of `strengths`.
-        size: factor on its nominal strength; 0 is nothing.
-        scene: the stage and the record.
-        seed: the same seed gives the same effect, stronger or weaker with its size.
-        strengths: what draws each effect; `STRENGTHS` if None.
-
-    Returns:
-        Its parameters.
-
-    Raises:
-        KeyError: if there is no such effect.
-
-    Example:
-        >>> scene = Scene(0.0, 100.0, 50.0, 20.0, 100.0, 400.0, 6e3)
-        >>> weak, strong = (draw("delay", size, scene, seed=1)["delay_s"] for size in (1, 2))
-        >>> strong / weak
-        2.0
-    """
-    chosen = STRENGTHS if strengths is None else strengths
-    return chosen[name](np.random.default_rng([seed, crc32(name.encode())]), size, scene)
+def draw(name: str, size: float, scene: Scene, seed: int) -> Truth:
+    """The true parameters of a hidden effect: the same seed gives it stronger or weaker by size."""
+    return STRENGTHS[name](np.random.default_rng([seed, crc32(name.encode())]), size, scene)
 
 
 def either(rng: np.random.Generator) -> float:
@@ -181,7 +159,7 @@ def _accommodation(rng, size, scene) -> Truth:
     return {"fade_per_range": rng.uniform(0.2, 0.8) * size}
 
 
-STRENGTHS: dict[str, Callable[..., Truth]] = {
+PLAIN: dict[str, Callable[..., Truth]] = {
     "input_lag": _milliseconds("tau_s"),
     "output_lag": _milliseconds("tau_s"),
     "delay": _milliseconds("delay_s"),
@@ -204,10 +182,130 @@ STRENGTHS: dict[str, Callable[..., Truth]] = {
     "gain_walk": _gain_walk,
     "accommodation": _accommodation,
 }
-LOAD_N = 10.0  # amplitude of the load column
 
 
-# Signals -------------------------------------------------------------------------------------
+# In machines: forces of velocity, gains, several modes, leakage, another axis.
+
+
+def _viscosity(rng, size, scene: Scene) -> Truth:
+    form = str(rng.choice(["viscous", "dry"]))
+    force = scene.stroke_um * rng.uniform(0.005, 0.015) * size  # um, at a fast rate
+    lag = rng.uniform(2e-3, 1e-2)
+    truth: Truth = {"form": form, "tau_s": lag if rng.uniform() < 0.5 else 0.0}
+    if form == "viscous":
+        return truth | {"viscous": force / scene.fast_v_s}
+    return truth | {"saturating": force, "speed": scene.usual_v_s * rng.uniform(0.1, 0.5)}
+
+
+def _gain(rng, size, scene: Scene) -> Truth:
+    lag = rng.uniform(0.02, 0.5)
+    return {
+        "gain": rng.uniform(0.01, 0.03) * either(rng) * size / LOAD_N,
+        "tau_s": lag if rng.uniform() < 0.5 else 0.0,
+        "column_seed": int(rng.integers(2**31)),
+    }
+
+
+def _leakage(rng, size, scene: Scene) -> Truth:
+    nominal = scene.seconds * rng.uniform(1.0, 5.0)
+    return {"tau_s": nominal / size if size else np.inf}
+
+
+def _log_rate(rng, size, scene: Scene) -> Truth:
+    return {
+        "coefficient": scene.span_v * rng.uniform(0.004, 0.012) * size,
+        "slow_speed": scene.usual_v_s / 10 ** rng.uniform(1.0, 2.5),
+    }
+
+
+def _cross(rng, size, scene: Scene) -> Truth:
+    return {
+        "gain": scene.stroke_um * rng.uniform(0.005, 0.02) * either(rng) * size / AXIS_V,
+        "f_hz": 10 ** rng.uniform(np.log10(15), np.log10(60)),
+        "zeta": 10 ** rng.uniform(-1.5, -0.7),
+        "column_seed": int(rng.integers(2**31)),
+    }
+
+
+def _modes(rng, size, scene: Scene) -> Truth:
+    nominal = 10 ** rng.uniform(np.log10(30), np.log10(100))
+    lower = nominal / np.sqrt(size) if size else np.inf
+    return {
+        "f_hz": lower,
+        "zeta": 10 ** rng.uniform(-1.7, -0.9),
+        "f_hz_2": lower * rng.uniform(1.8, 3.2),
+        "zeta_2": 10 ** rng.uniform(-1.7, -0.9),
+        "share_2": rng.uniform(0.2, 0.5),
+    }
+
+
+MACHINES: dict[str, Callable[..., Truth]] = {
+    "viscosity": _viscosity,
+    "gain": _gain,
+    "leakage": _leakage,
+    "log_rate": _log_rate,
+    "cross": _cross,
+    "modes": _modes,
+}
+
+
+# What no effect of the library is: jitter, one-way creep, a spring that stiffens, and the like.
+
+
+def _jitter(rng, size, scene: Scene) -> Truth:
+    nominal = rng.uniform(0.002, 0.008) * scene.span_v / scene.fast_v_s
+    return {"rms_s": nominal * size, "walk_seed": int(rng.integers(2**31))}
+
+
+def _wandering_hum(rng, size, scene: Scene) -> Truth:
+    return {
+        "f_hz": rng.uniform(20.0, 90.0),
+        "wander": rng.uniform(0.03, 0.1) * min(size, 1.0),
+        "amplitude_um": scene.stroke_um * rng.uniform(0.002, 0.008) * size,
+        "walk_seed": int(rng.integers(2**31)),
+    }
+
+
+def _one_way_creep(rng, size, scene: Scene) -> Truth:
+    return {"gain": rng.uniform(0.01, 0.03) * size, "tau_s": rng.uniform(0.1, 2.0), "back_s": 5e-3}
+
+
+def _resets(rng, size, scene: Scene) -> Truth:
+    jump = scene.stroke_um * rng.uniform(0.003, 0.01) * size
+    return {"jump_um": jump, "walk_seed": int(rng.integers(2**31))}
+
+
+def _shocks(rng, size, scene: Scene) -> Truth:
+    return {
+        "f_hz": rng.uniform(30.0, 150.0),
+        "zeta": rng.uniform(0.02, 0.1),
+        "amplitude_um": scene.stroke_um * rng.uniform(0.01, 0.03) * size,
+        "walk_seed": int(rng.integers(2**31)),
+    }
+
+
+def _stiffening(rng, size, scene: Scene) -> Truth:
+    nominal = 10 ** rng.uniform(np.log10(30), np.log10(80))
+    return {
+        "f_hz": nominal / np.sqrt(size) if size else np.inf,
+        "zeta": 10 ** rng.uniform(-1.5, -0.7),
+        "stiffening": rng.uniform(1.0, 3.0),  # of the spring, along the stroke
+    }
+
+
+FOREIGN: dict[str, Callable[..., Truth]] = {
+    "jitter": _jitter,
+    "wandering_hum": _wandering_hum,
+    "one_way_creep": _one_way_creep,
+    "resets": _resets,
+    "shocks": _shocks,
+    "stiffening": _stiffening,
+}
+
+STRENGTHS = PLAIN | MACHINES | FOREIGN
+
+
+# Signals
 
 
 def lag(values: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
@@ -355,3 +453,111 @@ def telegraph(t: np.ndarray, seconds: float, truth: Truth) -> np.ndarray:
     """Random steps of a sensor between two readings, in um."""
     at = np.sort(np.random.default_rng(truth["walk_seed"]).uniform(0.0, seconds, 14))
     return truth["jump_um"] * (np.searchsorted(at, t) % 2)
+
+
+def viscosity(rate: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
+    """A force that goes with the rate, or saturates in it, behind a lag, in um."""
+    late = lag(rate, truth["tau_s"], step_s)
+    if truth["form"] == "viscous":
+        return truth["viscous"] * late
+    return truth["saturating"] * np.tanh(late / truth["speed"])
+
+
+def gain(t: np.ndarray, seconds: float, truth: Truth, step_s: float) -> np.ndarray:
+    """Factor on the loop by the load."""
+    return 1 + truth["gain"] * late_force(t, seconds, truth, step_s)
+
+
+def leakage(t: np.ndarray, z: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
+    """The reading of an amplifier that was reset as the record began, and forgets since."""
+    if not np.isfinite(truth["tau_s"]):
+        return z
+    begin = int(np.searchsorted(t, 0.0))
+    forgotten = np.zeros_like(z)
+    forgotten[begin:] = lag(z[begin:], truth["tau_s"], step_s) - z[begin]
+    return z - forgotten
+
+
+def log_widening(rate: np.ndarray, truth: Truth) -> np.ndarray:
+    """By how much the thresholds lie further apart, in V."""
+    return truth["coefficient"] * np.log10(1 + np.abs(rate) / truth["slow_speed"])
+
+
+def axis(t: np.ndarray, seconds: float, seed: int) -> np.ndarray:
+    """Drive of another axis: steps of 4 ms between levels, -1 to 1, at times of its own."""
+    rng = np.random.default_rng(seed)
+    at = np.sort(rng.uniform(0.02, 0.98, 40)) * seconds
+    levels = rng.uniform(-1.0, 1.0, 41)
+    return moved_between(levels, at, t, 2e-3)
+
+
+def cross(t: np.ndarray, seconds: float, truth: Truth, step_s: float) -> np.ndarray:
+    """What another axis adds through a mode between the axes, in um."""
+    drive = AXIS_V * axis(t, seconds, truth["column_seed"])
+    return truth["gain"] * resonance(drive, truth, step_s)
+
+
+def modes(h: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
+    """Two modes beside each other, of unit gain at rest together."""
+    second = {"f_hz": truth["f_hz_2"], "zeta": truth["zeta_2"]}
+    parts = [resonance(h, one, step_s) for one in (truth, second)]
+    return (1 - truth["share_2"]) * parts[0] + truth["share_2"] * parts[1]
+
+
+def jitter(t: np.ndarray, z: np.ndarray, rows: slice, truth: Truth) -> np.ndarray:
+    """(row,) z as it is read at instants that scatter around those of the record."""
+    at = t[rows]
+    late = truth["rms_s"] * np.random.default_rng(truth["walk_seed"]).normal(size=len(at))
+    return np.interp(at + late, t, z)
+
+
+def wandering_hum(t: np.ndarray, seconds: float, truth: Truth) -> np.ndarray:
+    """A line whose frequency wanders, such as that of a fan, in um."""
+    wander = truth["wander"] * slow_walk(t, seconds, truth["walk_seed"])
+    turns = np.cumsum(truth["f_hz"] * (1 + wander)) * (t[1] - t[0])
+    return truth["amplitude_um"] * np.sin(2 * np.pi * turns)
+
+
+def one_way_creep(h: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
+    """What gives way slowly under a rising h and comes back with a falling one, in um."""
+    slow, quick = -np.expm1(-step_s / np.array([truth["tau_s"], truth["back_s"]]))
+    now, out = float(h[0]), []
+    for goal in h.tolist():
+        now += (slow if goal > now else quick) * (goal - now)
+        out.append(now)
+    return truth["gain"] * np.array(out)
+
+
+def resets(t: np.ndarray, seconds: float, truth: Truth) -> np.ndarray:
+    """A sensor that jumps now and then and stays there, in um."""
+    rng = np.random.default_rng(truth["walk_seed"])
+    at = np.sort(rng.uniform(0.05, 0.95, JUMPS)) * seconds
+    heights = truth["jump_um"] * rng.choice([-1.0, 1.0], JUMPS) * rng.uniform(0.5, 1.5, JUMPS)
+    return np.concatenate([[0.0], np.cumsum(heights)])[np.searchsorted(at, t)]
+
+
+def shocks(t: np.ndarray, seconds: float, truth: Truth) -> np.ndarray:
+    """What doors and steps make the bench ring with, at random times, in um."""
+    rng = np.random.default_rng(truth["walk_seed"])
+    w, total = 2 * np.pi * truth["f_hz"], np.zeros_like(t)
+    for begin, height in zip(
+        rng.uniform(0.0, seconds, SHOCKS), rng.normal(size=SHOCKS), strict=True
+    ):
+        since = np.clip(t - begin, 0.0, None)
+        total += height * np.exp(-truth["zeta"] * w * since) * np.sin(w * since)
+    return truth["amplitude_um"] * total
+
+
+def stiffening(h: np.ndarray, truth: Truth, stroke_um: float, step_s: float) -> np.ndarray:
+    """A mode whose spring stiffens along the stroke; of unit gain at rest."""
+    if not np.isfinite(truth["f_hz"]):
+        return h
+    w = 2 * np.pi * truth["f_hz"]
+    place, speed, out = float(h[0]), 0.0, []
+    for goal in h.tolist():
+        stiff = w * w * (1 + truth["stiffening"] * min(max(place / stroke_um, 0.0), 1.0))
+        pull = stiff * (goal - place) - 2 * truth["zeta"] * w * speed
+        speed += step_s * pull
+        place += step_s * speed
+        out.append(place)
+    return np.array(out)

@@ -15,15 +15,7 @@ from blind.world import KIN, Measurement, make_measurement
 
 
 def judge(case: Case) -> dict[str, Any]:
-    """Diagnose one case without telling what is hidden.
-
-    Arguments:
-        case: the case.
-
-    Returns:
-        What was hidden and what was said, as plain numbers and texts; with `error` set, and no
-        verdict, where anything failed.
-    """
+    """Diagnose one case without telling what is hidden."""
     made = make_measurement(
         case.effects, case.seed, case.excitation, case.seconds, case.rate_hz, case.nothing
     )
@@ -53,12 +45,7 @@ def judge(case: Case) -> dict[str, Any]:
 
 
 def is_known(name: str, library: list[str]) -> bool:
-    """Whether the library has a hidden effect.
-
-    Example:
-        >>> is_known("aux:load_N", ["aux:COL"]), is_known("backlash", ["aux:COL"])
-        (True, False)
-    """
+    """Whether the library has a hidden effect."""
     kind, colon, _ = name.partition(":")
     return (f"{kind}:COL" if colon else name) in library
 

@@ -1,19 +1,23 @@
-"""Numbers from results: rates with their intervals, and detection sizes."""
+"""The results of the benchmark, one JSON line a finished case, and the rates that they give."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
-from blind.estimates import LEVELS, Estimate, covers, estimates_of, is_present
-from blind.results import RIVALS
-
 Result = dict[str, Any]
+
+FILE = "results.jsonl"
+EXCITATIONS = ("all", "rich", "fair", "periodic", "poor")
+RIVALS = ("forward", "held_out", "correlation", "sparse")
+"""Simpler ways to name an effect, which `rivals` explains."""
 
 SEVERAL = ("pairs", "triples", "beside")
 COMBINATIONS = ("single", *SEVERAL)
@@ -32,26 +36,38 @@ leave for the effects to be visible in a record at all."""
 ROUNDING = 1e-9
 """Relative difference of two steps that is the computer's rounding."""
 
-STRICTER = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
-"""Least scores by which names are counted in the curve of risk and coverage."""
+PRESENT_SINCE = "2026-11-27T06:03"
+"""When intervals were last made longer, by what records that were finished before had shown."""
 
 STEEPEST = 12.0
 """Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
 
 
+class Estimate(NamedTuple):
+    """A parameter of a hidden effect that was named: the truth, and what was said of it."""
+
+    parameter: str
+    true: float
+    value: float
+    low: float
+    high: float
+    present: bool
+    """Whether the interval is as long as they are made now."""
+
+
+def read_results(folder: Path) -> list[Result]:
+    """The finished cases in their order; a line that was torn by a sudden end is left out."""
+    path, found = folder / FILE, []
+    for line in path.read_bytes().split(b"\n") if path.exists() else []:
+        try:
+            found.append(json.loads(line))
+        except ValueError:  # empty, or torn
+            continue
+    return found
+
+
 def rate(hits: Iterable[bool]) -> dict[str, float]:
-    """Share of hits with its 95 % interval (C. J. Clopper, E. S. Pearson, Biometrika 26 (1934)).
-
-    Arguments:
-        hits: whether each case is one.
-
-    Returns:
-        `count`, `of`, `rate`, two-sided `low` and `high`, and `bound`, the one-sided upper limit.
-
-    Example:
-        >>> round(rate([False] * 300)["bound"], 4)
-        0.0099
-    """
+    """Share of hits with its 95 % interval (C. J. Clopper, E. S. Pearson, Biometrika 26 (1934))."""
     hits = list(hits)
     count, of = sum(hits), len(hits)
     if not of:
@@ -69,17 +85,6 @@ def detection_sizes(size: Sequence[float], found: Sequence[bool]) -> dict[str, f
 
     A logistic curve in the logarithm of size, of the greatest likelihood, no steeper than
     `STEEPEST` (where all small ones are missed and all large ones found, the data ask for a step).
-
-    Arguments:
-        size: (case,) sizes, positive.
-        found: (case,) whether the effect was named.
-
-    Returns:
-        `size_50` and `size_90`; infinite where nothing is found, 0 where nothing is missed.
-
-    Example:
-        >>> round(detection_sizes([0.5, 2.0], [False, True])["size_50"], 3)
-        1.0
     """
     x, y = np.log(np.asarray(size, float)), np.asarray(found, bool)
     if y.all() or not y.any():
@@ -98,14 +103,7 @@ def detection_sizes(size: Sequence[float], found: Sequence[bool]) -> dict[str, f
 
 
 def summary_of(results: Sequence[Result]) -> dict[str, Any]:
-    """Everything that is told of some results.
-
-    Arguments:
-        results: finished cases.
-
-    Returns:
-        Numbers as JSON can hold them, see `tables.py` for what they are.
-    """
+    """Everything that is told of some results, as JSON can hold it; `tables` shows it."""
     judged = [one for one in results if not one["error"]]
     inside = [one for one in judged if one["hidden"] and one["in_library"] == one["hidden"]]
     outside = [one for one in judged if one["hidden"] and one["in_library"] != one["hidden"]]
@@ -113,16 +111,12 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     single = [one for one in inside if one["suite"] == "single"]
     limited = [one for one in single if size_at_limit(one) is not None]
     estimates = estimates_of(inside)
-    present = [each for each in estimates if each.present]
     suites = {suite: [one for one in inside if one["suite"] == suite] for suite in COMBINATIONS}
     return {
         "cases": len(results),
         "failed": len(results) - len(judged),
         "confusion": confusion(judged),
         **_by_suite(suites),
-        "latest": _by_suite(
-            {suite: list(filter(is_present, rows)) for suite, rows in suites.items()}
-        ),
         "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
         "false_alarms_by_circumstance": _by(
             nothing, circumstance, lambda rows: rate(bool(one["effects"]) for one in rows)
@@ -142,17 +136,11 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "admitted_outside": rate(
             one["verdict"] in ("unexplained", "partly_explained") for one in outside
         ),
-        "verdicts_outside": dict(Counter(one["verdict"] for one in outside)),
         "detection": _by(single, drawn, _detection),
         "limits": _by(limited, drawn, lambda rows: rate(map(limit_holds, rows))),
         "limits_hold": rate(map(limit_holds, limited)),
-        "risk_and_coverage": risk_and_coverage(judged),
         "parameters": _by_parameter(estimates),
-        "coverage": rate(map(covers, present)),
-        "coverage_before": rate(covers(each) for each in estimates if not each.present),
-        "reliability": [
-            {"level": level} | rate(covers(each, level) for each in present) for level in LEVELS
-        ],
+        "coverage": rate(covers(each) for each in estimates if each.present),
         "over_oracle": _quantiles(
             [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside],
             {"q25": 0.25, "median": 0.5, "q75": 0.75, "p95": 0.95},
@@ -236,12 +224,7 @@ def is_in_family(result: Result) -> bool:
 
 
 def short(name: str) -> str:
-    """The name of a row or column: without the column if that acts, else marked as a decoy.
-
-    Example:
-        >>> short("aux:load_N"), short("aux:temp_C"), short("creep")
-        ('aux', 'aux (decoy)', 'creep')
-    """
+    """The name of a row or column: without the column if that acts, else marked as a decoy."""
     kind, colon, column = name.partition(":")
     return f"{kind} (decoy)" if colon and column not in ACTING else kind
 
@@ -283,29 +266,6 @@ def limit_holds(result: Result) -> bool:
     return size is not None and size >= result["size"]
 
 
-def risk_and_coverage(judged: Sequence[Result]) -> list[dict[str, Any]]:
-    """Share of wrong names, and of visible hidden effects that are named, by the least score.
-
-    Arguments:
-        judged: finished cases; those hiding what the library lacks count for the names alone.
-
-    Returns:
-        A row for each of `STRICTER`, with rates `wrong` of names and `found` of effects.
-    """
-    rows = []
-    for least in STRICTER:
-        names, effects = [], []
-        for one in judged:
-            said = {
-                name for name in one["effects"] if one["evidence"][name].get("score", 0.0) >= least
-            }
-            names += [name not in one["hidden"] for name in said]
-            if one["in_library"] and one["in_library"] == one["hidden"] and is_visible(one):
-                effects += [name in said for name in one["hidden"]]
-        rows.append({"least_score": least, "wrong": rate(names), "found": rate(effects)})
-    return rows
-
-
 def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     """How often each name was given first, by what is hidden.
 
@@ -323,16 +283,35 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
     return {hidden: dict(counts) for hidden, counts in sorted(rows.items())}
 
 
+def estimates_of(results: Sequence[Result]) -> list[Estimate]:
+    """All parameters of hidden effects that were named, alone or beside others."""
+    found: list[Estimate] = []
+    for one in results:
+        present = one["finished"] >= PRESENT_SINCE
+        for effect, truth in one["truth"].items():
+            said = one["parameters"].get(effect, {})
+            for name in sorted(set(truth) & set(said)):
+                true, row = truth[name], said[name]
+                if true and np.isfinite(true):
+                    bounds = row["value"], row["low"], row["high"]
+                    found.append(Estimate(f"{short(effect)}.{name}", true, *bounds, present))
+    return found
+
+
+def covers(estimate: Estimate) -> bool:
+    """Whether the stated interval has the truth."""
+    return estimate.low <= estimate.true <= estimate.high
+
+
 def _by_parameter(estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
     """Errors of each parameter, and coverage of those whose intervals are the present ones."""
-    return _by(
-        estimates,
-        lambda each: f"{short(each.effect)}.{each.name}",
-        lambda rows: {
-            "median_relative_error": float(np.median([each.relative_error for each in rows])),
-            "coverage": rate(covers(each) for each in rows if each.present),
-        },
-    )
+
+    def of(rows: Sequence[Estimate]) -> dict[str, Any]:
+        errors = [abs(each.value - each.true) / abs(each.true) for each in rows]
+        held = rate(covers(each) for each in rows if each.present)
+        return {"median_relative_error": float(np.median(errors)), "coverage": held}
+
+    return _by(estimates, lambda each: each.parameter, of)
 
 
 def _detection(rows: Sequence[Result]) -> dict[str, Any]:
@@ -359,3 +338,16 @@ def _quantiles(values: Sequence[float], wanted: dict[str, float]) -> dict[str, f
         name: float(np.quantile(values, p)) if values else np.nan for name, p in wanted.items()
     }
     return {"cases": len(values)} | found
+
+
+def content_of(results: Sequence[Result]) -> dict[str, Any]:
+    """The library, commits and versions of a run, and `summary_of` by excitation."""
+    parts = {"all": list(results)} | {
+        kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
+    }
+    return {
+        "library": sorted({name for one in results for name in one["library"]}),
+        "commits": sorted({one["commit"] for one in results}),
+        "versions": results[-1]["versions"],
+        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
+    }

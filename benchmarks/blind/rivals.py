@@ -19,7 +19,7 @@ import numpy as np
 from scipy import signal
 
 import preisach_jax as pj
-from blind.results import RIVALS
+from blind.rates import RIVALS
 
 TERMS = 2  # of an effect, for the ordinary criterion
 LEAST_TERM = 0.1  # of a sparse regression, in parts of the residual
@@ -27,15 +27,7 @@ SLOW = 0.05  # part of the record over which the sign of creep forgets
 
 
 def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None]:
-    """The effect that each simpler way names first, None where it names nothing.
-
-    Arguments:
-        found: a diagnosis with its candidates.
-        library: names of the effects that there are.
-
-    Returns:
-        Names by rival.
-    """
+    """The effect that each simpler way names first, None where it names nothing."""
     first = [trial for trial in found.candidates if trial.step == 0 and "score" in trial.evidence]
     gain = {trial.effect: trial.gain for trial in first}
     rows = np.count_nonzero(found.base.record.measured)
@@ -93,14 +85,7 @@ def _sparse(signs: dict[str, np.ndarray], residual: np.ndarray) -> dict[str, flo
 
 
 def simple_signs(record: pj.Record) -> dict[str, np.ndarray]:
-    """(time,) what a residual looks like at first order, by the effect that it would betray.
-
-    Arguments:
-        record: the measurement.
-
-    Returns:
-        Columns without a scale.
-    """
+    """(time,) what a residual looks like at first order, by the effect that it would betray."""
     t, u = record.time, record.input
     z = np.where(record.measured, record.output, np.mean(record.output[record.measured]))
     centred = z - z.mean()

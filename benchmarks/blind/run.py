@@ -12,6 +12,7 @@ and pictures (`tables.py`) of all that is there.
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
 import signal
@@ -23,27 +24,17 @@ from concurrent.futures.process import BrokenProcessPool
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from blind.cases import REPEATS, SEEDS, SIZES, Choice, make_cases
-from blind.results import ResultsFile, read_results
+from blind.cases import REPEATS, SEEDS, SIZES, Case, Choice, make_cases
+from blind.rates import FILE, Result, read_results
 from blind.tables import write_tables
 
-
-class Identified(Protocol):
-    """What is judged: a case of any benchmark."""
-
-    @property
-    def id(self) -> str:
-        """What tells it from the others."""
-        ...
-
-
-Judge = Callable[[Any], dict[str, Any]]
+Judge = Callable[[Case], Result]
 
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -57,35 +48,24 @@ CASES_A_WORKER = 40
 """Cases a worker after which all are replaced, so that what they compiled does not pile up."""
 
 
-def run_cases(cases: Sequence[Identified], folder: Path, workers: int, judge: Judge) -> int:
-    """Judge the cases that have no result yet, and append each result as it comes.
-
-    Arguments:
-        cases: the cases.
-        folder: where `results.jsonl` lies, or will lie.
-        workers: worker processes; 0 works in this process.
-        judge: what makes a result of a case; a function of a module if there are workers.
-
-    Returns:
-        How many cases were judged.
-
-    Raises:
-        BrokenProcessPool: if a worker was killed; what was finished is kept.
-    """
+def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
+    """Judge the cases that have no result yet, and append each result to the file as it comes."""
     done = {result["id"] for result in read_results(folder)}
     left = [case for case in cases if case.id not in done]
     conditions = _conditions()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with ResultsFile(folder) as file, Progress(*columns, TimeRemainingColumn()) as progress:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / FILE).open("a") as file, Progress(*columns, TimeRemainingColumn()) as progress:
+        file.write("\n")  # the last line may be torn
         task = progress.add_task("judging", total=len(cases), completed=len(cases) - len(left))
         for result in _judged(left, workers, judge):
             now = datetime.now(UTC).isoformat(timespec="seconds")
-            file.append(result | conditions | {"finished": now})
+            file.write(json.dumps(result | conditions | {"finished": now}) + "\n")
+            file.flush()
             progress.update(task, advance=1, description=result["id"])
-    return len(left)
 
 
-def run_or_stop(cases: Sequence[Identified], folder: Path, workers: int, judge: Judge) -> None:
+def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
     """The same for a command: leaves with a word on how to go on if it is interrupted."""
     # Else the workers would outlive this process.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -97,7 +77,7 @@ def run_or_stop(cases: Sequence[Identified], folder: Path, workers: int, judge: 
         sys.exit("a worker was killed (too little memory?); the same command goes on")
 
 
-def _judged(cases: Sequence[Identified], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
+def _judged(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
     if workers == 0:
         yield from map(judge, cases)
         return
@@ -107,9 +87,7 @@ def _judged(cases: Sequence[Identified], workers: int, judge: Judge) -> Iterator
         yield from _by_new_workers(cases[begin : begin + size], workers, judge)
 
 
-def _by_new_workers(
-    cases: Sequence[Identified], workers: int, judge: Judge
-) -> Iterator[dict[str, Any]]:
+def _by_new_workers(cases: Sequence[Case], workers: int, judge: Judge) -> Iterator[dict[str, Any]]:
     with ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),

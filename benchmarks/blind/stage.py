@@ -87,18 +87,7 @@ class Stage:
     def response(
         self, x: np.ndarray, shift: np.ndarray | None = None, fade: np.ndarray | None = None
     ) -> np.ndarray:
-        """(time,) output in um along a path that begins at the lower end of the full loop.
-
-        Arguments:
-            x: (time,) input.
-            shift: (time,) by how much the thresholds lie further apart.
-            fade: (time,) share by which each play goes to the middle of its curves.
-
-        Example:
-            >>> stage = make_stage(1)
-            >>> bool(abs(np.ptp(stage.response(np.linspace(0, 1, 99))) / stage.stroke_um - 1) < 0.3)
-            True
-        """
+        """(time,) output in um along a path that begins at the lower end of the full loop."""
         shift = np.zeros_like(x) if shift is None else shift
         state = self.plays.curves(x[:1], shift[:1])[1][0]
         out = np.empty_like(x)
@@ -134,20 +123,7 @@ class Stage:
 
 
 def make_stage(seed: int, density: str = "smooth") -> Stage:
-    """A stage with 10-120 um stroke and a full loop 5-20 % wide.
-
-    Arguments:
-        seed: of everything random in it.
-        density: `"smooth"`, `"ridges"` (few narrow groups of plays with sharp bends) or `"relays"`
-            (some dozens, which jump).
-
-    Returns:
-        The stage.
-
-    Example:
-        >>> 0.05 <= make_stage(1).width <= 0.2
-        True
-    """
+    """A stage with 10-120 um stroke and a full loop 5-20 % wide."""
     rng = np.random.default_rng([seed, 2])
     plays, weight = _relays(rng) if density == "relays" else _plays(rng, density == "ridges")
     bow = rng.uniform(-0.2, 0.3)

@@ -1,115 +1,41 @@
 """Tables and pictures of the blind benchmark: `python benchmarks/blind/tables.py OUT`.
 
-Writes OUT/summary.json (all numbers, for each excitation and for all), OUT/tables.md, and PNG
-pictures: the confusion matrix, the detection curves, the false alarms of four ways to name.
+Prints the tables of the results in OUT, and draws there the confusion matrix and the detection
+curves.
 """
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.pictures import (
-    draw_confusion,
-    draw_detection,
-    draw_false_alarms,
-    draw_reliability,
-    draw_risk,
-)
-from blind.rates import COMBINATIONS, WAYS, summary_of
-from blind.results import read_results
+import numpy as np
 
-EXCITATIONS = ("all", "rich", "fair", "periodic", "poor")
+from blind.pictures import draw_confusion, draw_detection
+from blind.rates import COMBINATIONS, EXCITATIONS, WAYS, content_of, read_results
+
 Summary = Mapping[str, Any]
 
 
-def write_tables(folder: Path) -> dict[str, Any]:
-    """Write summary, tables and pictures of the results in a folder.
-
-    Arguments:
-        folder: where `results.jsonl` lies.
-
-    Returns:
-        The content of `summary.json`.
-
-    Raises:
-        SystemExit: if there is no result.
-    """
+def write_tables(folder: Path) -> None:
+    """Print the tables of the results in a folder, and draw their pictures."""
     results = read_results(folder)
     if not results:
         sys.exit(f"there is no result in {folder}")
     content = content_of(results)
-    text = json.dumps(content, indent=1, default=float)
-    (folder / "summary.json").write_text(text + "\n")
-    (folder / "tables.md").write_text(as_markdown(content))
-    for kind, summary in content["excitation"].items():
-        if summary["confusion"]:
-            draw_confusion(summary["confusion"], kind, folder / f"confusion_{kind}.png")
+    print(tables_of(content))
+    draw_confusion(content["excitation"]["all"]["confusion"], folder / "confusion_all.png")
     detected = content["excitation"]["all"]["detection"].values()
     if any(len(row["by_size"]) > 1 for row in detected):
         draw_detection(content["excitation"], folder / "detection.png")
-    if content["excitation"]["all"]["false_alarms"]["diagnose"]["of"]:
-        draw_false_alarms(content["excitation"], folder / "false_alarms.png")
-    if content["excitation"]["all"]["detection"]:
-        draw_risk(content["excitation"], folder / "risk.png")
-    if content["excitation"]["all"]["coverage"]["of"]:
-        draw_reliability(content["excitation"]["all"]["reliability"], folder / "reliability.png")
-    return content
-
-
-def content_of(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The content of `summary.json`.
-
-    Arguments:
-        results: finished cases, one at least.
-
-    Returns:
-        The library, commits and versions of the run, and numbers by excitation.
-    """
-    parts = {"all": list(results)} | {
-        kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
-    }
-    return {
-        "library": sorted({name for one in results for name in one["library"]}),
-        "commits": sorted({one["commit"] for one in results}),
-        "versions": results[-1]["versions"],
-        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
-    }
-
-
-def as_markdown(content: Summary) -> str:
-    """The tables for people, below what was run.
-
-    Arguments:
-        content: that of `summary.json`.
-
-    Returns:
-        Markdown.
-    """
-    commits = ", ".join(commit[:10] for commit in content["commits"])
-    head = (
-        f"# Blind benchmark\n\nCommit {commits}; library: {', '.join(content['library'])}.  "
-        "Brackets: 95 % intervals (Clopper and Pearson).\n\n"
-    )
-    return head + tables_of(content)
 
 
 def tables_of(content: Summary) -> str:
-    """The tables alone.
-
-    Arguments:
-        content: that of `summary.json`.
-
-    Returns:
-        Markdown.
-    """
+    """The tables of `content_of`, in Markdown."""
     parts: Summary = content["excitation"]
     kinds = [kind for kind in EXCITATIONS if kind in parts]
     lines = _table("", kinds, _overall(), parts)
@@ -141,10 +67,6 @@ def _overall() -> Rows:
             rows[f"{suite}: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
                 part[key][suite]
             )
-        for said, key in judged.items():
-            rows[f"{suite}, drawn last: {said}"] = lambda part, suite=suite, key=key: _rate_cell(
-                part["latest"][key][suite]
-            )
     rows["nothing hidden, said to be adequate"] = lambda part: _rate_cell(part["adequate"])
     for way in WAYS:
         rows[f"nothing hidden, something named: {way}"] = lambda part, way=way: _rate_cell(
@@ -159,7 +81,6 @@ def _overall() -> Rows:
             part["admitted_outside"]
         ),
         "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
-        "the same before they were made longer": lambda part: _rate_cell(part["coverage_before"]),
         "outside the library: a name": lambda part: _rate_cell(part["wrong_name_outside"]),
         "outside the library: a name of no kin": lambda part: _rate_cell(
             part["not_even_kin_outside"]

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from blind import foreign, hidden, machines
+from blind import hidden
 from blind.excitation import HISTORY_S, Drive, make_drive
-from blind.hidden import LOAD_N, Scene, Truth
+from blind.hidden import FOREIGN, LOAD_N, MACHINES, Scene, Truth
 from blind.stage import Stage, make_stage
 
 EFFECTS = (
@@ -36,9 +36,9 @@ EFFECTS = (
     "input_quantisation",
     "output_quantisation",
     "accommodation",
-    *machines.STRENGTHS,
+    *MACHINES,
 )
-OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", *foreign.STRENGTHS)
+OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", *FOREIGN)
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
 LOAD, AXIS, DECOYS = "load_N", "y_V", ("temp_C", "pressure_kPa")
 KNOWN_AS = {  # in the library
@@ -54,7 +54,6 @@ KIN = {  # names of the library that say the same in its words, though not by th
     "one_way_creep": ("creep", "operator_creep"),
     "stiffening": ("resonance",),
 }
-STRENGTHS = hidden.STRENGTHS | machines.STRENGTHS | foreign.STRENGTHS
 LEAST_RATE_HZ = 6000.0  # of the fine raster
 
 
@@ -111,36 +110,14 @@ def make_measurement(
     rate_hz: float = 1350.0,
     nothing: str = "plain",
 ) -> Measurement:
-    """One record with hidden effects.
-
-    Arguments:
-        effects: sizes of the hidden effects (of `EFFECTS` and `OUTSIDE`) by name; 1 is nominal.
-        seed: of everything random; the same seed is the same stage, whatever is hidden.
-        excitation: `"poor"`, `"periodic"`, `"fair"` or `"rich"`.
-        seconds, rate_hz: length and sampling rate of the record.
-        nothing: what may be mistaken for an effect, one of `NOTHING`.
-
-    Returns:
-        The measurement.
-
-    Raises:
-        ValueError: if a name is not known.
-
-    Example:
-        >>> made = make_measurement({"delay": 1.0}, seed=1, seconds=2.0)
-        >>> len(made.time), list(made.truth)
-        (2700, ['delay'])
-    """
+    """One record with hidden effects."""
     if unknown := set(effects) - {*EFFECTS, *OUTSIDE}:
         raise ValueError(f"no effect {', '.join(sorted(unknown))}")
     if nothing not in NOTHING:
         raise ValueError(f"no circumstance {nothing!r}: one of {', '.join(NOTHING)}")
     density = nothing if nothing in ("ridges", "relays") else "smooth"
     setting = _setting(seed, excitation, seconds, rate_hz, density)
-    truth = {
-        name: hidden.draw(name, size, setting.scene, seed, STRENGTHS)
-        for name, size in effects.items()
-    }
+    truth = {name: hidden.draw(name, size, setting.scene, seed) for name, size in effects.items()}
     clean = _clean(setting, truth)
     bare = _clean(setting, {}) if truth else clean
     time = np.arange(len(clean)) / rate_hz
@@ -183,7 +160,7 @@ def _clean(setting: Setting, truth: Mapping[str, Truth]) -> np.ndarray:
     u = _driven(setting, truth)
     z = _added(setting, truth, _moved(setting, truth, u))
     if "jitter" in truth:
-        return foreign.jitter(setting.t, z, setting.rows, truth["jitter"])
+        return hidden.jitter(setting.t, z, setting.rows, truth["jitter"])
     return z[setting.rows]
 
 
@@ -216,11 +193,11 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         walk = truth["gain_walk"]
         h = h * (1 + walk["rms"] * hidden.slow_walk(setting.t, scene.seconds, walk["walk_seed"]))
     if "gain" in truth:
-        h = h * machines.gain(setting.t, scene.seconds, truth["gain"], step)
+        h = h * hidden.gain(setting.t, scene.seconds, truth["gain"], step)
     if "creep" in truth:
         h = hidden.creep(h, truth["creep"], step)
     if "one_way_creep" in truth:
-        h = h + foreign.one_way_creep(h, truth["one_way_creep"], step)
+        h = h + hidden.one_way_creep(h, truth["one_way_creep"], step)
     if "stick_slip" in truth:
         h = hidden.stick_slip(h, truth["stick_slip"])
     if "backlash" in truth:
@@ -228,11 +205,11 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
     if "friction" in truth:
         h = h + hidden.friction(rate, truth["friction"], step)
     if "viscosity" in truth:
-        h = h + machines.viscosity(rate, truth["viscosity"], step)
+        h = h + hidden.viscosity(rate, truth["viscosity"], step)
     if "modes" in truth:
-        h = machines.modes(h, truth["modes"], step)
+        h = hidden.modes(h, truth["modes"], step)
     if "stiffening" in truth:
-        h = foreign.stiffening(h, truth["stiffening"], setting.stage.stroke_um, step)
+        h = hidden.stiffening(h, truth["stiffening"], setting.stage.stroke_um, step)
     return hidden.resonance(h, truth["resonance"], step) if "resonance" in truth else h
 
 
@@ -243,7 +220,7 @@ def _widened(truth: Mapping[str, Truth], rate: np.ndarray, span_v: float) -> np.
         law = truth["rate_dependence"]
         shifts.append(law["widening_v"] * (np.abs(rate) / law["at_v_s"]) ** law["exponent"])
     if "log_rate" in truth:
-        shifts.append(machines.log_widening(rate, truth["log_rate"]))
+        shifts.append(hidden.log_widening(rate, truth["log_rate"]))
     return np.sum(shifts, axis=0) / span_v if shifts else None
 
 
@@ -254,21 +231,21 @@ def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.nd
         force = hidden.late_force(t, seconds, truth["aux"], setting.step_s)
         z = z + truth["aux"]["gain"] * force
     if "cross" in truth:
-        z = z + machines.cross(t, seconds, truth["cross"], setting.step_s)
+        z = z + hidden.cross(t, seconds, truth["cross"], setting.step_s)
     if "output_nonlinearity" in truth:
         z = hidden.distorted(z, setting.stage.stroke_um, truth["output_nonlinearity"])
     if "output_lag" in truth:
         z = hidden.lag(z, truth["output_lag"]["tau_s"], setting.step_s)
     if "leakage" in truth:
-        z = machines.leakage(t, z, truth["leakage"], setting.step_s)
+        z = hidden.leakage(t, z, truth["leakage"], setting.step_s)
     if "drift" in truth:
         z = z + hidden.drift(t, seconds, truth["drift"])
     if "telegraph" in truth:
         z = z + hidden.telegraph(t, seconds, truth["telegraph"])
     for name, added in (
-        ("resets", foreign.resets),
-        ("shocks", foreign.shocks),
-        ("wandering_hum", foreign.wandering_hum),
+        ("resets", hidden.resets),
+        ("shocks", hidden.shocks),
+        ("wandering_hum", hidden.wandering_hum),
     ):
         if name in truth:
             z = z + added(t, seconds, truth[name])
@@ -287,8 +264,8 @@ def _columns(
         if name in truth:
             columns[LOAD] = 15 + LOAD_N * hidden.load(time, seconds, truth[name]["column_seed"])
     if "cross" in truth:
-        drive = machines.axis(time, seconds, truth["cross"]["column_seed"])
-        columns[AXIS] = 50 + machines.AXIS_V * drive
+        drive = hidden.axis(time, seconds, truth["cross"]["column_seed"])
+        columns[AXIS] = 50 + hidden.AXIS_V * drive
     if decoys is not None:
         slow, quick = decoys.integers(2**31, size=2)
         columns[DECOYS[0]] = 20 + 3 * hidden.slow_walk(time, seconds, int(slow))

@@ -25,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from conditions import RESULTS, write_results
+from common import RESULTS, write_results
 
 import preisach_jax as pj
 from measured.baselines import BASELINES
@@ -80,11 +80,7 @@ class Expectation:
 
 
 def expectations(path: Path = EXPECTATIONS) -> list[Expectation]:
-    """Those of a file.
-
-    Raises:
-        InputError: if the file names an effect or a verdict that does not exist.
-    """
+    """Those of a file."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
     found = []
     for record in content["record"]:

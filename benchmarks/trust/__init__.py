@@ -1,1 +1,0 @@
-"""Campaigns that try to break the package, each with its results in benchmarks/results/trust."""

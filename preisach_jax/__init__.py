@@ -7,10 +7,13 @@ without the seconds that JAX takes.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from preisach_jax.hooks import HOOKS
 
 if TYPE_CHECKING:
     from preisach_jax.compensation import (
@@ -160,6 +163,33 @@ _HOMES = {
     "sweep": "paper.sweep",
 }
 """The module that defines each name, within this package."""
+
+_SHOWN_BY = {
+    "Record._repr_html_": "present.record.as_html",
+    "Model._repr_html_": "present.model.as_html",
+    "Model.to_control": "export.control.to_control",
+    "Fit._repr_html_": "present.fit.as_html",
+    "Fit.summary": "present.fit.as_text",
+    "Fit.plot": "plot.courses.overview",
+    "Diagnosis._repr_html_": "present.diagnosis.as_html",
+    "Diagnosis.summary": "present.diagnosis.as_text",
+    "Exploration._repr_html_": "present.diagnosis.step_as_html",
+    "Look.plot": "plot.look.first_look",
+    "Loop.plot": "plot.compensation.draw_loop",
+}
+"""The function above that does the work of a result's method, within this package."""
+
+
+def _loaded_when_called(place: str) -> Callable[..., Any]:
+    module, _, name = place.rpartition(".")
+
+    def call(*given: Any) -> Any:
+        return getattr(import_module(f"{__name__}.{module}"), name)(*given)
+
+    return call
+
+
+HOOKS.update({method: _loaded_when_called(place) for method, place in _SHOWN_BY.items()})
 
 _OTHER_NAMES = {"effects": "library"}
 """Names that are others in their module."""

@@ -21,6 +21,7 @@ from preisach_jax.compensation.search import Limits
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
+from preisach_jax.hooks import HOOKS
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
@@ -59,9 +60,7 @@ class Loop:
 
     def plot(self) -> Any:
         """Figure of the errors over time and of their RMS as a waterfall."""
-        from preisach_jax.plot.compensation import draw_loop
-
-        return draw_loop(self)
+        return HOOKS["Loop.plot"](self)
 
 
 class ProportionalIntegral:

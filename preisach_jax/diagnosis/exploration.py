@@ -47,6 +47,7 @@ from preisach_jax.fit import (
     with_effect,
     with_signs,
 )
+from preisach_jax.hooks import HOOKS
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
@@ -72,9 +73,7 @@ class Exploration:
         return f"<Exploration of {self.record.name}: {fit.name}, {fit.rms_validation:.4g} RMS>"
 
     def _repr_html_(self) -> str:
-        from preisach_jax.present.diagnosis import step_as_html
-
-        return step_as_html(self)
+        return HOOKS["Exploration._repr_html_"](self)
 
     @staticmethod
     def of(found: Diagnosis, effects: Iterable[str | Effect] | None = None) -> Exploration:

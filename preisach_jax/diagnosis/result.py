@@ -14,6 +14,7 @@ from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.diagnosis.memoryless import LITTLE, Memoryless, sufficient
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.fit import Fit
+from preisach_jax.hooks import HOOKS
 from preisach_jax.model import Model, ParameterEstimate
 from preisach_jax.quantity import quantity
 
@@ -213,9 +214,7 @@ class Diagnosis:
         return f"<Diagnosis of {self.base.record.name}: {verdict}; held-out error {errors} RMS>"
 
     def _repr_html_(self) -> str:
-        from preisach_jax.present.diagnosis import as_html
-
-        return as_html(self)
+        return HOOKS["Diagnosis._repr_html_"](self)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -283,6 +282,4 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict and the ladder as text."""
-        from preisach_jax.present.diagnosis import as_text
-
-        return as_text(self)
+        return HOOKS["Diagnosis.summary"](self)

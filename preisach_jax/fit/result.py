@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from preisach_jax.fit.training import Training
+from preisach_jax.hooks import HOOKS
 from preisach_jax.identify import Point
 from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Prediction
@@ -66,14 +67,10 @@ class Fit:
     added: tuple[Added, ...] = ()
 
     def __repr__(self) -> str:
-        from preisach_jax.present.model import model_line
-
-        return f"<Fit of {self.record.name}: {model_line(self.model)}>"
+        return f"<Fit of {self.record.name}: {self.model.line}>"
 
     def _repr_html_(self) -> str:
-        from preisach_jax.present.fit import as_html
-
-        return as_html(self)
+        return HOOKS["Fit._repr_html_"](self)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -136,15 +133,11 @@ class Fit:
 
     def summary(self) -> str:
         """Errors and parameters as text."""
-        from preisach_jax.present.fit import as_text
-
-        return as_text(self)
+        return HOOKS["Fit.summary"](self)
 
     def plot(self) -> Figure:
         """Measured against model, and the residual, as a matplotlib figure."""
-        from preisach_jax.plot import overview
-
-        return overview(self)
+        return HOOKS["Fit.plot"](self)
 
     def predict(self, record: Record) -> Prediction:
         """Predict the output of a record; see `Model.predict`."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from preisach_jax.hooks import HOOKS
 from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView
 from preisach_jax.look.prospects import Excitation, Prospect, rate_text
@@ -71,9 +72,7 @@ class Look:
         Returns:
             A `matplotlib.figure.Figure`.
         """
-        from preisach_jax.plot.look import first_look
-
-        return first_look(self)
+        return HOOKS["Look.plot"](self)
 
     def to_json(self) -> dict[str, Any]:
         """The content of `--json`."""

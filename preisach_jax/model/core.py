@@ -26,6 +26,7 @@ from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
 from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes, write_files
+from preisach_jax.hooks import HOOKS
 from preisach_jax.model.band import Band, Course
 from preisach_jax.model.estimates import ParameterEstimate, Prediction
 from preisach_jax.model.mechanical import check_not_inside, moved
@@ -36,6 +37,7 @@ from preisach_jax.model.unforeseen import unforeseen
 from preisach_jax.model.weights import exactly_summable
 from preisach_jax.operator.hysteron import position_on
 from preisach_jax.operator.plane import Plane
+from preisach_jax.quantity import quantity
 from preisach_jax.record import AS_FITTED, Record
 
 if TYPE_CHECKING:
@@ -74,15 +76,17 @@ class Model:
     discretisation: float | None = None
     band: Band | None = None
 
-    def __repr__(self) -> str:
-        from preisach_jax.present.model import model_line
+    @property
+    def line(self) -> str:
+        """Effects, levels and error in one line."""
+        error = quantity(self.rms_validation, self.units.get("output", ""), 3)
+        return f"{self.name}, {self.chain.size_text}, held-out error {error} RMS"
 
-        return f"<Model {model_line(self)}>"
+    def __repr__(self) -> str:
+        return f"<Model {self.line}>"
 
     def _repr_html_(self) -> str:
-        from preisach_jax.present.model import as_html
-
-        return as_html(self)
+        return HOOKS["Model._repr_html_"](self)
 
     @property
     def plane(self) -> Plane:
@@ -373,9 +377,7 @@ class Model:
             >>> model.to_control(rate_hz=1000.0).dt  # doctest: +SKIP
             0.001
         """
-        from preisach_jax.export.control import to_control
-
-        return to_control(self, rate_hz, without, name)
+        return HOOKS["Model.to_control"](self, rate_hz, without, name)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON; an older file stays whole until the new one is.

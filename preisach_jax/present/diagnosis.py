@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from preisach_jax.present import html
 from preisach_jax.present.fit import error_rows, error_table, run_lines, run_table
 from preisach_jax.present.loss import loss_lines, loss_table
-from preisach_jax.present.model import chain_table, model_line, parameter_rows
+from preisach_jax.present.model import chain_table, parameter_rows
 from preisach_jax.quantity import quantity
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def as_html(found: Diagnosis) -> str:
 def step_as_html(step: Exploration) -> str:
     """The errors of all steps by hand, and the parts of the last one, for notebooks."""
     return html.block(
-        html.heading(f"{step.record.name}: {model_line(step.fit.model)}"),
+        html.heading(f"{step.record.name}: {step.fit.model.line}"),
         html.table(*error_table(step.ladder, step.record), numbers_from=1),
         chain_table(step.fit.model),
     )

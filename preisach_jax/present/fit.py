@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from preisach_jax.present import html
 from preisach_jax.present.loss import loss_lines, loss_table
-from preisach_jax.present.model import chain_table, model_line
+from preisach_jax.present.model import chain_table
 from preisach_jax.quantity import number, scaled
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def training_lines(training: Training | None, unit: str) -> list[str]:
 def as_html(fit: Fit) -> str:
     """Errors with units, parameters with their intervals and the plane, for notebooks."""
     return html.block(
-        html.heading(f"{fit.record.name}: {model_line(fit.model)}"),
+        html.heading(f"{fit.record.name}: {fit.model.line}"),
         html.table(*error_table((fit,), fit.record), numbers_from=1),
         *(html.sentence(f"Warning: {sentence}.") for sentence in fit.rises),
         html.table(*run_table(fit.by_record, fit.record), numbers_from=1),

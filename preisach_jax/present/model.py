@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from preisach_jax.present import html
-from preisach_jax.quantity import interval, number, quantity, scaled
+from preisach_jax.quantity import interval, number, scaled
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model, ParameterEstimate
@@ -32,12 +32,6 @@ def model_rows(model: Model) -> list[tuple[str, str]]:
         ("effects", ", ".join(effect.name for effect in model.effects) or "none"),
         ("identified on", f"{model.origin.record}, {model.origin.rows:,} rows"),
     ]
-
-
-def model_line(model: Model) -> str:
-    """A model in one line: its effects, its levels, its error."""
-    error = quantity(model.rms_validation, model.units.get("output", ""), 3)
-    return f"{model.name}, {model.chain.size_text}, held-out error {error} RMS"
 
 
 MOST_SHOWN = 8
@@ -80,7 +74,7 @@ def chain_table(model: Model) -> str:
 def as_html(model: Model) -> str:
     """Line, chain and record of a model, for notebooks."""
     return html.block(
-        html.heading(model_line(model)),
+        html.heading(model.line),
         chain_table(model),
         html.sentence(f"Identified on {model.origin.record}, {model.origin.rows:,} rows."),
     )

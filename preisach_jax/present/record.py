@@ -13,14 +13,6 @@ if TYPE_CHECKING:
     from preisach_jax.record import Record
 
 
-def record_line(record: Record) -> str:
-    """A record in one line: name, rows, duration."""
-    if record.runs:
-        longest = quantity(record.duration_s, "s")
-        return f"{record.name}: {len(record):,} rows of {len(record.runs)} records, up to {longest}"
-    return f"{record.name}: {len(record):,} rows, {quantity(record.duration_s, 's')}"
-
-
 def record_lines(record: Record, notes: Iterable[str]) -> list[str]:
     """What was read in a line, then what was guessed about it and what is missing."""
     from preisach_jax.record.blemishes import holes
@@ -29,7 +21,7 @@ def record_lines(record: Record, notes: Iterable[str]) -> list[str]:
     for role, channel in record.channels.items():
         name = channel.name if role == channel.name else f"{role} {channel.name}"
         parts.append(f"{name} ({pretty_unit(channel.unit) or 'no unit'})")
-    return [f"{record_line(record)}; {', '.join(parts)}", *notes, *holes(record)]
+    return [f"{record.line}; {', '.join(parts)}", *notes, *holes(record)]
 
 
 def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
@@ -90,7 +82,7 @@ def as_html(record: Record) -> str:
     from preisach_jax.record.blemishes import holes
 
     return html.block(
-        html.heading(record_line(record)),
+        html.heading(record.line),
         html.table(("", "column", "unit", "from", "to"), column_rows(record), numbers_from=3),
         html.table((), span_rows(record)),
         *map(html.sentence, holes(record)),

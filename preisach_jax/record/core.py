@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from preisach_jax.errors import InputError, require_no_record
+from preisach_jax.hooks import HOOKS
+from preisach_jax.quantity import quantity
 from preisach_jax.record import exchange
 from preisach_jax.record.channels import (
     Channel,
@@ -321,15 +323,20 @@ class Record(Samples):
             time_values=vectors["time"],
         )
 
-    def __repr__(self) -> str:
-        from preisach_jax.present.record import record_line
+    @property
+    def line(self) -> str:
+        """Name, rows and duration in one line."""
+        duration = quantity(self.duration_s, "s")
+        if self.runs:
+            of_several = f"{len(self):,} rows of {len(self.runs)} records"
+            return f"{self.name}: {of_several}, up to {duration}"
+        return f"{self.name}: {len(self):,} rows, {duration}"
 
-        return f"<Record {record_line(self)}>"
+    def __repr__(self) -> str:
+        return f"<Record {self.line}>"
 
     def _repr_html_(self) -> str:
-        from preisach_jax.present.record import as_html
-
-        return as_html(self)
+        return HOOKS["Record._repr_html_"](self)
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time in s, input and output, in their units.

@@ -24,7 +24,7 @@ import numpy as np
 from common import REPEATS, measured, one_core, write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.blocks import switching
+from preisach_jax.operator.events import switching
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.plant import RANGE_V

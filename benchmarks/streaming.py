@@ -18,7 +18,7 @@ from common import latency, one_core, write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.plant import RANGE_V
 from preisach_jax.signals import bernoulli_ramp

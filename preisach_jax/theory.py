@@ -15,7 +15,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.blocks import switching
+from preisach_jax.operator.events import switching
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 

@@ -19,7 +19,7 @@ from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.files import plain_json
 from preisach_jax.model import Origin, ParameterEstimate
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 
 SAMPLES = 40
 """Samples of every history, so that what is compiled for one serves all."""

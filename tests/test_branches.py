@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from preisach_jax.operator.branches import branch_starts, weight_between
 from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.simulation import simulate
+from preisach_jax.operator.simulation import branch_starts, simulate, weight_between
 from preisach_jax.operator.states import hysteron_states
 
 SAMPLES = 100

@@ -13,8 +13,8 @@ from oracles import PLANE, SAMPLES
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.operator.blocks import switching
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.events import switching
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.moves import ramp_moves
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate

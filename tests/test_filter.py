@@ -15,7 +15,7 @@ from preisach_jax.errors import InputError, PrecisionWarning
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.least_squares import RecursiveLeastSquares
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds
 

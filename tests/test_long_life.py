@@ -16,7 +16,7 @@ import preisach_jax as pj
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 
 OPTIONS: dict[str, dict[str, Any]] = {

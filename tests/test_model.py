@@ -23,9 +23,7 @@ from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
-from preisach_jax.model.band import Band, Course, Others
-from preisach_jax.model.spread import spread_of
-from preisach_jax.model.unforeseen import unforeseen
+from preisach_jax.model.band import Band, InputMotion, Others, spread_of, unforeseen
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.course import time_since_reversal
@@ -366,7 +364,7 @@ NO_OTHERS = Others(0, *np.zeros((4, 0, 1)))
 def test_half_widths_are_conformal_quantiles_of_the_slices():
     """Against slices that are formed row by row, of residuals that no part of the law explains."""
     record = wandering(40000)
-    course = Course.of(record)
+    course = InputMotion.of(record)
     rng = np.random.default_rng(3)
     residual = rng.normal(size=40000)
     residual[np.abs(course.speed - np.median(course.speed)) < 3] *= 3
@@ -375,7 +373,6 @@ def test_half_widths_are_conformal_quantiles_of_the_slices():
     speed = np.abs(np.gradient(record.input, record.time))
     since = time_since_reversal(record.time, record.input)
     np.testing.assert_array_equal(course.since, since)
-    assert band.law is not None
     deviation = band.law.deviation(course, spread)
     half = band.along(course, spread)
     for i in range(3):
@@ -392,7 +389,7 @@ def test_half_widths_are_conformal_quantiles_of_the_slices():
 def test_the_law_finds_what_the_variance_goes_with():
     """Residuals drawn with a known variance, and new ones of it held in each part alone."""
     record = wandering(20000)
-    course = Course.of(record)
+    course = InputMotion.of(record)
     rng = np.random.default_rng(4)
     spread = np.abs(rng.normal(size=(20000, 2))) * [0.5, 2.0]
     usual = np.sqrt(np.mean(course.speed**2))
@@ -400,7 +397,6 @@ def test_the_law_finds_what_the_variance_goes_with():
     true += 3.0 * spread[:, 1] ** 2
     residual = rng.normal(size=20000) * np.sqrt(true)
     band = Band.calibrated(course, residual, spread, 0.5, 0.0, NO_OTHERS)
-    assert band.law is not None
     found = band.law.deviation(course, spread) ** 2
     assert np.median(np.abs(np.log(found / true))) < 0.1
     half, fresh = band.along(course, spread), rng.normal(size=20000) * np.sqrt(true)
@@ -412,7 +408,7 @@ def test_the_law_finds_what_the_variance_goes_with():
 
 def test_no_band_is_narrower_than_the_noise():
     record = wandering(2000)
-    course, none = Course.of(record), np.zeros((2000, 2))
+    course, none = InputMotion.of(record), np.zeros((2000, 2))
     band = Band.calibrated(course, np.zeros(2000), none, 1.0, 0.3, NO_OTHERS)
     np.testing.assert_allclose(band.along(course, none), 0.3 * scipy.stats.norm.ppf(0.975))
 

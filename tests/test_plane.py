@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 

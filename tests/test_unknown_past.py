@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.errors import InputError
-from preisach_jax.model.past import past_sentence
+from preisach_jax.model import past_sentence
 
 
 def rms(values):

@@ -8,9 +8,8 @@ import numpy as np
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.fit import double_precision
-from preisach_jax.operator.branches import branch_starts
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.operator.simulation import branch_starts
 from preisach_jax.record import Record
 
 MOST_ROWS = 100_000

@@ -27,8 +27,8 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.effects.tracing import told_as_its_own
 from preisach_jax.errors import EffectError
-from preisach_jax.operator.branches import output_after
 from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.simulation import output_after
 from preisach_jax.operator.states import hysteron_states, state_bounds, weighted_states
 
 Given = ParamSpec("Given")

@@ -23,10 +23,8 @@ from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import HysteresisEffect, Signals, Values
-from preisach_jax.operator.feedback import fed_back_states
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.states import Paths
+from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.operator.states import Paths, fed_back_states
 
 MOST_COLUMNS = 192
 """Columns to which an effect of the output is applied at once: more take memory and no less time

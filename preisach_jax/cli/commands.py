@@ -189,8 +189,7 @@ def predict(
 ) -> dict[str, Any]:
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
-    from preisach_jax.model import Model
-    from preisach_jax.model.past import past_sentence
+    from preisach_jax.model import Model, past_sentence
     from preisach_jax.record import Record
     from preisach_jax.record.blemishes import torn_line
 

@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.operator.hysteron import input_at, position_on
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, input_at, position_on
 
 MOST_TRIALS = 80
 """Trials in which an input is found; three to five are usual."""

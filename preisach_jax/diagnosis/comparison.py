@@ -16,8 +16,7 @@ from preisach_jax.diagnosis.residuals import (
     longest_lag,
 )
 from preisach_jax.diagnosis.wording import located
-from preisach_jax.model import Model, Prediction
-from preisach_jax.model.past import past_sentence
+from preisach_jax.model import Model, Prediction, past_sentence
 from preisach_jax.record import Record
 from preisach_jax.record.blemishes import fault_lines
 from preisach_jax.record.faults import faults

@@ -8,8 +8,7 @@ import numpy as np
 
 from preisach_jax.diagnosis.evidence import simple_ratio
 from preisach_jax.fit import Fit
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, position_on
 
 LEAST_GAIN = 0.05
 """Relative fall of the held-out mean square that hysteresis must bring."""

@@ -8,7 +8,7 @@ from preisach_jax.chain import first_run_output
 from preisach_jax.chain.driven import drive
 from preisach_jax.chain.runs import signals_of
 from preisach_jax.model import Model
-from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import position_on
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.course import reversals

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, position_on
 from preisach_jax.record import Record
 from preisach_jax.record.course import last_move
 

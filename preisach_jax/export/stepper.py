@@ -15,7 +15,7 @@ import numpy as np
 
 from preisach_jax.effects.places import Place
 from preisach_jax.export.description import Description, Part
-from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.plane import position_on
 
 State = dict[str, np.ndarray]
 

@@ -29,13 +29,18 @@ from preisach_jax.filter.state import (
     require_state,
     start_at,
 )
-from preisach_jax.operator.blocks import Room
-from preisach_jax.operator.checks import as_float
-from preisach_jax.operator.hysteron import hysteron_step
-from preisach_jax.operator.moves import EVENT_SIZE, RampMoves, RampRun, adapt_over_moves, ramp_moves
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.events import Room
+from preisach_jax.operator.inputs import as_float
+from preisach_jax.operator.moves import (
+    EVENT_SIZE,
+    RampMoves,
+    RampRun,
+    UpdateRule,
+    adapt_over_moves,
+    ramp_moves,
+)
+from preisach_jax.operator.plane import Plane, hysteron_step
 from preisach_jax.operator.simulation import chosen_form
-from preisach_jax.operator.update import UpdateRule
 
 SAMPLINGS = ("event", "sample")
 

@@ -15,7 +15,7 @@ from preisach_jax.devices import compiled, evenly
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.state import input_and_output
-from preisach_jax.operator.blocks import Room
+from preisach_jax.operator.events import Room
 from preisach_jax.operator.simulation import simulate
 
 

@@ -22,9 +22,8 @@ from preisach_jax.filter.state import (
     require_state,
     start_at,
 )
-from preisach_jax.operator.hysteron import hysteron_step
 from preisach_jax.operator.moves import EVENT_SIZE
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, hysteron_step
 
 # What forgetting leaves of the prior of a cell before it is restored, λᴸ, is at least this, so that
 # no variance passes 10⁴ times the initial one.

@@ -25,12 +25,11 @@ from preisach_jax.filter.state import (
     input_and_output,
     require_state,
 )
-from preisach_jax.operator.checks import as_float
 from preisach_jax.operator.events import rounded_up
-from preisach_jax.operator.hysteron import position_on
+from preisach_jax.operator.inputs import as_float
 from preisach_jax.operator.moves import EVENT_SIZE
-from preisach_jax.operator.paths import require_on_plane
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.operator.states import require_on_plane
 
 # 1 had no step size: it was 1.0; 2 had no count of missing samples and no last output; 3 had no
 # options, of the filter or for inputs beyond the plane.

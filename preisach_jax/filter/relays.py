@@ -14,8 +14,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.filter.state import FilterResult, FilterState
-from preisach_jax.operator.blocks import WIDTH, Blocks, Room, relay_blocks
-from preisach_jax.operator.events import relay_levels, rounded_up
+from preisach_jax.operator.events import WIDTH, Blocks, Room, relay_blocks, relay_levels, rounded_up
 from preisach_jax.operator.plane import Plane
 
 STRETCH = 256

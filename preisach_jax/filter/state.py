@@ -12,10 +12,9 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 
 from preisach_jax.errors import InputError
-from preisach_jax.operator.checks import as_float, as_signal, require_finite, require_hysteron
-from preisach_jax.operator.hysteron import hysteron_step
-from preisach_jax.operator.paths import path_and_start, require_on_plane, require_plane
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.inputs import as_float, as_signal, require_finite, require_hysteron
+from preisach_jax.operator.plane import Plane, hysteron_step
+from preisach_jax.operator.states import path_and_start, require_on_plane, require_plane
 
 MOST_SAMPLES = 2**31 - 1
 """Samples of one run: they are counted in 32 bits. An `OnlineFilter` takes any number of runs."""

@@ -18,7 +18,7 @@ from preisach_jax.identify.confidence import (
     other_models,
 )
 from preisach_jax.model import Model, Origin
-from preisach_jax.model.band import Band, Course
+from preisach_jax.model.band import Band, InputMotion
 from preisach_jax.record import Record
 from preisach_jax.record.joined import last_fitted
 
@@ -85,7 +85,7 @@ def _band_of(problem: Problem, point: Point, found: Influences, record: Record) 
     rows = np.searchsorted(record.time, problem.record.time[problem.rows[few]])
     plane = point.chain.plane
     return Band.calibrated(
-        Course.of(record, rows),
+        InputMotion.of(record, rows),
         missed[few],
         np.sqrt(spread) * problem.unit,
         (plane.high - plane.low) / plane.levels,

@@ -23,7 +23,7 @@ from preisach_jax.mechanics.initial import Guess, first_guess
 from preisach_jax.mechanics.motion import Force, substeps_of
 from preisach_jax.mechanics.refinement import Refined, refined
 from preisach_jax.model import Model, Origin, ParameterEstimate
-from preisach_jax.model.band import Band, Course
+from preisach_jax.model.band import Band, InputMotion
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
@@ -203,7 +203,7 @@ def fit_inside(
         model,
         rms_validation=float(np.sqrt(np.mean(residual[seen.held_out] ** 2))),
         band=Band.calibrated(
-            Course.of(record, seen.held_out),
+            InputMotion.of(record, seen.held_out),
             residual[seen.held_out],
             np.zeros((int(seen.held_out.sum()), 2)),
             float(np.ptp(record.input)) / model.chain.plane.levels,

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.operator.hysteron import hysteron_step
-from preisach_jax.operator.plane import Plane
+from preisach_jax.operator.plane import Plane, hysteron_step
 
 
 class Law(Protocol):

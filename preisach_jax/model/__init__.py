@@ -1,13 +1,15 @@
 """A model with its numbers: what it predicts, and its file."""
 
-from preisach_jax.model.content import FORMAT_VERSION
-from preisach_jax.model.core import Model
-from preisach_jax.model.estimates import ParameterEstimate, Prediction
-from preisach_jax.model.mechanical import check_not_inside
-from preisach_jax.model.origin import Origin
-from preisach_jax.model.requirements import RANGE_TOLERANCE
-from preisach_jax.model.weights import exactly_summable
-from preisach_jax.model.without import without_effects
+from preisach_jax.model.model import (
+    RANGE_TOLERANCE,
+    Model,
+    Prediction,
+    check_not_inside,
+    exactly_summable,
+    past_sentence,
+    without_effects,
+)
+from preisach_jax.model.origin import FORMAT_VERSION, Origin, ParameterEstimate
 
 __all__ = [
     "FORMAT_VERSION",
@@ -18,5 +20,6 @@ __all__ = [
     "Prediction",
     "check_not_inside",
     "exactly_summable",
+    "past_sentence",
     "without_effects",
 ]

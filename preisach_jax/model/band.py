@@ -23,15 +23,20 @@ time since the last reversal ("Mondrian") where each has many rows.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import scipy
 
+from preisach_jax.chain import Chain, Coefficients, EffectValues
+from preisach_jax.cores import on_processor
+from preisach_jax.effects.base import AddedEffect, Signals
 from preisach_jax.record import Record
-from preisach_jax.record.course import input_rate, last_reversal
+from preisach_jax.record.course import input_rate, last_reversal, reversals
+from preisach_jax.record.joined import without_rows
 
 COVERAGE = 0.95
 """Share of the rows that a band holds."""
@@ -108,7 +113,7 @@ class Others:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class VarianceLaw:
     """How the variance of what a prediction misses goes with what the input does.
 
     Attributes:
@@ -125,16 +130,11 @@ class Law:
 
     @staticmethod
     def fitted(
-        course: Course, residual: np.ndarray, spread: np.ndarray, cell: float, noise: float
-    ) -> Law:
-        """The law that residuals follow.
-
-        Arguments:
-            residual: (row,) measured minus predicted output.
-            spread: (row, 2) deviation among other models: of the blocks, and of the prior.
-        """
-        usual = float(np.sqrt(np.mean(course.speed**2))) or 1.0
-        parts = _parts(course, spread, usual, cell)
+        motion: InputMotion, residual: np.ndarray, spread: np.ndarray, cell: float, noise: float
+    ) -> VarianceLaw:
+        """The law that (row,) residuals follow, with a (row, 2) spread among `Others`."""
+        usual = float(np.sqrt(np.mean(motion.speed**2))) or 1.0
+        parts = _parts(motion, spread, usual, cell)
         squares = np.minimum(residual**2, np.quantile(residual**2, OUTLYING))
         least = np.array([0.0] * (PARTS - 2) + [LEAST_SHARE] * 2)
         size = np.maximum(parts.mean(axis=0), np.finfo(float).tiny)
@@ -148,22 +148,22 @@ class Law:
             turned, factor = np.linalg.qr(scaled)
             shares = scipy.optimize.nnls(factor, turned.T @ left)[0] / size + least
             variance = np.maximum(parts @ shares, floor)
-        return Law(shares, usual, cell, COVERAGE_Z * noise)
+        return VarianceLaw(shares, usual, cell, COVERAGE_Z * noise)
 
-    def deviation(self, course: Course, spread: np.ndarray) -> np.ndarray:
+    def deviation(self, motion: InputMotion, spread: np.ndarray) -> np.ndarray:
         """(row,) standard deviation of what is missed, in output units."""
-        variance = _parts(course, spread, self.usual_speed, self.cell) @ self.shares
+        variance = _parts(motion, spread, self.usual_speed, self.cell) @ self.shares
         return np.sqrt(np.maximum(variance, np.finfo(float).tiny))
 
-    def by_origin(self, course: Course) -> tuple[np.ndarray, np.ndarray]:
+    def by_origin(self, motion: InputMotion) -> tuple[np.ndarray, np.ndarray]:
         """(row,) variances beside those of other models: what goes with the speed, and the rest."""
-        parts = _parts(course, np.zeros((len(course.speed), 2)), self.usual_speed, self.cell)
+        parts = _parts(motion, np.zeros((len(motion.speed), 2)), self.usual_speed, self.cell)
         of_speed = parts[:, 1:3] @ self.shares[1:3]
         return of_speed, parts[:, :5] @ self.shares[:5] - of_speed
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class InputMotion:
     """What the input does at each row.
 
     Attributes:
@@ -177,12 +177,12 @@ class Course:
     travel: np.ndarray
 
     @staticmethod
-    def of(record: Record, rows: np.ndarray | slice = slice(None)) -> Course:
-        """The course of a record's input at some of its rows."""
+    def of(record: Record, rows: np.ndarray | slice = slice(None)) -> InputMotion:
+        """That of some of a record's rows."""
         last = last_reversal(record.input, starts=record.starts)
         speed = np.abs(input_rate(record.time, record.input, record.starts))
         since, travel = record.time - record.time[last], np.abs(record.input - record.input[last])
-        return Course(speed[rows], since[rows], travel[rows])
+        return InputMotion(speed[rows], since[rows], travel[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,42 +192,36 @@ class Band:
     Attributes:
         speed: (SLICES - 1,) speeds of the input between the slices, in its unit per s.
         since: (SLICES - 1,) times since the last reversal between the slices, in s.
-        half: (SLICES, SLICES) half width by speed and time, in deviations by the law; without one,
-            in output units.
-        law: how the deviation goes with the input; of files that were written before there was
-            one, None.
-        others: the models that the law needs; None without a law, and where there are none.
+        half: (SLICES, SLICES) half width by speed and time, in deviations by the law.
+        law: how the deviation goes with the input.
+        others: the models that the law needs; None where there are none.
     """
 
     speed: np.ndarray
     since: np.ndarray
     half: np.ndarray
-    law: Law | None = None
+    law: VarianceLaw
     others: Others | None = None
 
     @staticmethod
     def calibrated(
-        course: Course,
+        motion: InputMotion,
         residual: np.ndarray,
         spread: np.ndarray,
         cell: float,
         noise: float,
         others: Others | None = None,
     ) -> Band:
-        """The band that holds 95 % of the residuals of each slice.
+        """The band that holds 95 % of each slice's (row,) residuals of predictions by other rows.
 
-        Arguments:
-            residual: (row,) measured minus predicted output, of predictions by other rows.
-            spread: (row, 2) deviation among other models: of the blocks, and of the prior.
-            cell: width of the plane's cells, in the unit of the input.
-            noise: RMS of the noise, in output units.
+        `spread` is (row, 2) among `Others`, `cell` the width of a cell of the plane, `noise` RMS.
         """
-        law = Law.fitted(course, residual, spread, cell, noise)
+        law = VarianceLaw.fitted(motion, residual, spread, cell, noise)
         share = np.arange(1, SLICES) / SLICES
-        edges = np.quantile(course.speed, share), np.quantile(course.since, share)
-        errors = np.abs(residual) / law.deviation(course, spread)
-        by_speed = np.searchsorted(edges[0], course.speed)
-        by_time = np.searchsorted(edges[1], course.since)
+        edges = np.quantile(motion.speed, share), np.quantile(motion.since, share)
+        errors = np.abs(residual) / law.deviation(motion, spread)
+        by_speed = np.searchsorted(edges[0], motion.speed)
+        by_time = np.searchsorted(edges[1], motion.since)
         half = np.full((SLICES, SLICES), conformal(errors))
         for i in range(SLICES):
             own = by_speed == i
@@ -239,30 +233,22 @@ class Band:
                     half[i, j] = conformal(errors[both])
         return Band(*edges, half, law, others)
 
-    def by_slice(self, course: Course) -> np.ndarray:
+    def by_slice(self, motion: InputMotion) -> np.ndarray:
         """(row,) half width of the slice of each row, in deviations by the law."""
-        by_speed = np.searchsorted(self.speed, course.speed)
-        return self.half[by_speed, np.searchsorted(self.since, course.since)]
+        by_speed = np.searchsorted(self.speed, motion.speed)
+        return self.half[by_speed, np.searchsorted(self.since, motion.since)]
 
-    def along(self, course: Course, spread: np.ndarray) -> np.ndarray:
-        """(row,) half width along a record, in output units.
-
-        Arguments:
-            spread: (row, 2) deviation among other models along the input.
-        """
-        half = self.by_slice(course)
-        if self.law is None:
-            return half
-        return np.maximum(half * self.law.deviation(course, spread), self.law.least)
+    def along(self, motion: InputMotion, spread: np.ndarray) -> np.ndarray:
+        """(row,) half width along a record, in output units."""
+        half = self.by_slice(motion) * self.law.deviation(motion, spread)
+        return np.maximum(half, self.law.least)
 
     def to_json(self) -> dict[str, Any]:
         """The band as plain numbers."""
-        law = None
-        if self.law is not None:
-            law = {
-                "shares": self.law.shares.tolist(), "usual_speed": self.law.usual_speed,
-                "cell": self.law.cell, "least": self.law.least,
-            }  # fmt: skip
+        law = {
+            "shares": self.law.shares.tolist(), "usual_speed": self.law.usual_speed,
+            "cell": self.law.cell, "least": self.law.least,
+        }  # fmt: skip
         return {
             "speed": self.speed.tolist(), "since_s": self.since.tolist(),
             "half": self.half.ravel().tolist(), "law": law,
@@ -273,14 +259,9 @@ class Band:
     def from_json(content: Mapping[str, Any]) -> Band:
         """The band of a file's checked numbers."""
         half = np.reshape(content["half"], (SLICES, SLICES))
-        law, others = content["law"], content["others"]
-        return Band(
-            content["speed"],
-            content["since_s"],
-            half,
-            None if law is None else Law(**law),
-            None if others is None else Others.from_json(others),
-        )
+        law, others = VarianceLaw(**content["law"]), content["others"]
+        others = None if others is None else Others.from_json(others)
+        return Band(content["speed"], content["since_s"], half, law, others)
 
 
 def conformal(errors: np.ndarray) -> float:
@@ -307,8 +288,137 @@ def _as_text(row: np.ndarray) -> tuple[float, str]:
     return step, " ".join(str(round(count)) for count in (row / step).tolist())
 
 
-def _parts(course: Course, spread: np.ndarray, usual: float, cell: float) -> np.ndarray:
-    """(row, 7) the parts of the variance that `Law.shares` multiply."""
-    speed, cells = course.speed / usual, course.travel / cell
+def _parts(motion: InputMotion, spread: np.ndarray, usual: float, cell: float) -> np.ndarray:
+    """(row, 7) the parts of the variance that `VarianceLaw.shares` multiply."""
+    speed, cells = motion.speed / usual, motion.travel / cell
     behind = (np.exp(-cells), np.exp(-cells / 4))
     return np.stack([np.ones_like(speed), speed, speed**2, *behind, *(spread.T**2)], axis=1)
+
+
+Numbers = tuple[Mapping[str, Mapping[str, float]], Coefficients]
+"""Nonlinear parameters by effect and name, and linear coefficients."""
+
+MOST_ROWS = 8_000
+"""Samples of a longer record along which other models are simulated, straight in between."""
+
+SMALL_TURN = 0.002
+"""Share of the input's range by which it must come back for a turn to be among them."""
+
+
+def differences(
+    chain: Chain,
+    here: Numbers,
+    others: Others | None,
+    record: Record,
+    run: Callable[[Numbers, Record], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows, all or the `few_rows`, and (model, row) what others predict minus what `here` does."""
+    count = len(record.time)
+    rows = few_rows(record) if count > MOST_ROWS else np.arange(count)
+    if others is None or not len(others.offset):
+        return rows, np.zeros((0, len(rows)))
+    few = without_rows(record, rows) if count > MOST_ROWS else record
+    middle = run(here, few)
+    apart = [run(_other(chain, here, others, k), few) - middle for k in range(len(others.offset))]
+    return rows, np.stack(apart)
+
+
+def spread_of(
+    chain: Chain,
+    here: Numbers,
+    others: Others | None,
+    record: Record,
+    run: Callable[[Numbers, Record], np.ndarray],
+) -> np.ndarray:
+    """(time, 2) deviation of the output among models of the record's blocks, and of the prior."""
+    if others is None:
+        return np.zeros((len(record.time), 2))
+    kept, apart = differences(chain, here, others, record, run)
+    parts = (apart[: others.of_blocks], apart[others.of_blocks :])
+    spread = np.sqrt(np.stack([np.sum(part**2, axis=0) for part in parts], axis=1))
+    if len(kept) == len(record.time):
+        return spread
+    rows = np.arange(len(record.time))
+    columns: list[np.ndarray] = [np.interp(rows, kept, column) for column in spread.T]
+    return np.stack(columns, axis=1)
+
+
+def few_rows(record: Record) -> np.ndarray:
+    """Samples of a long record to keep: its ends, where the input turns, and evenly in between."""
+    count = len(record.time)
+    turns = reversals(record.input, SMALL_TURN * float(np.ptp(record.input)), record.starts)
+    kept = np.zeros(count, dtype=bool)
+    kept[[0, count - 1, *record.starts]] = True
+    kept[turns] = True
+    left = np.flatnonzero(~kept)
+    more = max(MOST_ROWS - int(kept.sum()), 0)
+    kept[left[np.arange(more) * len(left) // max(more, 1)]] = True
+    return np.flatnonzero(kept)
+
+
+def _other(chain: Chain, here: Numbers, others: Others, k: int) -> Numbers:
+    values = {effect: dict(own) for effect, own in here[0].items()}
+    names = [(e.name, p.name) for e in chain.effects for p in e.parameters()]
+    for (effect, name), change in zip(names, others.parameters[k].tolist(), strict=True):
+        values[effect][name] += change
+    coefficients = replace(
+        here[1],
+        weights=here[1].weights + others.weights[k],
+        offset=here[1].offset + float(others.offset[k]),
+        added=here[1].added + others.added[k],
+    )
+    return values, coefficients
+
+
+POINTS = 512
+"""Times at which what an effect did along the record is looked at."""
+
+LONGEST_LAG = 0.5
+"""Share of the record up to which lags are measured; beyond it variance grows with time."""
+
+
+def unforeseen(
+    chain: Chain,
+    values: EffectValues,
+    coefficients: Coefficients,
+    span: tuple[float, float],
+    time: np.ndarray,
+    goes_on: bool,
+) -> np.ndarray:
+    r"""Standard deviation of what effects that depend on time alone do beyond what was recorded.
+
+    Behind the record, a drift that follows no law stays where it was, and a prediction misses it by
+    the structure function of the drift at the lag since then,
+    \(D(h) = \langle (d(t + h) - d(t))^2 \rangle\) (A. M. Yaglom, Correlation Theory of Stationary
+    and Related Random Functions I, Springer 1987, ch. 4), which grows as that of a random walk
+    beyond the lags that can be measured. In another record, any drift or hum has another course,
+    of which that of this one is a sample: twice its variance.
+
+    `span` is that of the identified record, `time` (time,) of the predicted one, in s; `goes_on`
+    says whether the second begins with the first.
+    """
+    variance = np.zeros(len(time))
+    seen = np.linspace(0.0, span[1] - span[0], POINTS)
+    first = 0
+    for effect in chain.at(AddedEffect):
+        count = len(effect.coefficients())
+        own, first = coefficients.added[first : first + count], first + count
+        if not effect.of_time_alone or (goes_on and not effect.lawless):
+            continue
+        with on_processor():
+            along = Signals(jnp.asarray(seen), jnp.zeros(POINTS), {})
+            course = np.asarray(effect.at(values[effect.name]).columns(along)) @ own
+        if goes_on:
+            ahead = np.maximum(time - span[1], 0.0)
+            variance += _structure(course, ahead / seen[1])
+        else:
+            variance += 2 * course.var()
+    return np.sqrt(variance)
+
+
+def _structure(course: np.ndarray, lag: np.ndarray) -> np.ndarray:
+    """Mean square of the increments of a course over lags in samples."""
+    most = round(LONGEST_LAG * len(course))
+    known = [0.0, *(float(np.mean((course[k:] - course[:-k]) ** 2)) for k in range(1, most + 1))]
+    found: np.ndarray = np.interp(lag, np.arange(most + 1), known)
+    return found * np.maximum(lag / most, 1.0)

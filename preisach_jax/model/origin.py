@@ -1,4 +1,4 @@
-"""The record on which a model was identified, as the model remembers it."""
+"""What a model remembers of its record and of its parameters, and the format of its file."""
 
 from __future__ import annotations
 
@@ -7,6 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from preisach_jax.record import Record
+
+FORMAT = "preisach_jax model"
+
+FORMAT_VERSION = 3
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A value with its 95 % interval and its unit."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Moves of ramps: which line of the plane each sample moves, and the recursion along them.
+"""The paper's rule for ramps, (8), (12): which line of the plane each sample moves, and its update.
 
 Every sample moves ramps, but only those that it is passing: while the input rises through cell m of
 its axis the ramps of row m, while it falls through it those of column m. So a sample costs O(N),
@@ -17,20 +17,51 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from preisach_jax.operator.cells import flat_index
 from preisach_jax.operator.events import rounded_up
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.update import UpdateRule
+from preisach_jax.operator.plane import Plane, flat_index, position_on
 
-# An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one. For relays
-# that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν of the
-# output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
 EVENT_SIZE = 0.5
+"""An event is a sample by which the states have moved by sᵀs ≥ 1/2 since the last one.
+
+For relays that is any switch, as sᵀs = A is then a whole number. For ramps it bounds what noise ν
+of the output does to the weights, |ν|/√(sᵀs), while a move of the input by δx always reaches it.
+"""
 
 MOVES_TO_REFRESH = 1024
 """After so many moves at most, what is summed up along them is summed afresh over the plane, so
 that rounding does not pile up in it."""
+
+
+class UpdateRule(eqx.Module):
+    """The step R̂ ← R̂ + μ ê s/(sᵀs) of an update (a pytree).
+
+    The error ê that is used is e, without update where |e| ≤ the dead zone, and cut off at ± the
+    limit. Without options it is the paper's rule.
+
+    Arguments:
+        step_size: () or (lanes,) step size μ; 0 learns nothing.
+        dead_zone: () or (lanes,) size of errors that update nothing, in the unit of the output.
+        error_limit: () or (lanes,) size at which errors are cut off, same unit.
+        nonnegative: whether weights that fall below 0 are set to 0.
+    """
+
+    step_size: ArrayLike = 1.0
+    dead_zone: ArrayLike | None = None
+    error_limit: ArrayLike | None = None
+    nonnegative: bool = eqx.field(static=True, default=False)
+
+    def learns(self, error: jax.Array) -> jax.Array:
+        """Tell which errors update the weights."""
+        if self.dead_zone is None:
+            return jnp.ones_like(error, bool)
+        return jnp.abs(error) > self.dead_zone
+
+    def rate(self, error: jax.Array, squared: ArrayLike) -> jax.Array:
+        """The factor of s in an update, μ ê/(sᵀs)."""
+        if self.error_limit is not None:
+            limit = jnp.asarray(self.error_limit, error.dtype)
+            error = jnp.clip(error, -limit, limit)
+        return jnp.divide(jnp.multiply(self.step_size, error), squared)
 
 
 class RampMoves(eqx.Module):
@@ -50,11 +81,7 @@ class RampMoves(eqx.Module):
     ends: jax.Array
 
     def cells(self, plane: Plane) -> jax.Array:
-        """Flat indices of the cells of a line.
-
-        Returns:
-            (levels,) indices for one move; `plane.cells`, which is out of range, as a filling.
-        """
+        """(levels,) flat indices of the cells of a line, filled up with `plane.cells`."""
         along = jnp.arange(plane.levels)
         row = jnp.where(along <= self.line, flat_index(self.line, along), plane.cells)
         column = jnp.where(along >= self.line, flat_index(along, self.line), plane.cells)
@@ -62,11 +89,7 @@ class RampMoves(eqx.Module):
 
 
 def ramp_moves(plane: Plane, x: ArrayLike) -> RampMoves:
-    """Find the moves that an input makes ramps do.
-
-    Arguments:
-        x: (time,) input, in the unit of the plane; concrete.
-    """
+    """Find the moves that a known (time,) input makes ramps do."""
     x = np.asarray(x, np.result_type(np.asarray(x), np.float32))
     position = np.clip(position_on(plane, x), 0.0, plane.levels).astype(x.dtype)
     before = np.append(position[:1], position[:-1])
@@ -115,7 +138,7 @@ class RampRun(NamedTuple):
     squared: jax.Array
 
 
-class _Carry(NamedTuple):
+class _Adapting(NamedTuple):
     cells: jax.Array
     """Weight, state, and state at the last event, of each cell."""
     squared: jax.Array
@@ -148,12 +171,7 @@ def adapt_over_moves(
 
     At an event e = Δz - R̂ᵀs and R̂ ← R̂ + μ e s/(sᵀs), where only the lines that were moved since
     the last one are touched. Output, R̂ᵀs and sᵀs are carried along, and are summed afresh from time
-    to time.
-
-    Arguments:
-        z: (time,) measured output; no value is missing.
-        weights: (cells,) weights to start from, in the unit of `z`.
-        states: (cells,) states at the first sample.
+    to time. No value of the measured (time,) output z is missing.
     """
     rule = UpdateRule() if rule is None else rule
     count = moves.line.shape[0]
@@ -162,7 +180,7 @@ def adapt_over_moves(
     own_z = z.at[jnp.searchsorted(moves.ends, index)].get(mode="clip")
     lines = RampMoves(moves.line, moves.rising, moves.part.astype(weights.dtype), index)
 
-    def advance(carry: _Carry, move: _Move) -> tuple[_Carry, jax.Array]:
+    def advance(carry: _Adapting, move: _Move) -> tuple[_Adapting, jax.Array]:
         number, line, z, ends = move
         cells = line.cells(plane)
         weight, old, reference = carry.cells.at[cells].get(mode="fill", fill_value=0.0).T
@@ -184,9 +202,9 @@ def adapt_over_moves(
         )
         reference = jnp.where(event, z, carry.reference)
         squared, rise = jnp.where(event, 0.0, squared), jnp.where(event, 0.0, rise)
-        return _Carry(values, squared, rise, output, reference, oldest), row
+        return _Adapting(values, squared, rise, output, reference, oldest), row
 
-    def advance_afresh(carry: _Carry, stretch: _Move) -> tuple[_Carry, jax.Array]:
+    def advance_afresh(carry: _Adapting, stretch: _Move) -> tuple[_Adapting, jax.Array]:
         weight, state, reference = carry.cells.T
         moved = state - reference
         sums = {"squared": moved @ moved, "rise": weight @ moved, "output": weight @ state}
@@ -194,7 +212,7 @@ def adapt_over_moves(
 
     zero = jnp.zeros((), weights.dtype)
     values = jnp.stack([weights, states, states], axis=1)
-    start = _Carry(values, zero, zero, zero, z[0], index[0])
+    start = _Adapting(values, zero, zero, zero, z[0], index[0])
     # Of two sizes that are both rounded up, the one divides the other in few parts.
     size = math.gcd(count, MOVES_TO_REFRESH) if count > MOVES_TO_REFRESH else count
     stretches = jax.tree.map(partial(_in_rows, size=size), (index, lines, own_z, at_end))

@@ -1,4 +1,7 @@
-"""The Preisach half-plane: thresholds, cells, quantiser, Everett function, initial memory."""
+"""The Preisach half-plane and its hysterons: thresholds, cells, and one step of their states.
+
+Hysterons are the paper's relay, eq. (1)-(4), and its ramp, from one closed form.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +17,10 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError, shown, whole_number
-from preisach_jax.operator.checks import as_float, require_hysteron
-from preisach_jax.operator.grid import Grid
-from preisach_jax.operator.hysteron import hysteron_step, input_at, position_on, thresholds_reached
+from preisach_jax.operator.inputs import as_float, require_hysteron
 
 FINE = 32
 """Bins of the input for each threshold, when thresholds are placed where the output moves."""
-
 
 MOST_LEVELS = 10_000
 """Of a plane: it has 50 million hysterons, each with a weight."""
@@ -43,7 +44,7 @@ def _require_memory(kind: str) -> None:
         )
 
 
-class Plane(Grid):
+class Plane(eqx.Module):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
     δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of
@@ -74,6 +75,11 @@ class Plane(Grid):
         [1.0, 1.5, 1.5, 3.0, 3.0, 3.0]
     """
 
+    levels: int = eqx.field(static=True)
+    low: float = eqx.field(static=True)
+    high: float = eqx.field(static=True)
+    own_thresholds: Any
+
     def __init__(
         self,
         levels: int,
@@ -88,6 +94,9 @@ class Plane(Grid):
         if not self.low < self.high:
             raise InputError(f"low is {self.low} and high is {self.high}: low must be below high")
         self.own_thresholds = None if thresholds is None else self._checked(thresholds)
+
+    def __hash__(self) -> int:
+        return hash((self.levels, self.low, self.high))  # arrays have none
 
     def _checked(self, thresholds: Any) -> Any:
         """Thresholds of one's own, in double precision if they are known."""
@@ -172,6 +181,43 @@ class Plane(Grid):
         quantiles = (np.arange(levels) + 0.5) / levels * course[-1]
         placed: np.ndarray = cast(Any, np).interp(quantiles, course, edges)
         return cls(levels, low, high, placed)
+
+    @property
+    def cells(self) -> int:
+        """L = N(N+1)/2, the number of hysterons."""
+        return self.levels * (self.levels + 1) // 2
+
+    @property
+    def delta_x(self) -> float:
+        """δx = (high - low)/N, the (mean) width of a cell in the unit of the input."""
+        return (self.high - self.low) / self.levels
+
+    @property
+    def thresholds(self) -> Any:
+        """(levels,) thresholds, ascending, in the unit of the input; JAX's if they are traced."""
+        if self.own_thresholds is not None:
+            return self.own_thresholds
+        return self.low + (np.arange(self.levels) + 0.5) * self.delta_x
+
+    @property
+    def alpha_index(self) -> np.ndarray:
+        """(cells,) index of each cell's α in `thresholds`."""
+        return np.tril_indices(self.levels)[0]
+
+    @property
+    def beta_index(self) -> np.ndarray:
+        """(cells,) index of each cell's β in `thresholds`."""
+        return np.tril_indices(self.levels)[1]
+
+    @property
+    def alpha(self) -> Any:
+        """(cells,) upper threshold α of each hysteron, in the unit of the input."""
+        return self.thresholds[self.alpha_index]
+
+    @property
+    def beta(self) -> Any:
+        """(cells,) lower threshold β of each hysteron, in the unit of the input."""
+        return self.thresholds[self.beta_index]
 
     @property
     def edges(self) -> np.ndarray:
@@ -413,3 +459,108 @@ class Plane(Grid):
         decaying = np.stack([highs, lows], axis=1).ravel()
         kept = {"low": 0, "high": 1, "demagnetised": self.levels + 1}[kind]
         return np.append(0.0, decaying[:kept])
+
+
+def position_on(plane: Plane, x: Any) -> Any:
+    """Position of an input on an axis of the plane, 0 to levels: (x - low)/δx for equal cells.
+
+    Between thresholds of one's own it is linear: i + 1/2 at threshold i, 0 at low and the number of
+    thresholds that there are at high.
+
+    It is exactly 0 at low and exactly `levels` at high, of the kind, type and shape of `x`, a
+    floating array of JAX or NumPy.
+    """
+    if plane.own_thresholds is None:
+        low, high = x.dtype.type(plane.low), x.dtype.type(plane.high)
+        return (x - low) / (high - low) * plane.levels
+    xp, knots, places = _knots(plane, x)
+    return xp.interp(x, knots, places).astype(x.dtype)
+
+
+def input_at(plane: Plane, position: Any) -> Any:
+    """Input at a position on an axis of the plane, 0 to levels: the inverse of `position_on`."""
+    if plane.own_thresholds is None:
+        return plane.low + plane.delta_x * position
+    xp, knots, places = _knots(plane, position)
+    return xp.interp(position, places, knots).astype(position.dtype)
+
+
+def _knots(plane: Plane, like: Any) -> tuple[Any, Any, Any]:
+    """NumPy or JAX, and (levels + 2,) inputs and the positions at them, between which it is linear.
+
+    They are the lower limit, the thresholds that there are, and the upper limit.
+    """
+    own, dtype = plane.own_thresholds, like.dtype
+    known = isinstance(like, np.ndarray | np.generic) and isinstance(own, np.ndarray)
+    xp: Any = np if known else jnp
+    own = xp.asarray(own, dtype)
+    used, number = xp.sum(xp.isfinite(own)), xp.arange(plane.levels + 2)
+    knots = xp.concatenate([xp.full(1, plane.low, dtype), own, xp.full(1, np.inf, dtype)])
+    knots = xp.where(number == used + 1, plane.high, knots)
+    return xp, knots.astype(dtype), xp.clip(number - 0.5, 0.0, used).astype(dtype)
+
+
+def thresholds_reached(
+    plane: Plane, previous: jax.Array, x: jax.Array, hysteron: str
+) -> tuple[jax.Array, jax.Array]:
+    """Tell how far the input has reached each hysteron's two thresholds.
+
+    Relay: χ(x - α) and χ(x - β) of (3), (4) in 0/1 form. A rising input reaches a threshold on
+    which it rests exactly (3), a falling one has left it (4). An input that does not move decides
+    nothing at equality, so that the state is kept there; by rule (1), so it is at the first sample.
+
+    Ramp: ρ_i(x) = clip((x - low)/δx - i, 0, 1), a ramp of width δx centred on threshold i.
+
+    `previous` is the input one sample before, and `x` itself at the first sample. The result is
+    `(on_alpha, on_beta)`, (cells,) each, in [0, 1].
+    """
+    if hysteron == "ramp":
+        position = position_on(plane, x)
+        on_alpha = jnp.clip(position - jnp.asarray(plane.alpha_index, x.dtype), 0.0, 1.0)
+        on_beta = jnp.clip(position - jnp.asarray(plane.beta_index, x.dtype), 0.0, 1.0)
+        return on_alpha, on_beta
+    alpha, beta = jnp.asarray(plane.alpha, x.dtype), jnp.asarray(plane.beta, x.dtype)
+    on_alpha = jnp.where(x > previous, x >= alpha, x > alpha)
+    on_beta = jnp.where(x < previous, x > beta, x >= beta)
+    return on_alpha.astype(x.dtype), on_beta.astype(x.dtype)
+
+
+def hysteron_step(
+    plane: Plane, states: jax.Array, previous: jax.Array, x: jax.Array, hysteron: str = "ramp"
+) -> jax.Array:
+    """Advance all hysterons by one sample of the input.
+
+    Eq. (2) in 0/1 form, y(k) = min(on_β, max(y(k-1), on_α)), for relays and ramps alike.
+
+    Arguments:
+        plane: the Preisach plane.
+        states: (cells,) states y(k-1) in [0, 1].
+        previous: () input x(k-1), in the unit of the plane; pass x(k) at the first sample, so that
+            only the hysterons whose state x(k) forces are changed, rule (1).
+        x: () input x(k), same unit.
+        hysteron: "relay" or "ramp".
+
+    Returns:
+        (cells,) states y(k) in [0, 1].
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> plane = Plane(levels=2, low=0.0, high=2.0)
+        >>> hysteron_step(plane, jnp.zeros(3), jnp.asarray(0.0), jnp.asarray(1.25)).tolist()
+        [1.0, 0.25, 0.25]
+    """
+    on_alpha, on_beta = thresholds_reached(plane, previous, x, hysteron)
+    return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
+
+
+def flat_index(alpha_index: ArrayLike, beta_index: ArrayLike) -> jax.Array:
+    """Flat index i(i+1)/2 + j of a cell."""
+    i = jnp.asarray(alpha_index)
+    return i * (i + 1) // 2 + jnp.asarray(beta_index)
+
+
+def laid_out(plane: Plane, values: ArrayLike) -> jax.Array:
+    """(levels, levels) matrix of (cells,) values, row α index, column β index; 0 where α < β."""
+    values = jnp.asarray(values)
+    matrix = jnp.zeros((plane.levels, plane.levels), values.dtype)
+    return matrix.at[plane.alpha_index, plane.beta_index].set(values)

@@ -1,14 +1,84 @@
-"""States of all hysterons along an input, and bounds of them where its past is not known."""
+"""States of all hysterons along an input, and outputs of them: cost time x cells.
+
+With bounds where the past is not known, and with inputs that depend on the output.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, cast
+
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
-from preisach_jax.operator.hysteron import hysteron_step, position_on, thresholds_reached
-from preisach_jax.operator.paths import path_and_start
-from preisach_jax.operator.plane import Plane
+from preisach_jax.errors import InputError
+from preisach_jax.operator.inputs import (
+    as_float,
+    as_signal,
+    at_sample,
+    require_finite,
+    require_hysteron,
+)
+from preisach_jax.operator.plane import Plane, hysteron_step, position_on, thresholds_reached
+
+LIMIT_TOLERANCE = 1e-6
+"""Share of the plane's range by which rounding may take an input beyond it."""
+
+
+def require_plane(plane: Plane) -> None:
+    """Refuse what is no plane."""
+    if not isinstance(plane, Plane):
+        raise InputError(
+            f"the plane is {plane!r}: give a Plane, as in Plane(levels=37, low=0.0, high=75.0)"
+        )
+
+
+def require_on_plane(plane: Plane, x: ArrayLike) -> None:
+    """Refuse an input that is not finite or leaves the plane; a traced one passes and saturates."""
+    if isinstance(x, Tracer):
+        return
+    require_finite(x, "the input x")
+    values = np.asarray(x)
+    flat = values.ravel()
+    eps = cast(np.floating, jnp.finfo(values.dtype).eps)
+    rounding = float(eps) * max(abs(plane.low), abs(plane.high))
+    reach = max(LIMIT_TOLERANCE * (plane.high - plane.low), rounding)
+    beyond = (flat < plane.low - reach) | (flat > plane.high + reach)
+    if beyond.any():
+        first = int(np.argmax(beyond))
+        raise InputError(
+            f"the input x is {flat[first]:.8g}{at_sample(first, flat.size)}, and the plane "
+            f"reaches from {plane.low} to {plane.high}: make the plane wider, or clip the input"
+        )
+
+
+def as_path(plane: Plane, x: ArrayLike) -> jax.Array:
+    """Check an input, a row of numbers on the plane; a traced one passes, and states saturate."""
+    x = as_signal(x, "the input x")
+    if x.ndim != 1 or x.shape[0] == 0:
+        several = ", and several inputs one by one with jax.vmap" if x.ndim > 1 else ""
+        raise InputError(
+            f"the input x has the shape {x.shape}: give (time,), with time > 0{several}"
+        )
+    require_on_plane(plane, x)
+    return x
+
+
+def path_and_start(
+    plane: Plane, x: ArrayLike, initial_states: ArrayLike | str, hysteron: str
+) -> tuple[jax.Array, jax.Array]:
+    """Check an input and the states before it, and bring both to one floating type."""
+    require_hysteron(hysteron)
+    x = as_path(plane, x)
+    if isinstance(initial_states, str):
+        return x, plane.initial_states(initial_states, x[0], hysteron)
+    states = as_float(initial_states, "initial_states").astype(x.dtype)
+    if states.shape != (plane.cells,):
+        raise InputError(f"initial_states has the shape {states.shape}: give ({plane.cells},)")
+    return x, states
 
 
 def hysteron_states(
@@ -22,11 +92,9 @@ def hysteron_states(
     """Follow the states of all hysterons along an input, eq. (1)-(4).
 
     Arguments:
-        plane: the Preisach plane.
         x: (time,) input, in the unit of the plane.
         initial_states: (cells,) states in [0, 1] before the first sample, or the name of an initial
             memory (see `Plane.initial_states`).
-        hysteron: "relay" or "ramp".
         falling: (time,) input of the thresholds β, where it is not that of the thresholds α: where
             thresholds move outward by δ, `x` is the input less δ, and `falling` the input plus δ.
         reversible: (time,) input of the hysterons on the diagonal α = β, where these do not follow
@@ -35,11 +103,7 @@ def hysteron_states(
     Returns:
         (time, cells) states in [0, 1]; the first row is the state after x[0].
 
-    Raises:
-        InputError: `x` is not a row of real numbers on the plane, or a name is unknown.
-
     Example:
-        >>> from preisach_jax.operator.plane import Plane
         >>> plane = Plane(levels=2, low=0.0, high=2.0)
         >>> hysteron_states(plane, [0.0, 0.75, 0.25], "low", "ramp")[:, 0].tolist()
         [0.0, 0.75, 0.25]
@@ -105,22 +169,11 @@ def weighted_states(
     """Weigh the states along an input whose earlier history is known by its effect alone.
 
     h(k) = Σ_i R_i low_i(k) + m_i (high_i(k) - low_i(k)) with the `state_bounds`, and without
-    keeping these.
-
-    Arguments:
-        plane: the Preisach plane.
-        weights: (cells,) weights R, in output units.
-        memory: (cells,) output m that each unknown start adds until the input forces it.
-        x: (time,) input, in the unit of the plane.
-        hysteron: "relay" or "ramp".
-        falling, reversible: (time,) other inputs, see `hysteron_states`.
-
-    Returns:
-        (time,) output h, in output units.
+    keeping these; `falling` and `reversible` as of `hysteron_states`. `memory` is the output m that
+    each unknown start adds until the input forces it.
 
     Example:
         >>> import jax.numpy as jnp
-        >>> from preisach_jax.operator.plane import Plane
         >>> ones = jnp.ones(3)
         >>> plane, x = Plane(levels=2, low=0.0, high=2.0), jnp.array([1.0, 2.0])
         >>> weighted_states(plane, ones, 0.5 * ones, x, "relay").tolist()
@@ -175,27 +228,90 @@ def state_bounds(
     """Bound the states of all hysterons along an input whose earlier history is unknown.
 
     Eq. (2) with fixed input maps y(k-1) by a clamp, and clamps compose to clamps, so that the state
-    from any initial state y0 is exactly clip(y0, low, high).
-
-    Arguments:
-        plane: the Preisach plane.
-        x: (time,) input, in the unit of the plane.
-        hysteron: "relay" or "ramp".
-        falling, reversible: (time,) other inputs, see `hysteron_states`.
-
-    Returns:
-        `(low, high)`, (time, cells) each: the states with all hysterons initially off and with all
-        initially on. Their difference is what the unknown initial memory leaves open.
-
-    Raises:
-        InputError: `x` is not a row of real numbers on the plane, or the kind of hysteron is
-            unknown.
+    from any initial state y0 is exactly clip(y0, low, high), where low and high, (time, cells)
+    each, are the states with all hysterons initially off and with all initially on.
 
     Example:
-        >>> from preisach_jax.operator.plane import Plane
         >>> low, high = state_bounds(Plane(levels=2, low=0.0, high=2.0), [1.0, 2.0], "relay")
         >>> (high - low).sum(axis=1).tolist()
         [1.0, 0.0]
     """
     low = hysteron_states(plane, x, "low", hysteron, falling, reversible)
     return low, hysteron_states(plane, x, "high", hysteron, falling, reversible)
+
+
+MOST_TRIALS = 60
+"""Trials by which an output is found that agrees with itself; two or three are usual."""
+
+_Bounds = tuple[jax.Array, jax.Array]
+_FedBack = tuple[_Bounds, Paths, jax.Array]
+_Trial = tuple[jax.Array | int, jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+def _first(course: jax.Array) -> jax.Array:
+    return course[0]
+
+
+def fed_back_states(
+    plane: Plane,
+    weights: jax.Array,
+    memory: jax.Array,
+    course: Any,
+    seen: Callable[[Any, jax.Array, jax.Array], Paths],
+    hysteron: str = "ramp",
+) -> jax.Array:
+    """Weigh the states of hysterons whose inputs depend on the output, as `weighted_states` does.
+
+    At every sample the output is found that agrees with itself, by Newton steps kept inside a
+    bracket: a hysteresis never falls with its input, and its output has bounds.
+
+    Arguments:
+        weights, memory: (cells,) as of `weighted_states`, not negative.
+        course: arrays whose first axis is time: what drives the hysterons beside their output.
+        seen: inputs of thresholds α, of β, and of the diagonal, from a sample of the course, the
+            output before it, and a trial of the output at it.
+
+    Example:
+        >>> plane, ones = Plane(levels=2, low=0.0, high=3.0), jnp.ones(3)
+        >>> half = lambda x, before, output: (x - 0.5 * output,) * 3
+        >>> fed_back_states(plane, ones, 0 * ones, jnp.array([0.0, 1.0]), half).tolist()
+        [0.0, 0.5]
+    """
+    most = weights.sum() + memory.sum()
+    close = 8 * cast(np.floating, jnp.finfo(weights.dtype).eps) * most
+
+    def advance(carry: _FedBack, sample: Any) -> tuple[_FedBack, jax.Array]:
+        states, previous, before = carry
+
+        def moved(output: jax.Array) -> tuple[jax.Array, tuple[_Bounds, Paths]]:
+            now = seen(sample, before, output)
+            low, high = (step_of_paths(plane, each, previous, now, hysteron) for each in states)
+            return low @ weights + (high - low) @ memory, ((low, high), now)
+
+        def improved(trial: _Trial) -> _Trial:
+            count, output, bottom, top, _ = trial
+            answer, slope, _ = jax.jvp(moved, (output,), (jnp.ones_like(output),), has_aux=True)
+            excess = answer - output
+            bottom, top = jnp.where(excess > 0, output, bottom), jnp.where(excess > 0, top, output)
+            newton = output + excess / jnp.where(slope < 1, 1 - slope, 1.0)
+            # Where steps or corners keep Newton's from converging, halving the bracket does.
+            good = (slope < 1) & (newton > bottom) & (newton < top) & (count % 4 != 3)
+            after = jnp.where(good, newton, (bottom + top) / 2)
+            done = (jnp.abs(excess) <= close) | (top - bottom <= close)
+            return count + 1, jnp.where(done, output, after), bottom, top, done
+
+        def unfinished(trial: _Trial) -> jax.Array:
+            return ~trial[-1] & (trial[0] < MOST_TRIALS)
+
+        begin: _Trial = (0, before, jnp.zeros_like(most), most, jnp.asarray(False))
+        output = jax.lax.while_loop(unfinished, improved, begin)[1]
+        output, after = moved(output)
+        return (*after, output), output
+
+    zero = jnp.zeros(plane.cells, weights.dtype)
+    nothing = jnp.zeros((), weights.dtype)
+    first = jax.tree.map(_first, course)
+    paths: Paths = jax.eval_shape(seen, first, nothing, nothing)
+    # An input before the first that is no number compares as one that does not move.
+    previous = tuple(jnp.full_like(path, jnp.nan) for path in paths)
+    return jax.lax.scan(advance, ((zero, zero + 1.0), previous, nothing), course)[1]

@@ -18,7 +18,7 @@ from preisach_jax.identify.regression import (
     penalties,
     solve_nonnegative,
 )
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.paper.numbers import FigureData, report

@@ -32,8 +32,7 @@ from preisach_jax.files import json_bytes, read_arrays, write_arrays, write_file
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.relays import levels_along
 from preisach_jax.filter.state import FilterResult
-from preisach_jax.operator.blocks import Room
-from preisach_jax.operator.events import rounded_up
+from preisach_jax.operator.events import Room, rounded_up
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 from preisach_jax.piezo import PiezoRecord, experiment, paper_stage

@@ -1,9 +1,11 @@
-"""A model with its numbers, and what it predicts."""
+"""A model with its numbers, what it predicts, and what it asks of a record."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,7 @@ import numpy as np
 from preisach_jax.chain import (
     Chain,
     Coefficients,
+    EffectValues,
     behind_hysteresis,
     drive,
     first_run_output,
@@ -24,24 +27,36 @@ from preisach_jax.chain import (
 from preisach_jax.chain.description import model_name
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, OutputEffect, Signals
-from preisach_jax.errors import InputError
+from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.errors import InputError, require_list
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hooks import HOOKS
-from preisach_jax.model.band import Band, Course
-from preisach_jax.model.estimates import ParameterEstimate, Prediction
-from preisach_jax.model.mechanical import check_not_inside, moved
-from preisach_jax.model.origin import Origin
-from preisach_jax.model.requirements import check_record
-from preisach_jax.model.spread import Numbers, differences, spread_of
-from preisach_jax.model.unforeseen import unforeseen
-from preisach_jax.model.weights import exactly_summable
-from preisach_jax.operator.hysteron import position_on
-from preisach_jax.operator.plane import Plane
-from preisach_jax.quantity import quantity
+from preisach_jax.mechanics.body import FARTHEST, along, at_rest, body_of, closes, fitted_start
+from preisach_jax.model.band import Band, InputMotion, Numbers, differences, spread_of, unforeseen
+from preisach_jax.model.origin import FORMAT, FORMAT_VERSION, Origin, ParameterEstimate
+from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.record import AS_FITTED, Record
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem
+
+
+RANGE_TOLERANCE = 0.01
+"""Share of the input range by which an input may leave the plane: noise of a converter does."""
+
+PAST_COUNTS = 0.5
+"""Share of the half width with a known past from which on what an unknown one adds is said."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A simulated output with its 95 % band, `(time,)` each, in output units; time in s."""
+
+    time: np.ndarray
+    output: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +74,8 @@ class Model:
         origin: the record on which it was identified.
         rms_validation: held-out RMS error, in output units.
         noise, discretisation: their shares of it, where a diagnosis has measured them.
-        band: the 95 % band, calibrated on rows that did not identify what predicts them; of models
-            that were written before there was one, None.
+        band: the 95 % band, calibrated on rows that did not identify what predicts them; None of a
+            model without some of its effects.
     """
 
     chain: Chain
@@ -120,7 +135,7 @@ class Model:
     def simulate(self, record: Record) -> np.ndarray:
         """Output along a record that starts as the identification record did, `(time,)`."""
         if self.chain.mechanics:
-            return self.offset + moved(self.chain, self.values, self.weights, record, begins=True)
+            return self._displaced(record, begins=True)
         with on_processor():
             signals = signals_of(record, self.origin.start_s)
             return np.asarray(response(self.chain, self.values, signals, self.coefficients))
@@ -171,36 +186,28 @@ class Model:
 
     def _moved_from_rest(self, record: Record) -> np.ndarray:
         """(time,) output of a body that is at rest, or in the steady state of a period."""
-        return self.offset + moved(self.chain, self.values, self.weights, record, begins=False)
+        return self._displaced(record, begins=False)
+
+    def _displaced(self, record: Record, begins: bool) -> np.ndarray:
+        path = displacement(self.chain, self.values, self.weights, record, begins=begins)
+        return self.offset + path
 
     def half_width(self, record: Record) -> np.ndarray:
         """Half width of the 95 % band along a record whose past is known, `(time,)`.
 
-        Arguments:
-            record: the record.
-
-        Returns:
-            That of `Model.band`; without it, 1.96 times the held-out RMS error.
+        Without a band it is 1.96 times the held-out RMS error.
         """
         if self.band is None:
             return np.full(len(record.time), 1.96 * self.rms_validation)
         run, here = self._run_of(record), (self.values, self.coefficients)
         spread = spread_of(self.chain, here, self.band.others, record, self._with_numbers(run))
-        known = self.band.along(Course.of(record), spread)
+        known = self.band.along(InputMotion.of(record), spread)
         goes_on = run is not Model._from_middle
         ahead = unforeseen(self.chain, *here, self.origin.span_s, record.time, goes_on)
-        return np.hypot(known, 1.96 * ahead) if self.band.law else known  # as older files had it
+        return np.hypot(known, 1.96 * ahead)
 
     def others_along(self, record: Record) -> tuple[np.ndarray, np.ndarray]:
-        """What other models that its record could have led to predict minus what it does.
-
-        Arguments:
-            record: the record.
-
-        Returns:
-            (row,) samples of the record, and (model, row) differences there, in output units; no
-            models where the band has none.
-        """
+        """Rows of a record, and (model, row) what the band's other models predict more there."""
         others = self.band.others if self.band is not None else None
         run, here = self._with_numbers(self._run_of(record)), (self.values, self.coefficients)
         return differences(self.chain, here, others, record, run)
@@ -287,14 +294,9 @@ class Model:
         return start if start <= first <= stop + (stop - start) else first
 
     def unknown_start(self, record: Record) -> tuple[Signals, Coefficients]:
-        """What drives the model along a record that continues none, and with which coefficients.
+        """Signals and coefficients along a record that continues none.
 
-        Arguments:
-            record: the record.
-
-        Returns:
-            The signals, and the coefficients with the memory that the record states, or with the
-            middle of what an unknown memory leaves open.
+        The memory is the one that the record states, or the middle of what is left open.
         """
         signals = signals_of(record, self._drift_origin_s(record))
         weights = self.weights
@@ -351,9 +353,41 @@ class Model:
 
     def to_json(self) -> dict[str, Any]:
         """The content of the model file."""
-        from preisach_jax.model.content import content_of
-
-        return content_of(self)
+        own = self.plane.own_thresholds
+        return {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "library_version": version("preisach_jax"),
+            "hysteron": self.chain.hysteron,
+            "levels": self.plane.levels,
+            "low": self.plane.low,
+            "high": self.plane.high,
+            **({} if own is None else {"thresholds": own.tolist()}),
+            "offset": self.offset,
+            "weights": self.weights.tolist(),
+            "memory": self.coefficients.memory.tolist(),
+            "first_run": self.coefficients.first_run.tolist(),
+            "visited": self.visited.astype(int).tolist(),
+            "effects": [
+                {
+                    "name": effect.name,
+                    "settings": effect.settings(),
+                    "parameters": {
+                        name: asdict(estimate)
+                        for name, estimate in self.parameters[effect.name].items()
+                    },
+                }
+                for effect in self.effects
+            ],
+            "columns": dict(self.columns),
+            "units": dict(self.units),
+            "sampling": {"step_s": self.origin.step_s, "rows": self.origin.rows},
+            "identification": asdict(self.origin) | {"history": self.origin.history.tolist()},
+            "rms_validation": self.rms_validation,
+            "noise": self.noise,
+            "discretisation": self.discretisation,
+            "band": None if self.band is None else self.band.to_json(),
+        }
 
     def to_control(
         self, rate_hz: float | None = None, without: Sequence[str] = (), name: str | None = None
@@ -403,9 +437,14 @@ class Model:
         Raises:
             InputError: if the file is missing, broken, or of another format.
         """
-        from preisach_jax.model.reading import load
+        from preisach_jax.model.file import read
 
-        return load(path, effects)
+        path = Path(path)
+        content = read(path)
+        try:
+            return Model.from_json(content, effects)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
 
     @staticmethod
     def from_json(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
@@ -429,6 +468,149 @@ class Model:
             >>> bool(np.all(pj.Model.from_json(model.to_json()).weights == model.weights))
             True
         """
-        from preisach_jax.model.reading import model_from
+        from preisach_jax.model.file import fields_of
 
-        return model_from(content, effects)
+        return Model(**fields_of(content, effects))
+
+
+def without_effects(model: Model, without: Sequence[str]) -> Model:
+    """The model without some of its effects."""
+    require_list("without", without)
+    names = [effect.name for effect in model.effects]
+    for name in without:
+        if name not in names:
+            have = ", ".join(names) or "none"
+            raise InputError(
+                f"there is no effect {name!r} to leave out; give one of the model: {have}"
+            )
+    if not without:
+        return model
+    linear = zip(model.chain.coefficients, model.coefficients.added.tolist(), strict=True)
+    added = [value for (name, _), value in linear if name not in without]
+    effects = tuple(effect for effect in model.effects if effect.name not in without)
+    return replace(
+        model,
+        chain=model.chain.with_effects(effects),
+        coefficients=replace(model.coefficients, added=np.array(added)),
+        band=None,
+    )
+
+
+def exactly_summable(weights: np.ndarray) -> np.ndarray:
+    """(cells,) weights rounded so that sums of them are exact in any order.
+
+    They become whole multiples of 2^-51 of a power of two above the sum of their sizes, so that
+    relays give the same output to the bit here, all at once, and in C, from a table.
+    """
+    total = float(np.abs(weights).sum())
+    step = 2.0 ** (math.frexp(total)[1] - 51)
+    return np.round(weights / step) * step if total > 0 else weights
+
+
+def displacement(
+    chain: Chain, values: EffectValues, weights: np.ndarray, record: Record, *, begins: bool
+) -> np.ndarray:
+    """(time,) displacement of a body along a record that `begins` as the fitted one did.
+
+    Another begins at rest, or in the steady state of an input that closes as a period does.
+    """
+    effect, plane = chain.mechanics, chain.plane
+    assert effect is not None
+    own = values[effect.name]
+    time, force, f_hz = record.time, record.input, own["f_hz"]
+    with on_processor():
+        body = body_of(effect, own, plane, weights)
+        start = fitted_start(effect, plane) if begins else at_rest(effect, plane)
+        if not begins and closes(time, force):
+            start = along(body, start, *_once_more(time, force), f_hz)[1]
+        path = along(body, start, time, force, f_hz)[0]
+    farthest = FARTHEST * max(abs(plane.low), abs(plane.high))
+    beyond = np.flatnonzero(~(np.abs(path) <= farthest))
+    if len(beyond):
+        raise InputError(
+            f"{record.name}: along this input the output comes to {path[beyond[0]]:.4g} "
+            f"{record.output_unit} from rest in sample {beyond[0] + 1}, and the model "
+            f"knows it up to {farthest / FARTHEST:.4g}; fit it to a record that goes as far"
+        )
+    return path
+
+
+def check_not_inside(chain: Chain, origin: str, what: str) -> None:
+    """Ask whether a model's hysteresis is driven by its input."""
+    if chain.mechanics:
+        raise InputError(
+            f"the model of {origin} has its hysteresis inside mechanics "
+            f"(restoring_force): there is {what} only of models whose input drives the hysteresis; "
+            "predict and compare work with it, or fit a model of other effects"
+        )
+
+
+def _once_more(time: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The period before a record that repeats, up to its first sample."""
+    step = float(np.median(np.diff(time)))
+    length = time[-1] - time[0] + step
+    return np.append(time - length, time[0]), np.append(force, force[0])
+
+
+def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None:
+    """Refuse a record along which a model of these units by role cannot predict."""
+    _check_units(units, record)
+    if chain.mechanics:
+        return  # the plane is one of displacements, and `displacement` asks whether they stay on it
+    plane = chain.plane
+    reach = RANGE_TOLERANCE * (plane.high - plane.low)
+    beyond = np.flatnonzero(
+        (record.input < plane.low - reach) | (record.input > plane.high + reach)
+    )
+    if len(beyond):
+        row = int(beyond[0])
+        unit = units.get("input", "")
+        raise InputError(
+            f"{record.name}: the input {record.input[row]:.6g} {unit} in sample {row + 1} lies "
+            f"outside the range {plane.low:.6g} to {plane.high:.6g} {unit} on which the model "
+            f"was identified ({len(beyond)} such samples); identify a model on a record that "
+            "covers it, or cut these samples out"
+        )
+    for effect in chain.effects:
+        if isinstance(effect, OfColumn) and effect.column not in record.aux:
+            raise InputError(
+                f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
+                f"load the record with it (--aux {effect.column})"
+            )
+
+
+def _check_units(units: Mapping[str, str], record: Record) -> None:
+    for role in ("input", "output", *record.aux):
+        own, given = (
+            pretty_unit(unit) for unit in (units.get(role, ""), record.channels[role].unit)
+        )
+        if own and given and own != given:
+            raise InputError(
+                f"{record.name}, column {record.channels[role].name}: its unit is {given}, and "
+                f"the model was identified in {own}; convert the column, or fit a model to it"
+            )
+
+
+def past_sentence(model: Model, record: Record, prediction: Prediction) -> str:
+    """Why a band is wider than that of a known past, for how long, and what narrows it."""
+    known = model.half_width(record)
+    added = (prediction.high - prediction.low) / 2 - known
+    wide = np.flatnonzero(added > PAST_COUNTS * known)
+    if not len(wide):
+        return ""
+    unit, last = model.units.get("output", ""), int(wide[-1])
+    plane, in_unit = model.plane, pretty_unit(model.units.get("input", ""))
+    widest = int(np.argmax(added))
+    until = "to the last row"
+    if last + 1 < len(record):
+        after = float(record.time[last + 1] - record.time[0])
+        until = f"until row {last + 2:,}, {quantity(after, 's')} after the first"
+    span = f"{plane.low:.6g} to {plane.high:.6g} {in_unit}".rstrip()
+    return (
+        "what the input did before row 1 is not known, so that the band is wider, by up to "
+        f"±{quantity(float(added[widest]), unit, 3)} (with a known past it is "
+        f"±{quantity(float(known[widest]), unit, 3)}), {until}; to narrow it, begin the record "
+        f"with a sweep over the whole range ({span}), or say --initial-memory low, high, "
+        f"demagnetised or as-fitted, or record without a pause behind {model.origin.record}, on "
+        "its clock"
+    )

@@ -46,11 +46,7 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
 
 
 def as_signal(values: ArrayLike, name: str) -> jax.Array:
-    """Convert a measured signal to a floating array, and warn where that takes digits it needs.
-
-    Arguments:
-        values: real numbers, of which those of one record are (time,).
-    """
+    """Convert a measured signal to a floating array, and warn where that takes digits it needs."""
     array = as_float(values, name)
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and array.dtype != np.float64:
         rounding = np.abs(values - values.astype(array.dtype))
@@ -69,11 +65,7 @@ def as_signal(values: ArrayLike, name: str) -> jax.Array:
 
 
 def require_finite(values: ArrayLike, name: str, *, missing: bool = False) -> None:
-    """Refuse values that are not finite; traced values have none yet and pass.
-
-    Arguments:
-        missing: whether NaN is allowed, for a value that is missing.
-    """
+    """Refuse values that are not finite, but for NaN if some may be `missing`; traced ones pass."""
     if isinstance(values, Tracer):
         return
     flat = np.ravel(np.asarray(values))

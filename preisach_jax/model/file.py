@@ -1,4 +1,4 @@
-"""A model from its file, every key of which is checked."""
+"""The fields of a model from its file, every key of which is checked."""
 
 from __future__ import annotations
 
@@ -18,10 +18,7 @@ from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_regular
 from preisach_jax.model.band import PARTS, SLICES, Band
-from preisach_jax.model.content import FORMAT, FORMAT_VERSION
-from preisach_jax.model.core import Model
-from preisach_jax.model.estimates import ParameterEstimate
-from preisach_jax.model.origin import Origin
+from preisach_jax.model.origin import FORMAT, FORMAT_VERSION, Origin, ParameterEstimate
 from preisach_jax.model.schema import (
     bound,
     checked,
@@ -40,17 +37,16 @@ from preisach_jax.model.schema import (
     whole,
     whole_numbers,
 )
-from preisach_jax.operator.checks import HYSTERONS
+from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import INITIAL_MEMORIES
 
 
-def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
-    """Read a model from its file; see `Model.load`."""
-    path = Path(path)
+def read(path: Path) -> Mapping[str, Any]:
+    """The content of a model's file."""
     check_regular(path, "give a model file, as 'preisach fit ... --out model.json' writes it")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
         raise InputError(
             f"{path}: this is no model file (its JSON is nested too deeply); write one with "
@@ -65,15 +61,10 @@ def load(path: str | Path, effects: Iterable[Effect] = ()) -> Model:
             f"{path}: this is no model file (it is not valid JSON: {error}); write one with "
             "'preisach fit ... --out model.json'"
         ) from error
-    try:
-        model = model_from(content, effects)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    return model
 
 
-def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Model:
-    """A model from the content of its file; see `Model.from_json`."""
+def fields_of(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> dict[str, Any]:
+    """The fields of `Model`, from what `Model.to_json` gave."""
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(
             f"this JSON is no model of preisach_jax (no 'format': '{FORMAT}'); write one with "
@@ -88,16 +79,16 @@ def model_from(content: Mapping[str, Any], effects: Iterable[Effect] = ()) -> Mo
             f"library reads version {FORMAT_VERSION}; install the version that wrote it, "
             "or fit anew"
         )
-    with _told_as_damage():
+    with _named_as_damage():
         sound = checked(content, _CONTENT)
     own = [effect for effect in listed(effects) if isinstance(effect, Effect)]
     kinds = _kinds_of(sound["effects"], {effect.name: effect for effect in own})
-    with _told_as_damage():
-        return _model_of(sound, kinds)
+    with _named_as_damage():
+        return _fields_of(sound, kinds)
 
 
 @contextmanager
-def _told_as_damage() -> Generator[None]:
+def _named_as_damage() -> Generator[None]:
     try:
         yield
     except InputError as error:
@@ -129,13 +120,7 @@ _OTHERS = of_keys(
     }
 )
 _BAND = of_keys(
-    {
-        "speed": numbers,
-        "since_s": numbers,
-        "half": numbers,
-        "law": _LAW | None,
-        "others": _OTHERS | None,
-    }
+    {"speed": numbers, "since_s": numbers, "half": numbers, "law": _LAW, "others": _OTHERS | None}
 )
 
 
@@ -145,7 +130,7 @@ def _band_from(found: dict[str, Any] | None, chain: Chain) -> Band | None:
     for key, count in (("speed", SLICES - 1), ("since_s", SLICES - 1), ("half", SLICES**2)):
         if len(found[key]) != count:
             raise InputError(f"band.{key} is a list of {len(found[key])}: expected {count}")
-    if found["law"] is not None and len(found["law"]["shares"]) != PARTS:
+    if len(found["law"]["shares"]) != PARTS:
         count = len(found["law"]["shares"])
         raise InputError(f"band.law.shares is a list of {count}: expected {PARTS}")
     _check_others(found["others"], chain)
@@ -217,8 +202,8 @@ _CONTENT = of_keys(
 """What the file of a model holds, apart from what says that it is one."""
 
 
-def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
-    """A model from checked content; what belongs together is checked first."""
+def _fields_of(content: dict[str, Any], kinds: Sequence[Effect]) -> dict[str, Any]:
+    """The fields from checked content; what belongs together is checked first."""
     _check_plane(content)
     effects = _effects_from(content["effects"], kinds)
     plane = Plane(content["levels"], content["low"], content["high"], content.get("thresholds"))
@@ -235,26 +220,26 @@ def _model_of(content: dict[str, Any], kinds: Sequence[Effect]) -> Model:
         for effect in effects
     }
     added = [parameters[effect][each.name].value for effect, each in chain.coefficients]
-    return Model(
-        chain=chain,
-        values=values,
-        coefficients=Coefficients(
+    return {
+        "chain": chain,
+        "values": values,
+        "coefficients": Coefficients(
             content["weights"],
             content["memory"],
             content["offset"],
             np.asarray(added),
             content["first_run"],
         ),
-        parameters=parameters,
-        visited=np.array(content["visited"], dtype=bool),
-        columns=content["columns"],
-        units=content["units"],
-        origin=_origin_from(content["identification"]),
-        rms_validation=content["rms_validation"],
-        noise=content["noise"],
-        discretisation=content["discretisation"],
-        band=_band_from(content["band"], chain),
-    )
+        "parameters": parameters,
+        "visited": np.array(content["visited"], dtype=bool),
+        "columns": content["columns"],
+        "units": content["units"],
+        "origin": _origin_from(content["identification"]),
+        "rms_validation": content["rms_validation"],
+        "noise": content["noise"],
+        "discretisation": content["discretisation"],
+        "band": _band_from(content["band"], chain),
+    }
 
 
 def _check_plane(content: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ import sys
 import export
 import inverse
 import page
+import paper
 import peers
 import relays
 import streaming
@@ -20,6 +21,7 @@ BENCHMARKS = {
     "export": export.main,
     "inverse": inverse.main,
     "page": page.main,
+    "paper": paper.main,
     "peers": peers.main,
     "whole_process": whole_process.main,
 }

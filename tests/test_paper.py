@@ -4,6 +4,7 @@ import inspect
 import itertools
 import json
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,14 +19,13 @@ from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.plane import Plane
-from preisach_jax.paper.noise import power_law_through
 from preisach_jax.paper.numbers import identification
 from preisach_jax.piezo import NOTCH_DENOMINATOR, NOTCH_NUMERATOR, paper_stage, resonances
 from preisach_jax.plot.paper import FIGURES, PRINT, figures
 
 signal: Any = scipy.signal  # whose results are typed as one of many
 SAMPLES = 3000
-SHORT: Any = {"levels": (9, 5, 3), "seeds": 2, "samples": SAMPLES}
+SHORT: Any = {"levels": (19, 13, 9), "seeds": 2, "samples": 10_000}
 QUICK: dict[str, dict[str, Any]] = {
     "4": {"realisations": 2},
     "5": {"seconds": 1.0, "samples": SAMPLES},
@@ -126,17 +126,16 @@ def test_hinge_recovers_a_made_up_knee():
     np.testing.assert_allclose(found(np.array([knee * 2, 5e4])), found.level)
 
 
-def test_knee_interval_covers():
-    """Of intervals for 95 %, nearly all hold the true knee."""
+def test_the_knee_interval_is_as_wide_as_the_knee_scatters():
+    """Against the knees of many independent draws of the rows."""
     rng = np.random.default_rng(3)
     k = np.arange(100.0)
     truth = -0.05 * np.minimum(k - 40.0, 0.0)
-    inside = 0
-    for number in range(12):
-        rows = 10**truth * np.exp(rng.normal(0.0, 0.8, (8, 100)))
-        low, high = paper.knee_interval(k, rows, draws=50, seed=number)
-        inside += low <= 40.0 <= high
-    assert 9 <= inside <= 12
+    draws = 10**truth * np.exp(rng.normal(0.0, 0.8, (60, 8, 100)))
+    knees = [paper.fit_hinge(k, np.log10(rows.mean(axis=0))).knee for rows in draws]
+    intervals = np.array([paper.knee_interval(k, rows, draws=50) for rows in draws[:12]])
+    assert np.mean(knees) == pytest.approx(40.0, abs=0.5)
+    assert np.mean(np.diff(intervals)) == pytest.approx(3.92 * np.std(knees), rel=0.4)
 
 
 def test_convergence_shows_the_errors_at_events(short_run):
@@ -155,7 +154,6 @@ def test_convergence_shows_the_errors_at_events(short_run):
             in_block.append(np.mean([power.mean() for power in powers]))
     np.testing.assert_allclose(convergence.block_power_um2, in_block)
     assert 4.0 < convergence.increment_squared_um2 / (75 / 9) ** 2 < 2.7**2
-    assert convergence.knee_low <= convergence.knee_high
 
 
 def test_time_frame_is_moved_by_its_mean(short_run):
@@ -169,42 +167,80 @@ def test_time_frame_is_moved_by_its_mean(short_run):
     assert np.count_nonzero(np.diff(frame.model_um)) < 40
 
 
-@pytest.fixture(scope="module")
-def short_sweep():
-    return paper.noise_sweep(0, **SHORT)
-
-
-def test_proportionality_is_that_of_the_sweep(short_sweep):
+def test_the_exponents_of_figure_8():
+    """About 1 over switching samples, a quarter less over all; the parts add up to it."""
     found = data_of("8")
-    np.testing.assert_array_equal(found.over_events_um, short_sweep.auxiliary_norm())
-    np.testing.assert_array_equal(found.over_samples_um, short_sweep.auxiliary_norm("samples"))
-    np.testing.assert_array_equal(found.noise_power_um2, short_sweep.noise_power)
-    slope, height = np.polyfit(np.log(found.noise_power_um2), np.log(found.over_events_um), 1)
+    N, norm = found.levels, found.over_events_um
+    assert found.events.value == pytest.approx(1.0, abs=0.12)
+    assert found.samples.value == pytest.approx(0.75, abs=0.12)
+    slope, height = np.polyfit(np.log(N**-2.0), np.log(norm), 1)  # W falls as N^-2
     assert found.events.value == pytest.approx(slope)
-    expected = np.exp(height + slope * np.log(found.line_power_um2))
-    np.testing.assert_allclose(found.line_events_um, expected)
-    # The exponents of the parts add up to that of the whole, since W falls as N^-2 exactly.
+    np.testing.assert_allclose(
+        found.line_events_um,
+        np.exp(height) * (found.line_power_um2 / (found.noise_power_um2 * N**2).mean()) ** slope,
+    )
     parts = found.root_cells_in_levels.value - found.error_in_levels.value
     assert found.events.value == pytest.approx(parts / 2, rel=1e-9)
-    short = found.events.value - found.share_in_levels.value / 4
-    assert found.samples.value == pytest.approx(short, abs=0.05)
+    share = found.share_in_levels.value
+    assert share == pytest.approx(1.0, abs=0.1)
+    assert found.samples.value == pytest.approx(found.events.value - share / 4, abs=0.05)
 
 
-def test_coefficients_are_those_of_the_sweep(short_sweep):
+def test_the_coefficients_of_figure_9():
     found = data_of("9")
-    np.testing.assert_array_equal(found.coefficient, short_sweep.coefficient)
-    np.testing.assert_array_equal(found.noise_part_um2, short_sweep.noise_part.mean(axis=2))
-    np.testing.assert_array_equal(found.floor_um2, short_sweep.bias_squared.mean(axis=1))
-    L = found.levels * (found.levels + 1) / 2
-    N = found.levels
+    assert found.exponent.value == pytest.approx(1.0, abs=0.02)
+    L, N = found.levels * (found.levels + 1) / 2, found.levels
     np.testing.assert_allclose(found.bound, 32 * N * L * (N * L + 2) ** 2 * (L * N**2 + 1))
+    np.testing.assert_allclose(found.orders, [14.8, 12.9, 11.1], atol=1.0)
     # On the first input the average of what each noise adds; eight noises tell it this well.
-    assert np.all(np.abs(found.exact - found.same_input) < 5 * found.same_input_error)
-    for line, row in zip(found.lines_um2, found.noise_part_um2, strict=True):
-        middle = power_law_through(
-            found.noise_power_um2, row, found.exponent.value, found.line_power_um2
-        )
-        np.testing.assert_allclose(line, middle)
+    assert np.all(np.abs(found.exact - found.same_input) < 4 * found.same_input_error)
+    np.testing.assert_allclose(found.coefficient, found.exact, rtol=0.2)
+    noisiest, part = found.total_um2[:, -1], found.noise_part_um2[:, -1]
+    np.testing.assert_allclose(noisiest, part, rtol=0.3)  # the rest of the initial error is small
+    assert np.all(found.floor_um2 < 0.1 * noisiest)
+
+
+PAGE = Path(__file__).parents[1] / "docs" / "method" / "paper.md"
+RESULT = Path(__file__).parents[1] / "benchmarks" / "results" / "paper.json"
+
+
+def test_the_page_on_the_paper_has_the_figures_of_the_committed_result():
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    found = json.loads(RESULT.read_text())
+    eight, nine, known = found["figure_8"], found["figure_9"], found["known_truth"]
+    bounds = [row["orders"] for row in found["bound"]]
+
+    def law(name, digits, of="95 %: "):
+        value, low, high = (f"{eight[name][key]:.{digits}f}" for key in ("value", "low", "high"))
+        return f"{value} ({of}{low} to {high})"
+
+    def worst(name):
+        return max(abs(row[f"drawn_{name}"] / row[name] - 1) for row in known)
+
+    errors = max(
+        abs(row["drawn_coefficient"] - row["coefficient"]) / row["standard_error"] for row in known
+    )
+    times = [f"{row['norm_over_auxiliary']:.0f} (N = {row['levels']})" for row in known[::-1]]
+    nine_levels = known[-1]
+    for words in (
+        f"linear correlation {eight['paper']['correlation']:.5f}, exponent {law('paper', 2)}",
+        f"{law('paper_all_samples', 2, '')} over all samples",
+        f"in the noise: {law('truth', 3, '')}",
+        f"an exponent of {eight['geometry']:.2f} by geometry alone",
+        f"has the exponent {eight['squared']['value']:.2f}",
+        f"{eight['by_seed']['mean']:.2f} ± {eight['by_seed']['deviation']:.2f}",
+        f"as N^{eight['root_cells_in_levels']:.2f}, ⟨e⟩ over switching samples falls as "
+        f"N^−{-eight['error_in_levels']:.2f}",
+        f"{times[0]}, {times[1]} and {times[2]} times as large",
+        f"{bounds[0]:.0f} (N = 3) to {bounds[-1]:.0f} (N = 19) orders",
+        f"{nine['orders'][-1]:.0f} (N = 9) to {nine['orders'][0]:.0f} (N = 75) above",
+        f"within {100 * worst('coefficient') + 0.05:.1f} %, or {errors:.1f} standard errors",
+        f"it is right within {100 * worst('norm_over_auxiliary') + 0.05:.1f} %",
+        f"{nine_levels['coefficient']:.2f} against {nine_levels['drawn_coefficient']:.2f} "
+        f"± {nine_levels['standard_error']:.2f} for N = 9",
+        f"{100 * nine['largest_difference']:.1f} % or {nine['in_standard_errors']:.1f} standard",
+    ):
+        assert words in text, words
 
 
 def test_ramps_beat_relays():

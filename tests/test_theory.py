@@ -27,6 +27,7 @@ from preisach_jax.theory import (
     noise_coefficient,
     noise_gain_bound,
     noise_power,
+    norm_factor,
     propagate_error,
     quantisation_noise_power,
     quantisation_step,
@@ -56,10 +57,10 @@ def switching(plane, x):
 
 
 @jax.jit
-def weights_by_samples(filt, x, z):
+def weights_and_errors(filt, x, z):
     def advance(state, sample):
-        state, _ = filt.step(state, *sample)
-        return state, state.weights
+        state, info = filt.step(state, *sample)
+        return state, (state.weights, info.error)
 
     return jax.lax.scan(advance, filt.init(x[0], z[0]), (x, z))[1]
 
@@ -70,7 +71,7 @@ def noisy_run(plane, x, truth, noise, start):
     dtype = noise.dtype
     z = (slow_relays(plane, x) @ truth + noise).astype(dtype)
     filt = AdaptiveFilter(plane, initial_weight=start.astype(dtype))
-    weights = np.asarray(weights_by_samples(filt, x.astype(dtype), z))
+    weights = np.asarray(weights_and_errors(filt, x.astype(dtype), z)[0])
     nu = np.diff(np.append(noise[0], noise[at]))
     return np.vstack([start, weights[at]]) - truth, s, nu
 
@@ -126,9 +127,10 @@ def test_every_triangle_is_created_and_all_relays_end_off(levels):
         assert frozenset(np.flatnonzero(triangle)) in switched
 
 
-@pytest.mark.parametrize(("levels", "sigma"), [(4, 0.0), (4, 1.0)])
-def test_a_period_with_every_triangle_is_within_its_bounds(levels, sigma, x64):
-    """Eq. (16) and (17), for several draws."""
+@pytest.mark.parametrize("sigma", [0.0, 3e-6, 1.0])
+def test_a_period_with_every_triangle_is_within_its_bounds(sigma, x64):
+    """Eq. (16), which says something in little noise only, and (17), for several draws."""
+    levels = 4
     plane = plane_of(levels)
     x = every_triangle(plane)
     T = len(x) - 1
@@ -140,9 +142,8 @@ def test_a_period_with_every_triangle_is_within_its_bounds(levels, sigma, x64):
         initial, largest = squared(errors[0]), np.max(np.sum(s * errors[:-1], axis=1) ** 2)
         lower = initial / (16 * levels * (levels * T + 2) ** 2) - T * levels**2 * squared(nu)
         np.testing.assert_allclose(switching_sum_bound(initial, nu, T, levels), lower, rtol=1e-10)
+        assert (lower > 0) == (sigma < 1)
         assert largest >= lower
-        if sigma == 0:
-            assert lower > 0
         upper = (1 - 1 / (16 * levels * (levels * T + 2) ** 2)) * initial
         upper += (T**2 * levels**2 + T) / T * squared(nu)
         np.testing.assert_allclose(error_after_period(initial, nu, T, levels), upper, rtol=1e-10)
@@ -220,6 +221,7 @@ ONE, UP = np.array([1.0]), np.array([0.0, 2.0])
         (lambda: check_bound(1), "levels is 1"),
         (lambda: check_bound(2, periods=0), "periods is 0"),
         (lambda: noise_coefficient(plane_of(2), UP[[0, 1, 1]], 1, 9), "last is 9: give at most 3"),
+        (lambda: norm_factor(plane_of(2), UP[[0, 1, 1, 1]], 2, 4), "2 to 4: give one in which"),
         (lambda: average_over_samples(UP, np.array([3, 0]), 3, 5), "not in order"),
     ],
 )
@@ -257,7 +259,7 @@ def test_quantisation_and_averages_are_their_closed_forms():
 
 
 def dense_moments(plane, x, start, W):
-    """Mean and covariance of (E, n) by full matrices; ‖⟨E⟩‖² and tr Cov(E) after each event."""
+    """Mean and covariance of (E, n) by full matrices; ‖⟨E⟩‖², tr Cov(E), Var e of each event."""
     _, signs = switching(plane, x)
     mean = np.append(start, 0.0)
     covariance = np.zeros((mean.size, mean.size))
@@ -269,9 +271,11 @@ def dense_moments(plane, x, start, W):
         step[:-1, :-1] = np.eye(plane.cells) - np.outer(s, s) / A
         step[:-1, -1] = -s / A
         gain = np.append(s / A, 1.0)
+        error = np.append(s, 1.0)  # e = n - (s, 1)·(E, n')
+        output_variance = error @ covariance @ error + W
         mean = step @ mean
         covariance = step @ covariance @ step.T + W * np.outer(gain, gain)
-        rows.append((squared(mean[:-1]), np.trace(covariance[:-1, :-1])))
+        rows.append((squared(mean[:-1]), np.trace(covariance[:-1, :-1]), output_variance))
     return np.array(rows).T, mean[:-1], covariance[:-1, :-1]
 
 
@@ -280,18 +284,19 @@ def test_moments_are_those_of_the_dense_recursion(kind, x64):
     plane, W = plane_of(5), 0.3
     x = path(kind, 5, 250)
     start = np.random.default_rng(0).uniform(-1, 1, plane.cells)
-    (mean_squared, variance), mean, covariance = dense_moments(plane, x, start, W)
+    (mean_squared, variance, of_output), mean, covariance = dense_moments(plane, x, start, W)
     found = propagate_error(plane, x, start, W)
     np.testing.assert_array_equal(found.sample, switching(plane, x)[0])
     np.testing.assert_allclose(found.mean_squared, mean_squared, rtol=1e-10)
     np.testing.assert_allclose(found.variance, variance, rtol=1e-10)
+    np.testing.assert_allclose(found.output_variance, of_output, rtol=1e-10)
     np.testing.assert_allclose(found.mean, mean, atol=1e-12)
     np.testing.assert_allclose(found.covariance, covariance, atol=1e-12)
 
 
 def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
     plane, x = plane_of(4), path("ramps", 4, 200)
-    (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
+    (_, variance, _), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
     at = switching(plane, x)[0]
     course = np.repeat(variance, np.diff(np.append(at, 200)))
     expected = course[50 - at[0] :].mean()
@@ -301,12 +306,32 @@ def test_the_practical_coefficient_is_the_average_of_what_noise_adds(x64):
     assert shown[0] == (f"covariance of {plane.cells} weights", 0.0)
 
 
+def test_coefficient_and_norm_are_those_of_chance(x64):
+    """Against the filter run over 2,000 noises, within three standard errors."""
+    plane, x, first = plane_of(5), path("ramps", 5, 600), 200
+    filt = AdaptiveFilter(plane, initial_weight=1.0)  # the truth, so that only noise is left
+    z = slow_relays(plane, x) @ np.ones(plane.cells)
+    noisy = z + 0.1 * np.random.default_rng(3).normal(size=(2000, len(x)))
+    weights, errors = jax.vmap(lambda z: weights_and_errors(filt, x, z))(noisy)
+    each = np.mean(squared(np.asarray(weights)[:, first:] - 1.0), axis=1)  # ⟨‖E‖²⟩ of each noise
+    error = np.std(each) / math.sqrt(2000)
+    exact = noise_coefficient(plane, x, first, 600)
+    assert error < 0.01 * each.mean()
+    assert abs(each.mean() - 0.01 * exact) < 3 * error
+    at = switching(plane, x)[0]
+    late = np.asarray(errors)[:, at[at >= first]]
+    factor = norm_factor(plane, x, first, 600)
+    assert math.sqrt(each.mean() / np.mean(late**2)) == pytest.approx(factor, rel=0.015)
+    # (31) stands for a much smaller error.
+    assert factor * math.sqrt(plane.cells) > 5
+
+
 def test_the_bound_is_compared_on_the_input_that_it_asks_for():
     levels, periods = 4, 5
     plane = plane_of(levels)
     once = every_triangle(plane)
     x = np.append(once[:1], np.tile(once[1:], periods))
-    (_, variance), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
+    (_, variance, _), _, _ = dense_moments(plane, x, np.zeros(plane.cells), 1.0)
     check = check_bound(levels, periods)
     T = len(once) - 1
     bound = 32 * levels * T * (levels * T + 2) ** 2 * (T * levels**2 + 1)

@@ -5,7 +5,7 @@ import numpy as np
 from test_modes import RATE, lagging, plays, through
 
 import preisach_jax as pj
-from preisach_jax.identify.between import on_arcs
+from preisach_jax.identify.confidence import on_arcs
 
 FINER = 16
 

@@ -9,7 +9,7 @@ import pytest
 
 from preisach_jax import InputError, Model, OnlineFilter, Plane, Record, Sweep
 from preisach_jax.effects import resolve
-from preisach_jax.fit.start import checked_levels
+from preisach_jax.fit.stepwise import checked_levels
 from preisach_jax.model import without_effects
 from preisach_jax.plant import simulate_stage
 from preisach_jax.record.reading import read_table

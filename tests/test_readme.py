@@ -20,7 +20,7 @@ README = Path(__file__).parent.parent / "README.md"
 SMALLER = {"seconds=8.0, rate_hz=1000.0": "seconds=6.0, rate_hz=1000.0"}
 """What makes the blocks small; nothing else of them is changed."""
 
-START = importlib.import_module("preisach_jax.fit.start")  # `preisach_jax.fit` is a function
+START = importlib.import_module("preisach_jax.fit.stepwise")  # `preisach_jax.fit` is a function
 
 FEW = ("creep", "drift")
 

@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.effects.restoring_force import BOUC_WEN, PREISACH, RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.export.description import describe
-from preisach_jax.mechanics.body import along, at_rest, body_of
+from preisach_jax.mechanics import along, at_rest, body_of
 from preisach_jax.operator.plane import Plane
 from preisach_jax.report import write_comparison, write_report
 

@@ -18,7 +18,7 @@ from preisach_jax.effects import resolve
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.resonance import Resonance
-from preisach_jax.fit import begun, double_precision, in_reduced_basis, settled, with_effect
+from preisach_jax.fit import double_precision, in_reduced_basis, plain_model, refit, with_effect
 from preisach_jax.identify import evaluate
 
 OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT = resolve(["output_lag", "input_lag", "creep", "drift"], {})
@@ -36,7 +36,7 @@ def in_double_precision():
 
 def searched(time, u, z, effects, **options):
     """What a search among some effects finds in a record."""
-    _, whole, point = begun(pj.Record.from_arrays(time, u, z, **options), LEVELS)
+    _, whole, point = plain_model(pj.Record.from_arrays(time, u, z, **options), LEVELS)
     problem, point = in_reduced_basis(whole, point)
     search = Search.of(problem, effects)
     return search, search.run(Whole.of(problem, point))
@@ -72,7 +72,7 @@ def test_a_needless_mode_is_left_out(two_modes_behind_a_lag):
     values = {**one.values["resonance"], "f_2_hz": 300.0, "zeta_2": 0.4, "gain_2": 1e-3}
     chain = point.chain.with_effects((two,))
     rich = evaluate(search.problem, chain, {"resonance": values}, one.strength, one)
-    assert not search._stands(Whole.of(search.problem, settled(search.problem, rich)))
+    assert not search._stands(Whole.of(search.problem, refit(search.problem, rich)))
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_a_creep_may_have_a_past_but_not_stand_for_a_drift(late_and_settling):
     time, h = np.arange(count) / SLOW_HZ, plays(u)
     z = h + sum(0.03 * signal.lsim(([1.0], [tau, 1.0]), h, time)[1] for tau in (0.5, 5.0))
     z = (z + rng.normal(0, 0.01, count))[before:]
-    problem, point = begun(pj.Record.from_arrays(time[: len(z)], u[before:], z), 9)[1:]
+    problem, point = plain_model(pj.Record.from_arrays(time[: len(z)], u[before:], z), 9)[1:]
     assert implausible(problem, with_effect(problem, point, CREEP), "creep") == ""
 
     search, _ = late_and_settling
@@ -164,7 +164,7 @@ def beside_a_wander(column, acts, seed=0):
     u = np.interp(np.arange(len(TIME)), corners, rng.uniform(0, 10, len(corners)))
     z = 0.5 * u + plays(u, (0.8,), 1.0) + 0.3 * walk([seed, 2]) + acts * column
     z = z + rng.normal(0, 0.01, len(u))
-    _, problem, point = begun(pj.Record.from_arrays(TIME, u, z, aux={"temp_C": column}), 9)
+    _, problem, point = plain_model(pj.Record.from_arrays(TIME, u, z, aux={"temp_C": column}), 9)
     problem, point = in_reduced_basis(problem, point)
     effect = Auxiliary(column="temp_C", unit="1").bound_to(problem.survey)
     drift = Drift(horizon_s=float(TIME[-1]), waves=12)

@@ -8,7 +8,7 @@ from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.comparison import compare
-from preisach_jax.fit import begun, double_precision
+from preisach_jax.fit import double_precision, plain_model
 from preisach_jax.record.spikes import input_spikes, isolated_spikes
 
 T = np.arange(4000) / 1000
@@ -38,7 +38,7 @@ def misread(record, seed):
 
 def freed(record):
     with double_precision():
-        return begun(record, LEVELS)[0]
+        return plain_model(record, LEVELS)[0]
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

@@ -15,9 +15,9 @@ import pytest
 import preisach_jax as pj
 from preisach_jax.fit import (
     Schedule,
-    begun,
     double_precision,
     in_reduced_basis,
+    plain_model,
     trained,
     with_effect,
 )
@@ -113,7 +113,7 @@ def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind)
     record = recorded()
     with double_precision():
         effect = jax.tree.map(lambda x: x.astype(float) if eqx.is_array(x) else x, kind(1))
-        _, problem, point = begun(record, LEVELS)
+        _, problem, point = plain_model(record, LEVELS)
         problem, point = in_reduced_basis(problem, point)
         point = with_effect(problem, point, effect)
         point = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
@@ -171,7 +171,7 @@ def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
 def test_the_rows_held_out_do_not_steer_the_training(hidden):
     record, _ = hidden
     with double_precision():
-        problem, chain = Problem.of(record), begun(record, LEVELS)[2].chain
+        problem, chain = Problem.of(record), plain_model(record, LEVELS)[2].chain
         held_out = problem.rows[np.isin(problem.fold, VALIDATION)]
         mixed = record.output.copy()
         # Mean and range of the output, which scale the problem, stay what they are.

@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
-from preisach_jax.identify.point import GRID_ORDER, share_off
+from preisach_jax.identify.problem import GRID_ORDER, share_off
 from preisach_jax.record.jumps import wander_rms
 
 MOST_LEVELS = 50

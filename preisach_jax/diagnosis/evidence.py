@@ -8,7 +8,7 @@ import numpy as np
 
 from preisach_jax.fit import Fit
 from preisach_jax.identify import ALL, VALIDATION, Point, Problem
-from preisach_jax.identify.solution import solved
+from preisach_jax.identify.problem import solved
 
 STRETCHES = 24
 """Stretches of equal numbers of rows over which predictions are compared: few enough that what is

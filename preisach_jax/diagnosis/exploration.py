@@ -35,7 +35,6 @@ from preisach_jax.fit import (
     Fit,
     Progress,
     aux_units,
-    begun,
     checked_levels,
     double_precision,
     held_out_rms,
@@ -44,6 +43,7 @@ from preisach_jax.fit import (
     moved_to,
     on_a_coarser_plane,
     on_all_rows,
+    plain_model,
     with_effect,
     with_signs,
 )
@@ -377,7 +377,7 @@ def explore(
     if progress is not None:
         progress("fitting the rate-independent model", 0.0)
     with double_precision():
-        record, problem, point = begun(record, checked_levels(levels))
+        record, problem, point = plain_model(record, checked_levels(levels))
         problem, point = in_reduced_basis(problem, point)
         fit = on_all_rows(record, problem, point)
     return Exploration(fit, tried, None, {"problem": problem, "point": point})

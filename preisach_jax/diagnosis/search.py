@@ -31,8 +31,8 @@ from preisach_jax.fit import (
     best_start,
     feeds_back,
     in_silence,
+    refit,
     roughly_with,
-    settled,
     without_effect,
 )
 from preisach_jax.identify import Point, Problem, evaluate
@@ -379,7 +379,7 @@ class Search:
             log_gain = (model.error - rough.error) / 2
             if not max(log_gain, evidence.gain) > WORTH_SETTLING:
                 return Tried(name, rough, evidence, evidence.against)
-            trial = settled(problem, trial)
+            trial = refit(problem, trial)
             whole = Whole.of(problem, trial)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             return Tried(name, None, None, f"could not be fitted: {error}")
@@ -465,7 +465,7 @@ class Search:
                 chain = _in_place_of(point.chain, present, form)
                 trial = best_start(self.problem, point, chain, present.name, [values], 1)
                 if Whole.of(self.problem, trial).error < model.error:
-                    self._meet(Whole.of(self.problem, settled(self.problem, trial)))
+                    self._meet(Whole.of(self.problem, refit(self.problem, trial)))
 
     def _without(self, model: Whole, name: str) -> Whole:
         """A model that lacks one of its effects."""

@@ -20,13 +20,13 @@ from preisach_jax.fit import (
     Progress,
     at_levels,
     aux_units,
-    begun,
     checked_levels,
     double_precision,
     freed_of_blemishes,
     in_reduced_basis,
     in_silence,
     mended_by,
+    plain_model,
 )
 from preisach_jax.identify import Point, Problem
 from preisach_jax.loss import magnet_of
@@ -142,7 +142,7 @@ def _diagnosed(
     watch: Watch | None,
 ) -> Diagnosis:
     progress("fitting the rate-independent model", 0.0)
-    record, all_hysterons, point = begun(record, checked_levels(levels))
+    record, all_hysterons, point = plain_model(record, checked_levels(levels))
     problem, point = in_reduced_basis(all_hysterons, point)
 
     finals = Finals(record, problem)

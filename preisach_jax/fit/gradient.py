@@ -1,4 +1,4 @@
-r"""Steps of an optimiser on the arrays of effects, with the density projected out.
+r"""TakenSteps of an optimiser on the arrays of effects, with the density projected out.
 
 At weights \(\theta\) of the effects the linear coefficients are those that are best for them, so
 that the objective is
@@ -61,7 +61,7 @@ def names_of(leaves: Leaves) -> list[str]:
     return found
 
 
-class Course(eqx.Module):
+class VariableProjection(eqx.Module):
     """All that stays while the arrays of effects are trained from one solution to the next.
 
     Attributes:
@@ -88,8 +88,8 @@ class Course(eqx.Module):
     inverse: np.ndarray
 
     @staticmethod
-    def of(problem: Problem, point: Point, changing: tuple[str, ...]) -> Course:
-        """The course from a point on, by the rows that identify it."""
+    def of(problem: Problem, point: Point, changing: tuple[str, ...]) -> VariableProjection:
+        """The projection from a point on, by the rows that identify it."""
         chain, coefficients, signals = point.chain, point.coefficients(), problem.signals
         runs: list[Run] = []
         for position, part in enumerate(parts_of(signals)):
@@ -101,7 +101,7 @@ class Course(eqx.Module):
         inside = np.isin(problem.fold, point.folds)
         # How many columns an unknown past takes differs from one solution to the next.
         lacking = -point.matrix.shape[1] % ROUND_COLUMNS
-        return Course(
+        return VariableProjection(
             unit_chain,
             scale,
             {name: as_arrays(own) for name, own in point.values.items()},
@@ -140,7 +140,7 @@ def _inverse(point: Point) -> np.ndarray:
     return inverse
 
 
-class Steps(NamedTuple):
+class TakenSteps(NamedTuple):
     """What some steps of an optimiser lead to.
 
     Attributes:
@@ -157,17 +157,17 @@ class Steps(NamedTuple):
 
 @eqx.filter_jit
 def steps_taken(
-    course: Course,
+    projection: VariableProjection,
     leaves: Leaves,
     state: Any,
     optimiser: GradientTransformationExtraArgs,
     count: int,
-) -> Steps:
+) -> TakenSteps:
     """Take some steps of an optimiser, compiled as one loop."""
-    before = course.output(leaves)
+    before = projection.output(leaves)
 
     def mean_square(now: Leaves) -> Array:
-        return jnp.mean(course.projected(now, before) ** 2)
+        return jnp.mean(projection.projected(now, before) ** 2)
 
     def step(carry: tuple[Leaves, Any], _: None) -> tuple[tuple[Leaves, Any], tuple[Array, Array]]:
         now, state = carry
@@ -180,7 +180,7 @@ def steps_taken(
         return (moved, state), (value, finite)
 
     (leaves, state), (values, finite) = jax.lax.scan(step, (leaves, state), length=count)
-    return Steps(leaves, state, values, finite)
+    return TakenSteps(leaves, state, values, finite)
 
 
 _known: dict[tuple[object, ...], GradientTransformationExtraArgs] = {}

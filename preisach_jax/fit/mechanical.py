@@ -1,27 +1,37 @@
-"""Fit a body on a hysteretic spring to a record, by the error of its simulated motion."""
+"""Fit a body on a hysteretic spring to a record, by the error of its simulated motion.
+
+A linear body comes first, from the equation of motion of the smoothed record. What a search moves
+are the numbers of a form, by Levenberg-Marquardt steps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects.restoring_force import BOUC_WEN, PREISACH, RestoringForce
 from preisach_jax.errors import InputError
-from preisach_jax.fit.finish import FINAL_ROWS, held_out_rows
-from preisach_jax.fit.result import Fit
-from preisach_jax.fit.running import Progress
+from preisach_jax.fit.fitted import FINAL_ROWS, Fit, held_out_rows
+from preisach_jax.fit.stepwise import Progress
 from preisach_jax.identify import Point, Problem
-from preisach_jax.mechanics.body import LEAST_SAMPLES
-from preisach_jax.mechanics.forms import BoucWenForm, Form, OperatorForm, common_numbers, simulated
-from preisach_jax.mechanics.initial import Guess, first_guess
-from preisach_jax.mechanics.motion import Force, substeps_of
-from preisach_jax.mechanics.refinement import Refined, refined
+from preisach_jax.mechanics import (
+    LEAST_SAMPLES,
+    Body,
+    BoucWen,
+    Force,
+    PreisachSpring,
+    RestoringLaw,
+    State,
+    motion,
+    substeps_of,
+)
 from preisach_jax.model import Model, Origin, ParameterEstimate
 from preisach_jax.model.band import Band, InputMotion
 from preisach_jax.operator.plane import Plane
@@ -51,6 +61,310 @@ from which on a law leaves nothing to another one."""
 
 LEAST_EXPLAINED = 0.2
 """Share of the power of the force that a linear body must explain for a search to start."""
+
+POWER = 0.98
+"""Share of the power of a force up to whose frequency the equation of motion is asked."""
+
+TAPER = 0.05
+"""Share of a record that is faded at each end."""
+
+COMMON = ("stiffness", "omega", "zeta", "offset", "start_z", "start_speed")
+"""Numbers that every form begins with; the first two as logarithms."""
+
+WIDTHS = (0.0, 0.1, 0.25, 0.5, 1.0)
+"""Widths α - β of loops at which the density has nodes, in ranges of the plane: closer where
+loops are narrow, since hardly any density is even across widths."""
+
+PLACES = 3
+"""Nodes of the density along the middle (α + β)/2 of loops, for each width."""
+
+DENSITY_RIDGE = 5e-4
+"""Share of the spread of the output that a density as great as the stiffness adds to the residual:
+the prior decides only what the record leaves open."""
+
+MOST_STEPS = 40
+ENOUGH = 1e-5
+"""Relative fall of the mean square of two steps below which the search ends."""
+
+MOST_DAMPING = 1e6
+
+
+class Guess(NamedTuple):
+    """The linear body that comes closest to a record.
+
+    Attributes:
+        mass, damping, stiffness: its parameters.
+        explained: share of the power of the force that it explains.
+        band_hz: frequency below which nearly all power of the force lies, in Hz.
+    """
+
+    mass: float
+    damping: float
+    stiffness: float
+    explained: float
+    band_hz: float
+
+    @property
+    def is_body(self) -> bool:
+        """Whether it has a mass and a spring, whose resonance lies in the band of the force."""
+        if not (self.mass > 0 and self.stiffness > 0):
+            return False
+        return np.sqrt(self.stiffness / self.mass) <= 2 * np.pi * self.band_hz
+
+
+def first_guess(time: np.ndarray, force: np.ndarray, z: np.ndarray) -> Guess:
+    """The linear body m, c, k that comes closest to a record, by its equation of motion.
+
+    Both signals are faded at the ends and lose what lies above the band of the force by the same
+    filter, so that the equation holds between what is left of them. The times are evenly spaced.
+    """
+    count = len(time)
+    frequency = np.fft.rfftfreq(count, float(time[-1] - time[0]) / (count - 1))
+    fade = np.clip(np.minimum(np.arange(count), np.arange(count)[::-1]) / (TAPER * count), 0, 1)
+    window = np.sin(np.pi / 2 * fade) ** 2
+    driving, moving = (np.fft.rfft((each - each.mean()) * window) for each in (force, z))
+    power = np.asarray(np.cumsum(np.abs(driving) ** 2), float)
+    last = int(np.sum(power < POWER * power[-1]))
+    edge = float(frequency[max(min(last, count // 2), 1)])
+    passed = 1 / (1 + (frequency / edge) ** 8)
+    omega = 2j * np.pi * frequency
+    columns: np.ndarray = np.stack(
+        [np.fft.irfft(moving * passed * omega**order, count) for order in (2, 1, 0)], axis=1
+    )
+    goal = np.fft.irfft(driving * passed, count)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    scaled: np.ndarray = columns / scale
+    found: np.ndarray = np.linalg.lstsq(scaled, goal, rcond=None)[0] / scale
+    rest = goal - columns @ found
+    explained = 1 - float(rest @ rest) / max(float(goal @ goal), np.finfo(float).tiny)
+    return Guess(float(found[0]), float(found[1]), float(found[2]), explained, edge)
+
+
+class Parts(NamedTuple):
+    """What a form makes of its numbers: the body, its start, and the output at rest."""
+
+    body: Body[Any]
+    start: State
+    offset: Array
+
+
+class BoucWenForm(NamedTuple):
+    """Numbers of a body with a Bouc-Wen law: the common ones, share, beta, gamma, n and start y.
+
+    Attributes:
+        range_z: displacement in which the state of the law is measured.
+    """
+
+    range_z: float
+
+    def parts(self, numbers: Array) -> Parts:
+        """The body that the numbers make, and where it starts."""
+        stiffness, omega, zeta = jnp.exp(numbers[0]), jnp.exp(numbers[1]), numbers[2]
+        share, beta, gamma, exponent = numbers[6], numbers[7], numbers[8], numbers[9]
+        law = BoucWen(stiffness * share, jnp.asarray(self.range_z), beta, gamma, exponent)
+        body = _body(stiffness, omega, zeta, stiffness * (1 - share), law)
+        return Parts(body, (numbers[4], numbers[5], numbers[10:11]), numbers[3])
+
+    def named(self, numbers: Array) -> dict[str, Array]:
+        """The parameters of the effect."""
+        shape = zip(("share", "beta", "gamma", "n"), numbers[6:10], strict=True)
+        return _named(numbers) | dict(shape)
+
+    def starts(self, common: np.ndarray) -> list[np.ndarray]:
+        """Where a search starts: laws around the linear body that yield, and that stiffen."""
+        y = common[4] / self.range_z
+        shapes = ((0.3, 0.3), (0.7, -0.7))
+        return [np.append(common, [0.5, *shape, 1.0, y]) for shape in shapes]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest numbers."""
+        low, high = np.full(11, -np.inf), np.full(11, np.inf)
+        low[[2, 6, 7, 8, 9, 10]] = [0.0, 1e-3, -20.0, -20.0, 1.0, -5.0]
+        high[[2, 6, 7, 8, 9, 10]] = [2.0, 1.5, 20.0, 20.0, 4.0, 5.0]
+        return low, high
+
+    def penalty(self, scale: float) -> np.ndarray:
+        """(row, number) rows that should be zero times the numbers, in units of the output."""
+        del scale
+        return np.zeros((0, 11))
+
+
+class OperatorForm(NamedTuple):
+    """Numbers of a body with a Preisach operator: the common ones, and a density at its nodes.
+
+    The density is in units of the stiffness: a cell's weight is its value at the cell, times the
+    stiffness and the range of the plane over the number of levels squared.
+
+    Attributes:
+        plane: the plane, over displacements.
+        basis: (cells, node) linear interpolation from the nodes to the cells.
+    """
+
+    plane: Plane
+    basis: np.ndarray
+
+    @staticmethod
+    def on(plane: Plane) -> OperatorForm:
+        """The form whose density is linear between nodes, and has a part on the diagonal."""
+        rows, columns = np.asarray(plane.alpha_index), np.asarray(plane.beta_index)
+        most = plane.levels - 1.0
+        width = _hats((rows - columns) / most, np.array(WIDTHS))
+        place = _hats((rows + columns) / (2 * most), np.linspace(0.0, 1.0, PLACES))
+        inside = (width[:, :, None] * place[:, None, :]).reshape(len(rows), -1)
+        diagonal = np.where((rows == columns)[:, None], place, 0.0) * plane.levels
+        basis = np.concatenate([inside, diagonal], axis=1)
+        return OperatorForm(plane, basis[:, basis.any(axis=0)])
+
+    @property
+    def weight_scale(self) -> float:
+        """Weight of a cell whose density is the stiffness."""
+        return (self.plane.high - self.plane.low) / self.plane.levels**2
+
+    def weights(self, numbers: Array) -> Array:
+        """(cells,) weights, in units of force."""
+        return jnp.exp(numbers[0]) * self.weight_scale * (self.basis @ numbers[len(COMMON) :])
+
+    def parts(self, numbers: Array) -> Parts:
+        """The body that the numbers make, and where it starts."""
+        stiffness, omega, zeta = jnp.exp(numbers[0]), jnp.exp(numbers[1]), numbers[2]
+        law = PreisachSpring(self.plane, self.weights(numbers))
+        rest = stiffness - jnp.sum(law.weights) / (self.plane.high - self.plane.low)
+        start = law.committed(law.demagnetised(numbers.dtype), numbers[4])
+        body = _body(stiffness, omega, zeta, rest, law)
+        return Parts(body, (numbers[4], numbers[5], start), numbers[3])
+
+    def named(self, numbers: Array) -> dict[str, Array]:
+        """The parameters of the effect."""
+        share = jnp.sum(self.weights(numbers)) / (self.plane.high - self.plane.low)
+        return _named(numbers) | {"share": share / jnp.exp(numbers[0])}
+
+    def starts(self, common: np.ndarray) -> list[np.ndarray]:
+        """Where a search starts: the linear body."""
+        return [np.append(common, np.zeros(self.basis.shape[1]))]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest numbers."""
+        count = len(COMMON) + self.basis.shape[1]
+        low, high = np.full(count, -np.inf), np.full(count, np.inf)
+        low[2], high[2] = 0.0, 2.0
+        return low, high
+
+    def penalty(self, scale: float) -> np.ndarray:
+        """(row, number) rows that should be zero times the numbers, in units of the output."""
+        nodes = self.basis.shape[1]
+        return DENSITY_RIDGE * scale * np.eye(len(COMMON) + nodes)[len(COMMON) :] / np.sqrt(nodes)
+
+
+Form = BoucWenForm | OperatorForm
+
+
+def _named(numbers: Array) -> dict[str, Array]:
+    return {
+        "f_hz": jnp.exp(numbers[1]) / (2 * jnp.pi),
+        "zeta": numbers[2],
+        "stiffness": jnp.exp(numbers[0]),
+    }
+
+
+def _hats(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """(value, node) weights of linear interpolation between nodes."""
+    return np.stack([np.interp(values, nodes, own) for own in np.eye(len(nodes))], axis=1)
+
+
+def _body(stiffness: Array, omega: Array, zeta: Array, rest: Array, law: RestoringLaw) -> Body[Any]:
+    return Body(stiffness / omega**2, 2 * zeta * stiffness / omega, rest, law)
+
+
+def simulated(form: Form, numbers: Array, force: Force, substeps: int) -> Array:
+    """(time,) output of a form along a force."""
+    parts = form.parts(numbers)
+    return motion(parts.body, force, parts.start, substeps)[0] + parts.offset
+
+
+def common_numbers(guess: Guess, z: np.ndarray) -> np.ndarray:
+    """The common numbers of a linear guess."""
+    stiffness, mass = guess.stiffness, guess.mass
+    assert guess.is_body  # `fit` refuses others
+    omega = np.sqrt(stiffness / mass)
+    zeta = min(max(guess.damping / (2 * np.sqrt(stiffness * mass)), 0.005), 1.0)
+    middle = float(z.mean())
+    return np.array([np.log(stiffness), np.log(omega), zeta, middle, z[0] - middle, 0.0])
+
+
+class Refined(NamedTuple):
+    """Where a search has come to.
+
+    Attributes:
+        values: (parameter,) the best values.
+        residual: (time,) what they leave.
+        tangents: (time, parameter) derivatives of the output there.
+        mean_square: mean square of the rows that count, with the penalty.
+    """
+
+    values: np.ndarray
+    residual: np.ndarray
+    tangents: np.ndarray
+    mean_square: float
+
+
+def refined(
+    run: Callable[[np.ndarray], Array],
+    derivative: Callable[[np.ndarray], Array],
+    values: np.ndarray,
+    goal: np.ndarray,
+    counts: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    penalty: np.ndarray | None = None,
+    most_steps: int = MOST_STEPS,
+) -> Refined:
+    """The parameters whose output comes closest to a goal.
+
+    K. Levenberg, Q. Appl. Math. 2 (1944) 164-168; D. W. Marquardt, J. SIAM 11 (1963) 431-441: the
+    damping is that of the scaled parameters.  A step that lets the output diverge is shortened.
+
+    Arguments:
+        run: the simulation, from (parameter,) values to (time,) output.
+        derivative: its derivatives, (time, parameter).
+        values: (parameter,) where to start.
+        goal: (time,) the measured output.
+        counts: (time,) bool, rows that are compared.
+        bounds: lowest and highest values, (parameter,) each.
+        penalty: (row, parameter) rows that should be zero times the values; by default none.
+    """
+    rows = np.zeros((0, len(values))) if penalty is None else penalty
+    weight = 1 / np.sqrt(counts.sum())
+
+    def left(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        residual = goal - np.asarray(run(values))
+        stacked = np.concatenate([residual[counts] * weight, -rows @ values])
+        square = float(stacked @ stacked)
+        return residual, stacked, square if np.isfinite(square) else np.inf
+
+    residual, stacked, square = left(values)
+    tangents = np.asarray(derivative(values))
+    damping, small = 1e-2, 0
+    for _ in range(most_steps):
+        matrix = np.concatenate([tangents[counts] * weight, rows])
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), np.finfo(float).tiny)
+        scaled = matrix / scale
+        gram, slope = scaled.T @ scaled, scaled.T @ stacked
+        while damping < MOST_DAMPING:
+            damped: Any = gram + damping * np.eye(len(values))
+            step = np.asarray(np.linalg.solve(damped, slope), dtype=float)
+            trial = np.clip(values + step / scale, *bounds)
+            found = left(trial)
+            if found[2] < square:
+                break
+            damping *= 4
+        else:
+            break
+        small = small + 1 if found[2] > (1 - ENOUGH) * square else 0
+        values, (residual, stacked, square) = trial, found
+        damping = max(damping / 10, 1e-9)
+        tangents = np.asarray(derivative(values))
+        if small == 2:
+            break
+    return Refined(values, residual, tangents, square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +397,7 @@ class _Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _LawSearch:
     """A law that is fitted to a record.
 
     Attributes:
@@ -101,7 +415,7 @@ class _Search:
     derivative: Callable[[np.ndarray, Force], jax.Array]
 
     @staticmethod
-    def of(seen: _Motion, law: str, levels: int) -> _Search:
+    def of(seen: _Motion, law: str, levels: int) -> _LawSearch:
         """The search for a law, with a plane of so many levels if it has one."""
         form: Form = BoucWenForm(float(np.ptp(seen.output)) / 2)
         if law == PREISACH:
@@ -113,7 +427,7 @@ class _Search:
 
         run = cast(Callable[[np.ndarray, Force], jax.Array], jax.jit(output))
         slopes = cast(Callable[[np.ndarray, Force], jax.Array], jax.jit(jax.jacfwd(output)))
-        return _Search(seen, law, form, run, slopes)
+        return _LawSearch(seen, law, form, run, slopes)
 
     def tried(self) -> Refined:
         """The best of the starts, after some steps on the first periods of the record."""
@@ -166,18 +480,18 @@ def fit_inside(
     """The fit of a body on a hysteretic spring.
 
     Its linear part is found first, from the equation of motion of the smoothed record; then all
-    parameters, from the error of the simulated motion (`mechanics.refinement`).
+    parameters, from the error of the simulated motion (`refined`).
 
     Arguments:
         to_beat: RMS error, in output units, below which a law must come on the first periods.
     """
     seen = _as_motion(record)
     laws = (effect.law,) if effect.law else (BOUC_WEN, PREISACH)
-    best: tuple[float, _Search, np.ndarray, np.ndarray] | None = None
+    best: tuple[float, _LawSearch, np.ndarray, np.ndarray] | None = None
     closest = np.inf
     for position, law in enumerate(laws):
         progress(f"fitting restoring_force ({law})", position / len(laws))
-        search = _Search.of(seen, law, min(levels, MOST_LEVELS))
+        search = _LawSearch.of(seen, law, min(levels, MOST_LEVELS))
         start = search.tried()
         closest = min(closest, start.mean_square**0.5)
         if not start.mean_square**0.5 < to_beat:

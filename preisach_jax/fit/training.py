@@ -13,19 +13,19 @@ import numpy as np
 from preisach_jax.effects.arrays import is_floating
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError, NotFiniteError, whole_number
-from preisach_jax.fit.running import Progress, in_silence
+from preisach_jax.fit.stepwise import Progress, in_silence
 from preisach_jax.identify import IDENTIFICATION, Point, Problem, evaluate, refine, with_strength
 
 if TYPE_CHECKING:
     from optax import GradientTransformation, GradientTransformationExtraArgs
 
-    from preisach_jax.fit.gradient import Leaves, Steps
+    from preisach_jax.fit.gradient import Leaves, TakenSteps
 
 TRAINING_STEPS = 2_000
-"""Steps of an optimiser, at most, if nothing else is asked for."""
+"""TakenSteps of an optimiser, at most, if nothing else is asked for."""
 
 STEPS_AT_ONCE = 25
-"""Steps from one solution for the linear coefficients to the next."""
+"""TakenSteps from one solution for the linear coefficients to the next."""
 
 PATIENCE = 10
 """Such rounds without a better model until the training ends."""
@@ -130,7 +130,7 @@ def trained(
         The model, solved on all rows that identify, and how it was trained.  Where the training
         fails after it has found a better model than that of the start, it is that model.
     """
-    from preisach_jax.fit.gradient import Course, leaves_of, shared, steps_taken
+    from preisach_jax.fit.gradient import VariableProjection, leaves_of, shared, steps_taken
 
     leaves = leaves_of(tuple(each for each in point.chain.effects if each.name in names))
     now = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
@@ -142,8 +142,8 @@ def trained(
     taken, ended = 0, f"all {rounds * at_once} steps were taken"
     for position in range(rounds):
         progress(f"training {', '.join(leaves)}, step {taken}", position / rounds)
-        course = Course.of(problem, now, tuple(leaves))
-        result = steps_taken(course, leaves, state, optimiser, at_once)
+        projection = VariableProjection.of(problem, now, tuple(leaves))
+        result = steps_taken(projection, leaves, state, optimiser, at_once)
         failure = _failure(result, leaves, taken)
         if not failure:
             leaves, state, taken = result.leaves, result.state, taken + at_once
@@ -198,7 +198,7 @@ def _moved(problem: Problem, point: Point, leaves: Leaves) -> Point | None:
         return None
 
 
-def _failure(result: Steps, leaves: Leaves, taken: int) -> str:
+def _failure(result: TakenSteps, leaves: Leaves, taken: int) -> str:
     """What went wrong in some steps, in a line; empty if nothing did."""
     from preisach_jax.fit.gradient import names_of
 

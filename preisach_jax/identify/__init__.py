@@ -5,18 +5,20 @@ the one to few nonlinear parameters of the effects are found outside, from a coa
 Gauss-Newton steps with derivatives through the model.
 """
 
-from preisach_jax.identify.blocks import (
+from preisach_jax.identify.gauss_newton import Linearised, linearise, refine, starts_of, stepped
+from preisach_jax.identify.problem import (
     ALL,
     BLOCKS,
     FOLDS,
     IDENTIFICATION,
     VALIDATION,
+    Point,
+    Problem,
+    evaluate,
     thinned_rows,
+    with_all_rows,
+    with_strength,
 )
-from preisach_jax.identify.point import Point
-from preisach_jax.identify.problem import Problem
-from preisach_jax.identify.search import Linearised, linearise, refine, starts_of, stepped
-from preisach_jax.identify.solution import evaluate, with_all_rows, with_strength
 
 __all__ = [
     "ALL",

@@ -1,4 +1,7 @@
-"""Confidence intervals of a model's parameters from residuals that are correlated in time."""
+"""Confidence intervals of a model's parameters from residuals that are correlated in time.
+
+They hold as well what the parameters would be if the input went in arcs from sample to sample.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from preisach_jax.chain import Coefficients
-from preisach_jax.chain.runs import of_last_run
-from preisach_jax.effects.base import Parameter
-from preisach_jax.identify import FOLDS, Linearised, Point, Problem, linearise
-from preisach_jax.identify.point import share_off
+from preisach_jax.chain import Coefficients, ThinnedSignals
+from preisach_jax.chain.runs import of_last_run, response
+from preisach_jax.chain.signals import each_run, parts_of
+from preisach_jax.effects.base import Signals
+from preisach_jax.effects.parameter import Parameter
+from preisach_jax.identify.gauss_newton import Linearised, linearise
+from preisach_jax.identify.problem import FOLDS, Point, Problem, share_off
 from preisach_jax.model import ParameterEstimate
 from preisach_jax.model.band import Others, rounded
 
@@ -32,6 +39,12 @@ OTHERS_OF_BLOCKS = 12
 
 OTHERS_OF_PRIOR = 16
 """Models that a band gets from what the smoothness prior decides."""
+
+OF_HALF_A_STEP = 4 / 3
+"""Error of straight lines over what halves of them take off: it goes with the step squared."""
+
+FURTHEST = 50.0
+"""Logarithm of a factor beyond which an end of an interval is not moved."""
 
 
 class Influences(NamedTuple):
@@ -172,10 +185,8 @@ def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
     Of the sandwich covariance of `estimates`, each of some stretches of the record is one; of the
     posterior covariance \(\sigma^2 M^{-1}\) of the hysterons alone, with the regularised matrix M,
     those of the greatest variances, of which hardly any row tells and which the smoothness prior
-    decides.
-
-    Returns:
-        (move, column) changes of all columns, tangents last, and how many are of stretches.
+    decides. The result are (move, column) changes of all columns, tangents last, and how many of
+    them are of stretches.
     """
     groups = np.array_split(found.stretches, min(OTHERS_OF_BLOCKS, len(found.stretches)))
     of_blocks = np.stack([group.sum(axis=0) for group in groups])
@@ -194,11 +205,7 @@ def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
 def other_models(
     problem: Problem, point: Point, found: Influences, moves: np.ndarray, of_blocks: int
 ) -> Others:
-    """The models that `moves_of` a point lead to, along the last run of the record.
-
-    Arguments:
-        moves: (move, column) changes of all columns.
-    """
+    """The models that (move, column) `moves_of` a point lead to, along the record's last run."""
     size = len(point.solution)
 
     def numbers(move: np.ndarray) -> Coefficients:
@@ -251,3 +258,103 @@ def _interval(
         float(min(high, parameter.high)),
         problem.shown_unit(parameter.unit),
     )
+
+
+def with_arcs(
+    found: Mapping[str, Mapping[str, ParameterEstimate]],
+    problem: Problem,
+    point: Point,
+    by: Influences,
+) -> dict[str, dict[str, ParameterEstimate]]:
+    """Intervals that hold the values of a model whose input goes in arcs between its samples, too.
+
+    A record does not tell how its input went between two samples.  What a model's output changes by
+    arcs in place of straight lines (`change_by_arcs`) moves its columns as noise does.
+    """
+    wider = {effect: dict(own) for effect, own in found.items()}
+    if not any(wider.values()):
+        return wider
+    moved = _moved_by(change_by_arcs(problem, point), problem, point, by)
+    if not np.isfinite(moved).all():
+        return wider
+    nonlinear = zip(point.parameters, moved[len(point.solution) :] / by.linear.scale, strict=True)
+    amounts = moved[: len(point.solution)] * problem.unit / point.equations.scale
+    linear = zip(point.chain.coefficients, amounts[point.columns.first_added :], strict=True)
+    for (effect, parameter), shift in (*nonlinear, *linear):
+        wider[effect][parameter.name] = _reaching(parameter, wider[effect][parameter.name], shift)
+    return wider
+
+
+def _reaching(parameter: Parameter, own: ParameterEstimate, shift: float) -> ParameterEstimate:
+    """An interval about a value, and about what it would be without a shift."""
+    shift = float(np.clip(shift, -FURTHEST, FURTHEST)) if parameter.log else float(shift)
+    if shift > 0:
+        return replace(own, low=parameter.from_search(parameter.to_search(own.low) - shift))
+    if shift < 0:
+        return replace(own, high=parameter.from_search(parameter.to_search(own.high) - shift))
+    return own
+
+
+def _moved_by(change: np.ndarray, problem: Problem, point: Point, by: Influences) -> np.ndarray:
+    """(column,) what a change of the output, `(row,)` in output ranges, moves of every column."""
+    rows = np.isin(problem.fold, point.folds)
+    parts = (point.matrix, by.linear.tangents)
+    pull = np.concatenate([part[rows].T @ change[rows] for part in parts])[by.inside]
+    moved = np.zeros(len(by.gram))
+    gram = by.gram[np.ix_(by.inside, by.inside)]
+    moved[by.inside] = scipy.linalg.solve(gram, pull, assume_a="pos")
+    return moved
+
+
+def change_by_arcs(problem: Problem, point: Point) -> np.ndarray:
+    """By how much the output of a model changes where its input bends between the samples.
+
+    The model runs along twice as many samples, of which every second one lies on an arc through its
+    neighbours.  What goes straight from sample to sample inside a model, as that does which a lag
+    passes on to a mode, goes straight for half the time there. Along a record that was thinned the
+    (row,) change, in output ranges, is zero.
+    """
+    parts = parts_of(problem.signals)
+    if any(isinstance(part, ThinnedSignals) for part in parts):
+        return np.zeros(len(problem.rows))
+    numbers = point.coefficients()
+    straight, bent = (
+        np.asarray(response(point.chain, point.values, signals, numbers))
+        for signals in (problem.signals, each_run(on_arcs, problem.signals))
+    )
+    # Nothing lies between the last sample of a run and the first one of the next.
+    run = np.repeat(np.arange(len(parts)), [len(part.time) for part in parts])
+    at_samples = bent[2 * np.arange(len(run)) - run]
+    return OF_HALF_A_STEP * (at_samples - straight)[problem.rows] / problem.unit
+
+
+def on_arcs(signals: Signals) -> Signals:
+    r"""Signals with a sample between each two; that of the input lies on an arc.
+
+    \[ x_{k+1/2} = \frac{x_k + x_{k+1}}{2} - \frac{\Delta t^2}{8}\,
+       \frac{a_k a_{k+1} (a_k + a_{k+1})}{a_k^2 + a_{k+1}^2} \]
+
+    with the second differences a, and no arc where their signs differ: corners stay corners (G. D.
+    van Albada, B. van Leer, W. W. Roberts, Astron. Astrophys. 108 (1982) 76-84).
+    """
+    time, x = np.asarray(signals.time), np.asarray(signals.input)
+    step = np.diff(time)
+    slope = np.diff(x) / np.where(step > 0, step, 1.0)
+    apart = step[1:] + step[:-1]
+    bend = np.pad(2 * np.diff(slope) / np.where(apart > 0, apart, 1.0), 1)
+    begin, end = bend[:-1], bend[1:]
+    alike = begin * end > 0
+    squares = np.where(alike, begin**2 + end**2, 1.0)
+    mean = np.where(alike, begin * end * (begin + end) / squares, 0.0)
+    return Signals(
+        _between(signals.time),
+        _between(signals.input, mean * step**2 / 8),
+        {name: _between(values) for name, values in signals.aux.items()},
+    )
+
+
+def _between(values: jax.Array, arc: np.ndarray | float = 0.0) -> jax.Array:
+    """Values with the mean of each two between them, less the height of an arc."""
+    here = np.asarray(values)
+    middle = (here[1:] + here[:-1]) / 2 - arc
+    return jnp.asarray(np.insert(here, np.arange(1, len(here)), middle), values.dtype)

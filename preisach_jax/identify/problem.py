@@ -1,13 +1,16 @@
-"""A record that is identified: its blocks, and what is kept from one model to the next."""
+"""A record that is identified, cut into blocks, and models of it at given nonlinear parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+import scipy
 
-from preisach_jax.chain import Chain, Columns, EffectValues, HysteresisColumns
+from preisach_jax.chain import Chain, Coefficients, Columns, EffectValues, HysteresisColumns, sensed
 from preisach_jax.chain.runs import (
     hysteresis_columns,
     hysteresis_output,
@@ -16,15 +19,50 @@ from preisach_jax.chain.runs import (
     thinned,
 )
 from preisach_jax.effects import BUILT_IN
-from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect, Signals, Survey
+from preisach_jax.effects.base import (
+    Effect,
+    HysteresisEffect,
+    InputEffect,
+    Parameter,
+    SensorEffect,
+    Signals,
+    Survey,
+)
 from preisach_jax.effects.lawful import require_law_of_place
-from preisach_jax.identify.blocks import ALL, IDENTIFICATION, VALIDATION, blocks_of, rows_kept
-from preisach_jax.identify.point import Point
-from preisach_jax.identify.reduction import Basis, reduced_basis
-from preisach_jax.identify.regression import NormalEquations, normal_equations, penalties
+from preisach_jax.errors import NotFiniteError
+from preisach_jax.identify.regression import (
+    Basis,
+    NormalEquations,
+    choose_strength,
+    normal_equations,
+    penalties,
+    reduced_basis,
+    slices_of,
+    solve_nonnegative,
+)
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.joined import without_rows
+
+BLOCKS = 96
+"""Contiguous blocks of measured rows into which a record is cut."""
+
+FOLDS = 4
+"""One block of four is held out; the other three folds identify, and choose the prior.
+Where whole runs are held out, their rows are the fourth fold."""
+
+STEPS = (3, 3, 3, 5, 5, 5)
+"""Blocks from one that is held out to the next.  Were they always four, a drive whose period is so
+long, or a half or a quarter of that, would show the rows held out the same part of its course."""
+
+LEAST_STRETCHES = 64
+"""Stretches into which the input of a run is cut at least where a record is thinned."""
+
+IDENTIFICATION = np.arange(FOLDS - 1)
+
+VALIDATION = np.array([FOLDS - 1])
+
+ALL = np.arange(FOLDS)
 
 WHOLE_CELLS = 100
 """Cells up to which all hysterons are kept, with weights of one sign: they cost little more than a
@@ -37,6 +75,195 @@ WORTH_THINNING = 0.75
 MOST_KEPT = 10_000_000
 """States beyond which columns are computed anew instead of kept: that takes less than a second,
 and keeping them takes hundreds of megabytes."""
+
+GRID_ORDER = 1.0
+"""Power of the cell with which the error of a fitted plane falls: of smooth densities it is 1 to
+2."""
+
+
+def rows_kept(record: Record, limit: int) -> np.ndarray:
+    """Samples of a record to keep, about `limit`; each run gets its share of them."""
+    kept: list[np.ndarray] = []
+    for rows in record.stretches:
+        count = rows.stop - rows.start
+        own = max(round(limit * count / len(record)), LEAST_STRETCHES)
+        kept.append(rows.start + thinned_rows(record.input[rows], min(own, count)))
+    return np.concatenate(kept)
+
+
+def blocks_of(record: Record, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(row,) block and fold of each of the measured rows of a record."""
+    block, fold = np.zeros(len(rows), dtype=int), np.zeros(len(rows), dtype=int)
+    by_blocks = not any(run.held_out for run in record.runs)
+    first = 0
+    for position, stretch in enumerate(record.stretches):
+        inside = (rows >= stretch.start) & (rows < stretch.stop)
+        own, count = rows[inside] - stretch.start, stretch.stop - stretch.start
+        # A short record has fewer blocks, but all folds of them.
+        most = FOLDS * max(1, round(BLOCKS / FOLDS * inside.sum() / len(rows)))
+        blocks = min(most, FOLDS * (len(own) // (2 * FOLDS)))
+        # Lost samples must not move what is held out, nor leave a block without rows.
+        cut = own * blocks // count
+        if blocks and np.bincount(cut, minlength=blocks).min() < 0.75 * len(own) / blocks:
+            cut = np.arange(len(own)) * blocks // len(own)
+        block[inside] = first + cut
+        if by_blocks:
+            fold[inside] = _folds(max(blocks, 1), held_out=True)[cut]
+        elif record.runs[position].held_out:
+            fold[inside] = FOLDS - 1
+        else:
+            fold[inside] = _folds(max(blocks, 1), held_out=False)[cut]
+        first += max(blocks, 1)
+    return block, fold
+
+
+def _folds(blocks: int, held_out: bool) -> np.ndarray:
+    """(block,) a fold of each block; the last one, if some are held out, every `STEPS` blocks."""
+    fold = np.full(blocks, -1)
+    if held_out:
+        at = np.cumsum(np.resize(STEPS, blocks)) - 1
+        fold[at[at < blocks]] = FOLDS - 1
+        if blocks > 1 and fold[-1] == FOLDS - 1:
+            # The ends of a run identify: what is not measured beyond them is unknown.
+            fold[-2:] = fold[-2:][::-1]
+    others = np.flatnonzero(fold < 0)
+    count = np.arange(len(others))
+    fold[others] = (count + count // 7) % (FOLDS - 1)  # 7: nor are these in step with a period
+    return fold
+
+
+def thinned_rows(values: np.ndarray, limit: int) -> np.ndarray:
+    """Samples of an input to keep: its extremes, more where it bends, fewer where it does not.
+
+    The input is cut into stretches, of which half are shared out evenly and half by the square
+    root of the second difference around a sample: that spreads the error of straight lines between
+    the samples evenly.  Of each stretch the first sample is kept, and where the input turns inside
+    it, those of its least and its greatest value, so that no reversal is lost but inside a stretch.
+    """
+    count = len(values)
+    bend = np.zeros(count)
+    bend[1:-1] = np.sqrt(np.abs(np.diff(values, n=2)))
+    share = scipy.ndimage.uniform_filter1d(bend, 15)
+    for _ in range(5):  # a sample needs no more than a stretch of its own
+        share = np.minimum(share / max(share.sum(), np.finfo(float).tiny), 2.0 / limit)
+    share = 0.5 / count + 0.5 * share / max(share.sum(), np.finfo(float).tiny)
+    stretch = np.floor(np.cumsum(share) / share.sum() * limit * (1 - 1e-12)).astype(int)
+    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    keep = np.zeros(count, dtype=bool)
+    keep[[0, -1]] = True
+    keep[starts] = True
+    turns = np.zeros(count, dtype=bool)
+    moved = np.flatnonzero(np.diff(values))  # a converter repeats the value at a turning point
+    turns[moved[:-1][np.diff(np.sign(np.diff(values)[moved])) != 0] + 1] = True
+    sizes = np.diff(starts, append=count)
+    for extreme in (np.minimum, np.maximum):
+        keep |= turns & (values == np.repeat(extreme.reduceat(values, starts), sizes))
+    others = np.flatnonzero(~keep)
+    filling = min(-int(keep.sum()) % max(limit // 16, 1), len(others))
+    keep[others[np.arange(filling) * len(others) // max(filling, 1)]] = True
+    return np.flatnonzero(keep)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A chain at given nonlinear parameters, with its best linear coefficients.
+
+    Attributes:
+        chain: what is in the model.
+        values: nonlinear parameters by effect and name.
+        strength: strength of the smoothness prior.
+        folds: folds of rows that identify.
+        unit: output range, in output units.
+        level: mean output, in output units.
+        target: (row,) measured output from its mean, in output ranges.
+        matrix: (row, column) scaled regressors of the measured rows.
+        columns: what the columns are.
+        equations: normal equations, in output ranges.
+        solution: (column,) scaled coefficients from those folds.
+        objective: mean square plus penalty on those folds.
+        known_mean_square: that on the held-out blocks of a point without regressors; else None.
+    """
+
+    chain: Chain
+    values: dict[str, dict[str, float]]
+    strength: float
+    folds: np.ndarray
+    unit: float
+    level: float
+    target: np.ndarray
+    matrix: np.ndarray
+    columns: Columns
+    equations: NormalEquations
+    solution: np.ndarray
+    objective: float
+    known_mean_square: float | None = None
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(row,) residual over all measured rows, in output ranges.
+
+        What the sensor makes of the output is predicted as it would be without the measurement.
+        """
+        if not self.chain.at(SensorEffect):
+            return self.target - self.matrix @ self.solution
+        rest = self.matrix.shape[1] - self.chain.sensor_coefficients
+        signal = self.matrix[:, :rest] @ self.solution[:rest] * self.unit + self.level
+        reading = sensed(self.chain, self.values, jnp.asarray(signal), self.coefficients())
+        return self.target - (np.asarray(reading) - self.level) / self.unit
+
+    @property
+    def validation_mean_square(self) -> float:
+        """Mean square on the held-out blocks, in squared output ranges."""
+        if self.known_mean_square is not None:
+            return self.known_mean_square
+        if self.chain.at(SensorEffect):  # what the sensor does is in no normal equations
+            held_out = int(self.equations.count[VALIDATION].sum())
+            return float(np.mean(self.residual[-held_out:] ** 2))
+        return self.equations.mean_square(self.solution, VALIDATION)
+
+    @property
+    def parameters(self) -> list[tuple[str, Parameter]]:
+        """All nonlinear parameters with the effects they belong to."""
+        return parameters_of(self.chain.effects)
+
+    def share_of(self, effect: str) -> np.ndarray:
+        """(row,) what an effect's own columns give, in output ranges: those that it adds, or those
+        of what the past before the record left in it."""
+        own = self.columns.of_effect(effect)
+        return self.matrix[:, own] @ self.solution[own]
+
+    @property
+    def slim(self) -> Point:
+        """The same point without its regressors and products: what a larger model starts from."""
+        matrix = np.zeros((0, self.matrix.shape[1]))
+        columns = replace(self.columns, matrix=matrix)
+        none = np.zeros((0, 0, 0))
+        equations = replace(
+            self.equations, gram=none, prior=np.zeros((0, 0)), memory=np.zeros((0, 0))
+        )
+        return replace(
+            self,
+            matrix=matrix,
+            columns=columns,
+            equations=equations,
+            known_mean_square=self.validation_mean_square,
+        )
+
+    def coefficients(self, solution: np.ndarray | None = None) -> Coefficients:
+        """The linear numbers of the model in output units."""
+        solution = self.solution if solution is None else solution
+        found = Coefficients.from_columns(self.columns, self.unit * solution / self.equations.scale)
+        return found.raised(self.level)
+
+
+def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
+    """All nonlinear parameters of some effects, with the effects' names."""
+    return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]
+
+
+def share_off(point: Point, other: Point, order: float = GRID_ORDER) -> float:
+    r"""Share of the grid's error that another plane takes off, \(1 - (N / N')^p\)."""
+    return 1 - (point.chain.plane.levels / other.chain.plane.levels) ** order
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,3 +442,76 @@ def equations_of(problem: Problem, columns: Columns, basis: Basis | None) -> Nor
     return normal_equations(
         columns.matrix, problem.goal, problem.fold, columns.nonnegative, asked, columns.loose
     )
+
+
+def evaluate(
+    problem: Problem,
+    chain: Chain,
+    values: dict[str, dict[str, float]],
+    strength: float,
+    like: Point | None = None,
+    folds: np.ndarray = IDENTIFICATION,
+) -> Point:
+    """Solve for the linear coefficients at given nonlinear parameters."""
+    hysteresis = problem.hysteresis(chain, values, like)
+    columns = regressors(chain, values, problem.signals, hysteresis, problem.rows, problem.target)
+    del hysteresis
+    matrix = columns.matrix
+    if not np.isfinite(matrix).all():
+        raise NotFiniteError(
+            f"the model gives values that are not finite at {values}; narrow the effect's bounds"
+        )
+    basis = problem.basis(chain) if problem.reduces_on(chain.plane) else None
+    equations = equations_of(problem, columns, basis)
+    matrix[:, columns.offset + 1 :] /= equations.scale[columns.offset + 1 :]
+    guess = np.empty(0) if like is None else like.solution
+    if like is not None and like.columns.vectors is not None and columns.vectors is None:
+        guess = like.columns.vectors @ guess[: like.columns.offset]
+        guess = np.concatenate([guess, like.solution[like.columns.offset :]])
+    bare = Point(
+        chain, values, strength, folds, problem.unit, problem.level, problem.goal, matrix, columns,
+        equations, guess, 0.0,
+    )  # fmt: skip
+    return solved(bare)
+
+
+def solved(point: Point) -> Point:
+    """The point with its linear coefficients and its objective computed."""
+    equations, folds, strength = point.equations, point.folds, point.strength
+    gram, moment = equations.system(folds, strength)
+    guess = point.solution
+    passive = guess > 0 if len(guess) == len(moment) else None
+    solution = solve_nonnegative(gram, moment, equations.nonnegative, passive)
+    objective = equations.mean_square(solution, folds) + equations.penalty(solution, strength)
+    return replace(point, solution=solution, objective=objective)
+
+
+def with_strength(problem: Problem, point: Point) -> Point:
+    """The same point with the strength of the prior that its own data choose.
+
+    Without signs, what a fold holds that no other tells of is predicted so badly that it would
+    choose alone; so its blocks count one by one there.
+    """
+    signs = bool(point.columns.nonnegative.any())
+    by_block = None if signs else _log_error_by_block(problem, point)
+    equations, now = point.equations, point.strength
+    strength = choose_strength(equations, IDENTIFICATION, now, by_block, point.solution)
+    return solved(replace(point, strength=strength))
+
+
+def _log_error_by_block(problem: Problem, point: Point) -> Callable[[np.ndarray, int], float]:
+    slices = slices_of(problem.fold)
+
+    def log_error(solution: np.ndarray, k: int) -> float:
+        rows = slices[k]
+        left = point.target[rows] - point.matrix[rows] @ solution
+        block = problem.block[rows]
+        powers = np.bincount(block, left**2)[np.unique(block)]
+        return float(np.mean(np.log(np.maximum(powers, np.finfo(float).tiny))))
+
+    return log_error
+
+
+def with_all_rows(point: Point, folds: np.ndarray = ALL) -> Point:
+    """The same point with its linear coefficients identified on all measured rows."""
+    return solved(replace(point, folds=folds))

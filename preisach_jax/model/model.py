@@ -31,7 +31,7 @@ from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.errors import InputError, require_list
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hooks import HOOKS
-from preisach_jax.mechanics.body import FARTHEST, along, at_rest, body_of, closes, fitted_start
+from preisach_jax.mechanics import FARTHEST, along, at_rest, body_of, closes, fitted_start
 from preisach_jax.model.band import Band, InputMotion, Numbers, differences, spread_of, unforeseen
 from preisach_jax.model.origin import FORMAT, FORMAT_VERSION, Origin, ParameterEstimate
 from preisach_jax.operator.plane import Plane, position_on

@@ -10,10 +10,8 @@ import numpy as np
 from preisach_jax.chain.runs import response, tangents
 from preisach_jax.effects.base import Effect, Parameter
 from preisach_jax.errors import NotFiniteError
-from preisach_jax.identify.point import Point
-from preisach_jax.identify.problem import Problem
+from preisach_jax.identify.problem import Point, Problem, evaluate
 from preisach_jax.identify.regression import NormalEquations, slices_of, solve_nonnegative
-from preisach_jax.identify.solution import evaluate
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from preisach_jax.operator.inputs import (
     require_finite,
     require_hysteron,
 )
-from preisach_jax.operator.plane import Plane, hysteron_step, position_on, thresholds_reached
+from preisach_jax.operator.plane import Plane, hysteron_step, thresholds_reached
 
 LIMIT_TOLERANCE = 1e-6
 """Share of the plane's range by which rounding may take an input beyond it."""
@@ -180,8 +180,6 @@ def weighted_states(
         [1.5, 3.0]
     """
     paths = _paths(x, x if falling is None else falling, reversible)
-    if hysteron == "ramp":
-        return _weighted_ramps(plane, weights, memory, paths)
 
     def advance(
         carry: tuple[jax.Array, jax.Array, Paths], now: Paths
@@ -194,28 +192,6 @@ def weighted_states(
     zero = jnp.zeros(plane.cells, x.dtype)
     start = (zero, zero + 1.0, tuple(path[0] for path in paths))
     return jax.lax.scan(advance, start, paths)[1]
-
-
-def _weighted_ramps(plane: Plane, weights: jax.Array, memory: jax.Array, paths: Paths) -> jax.Array:
-    """`weighted_states` of ramps: what thresholds of a row or a column reach is computed once."""
-    cells = (plane.alpha_index, plane.beta_index)
-    laid_out = jnp.zeros((2, plane.levels, plane.levels), weights.dtype)
-    laid_out = laid_out.at[0, *cells].set(weights - memory).at[1, *cells].set(memory)
-    index = jnp.arange(plane.levels, dtype=weights.dtype)
-    reached = tuple(
-        jnp.clip(position_on(plane, path)[:, None] - index[None, :], 0.0, 1.0) for path in paths
-    )
-    diagonal = jnp.eye(plane.levels, dtype=bool)
-
-    def advance(states: jax.Array, now: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-        on_alpha, on_beta = now[0][None, :, None], now[1][None, None, :]
-        states = jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
-        if len(now) > 2:
-            states = jnp.where(diagonal[None], now[2][None, :, None], states)
-        return states, jnp.vdot(states, laid_out)
-
-    start = jnp.stack([jnp.zeros_like(laid_out[0]), jnp.ones_like(laid_out[0])])
-    return jax.lax.scan(advance, start, reached)[1]
 
 
 def state_bounds(

@@ -10,16 +10,14 @@ from pathlib import Path
 import preisach_jax
 
 PACKAGE = Path(preisach_jax.__file__).parent
-ON_TOP = {"app", "cli"}
-"""Rooms that no other imports."""
 
 WIDTH, HEIGHT, GAP_X, GAP_Y = 112, 30, 14, 46
 
 TEXT = """# Architecture
 
 One way in, one way through: a measured `Record` becomes a `Model`, a `Fit`, a `Diagnosis` and a
-report, or a drive and C code. Imports run downward only; `tests/test_architecture.py` guards
-the order.
+report, or a drive and C code. Imports run downward only, those inside functions and for annotations
+as well, and there are no circles; `tests/test_architecture.py` guards both.
 
 - `operator`, `filter`: the Preisach operator, and the paper's recursive filter on it. They know
   nothing of records.
@@ -33,8 +31,8 @@ the order.
   or by hand (`explore`).
 - `loss`: what closed cycles of a record lose, as measured and by a model.
 - `compensation`, `export`: the inverse, and C, FMU and python-control.
-- `present`, `plot`, `report`, `app`, `cli`: all that people see. A result loads its part of
-  `present` or `plot` when it is shown.
+- `present`, `plot`, `report`, `app`, `cli`: all that people see. `fit.plot()` and the like call
+  functions there that `preisach_jax/__init__.py` has put into `hooks`.
 - `plant`, `piezo`, `signals`: simulated stages that share no code with the models.
 
 ## What imports what
@@ -60,9 +58,7 @@ def imports() -> dict[str, set[str]]:
         if room in ("__init__", "__main__"):
             continue
         own = found.setdefault(room, set())
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        # The command line imports what a command needs when it runs, to start quickly.
-        for node in ast.walk(tree) if room in ON_TOP else tree.body:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("preisach_jax"):
                 parts = (node.module or "").split(".")[1:]
                 names = [parts[0]] if parts else [alias.name for alias in node.names]

@@ -110,61 +110,38 @@ __all__ = [
     "sweep",
 ]
 
-_HOMES = {
-    "AdaptiveFilter": "filter.adaptive",
-    "AddedEffect": "effects.base",
-    "Compensation": "compensation",
-    "Cycle": "loss",
-    "Design": "diagnosis.design",
-    "Diagnosis": "diagnosis",
-    "Effect": "effects.base",
-    "Exploration": "diagnosis.exploration",
-    "Fit": "fit",
-    "FleetResult": "filter.fleet",
-    "HysteresisEffect": "effects.base",
-    "InputEffect": "effects.base",
-    "InputError": "errors",
-    "Look": "look",
-    "Loop": "compensation",
-    "Loss": "loss",
-    "Model": "model",
-    "OnlineFilter": "filter.online",
-    "OnlineInverse": "compensation",
-    "OutputEffect": "effects.base",
-    "Parameter": "effects.parameter",
-    "ParameterEstimate": "model",
-    "Plane": "operator.plane",
-    "PrecisionWarning": "errors",
-    "Prediction": "model",
-    "Record": "record",
-    "RecursiveLeastSquares": "filter.least_squares",
-    "SensorEffect": "effects.base",
-    "Signals": "effects.base",
-    "SparseForm": "diagnosis",
-    "Survey": "effects.base",
-    "Sweep": "paper.sweep",
-    "WeightEffect": "effects.base",
-    "coefficient": "effects.parameter",
-    "compare_recursions": "filter.comparison",
-    "compensate": "compensation",
-    "design": "diagnosis.design",
-    "diagnose": "diagnosis",
+_NAMES = {
+    "compensation": "Compensation Loop OnlineInverse compensate simulate_loop",
+    "diagnosis": "Diagnosis SparseForm diagnose find_form",
+    "diagnosis.design": "Design design",
+    "diagnosis.exploration": "Exploration explore",
     "effects": "effects",
-    "explore": "diagnosis.exploration",
-    "find_form": "diagnosis",
-    "fit": "fit",
-    "look": "look",
-    "loss_per_cycle": "loss",
-    "parameter": "effects.parameter",
-    "run_fleet": "filter.fleet",
-    "simulate": "operator.simulation",
-    "simulate_loop": "compensation",
-    "simulate_stage": "plant",
-    "sweep": "paper.sweep",
+    "effects.base": (
+        "AddedEffect Effect HysteresisEffect InputEffect "
+        "OutputEffect SensorEffect Signals Survey WeightEffect"
+    ),
+    "effects.parameter": "Parameter coefficient parameter",
+    "errors": "InputError PrecisionWarning",
+    "filter.adaptive": "AdaptiveFilter",
+    "filter.comparison": "compare_recursions",
+    "filter.fleet": "FleetResult run_fleet",
+    "filter.least_squares": "RecursiveLeastSquares",
+    "filter.online": "OnlineFilter",
+    "fit": "Fit fit",
+    "look": "Look look",
+    "loss": "Cycle Loss loss_per_cycle",
+    "model": "Model ParameterEstimate Prediction",
+    "operator.plane": "Plane",
+    "operator.simulation": "simulate",
+    "paper.sweep": "Sweep sweep",
+    "plant": "simulate_stage",
+    "record": "Record",
 }
-"""The module that defines each name, within this package."""
+"""The names that each module defines, within this package."""
 
-_SHOWN_BY = {
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+
+SHOWN_BY = {
     "Record._repr_html_": "present.record.as_html",
     "Model._repr_html_": "present.model.as_html",
     "Model.to_control": "export.control.to_control",
@@ -189,7 +166,7 @@ def _loaded_when_called(place: str) -> Callable[..., Any]:
     return call
 
 
-HOOKS.update({method: _loaded_when_called(place) for method, place in _SHOWN_BY.items()})
+HOOKS.update({method: _loaded_when_called(place) for method, place in SHOWN_BY.items()})
 
 _OTHER_NAMES = {"effects": "library"}
 """Names that are others in their module."""

@@ -7,7 +7,10 @@ import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 import preisach_jax
 
@@ -66,6 +69,12 @@ def test_imports_run_one_way():
 
 def test_no_modules_import_each_other_in_a_circle():
     TopologicalSorter(imports()).prepare()  # raises CycleError, which names the modules
+
+
+@pytest.mark.parametrize(("method", "place"), preisach_jax.SHOWN_BY.items())
+def test_what_a_method_of_a_result_calls_is_there(method, place):
+    module, _, name = place.rpartition(".")
+    assert callable(getattr(import_module(f"preisach_jax.{module}"), name)), method
 
 
 def run_python(code, **environment):

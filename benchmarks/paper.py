@@ -13,7 +13,7 @@ import numpy as np
 from conditions import write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.blocks import switching
+from preisach_jax.operator.events import switching
 from preisach_jax.operator.plane import Plane
 from preisach_jax.paper import exact_coefficients
 from preisach_jax.paper.sweep import Sweep, fit_power_law, sweep

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from conditions import write_results
+from common import write_results
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.events import switching

@@ -178,7 +178,7 @@ def fit(
 @command(
     "preisach predict model.json next.csv --out prediction.csv",
     "preisach predict model.json next.csv --input drive --out prediction.csv",
-    reads=("time", "input", "aux", "rate", "unit", "initial_memory"),
+    reads=("time", "input", "aux", "rate", "unit", "initial_memory", "table"),
 )
 def predict(
     model: ModelFile,

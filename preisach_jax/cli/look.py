@@ -39,17 +39,18 @@ def look(
 ) -> dict[str, Any]:
     """Show what a file holds and what its record can tell, before any fit."""
     from preisach_jax.files import check_file, write_files
-    from preisach_jax.look import columns_of, look_at_table
+    from preisach_jax.look import columns_of, look_at_tables
     from preisach_jax.record.columns import QuestionError
-    from preisach_jax.record.reading import read_table
+    from preisach_jax.record.reading import read_tables
 
     if plot is not None:
         check_file(plot, data, force=force)
         if plot.suffix.lower() != ".png":
             raise InputError(f"--plot is {str(plot)!r}; give a file that ends in .png")
-    table = read_table(data).with_clocks()
+    tables = [table.with_clocks() for table in read_tables(data)]
+    table = tables[0]
     try:
-        found = look_at_table(table, data.name, **columns)
+        found = look_at_tables(tables, data.name, **columns)
     except QuestionError as question:
         views = columns_of(table, {})
         _show_columns(table, views)
@@ -57,6 +58,10 @@ def look(
         screen.answer(str(question))
         return {"columns": [vars(view) for view in views], "question": str(question)}
     _show_columns(table, found.columns)
+    if len(found.records) > 1:
+        rows = [[str(value) for value in each.values()] for each in found.records]
+        screen.say(f"\n{len(rows)} records of one kind, of which one is shown (--table N)")
+        screen.table(("record", "rows", "from row", "to row"), rows)
     _show(found)
     if plot is not None:
         from preisach_jax.plot import png

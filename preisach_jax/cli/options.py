@@ -41,7 +41,10 @@ HoldOut = Annotated[
 ]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="a model.json")]
 Time = Annotated[
-    str | None, typer.Option("--time", metavar="COL", help="column of time: name, number or unit")
+    str | None,
+    typer.Option(
+        "--time", metavar="COL", help="column of time: name, number or unit; none: there is none"
+    ),
 ]
 Input = Annotated[str | None, typer.Option("--input", metavar="COL", help="column of the input")]
 Output = Annotated[
@@ -61,6 +64,10 @@ Unit = Annotated[
         "output; may be repeated",
     ),
 ]  # fmt: skip
+TableNumber = Annotated[
+    int | None,
+    typer.Option("--table", metavar="N", help="of several tables in the file, the one to read"),
+]
 InitialMemory = Annotated[
     str | None,
     typer.Option(
@@ -94,6 +101,7 @@ READING = {
     "rate": Rate,
     "unit": Unit,
     "initial_memory": InitialMemory,
+    "table": TableNumber,
 }
 """The options of the command line that say how a record is read."""
 
@@ -115,12 +123,18 @@ def with_effects(options: ReadOptions, effects: Sequence[str]) -> ReadOptions:
 
 def with_columns_of(options: ReadOptions, model: Model) -> ReadOptions:
     """The same with the columns of a model, and their units, where none are given."""
+    from preisach_jax.record.channels import SAMPLES
+    from preisach_jax.record.columns import NO_CLOCK
+
     units = dict(options.get("units") or {})
     told: dict[str, str | None] = {}
     for role in ("time", "input", "output"):
         name = options.get(role)
         if name is None and not (role == "time" and options.get("rate") is not None):
             name = model.columns[role]
+            if role == "time" and model.units.get(role) == SAMPLES:
+                told[role] = NO_CLOCK
+                continue
             if unit := model.units.get(role):
                 units.setdefault(role, unit)
         told[role] = name
@@ -143,11 +157,17 @@ def load_all(
         if any(is_same(path, other) for other in given[:position]):
             raise InputError(f"{path}: this record is given twice; give each record once")
     records: list[Record] = []
-    for path in given:
+    fitted = 0
+    for position, path in enumerate(given):
         notes: list[str] = []
-        records.append(Record.load(path, **{**columns, "announce": notes.append}))
-        show(records[-1], notes)
-    return records[: len(data)], records[len(data) :]
+        several = Record.load_all(path, **{**columns, "announce": notes.append})
+        for record in several:
+            show(record, list(dict.fromkeys(notes)))
+            notes.clear()
+        if position < len(data):
+            fitted += len(several)
+        records += several
+    return records[:fitted], records[fitted:]
 
 
 def check_choice(effects: Sequence[str], levels: int | None) -> None:

@@ -12,6 +12,8 @@ from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.record import Record
+from preisach_jax.record.channels import SAMPLES
+from preisach_jax.record.columns import NO_CLOCK
 from preisach_jax.record.table import Table
 
 COLUMNS = ("t", "u", "z_expected", "z_low", "z_high", "reachable")
@@ -47,13 +49,14 @@ def wanted_course(
         units: units by role or column.
     """
     output = output or model.columns["output"]
-    time = time or (None if rate is not None else model.columns["time"])
+    own_time = NO_CLOCK if model.units.get("time") == SAMPLES else model.columns["time"]
+    time = time or (None if rate is not None else own_time)
     units = dict(units or {})
     if "output" in units:
         units["input"] = units.pop("output")
     else:
         units.pop("input", None)
-    if time is not None and (own := model.units.get("time")):
+    if time not in (None, NO_CLOCK) and (own := model.units.get("time")):
         units.setdefault("time", own)
     names = [*aux, *(column for column in auxiliary_columns(model.effects) if column not in aux)]
     # A record has an input without holes: of a course that is its output, which goes by that name

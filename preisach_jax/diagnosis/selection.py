@@ -14,6 +14,7 @@ from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.effects import OF_COLUMNS, library, listed, resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.effects.restoring_force import RestoringForce
+from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
     Fit,
@@ -94,7 +95,9 @@ def diagnose(
     # It is fitted alone, and only once all others have been asked.
     inside = [effect for effect in asked if isinstance(effect, RestoringForce)]
     tried = tuple(effect for effect in asked if effect not in inside)
-    mechanics = inside[0] if inside else RestoringForce() if effects is None else None
+    mechanics = (
+        inside[0] if inside else RestoringForce() if effects is None and record.has_clock else None
+    )
     least = tolerance_of(tolerance, record)
     with double_precision():
         return freed_of_blemishes(
@@ -119,10 +122,18 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
     everything = [
         name
         for name, effect in library().items()
-        if not effect.on_request or effect.of_field == field
+        if (not effect.on_request or effect.of_field == field)
+        and (record.has_clock or not effect.needs_clock)
     ]
     asked = listed(everything if effects is None else effects)
     names = [item if isinstance(item, str) else item.name for item in asked]
+    known = library()
+    late = [n for n in names if n in known and known[n].needs_clock and not record.has_clock]
+    if late:
+        raise InputError(
+            f"{record.name}: the effect {late[0]!r} needs a clock, and the samples are only "
+            "counted; give the column of time (--time COL) or the sampling rate (--rate HZ)"
+        )
     of_columns = [kind.prefix for kind in OF_COLUMNS if f"{kind.prefix}:COL" in names]
     # The library's placeholders: one effect a column.
     asked = [item for item, name in zip(asked, names, strict=True) if not name.endswith(":COL")]

@@ -176,6 +176,11 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
             "error is much larger. If this is a force recorded against a displacement, exchange "
             "input and output, or record the velocity too."
         )
+    if not record.has_clock:
+        notes.append(
+            "The record has no clock: samples are counted, and only effects that need none were "
+            "tried; drift and ageing go by samples, and so by cycles."
+        )
     notes += [f"{line}." for line in fault_lines(record)]
     turns = len(reversals(record.input, None, record.starts))
     if turns < LEAST_REVERSALS:

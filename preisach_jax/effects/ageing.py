@@ -24,6 +24,7 @@ class Ageing(WeightEffect):
     """
 
     name: ClassVar[str] = "ageing"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "ageing (the loop shrinks as time goes by)"
     physics: ClassVar[str] = (
         "Depolarisation, fatigue and warming take a share of the active material away (or give it "

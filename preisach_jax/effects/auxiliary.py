@@ -25,6 +25,7 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
     """
 
     prefix: ClassVar[str] = "aux"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "the influence of {}"
     physics: ClassVar[str] = (
         "A load bends the stage by its compliance, at once; a temperature stretches it by its "

@@ -112,6 +112,8 @@ class Effect(eqx.Module):
         special: whether it stands behind a common effect that a record cannot tell from it.
         found_in_residual: whether its search starts from what the residual shows, so that it begins
             anew with all rows of a record.
+        needs_clock: whether it goes with times or rates, so that a record that only counts samples
+            says nothing of it.
         of_time_alone: whether what it does depends on nothing but the time. It is then known before
             the input is, and differs from one record to the next where several are fitted together.
 
@@ -136,6 +138,7 @@ class Effect(eqx.Module):
     limited_by_residual: ClassVar[bool] = False
     special: ClassVar[bool] = False
     found_in_residual: ClassVar[bool] = False
+    needs_clock: ClassVar[bool] = True
     of_time_alone: ClassVar[bool] = False
     form_pays: ClassVar[float] = 0.5
 

@@ -67,6 +67,7 @@ class Drift(AddedEffect):
     """
 
     name: ClassVar[str] = "drift"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a drift of the measurement that does not depend on the input"
     physics: ClassVar[str] = (
         "Warming frames, electronics and sensors move the zero of the measurement slowly and "

@@ -40,6 +40,7 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
     """
 
     prefix: ClassVar[str] = "gain"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a loop that {} scales"
     physics: ClassVar[str] = (
         "The current in a coil sets how stiff a magnetorheological fluid is, a temperature how "

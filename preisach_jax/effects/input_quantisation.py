@@ -47,6 +47,7 @@ class InputQuantisation(InputEffect):
     """
 
     name: ClassVar[str] = "input_quantisation"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "coarse steps of the drive's converter"
     limited_by_residual: ClassVar[bool] = True
     rounds: ClassVar[bool] = True

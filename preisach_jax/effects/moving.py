@@ -31,6 +31,7 @@ class Moving(HysteresisEffect):
     """
 
     name: ClassVar[str] = "moving"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = (
         "feedback of the output on the material (minor loops that are not congruent)"
     )

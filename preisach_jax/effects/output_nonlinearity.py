@@ -33,6 +33,7 @@ class OutputNonlinearity(SensorEffect):
     """
 
     name: ClassVar[str] = "output_nonlinearity"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a nonlinear sensor (it bends the whole loop in the same way)"
     physics: ClassVar[str] = (
         "The reading is not in proportion to the displacement: a capacitive or inductive sensor "

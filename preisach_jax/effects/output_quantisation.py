@@ -54,6 +54,7 @@ class OutputQuantisation(SensorEffect):
     """
 
     name: ClassVar[str] = "output_quantisation"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "coarse steps of the sensor's converter"
     physics: ClassVar[str] = (
         "The converter behind the sensor has steps. Where they are greater than the noise, the "

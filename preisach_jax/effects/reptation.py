@@ -32,6 +32,7 @@ class Reptation(AddedEffect):
     """
 
     name: ClassVar[str] = "reptation"
+    needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = (
         "reptation (repeated loops drift towards their middle, whatever the rate)"
     )

@@ -42,6 +42,7 @@ from preisach_jax.identify.regression import (
 )
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
+from preisach_jax.record.channels import SAMPLES
 from preisach_jax.record.joined import without_rows
 
 BLOCKS = 96
@@ -384,6 +385,8 @@ class Problem:
     def shown_unit(self, unit: str) -> str:
         """A parameter's unit with those of the record in place of `{z}` and `{u}`."""
         channels = self.record.channels
+        if not self.record.has_clock:
+            unit = {"s": SAMPLES}.get(unit, unit)
         unit = unit.replace("{z}", channels["output"].unit or "1")
         return unit.replace("{u}", channels["input"].unit or "1")
 

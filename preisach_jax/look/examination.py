@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 import numpy as np
 import scipy
 
+from preisach_jax.errors import InputError
 from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView, columns_of
 from preisach_jax.look.prospects import Excitation, prospects
 from preisach_jax.look.result import Look
 from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.columns import runs_of
 from preisach_jax.record.faults import faults
-from preisach_jax.record.reading import read_table
+from preisach_jax.record.reading import read_tables
 from preisach_jax.record.spans import spans
 from preisach_jax.record.spikes import WINDOW, gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.record.table import Table
@@ -94,18 +97,35 @@ def look(
     )
 
 
-def look_at_table(table: Table, name: str, **options: Unpack[ReadOptions]) -> Look:
+def look_at_table(given: Table, name: str, /, **options: Unpack[ReadOptions]) -> Look:
     """Look at the record in the columns of a file."""
     notes: list[str] = []
     options["announce"] = notes.append
-    record = Record.of_table(table, name, **options)
+    record = Record.of_table(given, name, **options)
     told = [role for role in ("time", "input", "output") if options.get(role)]
-    return look(record, columns=columns_of(table, record.channels, told), notes=notes)
+    return look(record, columns=columns_of(given, record.channels, told), notes=notes)
 
 
 def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> Look:
-    """Look at the record in a file; see `look_at_table`."""
-    return look_at_table(read_table(path), Path(path).name, **options)
+    """Look at the first record in a file, or that of the option `table`; see `look_at_table`."""
+    return look_at_tables(read_tables(path), Path(path).name, **options)
+
+
+def look_at_tables(tables: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]) -> Look:
+    """Look at one of the records of a file, and list all of them."""
+    parts = [part for table in tables for part in runs_of(table.with_clocks(), options)]
+    number = options.get("table") or 1
+    if number > len(parts) or number < 1:
+        raise InputError(
+            f"{tables[0].source}: table {number} is asked for; give one from 1 to {len(parts)}"
+        )
+    found = look_at_table(parts[number - 1], name, **options)
+    records = tuple(
+        {"name": f"{name}, table {k}" if len(parts) > 1 else name, "rows": part.rows.size,
+         "first_row": int(part.rows[0]), "last_row": int(part.rows[-1])}
+        for k, part in enumerate(parts, start=1)
+    )  # fmt: skip
+    return replace(found, records=records)
 
 
 def _as_high_as_beside(height: np.ndarray, found: np.ndarray) -> np.ndarray:

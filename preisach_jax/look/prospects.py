@@ -340,6 +340,12 @@ def judged_effects() -> tuple[str, ...]:
     return tuple(_RULES)
 
 
+def needing_a_clock() -> tuple[str, ...]:
+    """Names of the effects that are judged by rates, rests or frequencies."""
+    of_time = (_fast, _dynamic, _resonance, _creep, _operator_creep, _hum)
+    return tuple(name for name, rule in _RULES.items() if rule in of_time)
+
+
 def prospects(found: Excitation, effects: tuple[str, ...] | None = None) -> tuple[Prospect, ...]:
     """What a record can tell of effects.
 
@@ -347,8 +353,13 @@ def prospects(found: Excitation, effects: tuple[str, ...] | None = None) -> tupl
         One for each effect that is known, in the order of the names.
     """
     record = found.record
-    names = judged_effects() if effects is None else effects
-    judged = [Prospect(name, *_RULES[name](found)) for name in names if name in _RULES]
+    names = [n for n in (judged_effects() if effects is None else effects) if n in _RULES]
+    judged = [
+        Prospect(name, *_RULES[name](found))
+        if record.has_clock or name not in needing_a_clock()
+        else Prospect(name, "not at all", "the record has no clock", "the time as well")
+        for name in names
+    ]
     for name, values in record.aux.items():
         judged.append(Prospect(f"aux:{name}", *_auxiliary(values, record)))
     return tuple(judged)

@@ -15,6 +15,7 @@ from preisach_jax.look.prospects import Excitation, Prospect, rate_text
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.blemishes import holes
+from preisach_jax.record.samples import without_hysteresis
 
 UNEVEN = 0.05
 """Jitter, as a share of the step, from which on it is told."""
@@ -34,6 +35,7 @@ class Look:
         prospects: what the record can tell of each effect.
         columns: the columns of the file, where it was made of one.
         notes: what was guessed and assumed.
+        records: name and rows of every record of the file; one of it alone.
     """
 
     record: Record
@@ -46,6 +48,7 @@ class Look:
     prospects: tuple[Prospect, ...]
     columns: tuple[ColumnView, ...] = ()
     notes: tuple[str, ...] = ()
+    records: tuple[dict[str, Any], ...] = ()
 
     @cached_property
     def can_tell(self) -> tuple[str, ...]:
@@ -64,7 +67,20 @@ class Look:
 
     def rows(self) -> list[tuple[str, str]]:
         """What it found, as a name and a text each."""
-        return [*_sampling(self.record), *_drive(self.excitation), *_readings(self)]
+        rows = [*_sampling(self.record), *_drive(self.excitation), *_readings(self)]
+        none = without_hysteresis(self.record)
+        return rows + [("hysteresis", none.removeprefix("no hysteresis: "))] * bool(none)
+
+    def clock(self) -> dict[str, Any]:
+        """Of what kind the clock is: a column, a rate or none; which column, and its unit."""
+        channel = self.record.channels["time"]
+        by_column = any(view.role == "time" for view in self.columns)
+        kind = "none" if not self.record.has_clock else "column" if by_column else "rate"
+        return {
+            "kind": kind,
+            "column": channel.name if by_column else None,
+            "unit": channel.unit if self.record.has_clock else None,
+        }
 
     def plot(self) -> Any:
         """The record as a figure: input and output over time with what was found, and the loop.
@@ -85,6 +101,9 @@ class Look:
                 role: {"column": channel.name, "unit": channel.unit}
                 for role, channel in record.channels.items()
             },
+            "clock": self.clock(),
+            "records": list(self.records),
+            "hysteresis": without_hysteresis(record) or None,
             "notes": list(self.notes),
             "sampling": {
                 "duration_s": record.duration_s,
@@ -126,13 +145,23 @@ class Look:
         }
 
 
+def _time(record: Record, seconds: float, digits: int = 3) -> str:
+    """A time in words; without a clock samples."""
+    return quantity(seconds, "s", digits) if record.has_clock else f"{seconds:,.0f} samples"
+
+
 def _sampling(record: Record) -> list[tuple[str, str]]:
+    missing = [("missing", text) for text in holes(replace(record, spikes={}))]
+    if not record.has_clock:
+        cycles = float(np.sum(np.abs(np.diff(record.input)))) / (2 * record.input_range)
+        counted = f"{len(record):,} rows, counted: there is no clock; {cycles:.3g} cycles by the "
+        return [("sampling", f"{counted}path of the input"), *missing]
     step = record.step_s
     rate = quantity(1 / step, "Hz", 4) if step <= 1 else f"one every {quantity(step, 's', 4)}"
     even = "evenly" if record.jitter < UNEVEN else f"with {100 * record.jitter:.0f} % of jitter"
     length = f"{len(record):,} rows over {quantity(record.duration_s, 's', 4)}"
     rows = [("sampling", f"{length}, {rate} {even}")]
-    return rows + [("missing", text) for text in holes(replace(record, spikes={}))]
+    return rows + missing
 
 
 def _drive(found: Excitation) -> list[tuple[str, str]]:
@@ -142,7 +171,7 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
     rows = [("input", f"{quantity(low, unit, 3)} to {quantity(high, unit, 3)}")]
     kinds = f"{len(found.turns):,} reversals"
     if found.period and len(record) // found.period > 1:
-        seconds = quantity(found.period * record.step_s, "s", 3)
+        seconds = _time(record, found.period * record.step_s)
         kinds += f"; the input repeats itself every {seconds}, {len(record) // found.period} times"
     elif found.repeats() > 1:
         kinds += f"; the most frequent loop occurs {found.repeats():,} times"
@@ -150,7 +179,7 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
         kinds += f"; minor loops at {places} place{'s' * (places > 1)}"
     rows.append(("loops", kinds))
     slowest, fastest = found.rates
-    if found.strokes:
+    if found.strokes and record.has_clock:
         span = rate_text(fastest, unit)
         if found.decades >= 0.1:
             span = f"{rate_text(slowest, unit)} to {span}, {found.decades:.1f} decades"
@@ -159,8 +188,8 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
         rows.append(("rates", f"{span}; {samples}"))
     lengths = [rest.length_s for rest in found.rests]
     if lengths:
-        total = quantity(sum(lengths), "s", 3)
-        each = f"{quantity(min(lengths), 's', 3)} to {quantity(max(lengths), 's', 3)}"
+        total = _time(record, sum(lengths))
+        each = f"{_time(record, min(lengths))} to {_time(record, max(lengths))}"
         text = f"{len(lengths):,} of {each}, {total} in all"
         rows.append(("rests", text if len(lengths) > 1 else f"one of {total}"))
     else:
@@ -203,7 +232,7 @@ def _readings(found: Look) -> list[tuple[str, str]]:
     ):
         if where:
             longest = max(where, key=lambda each: each.stop - each.start)
-            begin, length = (quantity(s, "s", 3) for s in (longest.begin_s, longest.length_s))
+            begin, length = (_time(record, s) for s in (longest.begin_s, longest.length_s))
             text = f"for {length} from {begin} on at {quantity(longest.level, unit, 3)}"
             more = f", the longest of {len(where):,} stretches" if len(where) > 1 else ""
             rows.append((f"output {name}", text + more))

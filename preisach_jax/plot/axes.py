@@ -34,7 +34,7 @@ def record_axes(record: Record) -> dict[str, Axis]:
     since = stats.time_since_reversal(record.time, record.input, starts=record.starts)
     per_second = f"{record.input_unit}/s" if record.input_unit else "1/s"
     return {
-        "time": Axis(record.time, "time (s)"),
+        "time": Axis(record.time, "time (s)" if record.has_clock else "sample"),
         "input": _axis(record.input, record.input_unit, column_name(record, "input")),
         "output": _axis(record.output, record.output_unit, column_name(record, "output")),
         "rate": _axis(rate, per_second, f"rate of {column_name(record, 'input')}"),

@@ -31,7 +31,7 @@ def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
     rows: list[tuple[str, str, str, str, str]] = []
     for role, channel in record.channels.items():
         there = values[role]
-        unit = channel.unit if role != "time" else "s"
+        unit = channel.unit if role != "time" or not record.has_clock else "s"
         low, high = (there.min(), there.max()) if there.size else (math.nan, math.nan)
         factor, shown = scaled(max(abs(low), abs(high)), unit)
         least, most = (number(float(factor * end)) for end in (low, high))
@@ -45,6 +45,12 @@ def span_rows(record: Record) -> list[tuple[str, str]]:
     rows = f"{len(record.time):,}"
     if measured < len(record.time):
         rows += f", {measured:,} of them with a measured output"
+    if not record.has_clock:
+        return [
+            ("rows", f"{rows}, counted: there is no clock"),
+            ("stroke", quantity(record.output_range, record.output_unit)),
+            ("state at the first sample", record.initial_memory),
+        ]
     length = f"{number(record.duration_s)} s"
     length = f"up to {length} each" if record.runs else length
     return [

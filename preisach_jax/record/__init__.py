@@ -5,8 +5,8 @@ From below: `units` (names and units), `table` (columns as read), `delimited`, `
 """
 
 from preisach_jax.record.channels import Channel
+from preisach_jax.record.columns import ReadOptions
 from preisach_jax.record.core import Record
-from preisach_jax.record.options import ReadOptions
 from preisach_jax.record.samples import AS_FITTED, INITIAL_MEMORIES, MIN_MEASURED, Samples
 
 __all__ = [

@@ -173,7 +173,7 @@ def _unpacked(head: dict[str, Any], body: memoryview) -> Table:
         start += array.nbytes
         return array
 
-    table: dict[str, Any] = {**head, "notes": tuple(head["notes"])}
+    table: dict[str, Any] = {**head, "notes": tuple(head["notes"]), "sheets": tuple(head["sheets"])}
     for name in _ARRAYS:
         table[name] = {key: restored(values) for key, values in head[name].items()}
     table["rows"] = restored(head["rows"])

@@ -9,9 +9,13 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.checks import check_increasing, check_not_infinite, check_unit_keys
+from preisach_jax.record.clock import evenly_spread, is_rounded
 from preisach_jax.record.columns import Roles
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import TIME_UNITS, is_known_unit, seconds_per, split_unit
+
+SAMPLES = "samples"
+"""Unit of the time of a record without a clock."""
 
 EPOCH_S = 1e8
 """First time, in s, from which on a clock is taken to count from 1970 or the like (three years)."""
@@ -45,7 +49,9 @@ def name_channels(
         unit = table.units.get(column, split_unit(column)[1])
         channels[key] = Channel(column, units.get(key, units.get(column, unit)))
     time = channels["time"]
-    if roles.time is None or time.unit == "":
+    if roles.counted:
+        channels["time"] = Channel("sample", SAMPLES)
+    elif roles.time is None or time.unit == "":
         channels["time"] = Channel(time.name, _epoch_unit(table, roles.time))
     elif seconds_per(time.unit) is None:
         raise InputError(
@@ -84,8 +90,13 @@ def read_time(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(K,) time as in the file, in `unit`, and (K,) in seconds; of the rate without a column.
 
+    Without a rate samples are counted, one a second.
+
     Seconds count from the first row where the file's count from an epoch such as 1970.
     """
+    if column is None and unit == SAMPLES:
+        values = np.arange(float(table.rows.size))
+        return values, values
     if column is None:
         if rate is None or not np.isfinite(rate) or rate <= 0:
             raise InputError(f"rate is {rate}: give the sampling rate in Hz, above 0")
@@ -106,6 +117,7 @@ def read_time(
         seconds = values * factors[0] / factors[1]
         if _counts_from_an_epoch(table, seconds):
             seconds = table.from_first(column) * factors[0] / factors[1]
+    seconds = evenly_spread(seconds)
     check_increasing(seconds, values, lambda k: table.place(column, k))
     return values, seconds
 
@@ -121,6 +133,31 @@ def read_input(table: Table, column: str) -> np.ndarray:
     return _read_complete(
         table, column, "the input must be known in every row, fill it in or cut the record there"
     )
+
+
+_LEAST_HELD = 0.05
+"""Share of the rows in which an input that never turns must rest, to show more than a curve."""
+
+
+def check_turns(table: Table, roles: Roles, path: np.ndarray, output: np.ndarray) -> None:
+    """Refuse an input that goes one way only: no loop can be known from it."""
+    steps: np.ndarray = np.diff(path)
+    if (np.any(steps > 0) and np.any(steps < 0)) or not np.ptp(path):
+        return
+    held = np.count_nonzero(steps == 0) / max(len(steps), 1)
+    ways = np.sign(np.diff(output[np.isfinite(output)]))
+    if roles.counted and held > 0 and np.any(ways > 0) and np.any(ways < 0):
+        raise InputError(
+            f"{table.source}: the rows are sorted by the input, column {roles.input}, so that "
+            "their order in time is lost, and with it the hysteresis; give the rows as they were "
+            "measured"
+        )
+    if roles.counted or held < _LEAST_HELD:
+        raise InputError(
+            f"{table.source}: the input, column {roles.input}, never turns in its "
+            f"{len(path):,} rows, so that no hysteresis can be seen (a first curve, or a branch of "
+            "a loop); record the way back as well, or say which column with --input COL"
+        )
 
 
 def read_aux(table: Table, column: str) -> np.ndarray:
@@ -148,13 +185,24 @@ def assumptions(
     notes = list(table.notes)
     if roles.guessed:
         parts = [f"{role} {channels[role].name}" for role in roles.guessed]
-        notes.append(f"{table.source}: guessed from names and units: {', '.join(parts)}")
+        by = "names and units" if table.named else "the places and courses of the columns"
+        notes.append(f"{table.source}: guessed from {by}: {', '.join(parts)}")
+    notes += roles.said
+    if roles.counted and not roles.said:
+        notes.append(f"{table.source}: samples are counted; only what needs no clock is tried")
     if roles.time is not None and not (
         {"time", roles.time} & set(units or {})
         or table.units.get(roles.time)
         or split_unit(roles.time)[1]
     ):
         notes.append(_unit_taken(table, roles.time, channels["time"].unit))
+    seconds = None if roles.time is None else table.lenient_numbers(roles.time)
+    if seconds is not None and is_rounded(seconds):
+        equal = int(np.sum(np.diff(seconds) == 0))
+        notes.append(
+            f"{table.source}: {equal:,} times of column {roles.time} are those of the row before, "
+            "as they are rounded; such rows were spread evenly"
+        )
     for role in ("input", "output", *roles.aux):
         unit = channels[role].unit
         if not is_known_unit(unit):

@@ -12,6 +12,8 @@ from datetime import date
 
 import numpy as np
 
+from preisach_jax.record.spans import spans
+
 _TIME = r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,](?P<part>\d{1,9})\d*)?)?"
 _TIME += r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
@@ -25,6 +27,7 @@ _CLOCK = re.compile(_TIME)
 _LOOKED_AT = 20  # cells by which a column is known
 _SECOND = 10**9  # ns
 _DAY = 24 * 3600 * _SECOND
+_LEAST_EQUAL, _LONGEST_EQUAL = 3, 50  # runs of equal times, and their rows, in a rounded clock
 
 
 def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
@@ -160,3 +163,26 @@ def _unrolled(ticks: Sequence[int | None]) -> tuple[list[int | None], str]:
             before = tick
         unrolled.append(None if tick is None else tick + days * _DAY)
     return unrolled, "clock times that run past midnight" if days else ""
+
+
+def is_rounded(seconds: np.ndarray) -> bool:
+    """Whether times never run back and stand still in many short runs, as rounded ones do."""
+    steps = np.diff(seconds)
+    if not np.isfinite(seconds).all() or np.any(steps < 0) or np.sum(steps == 0) < _LEAST_EQUAL:
+        return False
+    lengths = [stop - start for start, stop in spans(steps == 0)]
+    return len(lengths) >= _LEAST_EQUAL and max(lengths) <= _LONGEST_EQUAL
+
+
+def evenly_spread(seconds: np.ndarray) -> np.ndarray:
+    """Rows of one rounded time, evenly up to the next one; the last ones as far apart as usual.
+
+    Times that are not rounded come back as they are.
+    """
+    if not is_rounded(seconds):
+        return seconds
+    first = np.flatnonzero(np.diff(seconds, prepend=-np.inf) > 0)
+    usual = float(seconds[-1] - seconds[0]) / (first[-1] - first[0])
+    ends = np.append(first, len(seconds))
+    at = np.append(seconds[first], seconds[-1] + usual * (len(seconds) - first[-1]))
+    return np.interp(np.arange(len(seconds)), ends, at)

@@ -18,6 +18,7 @@ from preisach_jax.record import exchange
 from preisach_jax.record.channels import (
     Channel,
     assumptions,
+    check_turns,
     name_channels,
     read_aux,
     read_input,
@@ -32,10 +33,10 @@ from preisach_jax.record.checks import (
     check_not_infinite,
     check_unit_keys,
 )
-from preisach_jax.record.columns import assign_roles
-from preisach_jax.record.options import ReadOptions, checked
-from preisach_jax.record.reading import read_table
-from preisach_jax.record.samples import Samples
+from preisach_jax.record.columns import ReadOptions, assign_roles, checked, runs_of
+from preisach_jax.record.reading import read_table, read_tables
+from preisach_jax.record.samples import Samples, without_hysteresis
+from preisach_jax.record.sampling import on_one_clock
 from preisach_jax.record.table import Table
 
 if TYPE_CHECKING:
@@ -101,7 +102,40 @@ class Record(Samples):
             >>> record.duration_s, record.input_unit, record.output_unit
             (0.059, 'V', 'um')
         """
-        return cls.of_table(read_table(path), Path(path).name, **options)
+        table = read_table(path, number=options.get("table"))
+        return cls.of_table(table, Path(path).name, **options)
+
+    @classmethod
+    def load_all(cls, path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> list[Record]:
+        """Load all records of a file: one of each table, sheet, or run with a time of its own.
+
+        Arguments:
+            path, options: as for `load`; the option `table` picks one.
+
+        Returns:
+            The records, which `fit` and `diagnose` take as several of one specimen.
+
+        Raises:
+            InputError: the file or a column cannot be used; the message says where and why.
+
+        Example:
+            >>> import tempfile, pathlib
+            >>> path = pathlib.Path(tempfile.mkdtemp()) / "runs.csv"
+            >>> run = "t_s,u_V,z_um\n" + "".join(f"{k},{k % 9},{k % 8}\n" for k in range(60))
+            >>> _ = path.write_text(run + "\n" + run)
+            >>> [record.name for record in Record.load_all(path)]
+            ['runs.csv, table 1', 'runs.csv, table 2']
+        """
+        name = Path(path).name
+        if options.get("table") is not None:
+            return [cls.load(path, **options)]
+        tables = [part for table in read_tables(path) for part in runs_of(table, options)]
+        if len(tables) == 1:
+            return [cls.of_table(tables[0], name, **options)]
+        return [
+            cls.of_table(table, f"{name}, table {k}", **options)
+            for k, table in enumerate(tables, start=1)
+        ]
 
     @classmethod
     def from_pandas(
@@ -208,11 +242,11 @@ class Record(Samples):
         )
 
     @classmethod
-    def of_table(cls, table: Table, name: str, **options: Unpack[ReadOptions]) -> Record:
+    def of_table(cls, given: Table, name: str, /, **options: Unpack[ReadOptions]) -> Record:
         """Make a record of the columns of a table; `load` and its like do so with what they read.
 
         Arguments:
-            table: the columns.
+            given: the columns.
             name: what reports call the record.
             options: see `ReadOptions`.
 
@@ -225,8 +259,10 @@ class Record(Samples):
         options = checked(options)
         rate, units = options.get("rate"), options.get("units")
         need_output = options.get("need_output", True)
-        table.check_rows()
-        table = table.with_clocks()
+        given.check_rows()
+        table = given.with_clocks()
+        if options.get("time") is None and rate is None:
+            table = on_one_clock(table)
         roles = assign_roles(
             table,
             time=options.get("time"),
@@ -253,7 +289,12 @@ class Record(Samples):
             time_values=time_values,
         )
         if need_output:
+            if roles.counted:
+                check_turns(table, roles, record.input, record.output)
             record.check_identifiable(source=table.source)
+            check_turns(table, roles, record.input, record.output)
+            if announce is not None and (line := without_hysteresis(record)):
+                announce(f"{table.source}: {line}")
         return replace(record, torn_row=table.torn_row)
 
     @classmethod
@@ -326,10 +367,10 @@ class Record(Samples):
     @property
     def line(self) -> str:
         """Name, rows and duration in one line."""
-        duration = quantity(self.duration_s, "s")
+        duration = quantity(self.duration_s, "s") if self.has_clock else "without a clock"
         if self.runs:
             of_several = f"{len(self):,} rows of {len(self.runs)} records"
-            return f"{self.name}: {of_several}, up to {duration}"
+            return f"{self.name}: {of_several}, {'up to ' * self.has_clock}{duration}"
         return f"{self.name}: {len(self):,} rows, {duration}"
 
     def __repr__(self) -> str:

@@ -20,10 +20,17 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.cells import decimal_sign, fields_of, rows_alike, width_of, without_groups
-from preisach_jax.record.layout import Sampling, header_start, is_number, sampling_of, settings_of
+from preisach_jax.record.layout import (
+    LONGEST_HEADER,
+    Sampling,
+    header_start,
+    is_number,
+    sampling_of,
+    settings_of,
+)
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
-from preisach_jax.record.units import is_unit, plain_unit
+from preisach_jax.record.units import is_unit, plain_unit, units_behind_names
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
 # spaces may stand around any of the others.
@@ -31,6 +38,9 @@ _DELIMITERS = ("\t", ";", "|", ",", " ")
 _DELIMITER_NAMES = {"\t": "tab", " ": "space"}
 _COMMENTS = ("#", "%")
 _SAMPLE = 200
+_BEGINS_WITH_TEXT = re.compile(r"""[\s"'\[(<{*]*(?!(?i:nan|inf)\b)[^\W\d_]""")
+_MOST_TEXT = 0.5  # of the rows: more lines that begin with a text are rows with a column of texts
+_LEAST_ROWS = 10  # of a table that is a record, where there are several
 _HEAD_SIGNS = 2**17
 """Signs at the beginning of a long file by which its layout is known."""
 
@@ -66,6 +76,76 @@ def read_delimited(text: str, source: str, first_row: int = 1) -> Table:
             f"{source}: a field between quotation marks has more than {csv.field_size_limit():,} "
             "characters; close the quotation mark, or remove the field"
         ) from None
+
+
+def read_all(text: str, source: str, first_row: int = 1) -> list[Table]:
+    """The tables of a text that are records of one kind: those of the names that most rows have."""
+    lines = text.split("\n")
+    parts = (
+        [] if len(text) >= 2 * _HEAD_SIGNS and _regular(text, source, first_row) else _parts(lines)
+    )
+    if len(parts) < 2:
+        return [read_delimited(text, source, first_row)]
+    ends = [*parts[1:], len(lines)]
+    tables = [
+        read_delimited("\n".join(lines[start:stop]) + "\n", source, start + first_row)
+        for start, stop in zip(parts, ends, strict=True)
+    ]
+    rows = Counter[tuple[str, ...]]()
+    for table in tables:
+        rows[tuple(table.columns)] += table.rows.size
+    names = rows.most_common(1)[0][0]
+    several = len([1 for table in tables if tuple(table.columns) == names]) > 1
+    kept = [
+        table for table in tables
+        if tuple(table.columns) == names and not (several and table.rows.size < _LEAST_ROWS)
+    ] or [max(tables, key=lambda table: table.rows.size)]  # fmt: skip
+    aside = [
+        f"{source}: a table of {table.rows.size:,} rows from row {table.rows[0]} on "
+        f"({shortened(list(table.columns))}) was left aside: its columns are others, or too few "
+        "rows stand below them"
+        for table in tables if table not in kept
+    ]  # fmt: skip
+    return [replace(table, notes=(*table.notes, *aside)) for table in kept]
+
+
+def _parts(lines: list[str]) -> list[int]:
+    """The first line of each table, where names stand again below rows of numbers."""
+    texts = [_BEGINS_WITH_TEXT.match(line) is not None for line in lines]
+    data = [_is_data(line) and not is_text for line, is_text in zip(lines, texts, strict=True)]
+    if not any(data) or sum(texts) > _MOST_TEXT * sum(data) + LONGEST_HEADER * (sum(data) > 1e5):
+        return []
+    parts, before, names = [0], False, ""
+    first = data.index(True)
+    if first:
+        names = next((line for line in reversed(lines[:first]) if line.strip()), "")
+    k = first
+    while k < len(lines):
+        if data[k]:
+            before, k = True, k + 1
+            continue
+        begin = k
+        while k < len(lines) and not data[k]:
+            k += 1
+        above = [line for line in lines[begin:k] if line.strip() and not _is_comment(line)]
+        if not (before and above and k + 1 < len(lines) and data[k] and data[k + 1]):
+            continue
+        again = above[-1].strip() == names.strip()
+        if again or ((len(above) > 1 or not lines[begin].strip()) and _are_names(above, lines[k])):
+            parts.append(begin)
+            names = above[-1]
+    return parts
+
+
+def _are_names(above: list[str], row: str) -> bool:
+    """Whether one of the last two lines above a row has as many cells, and no number."""
+    for delimiter in _DELIMITERS:
+        width = len(fields_of(row, delimiter))
+        for line in above[-2:] if width > 1 else []:
+            fields = fields_of(line, delimiter)
+            if abs(len(fields) - width) <= 1 and not any(_is_number(f) for f in fields if f):
+                return True
+    return False
 
 
 def _regular(text: str, source: str, first_row: int) -> Table | None:
@@ -185,6 +265,8 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
                 if unit not in {"", "-"}
             }
             first += 1
+    if named and not units:
+        units = units_behind_names(header)
     begin = kept[first] if first < len(kept) else kept[-1] + 1
     notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
     sampling = sampling_of(settings_of(lines[: kept[start]], delimiter))
@@ -220,7 +302,11 @@ def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
 
 
 def _is_data(line: str) -> bool:
-    return bool(line.strip(" \t,;|")) and not line.lstrip().startswith(_COMMENTS)
+    return bool(line.strip(" \t,;|")) and not _is_comment(line)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
 
 
 def _is_number(field: str) -> bool:

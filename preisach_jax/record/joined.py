@@ -16,7 +16,7 @@ from preisach_jax.record.marks import Run
 PAUSE = 100
 """Usual time steps between two runs on the joined clock: above what counts as a gap."""
 
-MOST_APART = 4.0
+MOST_APART = 100.0
 """Ratio of the time steps of two records beyond which they are not fitted together."""
 
 
@@ -59,7 +59,7 @@ def joined(records: Sequence[Record], hold_out: Sequence[Record] = ()) -> Record
     everything = [*records, *hold_out]
     _check_alike(everything)
     _check_reach(records, hold_out)
-    pause = PAUSE * float(np.median([record.step_s for record in everything]))
+    pause = PAUSE * max(record.step_s for record in everything)
     shifted: list[np.ndarray] = []
     runs: list[Run] = []
     start, shift = 0, float(everything[0].time[0])
@@ -123,6 +123,12 @@ def _check_alike(records: Sequence[Record]) -> None:
                     f"{record.name}, column {own.name}: its unit is {mine}, and {its} in "
                     f"{first.name}; convert one of them, or state the unit (--unit)"
                 )
+        if record.has_clock != first.has_clock:
+            counted = record if first.has_clock else first
+            raise InputError(
+                f"{counted.name}: it has no clock, and others have one; give its sampling rate "
+                "(--rate), or read all of them without a clock (--time none)"
+            )
         ratio = record.step_s / first.step_s
         if not 1 / MOST_APART <= ratio <= MOST_APART:
             mine, its = (f"{number(1 / each.step_s, 4)} Hz" for each in (record, first))

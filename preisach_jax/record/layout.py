@@ -26,7 +26,7 @@ _VALUE = re.compile(
 _INTERVALS = re.compile(
     r"(?:sampl\w*|scan|x|time|horizontal|zeit)?[ _]?"
     r"(?:interval|period|increment|inc|hresolution|tinterval|tinc)"
-    r"|h ?resolution|delta[ _]?[tx]|dt|dx|wf_increment|time ?step|step ?size"
+    r"|h ?resolution|delta[ _]?[tx]|dt|dx|wf_increment|time ?step|step ?size|sample_time"
     r"|abtast(?:intervall|zeit|periode)|zeitschritt|messintervall",
     re.IGNORECASE,
 )

@@ -1,4 +1,4 @@
-"""First-order reversal curves in the text format of MicroMag magnetometers.
+"""Reversal curves, loops and initial curves in the text format of MicroMag magnetometers.
 
 A curve is measured from saturation: the field goes to `HSat` and rests there for `PauseSat`
 (nothing is measured), down to a calibration field `HCal` where one point is measured against drift,
@@ -25,6 +25,8 @@ from preisach_jax.record.table import Table
 _TAG = re.compile(
     r"^\s*(?P<name>[A-Za-z][\w .?()/-]*?)\s*(?:[=:]|\s{2,}|\t)\s*(?P<value>\S.*?)\s*$"
 )
+_UNITS = re.compile(r"\s*\((T|Oe|A/m)\)\s+\((A\S*m\S*|emu)\)")  # of field and moment
+_NEAR_ZERO = 0.02  # of the greatest field, at which an initial curve begins
 _POINT = re.compile(r"^\s*[+-]?[\d.]")
 
 
@@ -43,19 +45,15 @@ def is_micromag(text: str) -> bool:
 
 
 def read_micromag(text: str, source: str) -> Table:
-    """Read first-order reversal curves, with the unmeasured points at saturation put back.
+    """Read reversal curves, with the unmeasured points at saturation put back; or loops.
 
-    The file has no time of each point. It follows from the protocol: a point takes the averaging
-    time, a rest at saturation the pause; both are stretched alike to the elapsed time that the
-    header states, which accounts for the slewing of the field.
+    A file of reversal curves has no time of each point. It follows from the protocol: a point takes
+    the averaging time, a rest at saturation the pause; both are stretched alike to the elapsed time
+    that the header states, which accounts for the slewing of the field.
     """
     lines = text.split("\n")
     if not any("first-order reversal curves" in line.lower() for line in lines[:5]):
-        raise InputError(
-            f"{source}, row 2: {lines[1].strip()[:60] if len(lines) > 1 else ''!r} is not "
-            "'First-order reversal curves'; of MicroMag files only these can be read, save others "
-            "as CSV"
-        )
+        return _read_loops(lines, source)
     header, begin = _read_header(lines)
     saturation = _tag(header, "hsat", source)
     averaging = _tag(header, "averagingtime", source)
@@ -89,6 +87,36 @@ def read_micromag(text: str, source: str) -> Table:
         roles={"time": "t", "input": "field", "output": "moment"},
         initial_memory="high" if saturation > 0 else "low",
         notes=(note,),
+    )
+
+
+def _read_loops(lines: list[str], source: str) -> Table:
+    """Initial curves and loops, segment behind segment, without the columns that are adjusted."""
+    units = [k for k, line in enumerate(lines) if _UNITS.match(line)]
+    if not units:
+        raise InputError(
+            f"{source}, row 2: {lines[1].strip()[:60] if len(lines) > 1 else ''!r} is followed by "
+            "no 'Field  Moment' with their units; of MicroMag files reversal curves, loops and "
+            "initial curves can be read, save others as CSV"
+        )
+    header, _ = _read_header(lines[: units[0]])
+    blocks = _read_blocks(lines, units[0] + 1, source)
+    fields = np.array([field for block in blocks for field in block.fields])
+    moments = np.array([moment for block in blocks for moment in block.moments])
+    field_unit, moment_unit = re.findall(r"\(([^)]*)\)", lines[units[0]])[:2]
+    is_initial = header.get("initialmagnetization?", "").lower() == "yes"
+    is_demagnetised = is_initial and abs(fields[0]) <= _NEAR_ZERO * np.max(np.abs(fields))
+    notes = [f"{source}: {len(blocks)} segments put one behind the other"]
+    if is_demagnetised:
+        notes.append(f"{source}: it begins with an initial curve, so at a demagnetised state")
+    return Table(
+        source,
+        {"field": fields, "moment": moments},
+        np.array([row for block in blocks for row in block.rows]),
+        units={"field": field_unit, "moment": "A·m²" if moment_unit.startswith("A") else "emu"},
+        roles={"input": "field", "output": "moment"},
+        initial_memory="demagnetised" if is_demagnetised else "free",
+        notes=tuple(notes),
     )
 
 

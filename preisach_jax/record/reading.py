@@ -10,8 +10,8 @@ from pathlib import Path
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.apart import read_apart, read_here
-from preisach_jax.record.delimited import read_delimited
 from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode, is_text
+from preisach_jax.record.layouts import read_known
 from preisach_jax.record.readers import BINARY, HDF5, NPZ, TEXT, WORKBOOK
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
@@ -26,13 +26,36 @@ MAX_TEXT_BYTES = 2**29
 _MARKUP = (b"<!doctype", b"<html", b"<?xml", b"<table", b"<head", b"<body")
 
 
-def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
-    """Read the columns of a file."""
+def read_table(
+    path: str | os.PathLike[str], source: str | None = None, number: int | None = None
+) -> Table:
+    """Read the columns of a file: of several tables the first, or that of a number."""
+    tables = read_tables(path, source)
+    if number is None and len(tables) > 1:
+        sheets = tables[0].sheets
+        by_name = f"; for another ({', '.join(sheets)}): {Path(path).name}{SHEET}NAME" * bool(
+            sheets
+        )
+        note = (
+            f"{tables[0].source}: of {len(tables)} tables the first was read; --table 2 takes the "
+            f"second, and fit and diagnose take all of them, as several records{by_name}"
+        )
+        return replace(tables[0], notes=(note, *tables[0].notes))
+    if number is not None and not 1 <= number <= len(tables):
+        raise InputError(
+            f"{tables[0].source}: table {number} is asked for, and there "
+            f"{'is 1' if len(tables) == 1 else f'are {len(tables)}'}; give a number from 1 on"
+        )
+    return tables[(number or 1) - 1]
+
+
+def read_tables(path: str | os.PathLike[str], source: str | None = None) -> list[Table]:
+    """Read the tables of a file that are records of one kind."""
     source = str(path) if source is None else source
     path, sheet = _without_sheet(Path(path))
     _check_file(path, source)
     if sheet is not None:
-        return read_apart(WORKBOOK, path, source.removesuffix(f"{SHEET}{sheet}"), sheet)
+        return [read_apart(WORKBOOK, path, source.removesuffix(f"{SHEET}{sheet}"), sheet)]
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -41,8 +64,8 @@ def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table
                 inside, left = unpack(path, kind, Path(folder), source)
                 _check_file(inside, f"{source}, the file inside")
                 with inside.open("rb") as file:
-                    table = _read(inside, file.read(HEAD_BYTES), source)
-                return replace(table, notes=(left, *table.notes)) if left else table
+                    tables = _read(inside, file.read(HEAD_BYTES), source)
+                return [replace(t, notes=(left, *t.notes)) if left else t for t in tables]
         return _read(path, head, source)
     except OSError as error:
         raise InputError(
@@ -59,12 +82,16 @@ def _without_sheet(path: Path) -> tuple[Path, str | None]:
     return path, None
 
 
-def _read(path: Path, head: bytes, source: str) -> Table:
+def _read(path: Path, head: bytes, source: str) -> list[Table]:
     reader = _reader(path, head)
     if reader is None or reader.read is None:
-        return with_plain_numbers(_read_text(path, head, source))
+        return [with_plain_numbers(table) for table in _read_text(path, head, source)]
     is_foreign = reader.foreign or head[512:].startswith(HDF5.starts)  # MATLAB 7.3 is HDF5
-    return with_plain_numbers((read_apart if is_foreign else read_here)(reader, path, source))
+    read = read_apart if is_foreign else read_here
+    tables = [read(reader, path, source)]
+    if reader is WORKBOOK:
+        tables += [read_apart(reader, path, source, sheet) for sheet in tables[0].sheets]
+    return [with_plain_numbers(table) for table in tables]
 
 
 def _reader(path: Path, head: bytes) -> Reader | None:
@@ -95,7 +122,7 @@ def _check_file(path: Path, source: str) -> None:
         raise InputError(f"{source}: the file is empty; give a file with columns of data")
 
 
-def _read_text(path: Path, head: bytes, source: str) -> Table:
+def _read_text(path: Path, head: bytes, source: str) -> list[Table]:
     size = path.stat().st_size
     check_text(head, source)
     if head.removeprefix(b"\xef\xbb\xbf").lstrip()[:14].lower().startswith(_MARKUP):
@@ -111,8 +138,10 @@ def _read_text(path: Path, head: bytes, source: str) -> Table:
     text, assumed = decode(path.read_bytes())
     begin = text[:HEAD_BYTES]
     reads = (reader.read_text for reader in TEXT if reader.is_text and reader.is_text(begin))
-    table = (next(reads, None) or read_delimited)(text, source)
-    return replace(table, notes=(f"{source}: {assumed}", *table.notes)) if assumed else table
+    own = next(reads, None)
+    tables = read_known(text, source) if own is None else [own(text, source)]
+    note = (f"{source}: {assumed}",) if assumed else ()
+    return [replace(table, notes=(*note, *table.notes)) for table in tables]
 
 
 def _near(path: Path) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.escape import printable, unit
-from preisach_jax.record.channels import Channel
+from preisach_jax.record.channels import SAMPLES, Channel
 from preisach_jax.record.marks import Jump, Run
 
 MIN_MEASURED = 50
@@ -113,6 +113,11 @@ class Samples:
         return self.time.size
 
     @property
+    def has_clock(self) -> bool:
+        """Whether its times are times; without a clock they count samples."""
+        return self.channels["time"].unit != SAMPLES
+
+    @property
     def measured(self) -> np.ndarray:
         """(K,) bool: where the output was measured."""
         return ~np.isnan(self.output)
@@ -139,20 +144,22 @@ class Samples:
 
     @property
     def gaps(self) -> list[tuple[int, float]]:
-        """Steps over 5 times the median one: (index of the first sample after, length in s).
-
-        Where another run starts there is none.
-        """
-        steps = np.diff(self.time)
-        found = np.flatnonzero(steps > _GAP * np.median(steps))
-        return [(int(k) + 1, float(steps[k])) for k in found if int(k) + 1 not in self.starts]
+        """Steps over 5 times the median one of their run: (first sample after, length in s)."""
+        found: list[tuple[int, float]] = []
+        for rows in self.stretches:
+            steps = np.diff(self.time[rows])
+            late = np.flatnonzero(steps > _GAP * np.median(steps))
+            found += [(rows.start + int(k) + 1, float(steps[k])) for k in late]
+        return found
 
     @property
     def jitter(self) -> float:
         """Standard deviation of the time steps that are no gaps, as a share of the median one."""
-        steps = np.diff(self.time)
-        usual = np.median(steps)
-        return float(np.std(steps[steps <= _GAP * usual]) / usual)
+        shares: list[np.ndarray] = []
+        for rows in self.stretches:
+            steps = np.diff(self.time[rows])
+            shares.append(steps[steps <= _GAP * np.median(steps)] / np.median(steps))
+        return float(np.std(np.concatenate(shares)))
 
     @property
     def input_unit(self) -> str:
@@ -319,6 +326,37 @@ class Samples:
                     f"{source}, column {self.channels[role].name}: its {what}, {span:g}, is too "
                     f"small to compute with (from {LEAST:g}); give the column in another unit"
                 )
+
+
+_STRAIGHT, _LEAST_LEFT = 1.25, 1e-9
+"""Times the noise, and share of the range, that a straight line leaves at most of its like."""
+
+
+def without_hysteresis(record: Samples) -> str:
+    """A sentence where a straight line from input to output leaves noise alone; else `""`.
+
+    The noise is that of third differences of the output, which is too great where it bends; what a
+    line leaves of one with a loop then runs on from row to row, and noise does not.
+    """
+    there = record.measured
+    path, output = record.input[there], record.output[there]
+    if len(path) < MIN_MEASURED or not np.ptp(path) or not np.ptp(output):
+        return ""
+    x, y = path - path.mean(), output - output.mean()
+    left: np.ndarray = y - x * (x @ y) / (x @ x)
+    rms = float(np.sqrt(left @ left / len(left)))
+    thirds: np.ndarray = np.diff(output, 3)
+    noise = float(np.sqrt(thirds @ thirds / len(thirds) / 20))
+    follows = float(left[1:] @ left[:-1]) > 0.2 * float(left @ left)
+    if rms > max(_STRAIGHT * noise, _LEAST_LEFT * float(np.ptp(output))):
+        return ""
+    if follows and rms > _LEAST_LEFT * float(np.ptp(output)):
+        return ""
+    share = 100 * rms / float(np.ptp(output))
+    return (
+        f"no hysteresis: a straight line does as well as any loop (it leaves {share:.2g} % of the "
+        "output's range, which is its noise)"
+    )
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:

@@ -9,9 +9,11 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import quantity
-from preisach_jax.record.columns import could_be_time
+from preisach_jax.record.clock import evenly_spread
+from preisach_jax.record.columns import could_be_time, several_clocks, unit_of
 from preisach_jax.record.layout import Sampling
 from preisach_jax.record.table import Table, check_names, shortened
+from preisach_jax.record.units import seconds_per
 
 MADE_TIME = "time"
 """Name of a column of time that was made of a sample interval."""
@@ -61,6 +63,35 @@ def with_stated_time(table: Table, sampling: Sampling | None) -> Table:
         roles={**table.roles, "time": MADE_TIME},
         notes=(*table.notes, note),
     )
+
+
+def on_one_clock(table: Table) -> Table:
+    """The same with the signals of several clocks brought on one, where each has its own."""
+    own = several_clocks(table)
+    if not own:
+        return table
+    clocks: dict[str, np.ndarray] = {}
+    for clock in own:
+        values = table.numbers(clock, "correct or remove the row")
+        multiplier, divisor = seconds_per(unit_of(table, clock)) or (1.0, 1.0)
+        clocks[clock] = evenly_spread(values * multiplier / divisor)
+    signals: dict[str, Signal] = {}
+    for clock, names in own.items():
+        for name in names:
+            values, there = table.lenient_numbers(name), np.isfinite(clocks[clock])
+            assert values is not None  # or it were no signal
+            there &= np.isfinite(values)
+            unit = unit_of(table, name)
+            signals[name] = Signal(values[there], unit=unit, times=clocks[clock][there])
+    made = table_of_signals(signals, table.source)
+    first, *others = own
+    late = ", ".join(
+        f"{each} begins {quantity(abs(float(clocks[each][0] - clocks[first][0])), 's', 3)} "
+        f"{'later' if clocks[each][0] >= clocks[first][0] else 'earlier'} than {first}"
+        for each in others
+    )
+    note = f"{table.source}: {len(own)} clocks, {' and '.join(own)}, were brought on one ({late})"
+    return replace(made, named=table.named, notes=(*table.notes, note, *made.notes))
 
 
 def table_of_signals(signals: Mapping[str, Signal], source: str) -> Table:

@@ -34,6 +34,7 @@ class Table:
         units: units by column, where the format or a line of units states them.
         is_record: whether it was made of a record, whose times stay what they are: in a file, great
             ones count from an epoch.
+        sheets: names of the other sheets of a workbook that hold the same columns.
         exact: columns of numbers so great that float64 cuts them: (K,) integers, or the texts.
     """
 
@@ -50,6 +51,7 @@ class Table:
     is_record: bool = False
     exact: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
     torn_row: int | None = None
+    sheets: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # Names of files reach terminals, figures and generated code: here they become harmless.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 # Units that a name may end in after an underscore. A unit in brackets may be anything.
 _SUFFIXES = frozenset(
@@ -13,7 +14,7 @@ _SUFFIXES = frozenset(
     "T mT uT µT nT G kG Oe kOe Wb mWb emu memu Am2 Am² A·m² A·m2 kA·m² "
     "A/m kA/m V/m kV/m V/s m/s mm/s um/s µm/s m/s2 g/s "
     "A_per_m kA_per_m V_per_m kV_per_m V_per_s m_per_s mm_per_s um_per_s A_m kA_m "
-    "degC °C degF K mK % pct ppm ppb dB".split()
+    "degC °C degF K mK % pct ppm ppb dB Ah mAh A.h mA.h A·h mA·h Ohm kOhm kip".split()
 )
 
 # Loggers that write capitals only: `TIME_MS` must not be read as seconds.
@@ -21,6 +22,9 @@ _CAPITAL_TIMES = frozenset({"S", "MS", "US", "MIN"})
 
 _BRACKETED = re.compile(r"^(?P<name>.*?)[\s_]*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*$")
 _SPELLED = re.compile(r"^(?P<name>.+?)(?:\s+in\s+|\s*/\s*)(?P<unit>\S+)$")
+
+_BY_COMMA = re.compile(r"^(?P<name>.+?),\s*(?P<unit>\S+)$")
+_OF_SUFFIXES = {unit.lower(): unit for unit in _SUFFIXES}
 
 # Exact factors as (multiplier, divisor): 7 ms is 7/1000 s to the last bit, 7 * 0.001 is not.
 _SECONDS = {
@@ -61,7 +65,8 @@ _WORDS = {
     "volt": "V", "volts": "V", "ampere": "A", "amperes": "A", "amp": "A", "amps": "A",
     "watt": "W", "watts": "W", "newton": "N", "newtons": "N", "meter": "m", "meters": "m",
     "metre": "m", "metres": "m", "tesla": "T", "hertz": "Hz", "celsius": "degC", "kelvin": "K",
-    "percent": "%",
+    "percent": "%", "в": "V", "мв": "mV", "а": "A", "с": "s", "сек": "s", "мс": "ms", "м": "m",
+    "мм": "mm", "мкм": "um", "н": "N", "кн": "kN", "па": "Pa", "мпа": "MPa", "э": "Oe", "тл": "T",
 }  # fmt: skip
 
 # What else may stand for a unit, alone or in a product or quotient of units.
@@ -93,9 +98,12 @@ def split_unit(column: str) -> tuple[str, str]:
     if len(column) > _LONGEST:  # the time of the patterns below grows with its square
         return column, ""
     if match := _BRACKETED.match(column):
-        return match["name"].rstrip(" /_"), match["unit"]
+        unit = match["unit"]
+        return match["name"].rstrip(" /_"), unit if unit.isascii() else plain_unit(unit)
     if (match := _SPELLED.match(column)) and match["unit"] in _SUFFIXES:
         return match["name"].rstrip(), match["unit"]
+    if (match := _BY_COMMA.match(column)) and match["unit"].lower() in _WORDS | _OF_SUFFIXES:
+        return match["name"].rstrip(), plain_unit(match["unit"])
     parts = column.split("_")
     for i in range(1, len(parts)):
         tail = "_".join(parts[i:])
@@ -109,6 +117,17 @@ def _as_written(suffix: str) -> str:
     if suffix in {"A_m", "kA_m"}:
         return suffix.replace("_", "/")
     return suffix.replace("_per_", "/")
+
+
+def units_behind_names(names: Sequence[str]) -> dict[str, str]:
+    """Units by name, where each name of a table has one behind a blank (`Time s`, `Force kN`)."""
+    found: dict[str, str] = {}
+    for name in names:
+        quantity, _, unit = name.strip().rpartition(" ")
+        if not quantity or not (unit in _SUFFIXES or ("_per_" in unit and is_known_unit(unit))):
+            return {}
+        found[name] = unit.replace("_per_", "/")
+    return found if len(found) > 1 else {}
 
 
 def is_unit(text: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
@@ -55,12 +56,25 @@ def read_workbook(path: Path, source: str, sheet: str | None = None) -> Table:
     table = _table_of_sheet(filled[name], f"{source}, sheet {name}", source)
     if len(filled) == 1 or sheet is not None:
         return table
-    others = ", ".join(each for each in filled if each != name)
+    same = _same_columns(filled, name, source)
+    others = ", ".join(each for each in filled if each != name and each not in same)
+    if not others:
+        return replace(table, sheets=tuple(same))
     note = (
         f"{source}: of {len(filled)} sheets, {name!r} was read, which has the most rows; for "
         f"another ({others}) put its name behind the file's: {Path(source).name}{SHEET}NAME"
     )
-    return replace(table, notes=(note, *table.notes))
+    return replace(table, notes=(note, *table.notes), sheets=tuple(same))
+
+
+def _same_columns(filled: dict[str, Any], name: str, source: str) -> list[str]:
+    """The other sheets whose columns have the same names, which are records of one kind."""
+    names: dict[str, list[str]] = {}
+    for each, rows in filled.items():
+        with suppress(InputError):
+            table = _table_of_sheet(rows, f"{source}, sheet {each}", source)
+            names[each] = list(table.columns) if table.named else [each]
+    return [each for each in names if each != name and names[each] == names.get(name)]
 
 
 def _check_harmless(path: Path, source: str) -> None:

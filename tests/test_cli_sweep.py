@@ -12,14 +12,17 @@ from preisach_jax.cli import main
 from preisach_jax.paper import sweep as module
 from preisach_jax.paper.sweep import Sweep, merge, sweep
 
-SETTINGS = ((3, 2), (0.1, 0.2, 0.4), 2, 1000)
-WORDS = "sweep --levels 3,2 --noise 0.1,0.2,0.4 --seeds 2 --samples 1000 --seed 5 --chunk 1".split()
+# The setting of test_sweep.py, of which the programs are compiled already.
+WORDS = (
+    "sweep --levels 5,3 --noise 0.05,0.2,0.5 --seeds 4 --samples 1000 --seed 7 --chunk 2".split()
+)
+CHUNKS = [0, 1], [2, 3]
 
 
 @pytest.fixture(scope="module")
 def expected():
-    levels, noise, seeds, samples = SETTINGS
-    return merge([sweep(jax.random.key(5), levels, noise, [s], samples) for s in range(seeds)])
+    settings = (5, 3), (0.05, 0.2, 0.5)
+    return merge([sweep(jax.random.key(7), *settings, seeds, 1000) for seeds in CHUNKS])
 
 
 def shown_table(text, first):
@@ -34,7 +37,7 @@ def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
     assert main([*WORDS, "--out", str(out)]) == 0
     shown = capsys.readouterr().out
     rows = shown_table(shown, "N ")
-    assert [row[:2] for row in rows] == [["3", "6"], ["2", "3"]]
+    assert [row[:2] for row in rows] == [["5", "15"], ["3", "6"]]
     columns = (expected.delta_x, expected.noise_power, expected.mean_output_error(),
                expected.auxiliary_norm(), expected.coefficient)  # fmt: skip
     assert [int(row[2]) for row in rows] == [int(some) for some in expected.events.mean(axis=1)]
@@ -46,7 +49,7 @@ def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
     law = expected.exponents()["truth"]
     assert f"{law.value:.3f}" in shown
     assert f"{law.low:.3f} to {law.high:.3f}" in shown
-    assert "2 seeds of 1,000 samples on" in shown
+    assert "4 seeds of 1,000 samples on" in shown
     assert shown.rstrip().endswith(f"Sweep: {out / 'sweep.json'}")
     content = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
     assert content["rows"][1]["coefficient"] == expected.coefficient[1]
@@ -62,7 +65,7 @@ from preisach_jax.paper import sweep as module
 genuine = module.sweep
 
 def hang(key, levels, noise, seeds, samples):
-    if seeds == [1]:
+    if seeds == [2, 3]:
         print("hanging", flush=True)
         time.sleep(300)
     return genuine(key, levels, noise, seeds, samples)
@@ -81,9 +84,9 @@ def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path, capsys)
         assert process.stdout is not None
         assert process.stdout.readline() == "hanging\n"
         process.kill()
-    first = out / "seeds_0000-0000.npz"
+    first = out / "seeds_0000-0001.npz"
     before = first.stat().st_mtime_ns
-    (out / ".seeds_0001-0001.npz.0a1b2c3d.999999999.part").write_bytes(b"half")
+    (out / ".seeds_0002-0003.npz.0a1b2c3d.999999999.part").write_bytes(b"half")
     assert main(words) == 0
     assert first.stat().st_mtime_ns == before
     found = Sweep.load(out)
@@ -95,7 +98,7 @@ def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path, capsys)
     capsys.readouterr()
     assert main([*WORDS, "--seed", "6", "--out", str(out)]) == 2
     message = capsys.readouterr().err
-    assert f"{out} holds a sweep with key 0,5 and not 0,6: choose another" in message
+    assert f"{out} holds a sweep with key 0,7 and not 0,6: choose another" in message
     assert "--restart" in message
 
 

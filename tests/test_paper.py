@@ -179,6 +179,8 @@ def test_the_exponents_of_figure_8():
         found.line_events_um,
         np.exp(height) * (found.line_power_um2 / (found.noise_power_um2 * N**2).mean()) ** slope,
     )
+    each = paper.noise_sweep(0, **SHORT).output_error / np.sqrt(N * (N + 1) / 2)[:, None]
+    np.testing.assert_allclose(found.events_deviation_um, np.abs(np.diff(each)[:, 0]) / np.sqrt(2))
     parts = found.root_cells_in_levels.value - found.error_in_levels.value
     assert found.events.value == pytest.approx(parts / 2, rel=1e-9)
     share = found.share_in_levels.value

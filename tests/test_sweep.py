@@ -25,8 +25,8 @@ from preisach_jax.paper.sweep import (
 )
 from preisach_jax.theory import largest_slope
 
-# One setting for most tests, so that little has to be compiled.
-LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.5), 4, 1000, 2
+# One setting for these tests and those of the command, so that little has to be compiled.
+LEVELS, NOISE, SEEDS, SAMPLES, CHUNK = (5, 3), (0.05, 0.2, 0.5), 4, 1000, 2
 FIRST = 200
 SETTINGS = (LEVELS, NOISE, SEEDS, SAMPLES)
 MODULE = sys.modules[sweep.__module__]
@@ -134,7 +134,7 @@ def test_chunks_of_seeds_join_to_the_whole_to_the_last_bit(whole):
 def test_other_numbers_of_the_same_shape_compile_nothing(whole, compilations):
     sweep(KEY, *SETTINGS)
     others = []
-    again = jax.random.key(8), LEVELS, (0.1, 0.2), [5, 6, 7, 9], SAMPLES
+    again = jax.random.key(8), LEVELS, (0.1, 0.2, 0.4), [5, 6, 7, 9], SAMPLES
     assert not compilations(lambda: others.append(sweep(*again)))
     (other,) = others
     assert not np.array_equal(other.events, whole.events)
@@ -228,7 +228,7 @@ def test_xarray_has_named_axes_and_units(whole, monkeypatch):
     pytest.importorskip("xarray")
     dataset = whole.to_xarray()
     one = dataset["noise_part"].sel(level=3, noise=0.5, seed=2)
-    assert float(one) == whole.noise_part[1, 1, 2]
+    assert float(one) == whole.noise_part[1, 2, 2]
     assert one.attrs["units"] == "um^2"
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match=r"pip install 'preisach_jax\[xarray\]'"):
@@ -296,7 +296,7 @@ def test_a_folder_holds_the_sweep_and_goes_on(whole, tmp_path, computed):
     [
         ({"key": jax.random.key(9)}, "with key 0,7 and not 0,9: choose another.*--restart"),
         ({"samples": 1001}, "samples 1000 and not 1001:"),
-        ({"noise": (0.5,)}, r"noise 0\.05,0\.5 and not 0\.5:"),
+        ({"noise": (0.5,)}, r"noise 0\.05,0\.2,0\.5 and not 0\.5:"),
     ],
 )
 def test_a_folder_of_other_settings_is_left_alone(settings, message, whole, tmp_path, computed):

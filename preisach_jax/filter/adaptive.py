@@ -223,7 +223,7 @@ class AdaptiveFilter(eqx.Module):
         s = states - state.reference_states
         squared = jnp.sum(s * s)
         error = z - state.reference_output - jnp.sum(state.weights * s)
-        # In sample form, a move of the states below √eps is not told from rounding.
+        # In sample form, a move of the states below √eps may be rounding.
         least = EVENT_SIZE if self.sampling == "event" else cast(float, jnp.finfo(dtype).eps)
         event = jnp.isfinite(error) & (squared >= least)
         learns = event if adapt is True else event & adapt

@@ -273,8 +273,8 @@ def _whichever(
             gaps, kept = jax.lax.optimization_barrier((carry[0], given))
             return gaps & False, again(kept)
 
-        begun: Any = (gaps, nothing)
-        return jax.lax.while_loop(lambda carry: carry[0], turn, begun)[1]
+        first: Any = (gaps, nothing)
+        return jax.lax.while_loop(lambda carry: carry[0], turn, first)[1]
 
     @jax.custom_vjp
     def chosen(gaps: jax.Array, floating: Any, rest: Any) -> Any:

@@ -39,6 +39,7 @@ class Proportionality(FigureData):
     levels: np.ndarray
     noise_power_um2: np.ndarray  # (level,) W, eq. (29)
     over_events_um: np.ndarray  # (level,) norm (31), e² averaged over the switching samples
+    events_deviation_um: np.ndarray  # its standard deviation between realisations
     over_samples_um: np.ndarray  # the same over all samples, e = 0 where nothing switches
     line_power_um2: np.ndarray  # (2,) ends of the fitted lines
     line_events_um: np.ndarray  # fitted power law there
@@ -56,12 +57,14 @@ class Proportionality(FigureData):
         e, root, share = self.error_in_levels, self.root_cells_in_levels, self.share_in_levels
         return (
             f"Auxiliary norm (31) of the weight error against the power (29) of the quantisation "
-            f"noise, {self.seeds} realisations of {self.record_samples} samples, and fitted power "
-            f"laws: exponent {_with_interval(self.events)} where e² is averaged over the switching "
-            f"samples, {_with_interval(self.samples)} over all samples. W falls as N^-2; ⟨e⟩ over "
+            f"noise, {self.seeds} realisations of {self.record_samples} samples (bars: standard "
+            f"deviation between them), and fitted power laws: exponent "
+            f"{_with_interval(self.events)} where e² is averaged over the switching samples, "
+            f"{_with_interval(self.samples)} over all samples. W falls as N^-2; ⟨e⟩ over "
             f"switching samples falls as N^{e.value:.2f} and √L grows as N^{root.value:.2f}, so "
             f"that the norm ⟨e⟩/√L falls as N^{e.value - root.value:.2f}, which is W^"
-            f"{(root.value - e.value) / 2:.2f}. The share of switching samples grows as "
+            f"{(root.value - e.value) / 2:.2f}; if ⟨e⟩ fell as 1/N, geometry alone would make it "
+            f"W^{(root.value + 1) / 2:.2f}. The share of switching samples grows as "
             f"N^{share.value:.2f}, and takes {share.value / 4:.2f} off where all samples count."
         )
 
@@ -77,6 +80,7 @@ def proportionality(
     report(progress, "sweep over levels, noise and seeds", 0.0)
     found = noise_sweep(seed, tuple(levels), seeds, samples)
     W, norms = found.noise_power, [found.auxiliary_norm(over) for over in ("events", "samples")]
+    each = found.output_error / np.sqrt(found.cells)[:, np.newaxis]
     laws = found.exponents()
     N = found.levels.astype(float)
     ends = np.array([W.min() / 1.5, W.max() * 1.5])
@@ -84,6 +88,7 @@ def proportionality(
         levels=found.levels,
         noise_power_um2=W,
         over_events_um=norms[0],
+        events_deviation_um=each.std(axis=1, ddof=min(seeds - 1, 1)),
         over_samples_um=norms[1],
         line_power_um2=ends,
         line_events_um=power_law_through(W, norms[0], laws["paper"].value, ends),

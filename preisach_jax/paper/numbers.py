@@ -73,7 +73,7 @@ def _plain(value: Any) -> Any:
 
 
 def report(progress: Progress | None, text: str, part: float) -> None:
-    """Tell the caller where the work is, if it asked to be told."""
+    """Call `progress`, if there is one, with what is being done and the part that is done."""
     if progress is not None:
         progress(text, part)
 

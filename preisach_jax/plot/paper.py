@@ -337,15 +337,25 @@ def time_frame(data: paper.TimeFrame) -> Figure:
 def proportionality(data: paper.Proportionality) -> Figure:
     """Fig. 8: auxiliary norm against the power of the quantisation noise."""
     figure, axes = _single(3.0)
-    for values, line, law, shade, filled, name in (
-        (data.over_events_um, data.line_events_um, data.events, AFTER, AFTER, "switching samples"),
-        (data.over_samples_um, data.line_samples_um, data.samples, BEFORE, "white", "all samples"),
+    events, deviation = data.over_events_um, data.events_deviation_um
+    for values, bars, line, law, shade, filled, name in (
+        (events, deviation, data.line_events_um, data.events, AFTER, AFTER, "switching samples"),
+        (
+            data.over_samples_um,
+            None,
+            data.line_samples_um,
+            data.samples,
+            BEFORE,
+            "white",
+            "all samples",
+        ),
     ):
         label = f"{name}: {law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
         axes.plot(data.line_power_um2, line, color=shade, zorder=2)
-        axes.plot(
-            data.noise_power_um2, values, "o", ms=5, mfc=filled, mec=shade, label=label, zorder=3
-        )
+        axes.errorbar(
+            data.noise_power_um2, values, bars, fmt="o", ms=5, mfc=filled, mec=shade, ecolor=BLACK,
+            elinewidth=0.8, label=label, zorder=3,
+        )  # fmt: skip
     for N, W, norm in zip(data.levels, data.noise_power_um2, data.over_events_um, strict=True):
         axes.annotate(
             f"N = {N}", (W, norm), xytext=(-5, 3), textcoords="offset points", ha="right",

@@ -17,7 +17,7 @@ from preisach_jax.record import Record
 from preisach_jax.record.course import reversals
 from preisach_jax.record.units import split_unit
 
-ALIKE = 0.05
+SAME_KIND = 0.05
 """Share of the swing, and of the duration, by which cycles of one kind may differ."""
 
 CLOSES = 0.02
@@ -47,12 +47,12 @@ INDUCTION_UNITS = {
 JOULES = "J/m3"
 
 REACH = 4.0
-"""Cells over which what cells miss is alike: the longer one of the two decays of the law."""
+"""Cells over which what cells miss is the same: the longer one of the two decays of the law."""
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A closed cycle, or the mean of several that are alike, and what energy it loses.
+    """A closed cycle, or the mean of several of one kind, and what energy it loses.
 
     Attributes:
         count: how many cycles it stands for.
@@ -104,7 +104,7 @@ class Loss:
         groups: list[list[Cycle]] = []
         for cycle in self.cycles:
             for group in groups:
-                if _alike(group[0], cycle):
+                if _same_kind(group[0], cycle):
                     group.append(cycle)
                     break
             else:
@@ -128,7 +128,7 @@ def loss_per_cycle(record: Record, model: Model | None = None) -> Loss:
     of a magnet, whichever of the two is the input; of other records \(\oint u\,dz\), which is
     positive where the output lags behind the input.  The model's loss is that of the output that
     it predicts from the input, and its band holds the measured loss of 95 of 100 cycles: it is
-    made of the losses of the `Others` of its band, and of what its `VarianceLaw` says beside them.
+    made of the losses of the `Others` of its band, and of what its `VarianceLaw` adds to them.
 
     Arguments:
         record: the measurement.
@@ -200,12 +200,12 @@ def _area(loop: ClosedPath, input: np.ndarray, output: np.ndarray) -> float:
     return enclosed(x[known], y[known])
 
 
-def _alike(one: Cycle, other: Cycle) -> bool:
-    near = ALIKE * (one.input_high - one.input_low)
+def _same_kind(one: Cycle, other: Cycle) -> bool:
+    near = SAME_KIND * (one.input_high - one.input_low)
     return (
         abs(one.input_low - other.input_low) <= near
         and abs(one.input_high - other.input_high) <= near
-        and abs(one.duration_s - other.duration_s) <= ALIKE * one.duration_s
+        and abs(one.duration_s - other.duration_s) <= SAME_KIND * one.duration_s
     )
 
 
@@ -319,14 +319,14 @@ def half_widths(
 
     What a prediction misses, e(t), changes the area of a loop by \(\oint e\,du\). Its variance is
     a sum of parts, with the sizes of the `VarianceLaw` of the prediction's band, which differ in
-    how far e is alike along the path:
+    how far e is the same along the path:
 
     - of other models that the record could have led to, each has a loop of its own, and its area
       is taken as it is;
     - what goes with the speed has one sign on each branch, so that it adds up along the whole
       path, \((\oint \sigma\,|du|)^2\);
-    - what cells of width c miss is alike over four of them, \(\oint \sigma^2\,4 c\,|du|\);
-    - noise is alike over no step at all, \(\sum \sigma^2 (\Delta u)^2\).
+    - what cells of width c miss is the same over four of them, \(\oint \sigma^2\,4 c\,|du|\);
+    - noise is the same over no step at all, \(\sum \sigma^2 (\Delta u)^2\).
 
     The half width is the conformal quantile of the band times the deviation. Where the memory is
     unknown, the area of what the input forces on the way comes to it, at most its height times

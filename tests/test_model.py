@@ -23,7 +23,7 @@ from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit import finished, plane_of
 from preisach_jax.identify import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
-from preisach_jax.model.band import Band, InputMotion, Others, spread_of, unforeseen
+from preisach_jax.model.band import Band, InputMotion, Others, drift_deviation, spread_of
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.course import time_since_reversal
@@ -443,19 +443,19 @@ def test_a_wander_goes_on_as_it_went_and_another_record_has_another():
     added = np.array([1.0, -0.5, 0.3])
     numbers = Coefficients(np.zeros(chain.plane.cells), np.zeros(chain.plane.cells), 0.0, added)
     lags = np.array([-3.0, 0.0, 1.0, 2.5, 5.0, 20.0])
-    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), 12.0 + lags, True)
+    found = drift_deviation(chain, {"drift": {}}, numbers, (2.0, 12.0), 12.0 + lags, True)
     time = np.linspace(0, 10, 5001)
     course = np.cos(np.pi * time[:, None] / 10 * [1, 2, 3]) @ added
     expected = [np.sqrt(np.mean((course[k:] - course[:-k]) ** 2)) for k in (500, 1250, 2500)]
     np.testing.assert_array_equal(found[:2], 0)
     np.testing.assert_allclose(found[2:5], expected, rtol=0.01)
     np.testing.assert_allclose(found[5], 2 * found[4], rtol=0.01)  # variance grows with time
-    found = unforeseen(chain, {"drift": {}}, numbers, (2.0, 12.0), lags, False)
+    found = drift_deviation(chain, {"drift": {}}, numbers, (2.0, 12.0), lags, False)
     np.testing.assert_allclose(found, np.sqrt(2) * course.std(), rtol=0.01)
     straight = Chain(chain.plane, (Drift(horizon_s=10.0),))
     numbers = replace(numbers, added=np.array([1.0]))
     values = {"drift": {"tau_s": 300.0}}
-    assert not unforeseen(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
+    assert not drift_deviation(straight, values, numbers, (2.0, 12.0), 12.0 + lags, True).any()
 
 
 def test_a_band_comes_back_from_its_file(plain, record):

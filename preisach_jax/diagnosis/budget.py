@@ -12,7 +12,7 @@ from preisach_jax.diagnosis.result import Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
-from preisach_jax.identify.problem import GRID_ORDER, share_off
+from preisach_jax.identify.problem import GRID_ORDER, grid_error_share
 from preisach_jax.record.jumps import wander_rms
 
 MOST_LEVELS = 50
@@ -169,7 +169,7 @@ def by_another_plane(
         The RMS in output units.
     """
     here = point.validation_mean_square
-    share = (here - other.validation_mean_square) / share_off(point, other, 2 * order)
+    share = (here - other.validation_mean_square) / grid_error_share(point, other, 2 * order)
     return float(np.sqrt(np.clip(share, 0.0, here))) * problem.unit
 
 

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RISE = 1e-3
-"""Relative rise of a held-out error from which on it is told: less is not seen in its digits."""
+"""Relative rise of a held-out error from which on it is said: less is not seen in its digits."""
 
 BAND_ROWS = 12_000
-"""Rows, at least, that calibrate the band of a longer record: neighbours tell the same."""
+"""Rows, at least, that calibrate the band of a longer record: neighbours say the same."""
 
 FINAL_ROWS = 60_000
 """Samples to which a still longer record is thinned for the final fit, to bound its memory."""

@@ -53,7 +53,7 @@ CLEAR_CORRELATION = 0.5
 """Correlation of input and output beyond which its sign is the polarity: a drift, or a loop as wide
 as it is high, leaves less."""
 
-SIGNS_PAY = 0.1
+MAX_SHARE_WITH_SIGNS = 0.1
 """Held-out mean square, over that with weights of one sign, that weights of both signs must not
 leave.  A butterfly leaves 0.01 or less; where one sign is right but a delay is hidden, weights of
 both signs imitate some of it, and leave 0.3 to 1."""
@@ -61,7 +61,7 @@ both signs imitate some of it, and leave 0.3 to 1."""
 POOR = 0.05
 """Held-out error over the spread of the output above which weights of both signs are tried."""
 
-SPACING_PAYS = 0.5
+MAX_SHARE_WITH_SPACING = 0.5
 """Held-out mean square, over that with thresholds equally spaced, that thresholds where the output
 moves must not leave.  Narrow steep loops leave 0.001 to 0.3."""
 
@@ -71,7 +71,7 @@ SEARCH_ROWS = 8_000
 MOST_STARTS = 2
 """Starts of a form of an effect that are refined."""
 
-FORMS_HOPE = 0.95
+MAX_SHARE_OF_FIRST_FORM = 0.95
 """Held-out mean square, over that of the model without it, that the first form of an effect of the
 input or of the hysteresis must not leave for its other forms to be tried: each means all states of
 the hysterons anew, and the wrong form of what is there takes much more away."""
@@ -148,7 +148,7 @@ def base_point(problem: Problem, levels: int) -> Point:
     seen = SimpleNamespace(input=record.input, output=np.full(len(record), np.nan))
     seen.output[rows] = record.output[rows]
     uneven = _base_point(problem, Plane.of(seen, levels, (plane.low, plane.high)), *signs)
-    least = SPACING_PAYS * even.validation_mean_square
+    least = MAX_SHARE_WITH_SPACING * even.validation_mean_square
     point = uneven if uneven.validation_mean_square < least else even
     problem.cache[slot] = point.chain.plane
     return point
@@ -182,7 +182,7 @@ def mended(record: Record, modelled: np.ndarray) -> Record:
 
 
 def mended_by(record: Record, point: Point) -> Record:
-    """The same beside a model that was found on some of its rows."""
+    """`mended`, by a model that was found on some of the rows."""
     return mended(record, _response(record, point))
 
 
@@ -230,7 +230,7 @@ def _signs(problem: Problem) -> tuple[int, bool]:
         plain = [_base_point(problem, plane, sign, signed=False) for sign in tried]
         best = min(plain, key=lambda point: point.objective)
         signed = False
-        least = SIGNS_PAY * best.validation_mean_square
+        least = MAX_SHARE_WITH_SIGNS * best.validation_mean_square
         if best.validation_mean_square > POOR**2 * float(np.var(problem.goal)):
             both = _base_point(problem, plane, best.chain.polarity, signed=True)
             signed = both.validation_mean_square < least
@@ -263,7 +263,7 @@ def refit(problem: Problem, point: Point) -> Point:
 
 
 def with_effect(problem: Problem, point: Point, effect: Effect) -> Point:
-    """The best model that has an effect beside those of a point, all refitted jointly."""
+    """The best model that has an effect more than a point, all refitted jointly."""
     return refit(problem, roughly_with(problem, point, effect))
 
 
@@ -277,7 +277,10 @@ def roughly_with(problem: Problem, point: Point, effect: Effect) -> Point:
     for form in problem.forms_of(effect, point):
         starts = starts_of(form)
         if costly and found is not None:
-            if found.validation_mean_square > FORMS_HOPE * point.validation_mean_square:
+            if (
+                found.validation_mean_square
+                > MAX_SHARE_OF_FIRST_FORM * point.validation_mean_square
+            ):
                 break
             known = found.values[effect.name]
             starts = [{p.name: known.get(p.name, p.start[0]) for p in form.parameters()}]

@@ -22,7 +22,7 @@ from preisach_jax.chain.signals import each_run, parts_of
 from preisach_jax.effects.base import Signals
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.identify.gauss_newton import Linearised, linearise
-from preisach_jax.identify.problem import FOLDS, Point, Problem, share_off
+from preisach_jax.identify.problem import FOLDS, Point, Problem, grid_error_share
 from preisach_jax.model import ParameterEstimate
 from preisach_jax.model.band import Others, rounded
 
@@ -109,13 +109,13 @@ def with_model_error(
     r"""Intervals made longer, on both sides, by what a model is not: of a finer grid, of a machine.
 
     A plane of another number of levels changes a number by \(d\), which is a share of its error
-    (`share_off`): the whole is \(b = d / |1 - (N / N')^p|\).  A side of length s becomes
+    (`grid_error_share`): the whole is \(b = d / |1 - (N / N')^p|\).  A side of length s becomes
     \(l \sqrt{s^2 + b^2}\), with l (`OF_THE_LAW`) for what the law of an effect leaves.
 
     Numbers that the estimates lack, as of a hum of fewer harmonics, count for nothing.
     """
     wider = {effect: dict(own) for effect, own in found.items()}
-    share = share_off(point, other)
+    share = grid_error_share(point, other)
     pairs = [
         (effect, each, point.values[effect][each.name], other.values[effect][each.name])
         for effect, each in point.parameters
@@ -184,7 +184,7 @@ def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
 
     Of the sandwich covariance of `estimates`, each of some stretches of the record is one; of the
     posterior covariance \(\sigma^2 M^{-1}\) of the hysterons alone, with the regularised matrix M,
-    those of the greatest variances, of which hardly any row tells and which the smoothness prior
+    those of the greatest variances, which hardly any row decides and which the smoothness prior
     decides. The result are (move, column) changes of all columns, tangents last, and how many of
     them are of stretches.
     """
@@ -193,12 +193,12 @@ def moves_of(point: Point, found: Influences) -> tuple[np.ndarray, int]:
     of_blocks *= np.sqrt(len(groups) / max(len(groups) - 1, 1))
     density = found.inside[found.inside < point.columns.offset]
     count = min(OTHERS_OF_PRIOR, len(density))
-    told, direction = scipy.linalg.eigh(
+    decided, direction = scipy.linalg.eigh(
         found.gram[np.ix_(density, density)], subset_by_index=(0, count - 1), check_finite=False
     )
-    told = np.maximum(told, np.finfo(float).tiny)
+    decided = np.maximum(decided, np.finfo(float).tiny)
     of_prior = np.zeros((count, found.blocks.shape[1]))
-    of_prior[:, density] = direction.T * np.sqrt(point.validation_mean_square / told)[:, None]
+    of_prior[:, density] = direction.T * np.sqrt(point.validation_mean_square / decided)[:, None]
     return np.concatenate([of_blocks, of_prior]), len(groups)
 
 
@@ -268,7 +268,7 @@ def with_arcs(
 ) -> dict[str, dict[str, ParameterEstimate]]:
     """Intervals that hold the values of a model whose input goes in arcs between its samples, too.
 
-    A record does not tell how its input went between two samples.  What a model's output changes by
+    It is not known how an input went between two samples.  What a model's output changes by
     arcs in place of straight lines (`change_by_arcs`) moves its columns as noise does.
     """
     wider = {effect: dict(own) for effect, own in found.items()}
@@ -343,9 +343,9 @@ def on_arcs(signals: Signals) -> Signals:
     apart = step[1:] + step[:-1]
     bend = np.pad(2 * np.diff(slope) / np.where(apart > 0, apart, 1.0), 1)
     begin, end = bend[:-1], bend[1:]
-    alike = begin * end > 0
-    squares = np.where(alike, begin**2 + end**2, 1.0)
-    mean = np.where(alike, begin * end * (begin + end) / squares, 0.0)
+    same_sign = begin * end > 0
+    squares = np.where(same_sign, begin**2 + end**2, 1.0)
+    mean = np.where(same_sign, begin * end * (begin + end) / squares, 0.0)
     return Signals(
         _between(signals.time),
         _between(signals.input, mean * step**2 / 8),

@@ -262,7 +262,7 @@ def parameters_of(effects: tuple[Effect, ...]) -> list[tuple[str, Parameter]]:
     return [(effect.name, parameter) for effect in effects for parameter in effect.parameters()]
 
 
-def share_off(point: Point, other: Point, order: float = GRID_ORDER) -> float:
+def grid_error_share(point: Point, other: Point, order: float = GRID_ORDER) -> float:
     r"""Share of the grid's error that another plane takes off, \(1 - (N / N')^p\)."""
     return 1 - (point.chain.plane.levels / other.chain.plane.levels) ** order
 
@@ -347,7 +347,7 @@ class Problem:
         )
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
-        """Forms of an effect to try beside a point; they may cost a spectrum."""
+        """Forms of an effect to add to a point; they may cost a spectrum."""
         survey = self.survey_of(point, effect)
         forms = effect.variants(survey)
         slot = ("lawful", effect.name)
@@ -492,7 +492,7 @@ def solved(point: Point) -> Point:
 def with_strength(problem: Problem, point: Point) -> Point:
     """The same point with the strength of the prior that its own data choose.
 
-    Without signs, what a fold holds that no other tells of is predicted so badly that it would
+    Without signs, what a fold alone holds is predicted so badly that it would
     choose alone; so its blocks count one by one there.
     """
     signs = bool(point.columns.nonnegative.any())

@@ -169,7 +169,7 @@ def slices_of(fold: np.ndarray) -> list[slice]:
 def penalties(
     levels: int, groups: tuple[np.ndarray, ...], first_run: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What is asked of the columns of a hysteresis beside the data, for one row.
+    """What is asked of the columns of a hysteresis apart from the data, for one row.
 
     Smoothness of the density, for strength 1, and pull of the unknown initial memory, (column,
     column) each. `first_run` are the hysterons of the first run, (2 levels,), for which the last
@@ -285,7 +285,7 @@ def choose_strength(
     """Strength of the smoothness prior with the least cross-validated error over some folds.
 
     Each fold is predicted from the others, and the geometric mean of their errors counts: a fold
-    that holds what no other tells, as the start of the record from an unknown memory, is predicted
+    that holds what no other does, as the start of the record from an unknown memory, is predicted
     badly at any strength, and must not drown the rest.  The search goes downhill from a start, by
     a decade at a time, the stronger side first: weak priors are slow to solve for, and rarely the
     best. A `guess` is a solution near by, whose zeros are likely those of the result.

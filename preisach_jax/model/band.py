@@ -8,7 +8,7 @@ residuals themselves decide (non-negative least squares, reweighted by the varia
 noise; what goes with the speed v of the input; what the cells of the plane, of width c, miss behind
 a reversal, at a distance d; what the record's own blocks would move the prediction by (s, the
 sandwich covariance of all coefficients and parameters); and what the smoothness prior has to
-decide, since hardly any row tells of it (p, the posterior covariance of the weights).  The last two
+decide, since hardly any row decides it (p, the posterior covariance of the weights).  The last two
 come from simulating a few other models, `Others`, along the record that is predicted; so they grow
 where the plane was seldom visited, and with the horizon of a forecast.  The half width is
 \(q\,\sigma\) with the conformal quantile
@@ -48,7 +48,7 @@ SLICES = 3
 """Slices by the speed, and by the time since the last reversal."""
 
 LEAST_ROWS = 3000
-"""Rows of a slice from which its own quantile is taken: neighbours in time are much alike."""
+"""Rows of a slice from which its own quantile is taken: neighbours in time are much the same."""
 
 LEAST_SHARE = 0.2
 """Least share of the variances that come from other models: where few rows were held out of a
@@ -156,7 +156,7 @@ class VarianceLaw:
         return np.sqrt(np.maximum(variance, np.finfo(float).tiny))
 
     def by_origin(self, motion: InputMotion) -> tuple[np.ndarray, np.ndarray]:
-        """(row,) variances beside those of other models: what goes with the speed, and the rest."""
+        """(row,) variances but for other models: what goes with the speed, and the rest."""
         parts = _parts(motion, np.zeros((len(motion.speed), 2)), self.usual_speed, self.cell)
         of_speed = parts[:, 1:3] @ self.shares[1:3]
         return of_speed, parts[:, :5] @ self.shares[:5] - of_speed
@@ -377,7 +377,7 @@ LONGEST_LAG = 0.5
 """Share of the record up to which lags are measured; beyond it variance grows with time."""
 
 
-def unforeseen(
+def drift_deviation(
     chain: Chain,
     values: EffectValues,
     coefficients: Coefficients,

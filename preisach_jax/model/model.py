@@ -32,7 +32,14 @@ from preisach_jax.errors import InputError, require_list
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hooks import HOOKS
 from preisach_jax.mechanics import FARTHEST, along, at_rest, body_of, closes, fitted_start
-from preisach_jax.model.band import Band, InputMotion, Numbers, differences, spread_of, unforeseen
+from preisach_jax.model.band import (
+    Band,
+    InputMotion,
+    Numbers,
+    differences,
+    drift_deviation,
+    spread_of,
+)
 from preisach_jax.model.origin import FORMAT, FORMAT_VERSION, Origin, ParameterEstimate
 from preisach_jax.operator.plane import Plane, position_on
 from preisach_jax.quantity import pretty_unit, quantity
@@ -203,7 +210,7 @@ class Model:
         spread = spread_of(self.chain, here, self.band.others, record, self._with_numbers(run))
         known = self.band.along(InputMotion.of(record), spread)
         goes_on = run is not Model._from_middle
-        ahead = unforeseen(self.chain, *here, self.origin.span_s, record.time, goes_on)
+        ahead = drift_deviation(self.chain, *here, self.origin.span_s, record.time, goes_on)
         return np.hypot(known, 1.96 * ahead)
 
     def others_along(self, record: Record) -> tuple[np.ndarray, np.ndarray]:

@@ -82,6 +82,10 @@ _EXPECTED = {
 """By pydantic's kinds of errors, what was expected."""
 
 
+def _wrong(expected: str) -> PydanticCustomError:
+    return PydanticCustomError("expected", "{expected}", {"expected": expected})
+
+
 def _expect(expected: str) -> WrapValidator:
     """Tell whatever is wrong with a value as this having been expected."""
 
@@ -89,7 +93,7 @@ def _expect(expected: str) -> WrapValidator:
         try:
             return inner(value)
         except (ValidationError, OverflowError):
-            raise PydanticCustomError("expected", "{expected}", {"expected": expected}) from None
+            raise _wrong(expected) from None
 
     return WrapValidator(check)
 
@@ -134,8 +138,8 @@ flag = Annotated[bool, Strict()]
 
 def _seen(given: str) -> str:
     if printable(given) != given:
-        told = "a text without control characters"
-        raise PydanticCustomError("expected", "{expected}", {"expected": told})
+        expected = "a text without control characters"
+        raise _wrong(expected)
     return given
 
 
@@ -162,11 +166,11 @@ items = Annotated[list[Any], Strict(), _listed]
 
 def one_of(*known: str) -> Any:
     """One of some texts."""
-    told = f"one of {', '.join(known)}"
+    expected = f"one of {', '.join(known)}"
 
     def check(value: Any) -> Any:
         if value not in known:
-            raise PydanticCustomError("expected", "{expected}", {"expected": told})
+            raise _wrong(expected)
         return value
 
     return Annotated[Any, AfterValidator(check)]
@@ -198,8 +202,8 @@ MOST_COUNT = 10**6
 def _counts(given: str) -> list[int]:
     found = [int(each) for each in given.split()]
     if any(abs(count) > MOST_COUNT for count in found):
-        told = f"whole numbers of at most {MOST_COUNT:,}"
-        raise PydanticCustomError("expected", "{expected}", {"expected": told})
+        expected = f"whole numbers of at most {MOST_COUNT:,}"
+        raise _wrong(expected)
     return found
 
 
@@ -225,8 +229,8 @@ def like(pattern: Any, most: int, least: float = -math.inf) -> Any:
     return Annotated[Any, AfterValidator(_as_tuple)]
 
 
-def _missing(beside: Any, place: str) -> InputError:
-    keys = ", ".join(cast(Mapping[str, Any], beside)) if isinstance(beside, Mapping) else ""
+def _missing(holder: Any, place: str) -> InputError:
+    keys = ", ".join(cast(Mapping[str, Any], holder)) if isinstance(holder, Mapping) else ""
     return InputError(f"{place} is missing: expected it beside {keys or 'nothing'}")
 
 

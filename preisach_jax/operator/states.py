@@ -243,7 +243,7 @@ def fed_back_states(
 
     Arguments:
         weights, memory: (cells,) as of `weighted_states`, not negative.
-        course: arrays whose first axis is time: what drives the hysterons beside their output.
+        course: arrays whose first axis is time: what drives the hysterons with their output.
         seen: inputs of thresholds α, of β, and of the diagonal, from a sample of the course, the
             output before it, and a trial of the output at it.
 

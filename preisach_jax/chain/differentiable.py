@@ -26,7 +26,7 @@ from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import Signals
 
 
-class Run(eqx.Module):
+class DrivenRun(eqx.Module):
     """What a chain is driven by along one run, and the numbers that it has there.
 
     Attributes:
@@ -52,12 +52,12 @@ class Run(eqx.Module):
         signals: Signals,
         coefficients: Coefficients,
         changing: tuple[str, ...],
-    ) -> Run:
+    ) -> DrivenRun:
         """A run as it is before the arrays of some effects change."""
         known = None
         if chain.feeds_back or not _changes_course(chain, changing):
             known = hysteresis_output(chain, values, signals, coefficients)
-        return Run(
+        return DrivenRun(
             signals,
             coefficients.weights,
             coefficients.memory,
@@ -91,7 +91,7 @@ def output_along(
     chain: Chain,
     scale: tuple[np.ndarray, np.ndarray],
     values: EffectValues,
-    run: Run,
+    run: DrivenRun,
     changing: tuple[str, ...],
 ) -> Float[Array, " time"]:
     """The output of a model along a run, differentiable in all arrays of its effects.

@@ -76,7 +76,7 @@ class Operator(eqx.Module):
         return jnp.clip(position - index, 0.0, 1.0)
 
 
-class Bounds(NamedTuple):
+class BranchBounds(NamedTuple):
     """What a sample allows: positions from `low` to `high`, at most `step` from the last one.
 
     Where `forced` is a number, the input is there, whatever is wanted.
@@ -88,7 +88,7 @@ class Bounds(NamedTuple):
     forced: Array
 
 
-class _Trial(NamedTuple):
+class _BranchTrial(NamedTuple):
     tried: Array | int
     position: Array
     bottom: Array
@@ -97,7 +97,11 @@ class _Trial(NamedTuple):
 
 
 def inverse_step(
-    operator: Operator, state: tuple[Array, Array], wanted: Array, widening: Array, bounds: Bounds
+    operator: Operator,
+    state: tuple[Array, Array],
+    wanted: Array,
+    widening: Array,
+    bounds: BranchBounds,
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """The input that gives a wanted output, or the nearest that the bounds allow.
 
@@ -133,7 +137,7 @@ def _on_branch(
     def output(position: Array) -> Array:
         return operator.moved(states, position, widening)[0]
 
-    def improved(trial: _Trial) -> _Trial:
+    def improved(trial: _BranchTrial) -> _BranchTrial:
         given, slope = jax.jvp(output, (trial.position,), (jnp.ones_like(wanted),))
         lacking = wanted - given
         bottom = jnp.where(lacking > 0, trial.position, trial.bottom)
@@ -144,13 +148,13 @@ def _on_branch(
         after = jnp.where(good, newton, (bottom + top) / 2)
         done = (jnp.abs(lacking) <= close) | (top - bottom <= narrow)
         after = jnp.where(jnp.abs(lacking) <= close, trial.position, after)
-        return _Trial(trial.tried + 1, after, bottom, top, done)
+        return _BranchTrial(trial.tried + 1, after, bottom, top, done)
 
-    def unfinished(trial: _Trial) -> Array:
+    def unfinished(trial: _BranchTrial) -> Array:
         return ~trial.done & (trial.tried < MOST_TRIALS)
 
     first = jnp.clip(before, low, high)
-    trial = _Trial(0, first, low, high, jnp.asarray(False))
+    trial = _BranchTrial(0, first, low, high, jnp.asarray(False))
     return jax.lax.while_loop(unfinished, improved, trial).position
 
 
@@ -187,7 +191,11 @@ def follow(operator: Operator, path: Array, widening: Array) -> tuple[Array, Arr
 
 @eqx.filter_jit
 def inverse(
-    operator: Operator, state: tuple[Array, Array], wanted: Array, widening: Array, bounds: Bounds
+    operator: Operator,
+    state: tuple[Array, Array],
+    wanted: Array,
+    widening: Array,
+    bounds: BranchBounds,
 ) -> tuple[Array, Array]:
     """Positions along a wanted output, and the outputs that they give, `(time,)` each.
 
@@ -202,7 +210,7 @@ def inverse(
     step = partial(inverse_step, operator)
 
     def advance(
-        state: tuple[Array, Array], sample: tuple[Array, Array, Bounds]
+        state: tuple[Array, Array], sample: tuple[Array, Array, BranchBounds]
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         return step(state, *sample)
 

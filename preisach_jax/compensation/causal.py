@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.chain import sensed
-from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse_step
+from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.search import Limits
 from preisach_jax.compensation.series import Law, Series
@@ -286,7 +286,7 @@ class Causal:
             both = jnp.stack([self._seen(jnp.stack([past.path[-1], e]), output) for e in ends])
             low, high = jnp.clip((both - plane.low) / unit, 0.0, plane.levels)
             step = jnp.asarray(np.inf if chain.feeds_back else self._slew * self.step_s / unit)
-            bounds = Bounds(low, high, step, jnp.asarray(np.nan))
+            bounds = BranchBounds(low, high, step, jnp.asarray(np.nan))
             _, (position, given) = inverse_step(
                 operator, (state.states, state.position), target, width / unit, bounds
             )

@@ -10,7 +10,7 @@ import numpy as np
 from preisach_jax.compensation.causes import Attempt, sentences
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import Past, past_of
-from preisach_jax.compensation.search import Limits, Search
+from preisach_jax.compensation.search import DriveSearch, Limits
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.of_column import auxiliary_columns
@@ -110,7 +110,7 @@ def compensate(
         aim = forward.before_sensor(wanted.output)
         stroke = float(np.abs(model.weights).sum())
         good = max(1.96 * model.rms_validation, REACHED * stroke)
-        search = Search(forward, aim, allowed, good)
+        search = DriveSearch(forward, aim, allowed, good)
         found = search.found(progress)
         prediction = model.predict(past.record(found.drive, aux))
         rows = slice(-len(aim), None)

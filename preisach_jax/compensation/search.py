@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.compensation.branch import Bounds, Operator, follow, inverse
+from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse
 from preisach_jax.compensation.forward import Course, Forward
 from preisach_jax.compensation.lead import Lead
 from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffect
@@ -69,7 +69,7 @@ class Found:
     joins: int = 0
 
 
-class Search:
+class DriveSearch:
     """The passes of one inversion, and what they share.
 
     Arguments:
@@ -272,7 +272,7 @@ class Search:
         plane = self._forward.chain.plane
         low, high = self._seen_limits(aim)
         step = np.where(self._feeds_back, np.inf, self.limits.slew * self.dt / self._unit)
-        bounds = Bounds(*(jnp.asarray(b) for b in (low, high, step, forced)))
+        bounds = BranchBounds(*(jnp.asarray(b) for b in (low, high, step, forced)))
         shift = jnp.asarray(widening / self._unit)
         positions, given = inverse(self._operator, state, jnp.asarray(aim), shift, bounds)
         return np.asarray(given), plane.low + self._unit * np.asarray(positions)

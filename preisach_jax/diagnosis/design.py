@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
-from preisach_jax.diagnosis.excitation import Bounds, Excitation, candidates
+from preisach_jax.diagnosis.excitation import Bounds, PlannedExcitation, candidates
 from preisach_jax.effects.base import Effect, Survey
 from preisach_jax.effects.of_column import OfColumn, auxiliary_columns
 from preisach_jax.errors import InputError, require_positive
@@ -160,7 +160,7 @@ def _bounds(
 
 def _designed(
     bounds: Bounds,
-    chosen: Excitation,
+    chosen: PlannedExcitation,
     separations: Mapping[str, Mapping[str, float]],
     text: str,
     why: str,
@@ -229,7 +229,7 @@ def _separations(
     models: Sequence[Model],
     noise: float,
     bounds: Bounds,
-    drawn: Sequence[Excitation],
+    drawn: Sequence[PlannedExcitation],
     progress: Progress | None,
 ) -> dict[str, dict[str, float]]:
     """How much worse each rival does where another one is true, by candidate and pair."""
@@ -255,7 +255,7 @@ def _separations(
     return found
 
 
-def _thinned(excitation: Excitation, bounds: Bounds) -> tuple[Record, np.ndarray]:
+def _thinned(excitation: PlannedExcitation, bounds: Bounds) -> tuple[Record, np.ndarray]:
     """A record of an excitation, and the rows of it on which rivals are refitted."""
     count = len(excitation.input)
     record = Record.from_arrays(

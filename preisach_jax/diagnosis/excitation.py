@@ -139,7 +139,7 @@ def greatest_rate(history: np.ndarray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class PlannedExcitation:
     """An input to play.
 
     Attributes:
@@ -197,13 +197,13 @@ class _Path:
         return (1 - shape) * bounds.low + shape * bounds.high
 
 
-def candidates(bounds: Bounds) -> list[Excitation]:
+def candidates(bounds: Bounds) -> list[PlannedExcitation]:
     """Excitations that each bring out another kind of effect, and one that holds them all."""
-    drawn: list[Excitation] = []
+    drawn: list[PlannedExcitation] = []
     for draw in (*_PARTS, combination):
         path = _Path(bounds)
         text = draw(path, (bounds.samples - 1) / bounds.rate_hz)
-        drawn.append(Excitation(draw.__name__.removeprefix("_"), path.played(), text))
+        drawn.append(PlannedExcitation(draw.__name__.removeprefix("_"), path.played(), text))
     return drawn
 
 

@@ -36,7 +36,7 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import simulate
 
 
-class Comparison(NamedTuple):
+class RecursionScore(NamedTuple):
     """What one recursion has learnt from a record.
 
     Attributes:
@@ -63,7 +63,7 @@ def compare_recursions(
     passes: Sequence[int] = (1, 2, 5, 20),
     step_sizes: Sequence[float] = (0.5, 0.2, 0.05),
     forgettings: Sequence[float] = (1.0, 0.999),
-) -> tuple[Comparison, ...]:
+) -> tuple[RecursionScore, ...]:
     """Compare what the recursions learn from a record, by replaying another one.
 
     Both records start from saturated low. The error during a run flatters rules that only explain
@@ -101,13 +101,13 @@ def compare_recursions(
     if not spread > 0.0:
         raise InputError(f"new_z spans {spread}: give a record, without gaps, that moves")
 
-    def row(name: str, result: FilterResult | LeastSquaresResult) -> Comparison:
+    def row(name: str, result: FilterResult | LeastSquaresResult) -> RecursionScore:
         late = np.asarray(result.error)[np.shape(x)[0] // 2 :]
         late = late[np.asarray(result.switched)[np.shape(x)[0] // 2 :] > 0]
         left = np.asarray(new_z) - np.asarray(simulate(plane, result.weights, new_x, hysteron))
-        return Comparison(name, float(np.sqrt(np.mean(late**2))) / spread, left.std() / spread)
+        return RecursionScore(name, float(np.sqrt(np.mean(late**2))) / spread, left.std() / spread)
 
-    rows: list[Comparison] = []
+    rows: list[RecursionScore] = []
     for count in passes:
         result = AdaptiveFilter(plane, hysteron).run(x, z, passes=count)
         rows.append(row(f"adaptive filter, {count} pass{'es' if count > 1 else ''}", result))

@@ -26,7 +26,7 @@ from optax import GradientTransformationExtraArgs, apply_updates
 
 from preisach_jax.chain import Chain
 from preisach_jax.chain.compiled import ROUND_COLUMNS, as_arrays
-from preisach_jax.chain.differentiable import Run, on_the_unit_plane, output_along
+from preisach_jax.chain.differentiable import DrivenRun, on_the_unit_plane, output_along
 from preisach_jax.chain.runs import of_run
 from preisach_jax.chain.signals import JoinedSignals, parts_of
 from preisach_jax.effects.arrays import is_floating
@@ -80,7 +80,7 @@ class VariableProjection(eqx.Module):
     chain: Chain
     scale: tuple[np.ndarray, np.ndarray]
     values: dict[str, Values]
-    runs: tuple[Run, ...]
+    runs: tuple[DrivenRun, ...]
     rows: np.ndarray
     left: np.ndarray
     unit: np.ndarray
@@ -91,12 +91,12 @@ class VariableProjection(eqx.Module):
     def of(problem: Problem, point: Point, changing: tuple[str, ...]) -> VariableProjection:
         """The projection from a point on, by the rows that identify it."""
         chain, coefficients, signals = point.chain, point.coefficients(), problem.signals
-        runs: list[Run] = []
+        runs: list[DrivenRun] = []
         for position, part in enumerate(parts_of(signals)):
             own = coefficients
             if isinstance(signals, JoinedSignals):
                 own = of_run(chain, coefficients, signals, position)
-            runs.append(Run.of(chain, point.values, part, own, changing))
+            runs.append(DrivenRun.of(chain, point.values, part, own, changing))
         unit_chain, scale = on_the_unit_plane(chain)
         inside = np.isin(problem.fold, point.folds)
         # How many columns an unknown past takes differs from one solution to the next.

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.filter.comparison import Comparison, compare_recursions
+from preisach_jax.filter.comparison import RecursionScore, compare_recursions
 from preisach_jax.identify.regression import (
     choose_strength,
     normal_equations,
@@ -219,7 +219,7 @@ def recursions(
         (x, z), (new_x, new_z) = (
             (np.asarray(record.input_v), np.asarray(record.stroke_um)) for record in map(draw, keys)
         )
-        rows: dict[str, tuple[Comparison, ...]] = {}
+        rows: dict[str, tuple[RecursionScore, ...]] = {}
         for part, hysteron in enumerate(HYSTERONS):
             report(progress, f"recursions with {hysteron}s", 0.1 + 0.45 * part)
             rows[hysteron] = compare_recursions(

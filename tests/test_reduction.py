@@ -7,7 +7,7 @@ import pytest
 from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive
 from preisach_jax.chain import hysteresis_columns as columns_along
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.identify import Problem, evaluate, reduction
+from preisach_jax.identify import Problem, evaluate, regression
 from preisach_jax.identify import problem as identified
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import state_bounds
@@ -39,7 +39,7 @@ def small_planes_too(monkeypatch):
 
 @pytest.fixture
 def all_vectors(monkeypatch):
-    monkeypatch.setattr(reduction, "SIZES", (10_000,))
+    monkeypatch.setattr(regression, "SIZES", (10_000,))
 
 
 def test_all_vectors_together_are_least_squares_without_signs(x64, all_vectors):

@@ -21,7 +21,7 @@ from preisach_jax.fit import (
     trained,
     with_effect,
 )
-from preisach_jax.fit.gradient import Course, leaves_of, with_leaves
+from preisach_jax.fit.training import VariableProjection, leaves_of, with_leaves
 from preisach_jax.identify import VALIDATION, Problem, evaluate
 
 TRAINED = importlib.import_module("preisach_jax.fit.training").TRAINED
@@ -118,9 +118,9 @@ def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind)
         point = with_effect(problem, point, effect)
         point = evaluate(problem, point.chain, point.values, point.strength, point, TRAINED)
         leaves = leaves_of(point.chain.effects)
-        course = Course.of(problem, point, tuple(leaves))
-        before = course.output(leaves)
-        gradient = jax.jit(jax.grad(lambda now: jnp.mean(course.projected(now, before) ** 2)))
+        projection = VariableProjection.of(problem, point, tuple(leaves))
+        before = projection.output(leaves)
+        gradient = jax.jit(jax.grad(lambda now: jnp.mean(projection.projected(now, before) ** 2)))
         flat, tree = jax.tree.flatten(leaves)
         found = jax.tree.leaves(gradient(leaves))
 

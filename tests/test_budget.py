@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
+import preisach_jax as pj
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.effects.creep import Creep
@@ -109,3 +110,12 @@ def test_noise_is_what_differs_from_period_to_period(x64, colour, periods):
 )
 def test_what_wanders_or_jumps_now_and_then_is_no_noise_of_a_period(x64, added):
     assert noise_rms(*turning(8, added=added)) == pytest.approx(NOISE, rel=0.35)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_slow_noise_is_noise_in_the_budget_without_rests_or_periods(colour):
+    problem, _ = measured(holds=False, colour=colour, seed=3)
+    found = pj.diagnose(problem.record, ["drift"], levels=LEVELS)
+    assert found.verdict == "adequate"
+    assert found.budget.noise == pytest.approx(NOISE, rel=0.1)
+    assert found.budget.whole == pytest.approx(found.final.rms_validation)

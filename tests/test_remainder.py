@@ -6,7 +6,8 @@ import scipy
 from stand_ins import make_diagnosis
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.remainder import LEVEL, PARTS, relations
+from preisach_jax.diagnosis.remainder import LEVEL, PARTS, related_share, relations
+from preisach_jax.diagnosis.result import NOTABLE
 from preisach_jax.report import write_report
 
 TIME = np.arange(6000) / 500
@@ -85,6 +86,27 @@ def test_slow_noise_goes_with_nothing():
     # Of nine quantities each exceeds chance in one case of a hundred.
     expected = 10 * 9 * (1 - LEVEL)
     assert sum(map(len, told)) <= expected + 2 * np.sqrt(expected)
+
+
+def test_noise_of_no_colour_is_related_to_anything():
+    record, rng = driven(), np.random.default_rng(0)
+    for seed in range(5):
+        assert related_share(record, slow_noise(seed)) < NOTABLE
+        assert related_share(record, rng.normal(size=len(TIME))) < NOTABLE
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda record, noise: noise * (1 + np.abs(record.input)),
+        lambda record, noise: noise + 2 * np.std(noise) * np.sin(2 * np.pi * 50 * TIME),
+        lambda record, noise: noise + np.cumsum(np.where(np.arange(len(TIME)) % 300 == 0, 1.0, 0)),
+    ],
+    ids=["of the position's size", "at a line", "of jumps"],
+)
+def test_what_is_no_noise_is_related(made):
+    record = driven()
+    assert related_share(record, made(record, slow_noise(6))) > NOTABLE
 
 
 def test_report_tells_and_draws_what_the_remainder_goes_with(tmp_path):

@@ -7,8 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from preisach_jax.chain.runs import response, signals_of
-from preisach_jax.diagnosis.noise import noise_rms, output_quantisation_rms, unpredictable_rms
-from preisach_jax.diagnosis.result import Budget
+from preisach_jax.diagnosis.noise import (
+    MOST_COLOURED,
+    noise_rms,
+    output_quantisation_rms,
+    unpredictable_rms,
+)
+from preisach_jax.diagnosis.remainder import related_share
+from preisach_jax.diagnosis.result import NOTABLE, Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
 from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
@@ -56,41 +62,68 @@ class Floor:
         return Floor(noise_rms(problem, point), memory_rms(problem, point))
 
 
-def error_budget(problem: Problem, fit: Fit, floor: Floor, discretisation: float) -> Budget:
+def error_budget(problem: Problem, fit: Fit, floor: Floor, grid: tuple[float, float]) -> Budget:
     """What the held-out error of a fit is made of.
 
-    Squares add up: each share is at most what those before it leave of the whole.
-
     Arguments:
-        discretisation: the estimated RMS of what the grid of the plane adds, in output units.
+        grid: RMS of what the grid of the plane adds (`discretisation_rms`, `by_another_plane`).
     """
-    left = fit.rms_validation**2
-    shares: list[float] = []
-    for rms in (floor.noise, discretisation, floor.memory, wander_rms(problem.record)):
-        share = min(rms**2, left)
-        shares.append(float(np.sqrt(share)))
-        left -= share
-    noise, discretisation, memory, jumps = shares
-    return Budget(
+    parts = (floor.noise, grid[0], floor.memory, wander_rms(problem.record))
+    noise, discretisation, memory, jumps, unexplained = _shares(fit.rms_validation, *parts)
+    budget = Budget(
         noise=noise,
         input_quantisation=input_quantisation_rms(problem, fit.point),
         output_quantisation=output_quantisation_rms(problem),
         discretisation=discretisation,
         memory=memory,
-        unexplained=float(np.sqrt(left)),
+        unexplained=unexplained,
         unit=problem.record.channels["output"].unit,
         jumps=jumps,
     )
+    return _with_noise_of_any_colour(budget, fit, grid[1])
 
 
 def budget_of_residual(fit: Fit) -> Budget:
     """What the held-out error of a fit without a grid is made of: noise, and the rest."""
-    residual = fit.residual[fit.record.measured]
-    steps = lattice_step(fit.record.output[fit.record.measured]) / float(np.sqrt(12))
-    left = fit.rms_validation
-    noise = min(max(unpredictable_rms(residual), steps), left)
-    rest = float(np.sqrt(left**2 - noise**2))
-    return Budget(noise, 0.0, steps, 0.0, 0.0, rest, fit.record.channels["output"].unit)
+    measured = fit.record.measured
+    steps = lattice_step(fit.record.output[measured]) / float(np.sqrt(12))
+    white = max(unpredictable_rms(fit.residual[measured]), steps)
+    noise, rest = _shares(fit.rms_validation, white)
+    unit = fit.record.channels["output"].unit
+    return _with_noise_of_any_colour(Budget(noise, 0.0, steps, 0.0, 0.0, rest, unit), fit, 0.0)
+
+
+def _with_noise_of_any_colour(budget: Budget, fit: Fit, grid: float) -> Budget:
+    """The same if it is met; else with what goes with nothing (`related_share`) as noise.
+
+    Second differences show the white part of noise alone.  Where nothing goes with the remainder,
+    no physics can pass for the grid either, and all that another plane tells is its own; and by
+    what the error on the rows held out is greater than on all rows, these would have told.
+
+    Arguments:
+        grid: RMS of what the grid of the plane adds, `by_another_plane`.
+    """
+    left = float(np.sqrt(np.nanmean(fit.residual[fit.record.measured] ** 2)))
+    if budget.is_met or left > MOST_COLOURED * budget.noise:
+        return budget
+    if related_share(fit.record, fit.residual) > NOTABLE:
+        return budget
+    whole, grid = fit.rms_validation, max(grid, budget.discretisation)
+    noise = max(budget.noise, float(np.sqrt(max(left**2 - grid**2, 0.0))))
+    noise, grid, memory, jumps, rest = _shares(whole, noise, grid, whole, budget.jumps)
+    return replace(
+        budget, noise=noise, discretisation=grid, memory=memory, jumps=jumps, unexplained=rest
+    )
+
+
+def _shares(whole: float, *parts: float) -> list[float]:
+    """RMS of each part, at most of what those before it leave of the whole, and of the rest."""
+    left, shares = whole**2, list[float]()
+    for rms in parts:
+        share = min(rms**2, left)
+        shares.append(float(np.sqrt(share)))
+        left -= share
+    return [*shares, float(np.sqrt(left))]
 
 
 def input_quantisation_rms(problem: Problem, point: Point) -> float:
@@ -130,7 +163,7 @@ def refined_levels(rows: int, levels: int) -> int | None:
 
 
 def discretisation_rms(
-    problem: Problem, point: Point, other: Point, within_cells: float | None
+    problem: Problem, point: Point, other: Point, within_cells: tuple[float, float] | None
 ) -> float:
     """RMS of what the grid of the plane adds, by another plane and by what comes back in its cells.
 
@@ -143,8 +176,8 @@ def discretisation_rms(
     taken from each by more than what is left around these (`PATH_OVER_LINE`).
 
     Arguments:
-        within_cells: RMS of what comes back within cells, in output units; None if too few passes
-            tell.
+        within_cells: RMS of what comes back within cells, and the most that it may be, in output
+            units; None if too few passes tell.
 
     Returns:
         The RMS in output units.
@@ -152,10 +185,11 @@ def discretisation_rms(
     by_plane = by_another_plane(problem, point, other)
     if within_cells is None:
         return by_plane
-    if by_plane > OF_RELAYS * within_cells:
-        return min(by_plane, MOST_OVER_WITHIN * within_cells)
+    within, most = within_cells
+    if by_plane > OF_RELAYS * within:
+        return min(by_plane, MOST_OVER_WITHIN * most)
     of_relays = by_another_plane(problem, point, other, ORDER_OF_RELAYS)
-    return max(of_relays, PATH_OVER_LINE * within_cells)
+    return max(of_relays, PATH_OVER_LINE * within)
 
 
 def by_another_plane(

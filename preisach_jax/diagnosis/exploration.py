@@ -11,6 +11,7 @@ import numpy as np
 from preisach_jax.diagnosis.budget import (
     Floor,
     budget_of_residual,
+    by_another_plane,
     discretisation_rms,
     error_budget,
 )
@@ -230,7 +231,10 @@ class Exploration:
                 coarse = on_a_coarser_plane(self.problem, self.point)
                 plane = self.point.chain.plane
                 within = within_cells_rms(self.record, self.fit.residual, plane)
-                grid = discretisation_rms(self.problem, self.point, coarse, within)
+                grid = (
+                    discretisation_rms(self.problem, self.point, coarse, within),
+                    by_another_plane(self.problem, self.point, coarse),
+                )
                 whole = Problem.of(self.record, FINAL_ROWS)
                 floor = Floor.of(whole, self.fit)
                 self._cache["budget"] = error_budget(whole, self.fit, floor, grid)

@@ -189,25 +189,26 @@ def _full_stretches(there: np.ndarray) -> list[int]:
     ]
 
 
-def innovation_variance(
-    residual: np.ndarray, order: int = AR_ORDER, breaks: tuple[int, ...] = ()
-) -> float:
+def innovation_variance(residual: np.ndarray, breaks: tuple[int, ...] = ()) -> float:
     """Variance of what an autoregression cannot predict of a residual.
-
-    Least squares on lagged values (P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods,
-    2nd ed., Springer 1991, ch. 8).
 
     Arguments:
         residual: (row,) residual in time order.
     """
-    if breaks:
-        parts = np.split(residual, breaks)
-        powers = [innovation_variance(part, order) * len(part) for part in parts if len(part)]
-        return sum(powers) / len(residual)
-    order = min(order, len(residual) // 10)
+    parts = [part for part in np.split(residual, breaks) if len(part)]
+    powers = [float(np.mean(innovations(part) ** 2)) * len(part) for part in parts]
+    return max(sum(powers) / len(residual), np.finfo(float).tiny)
+
+
+def innovations(values: np.ndarray) -> np.ndarray:
+    """What an autoregression cannot predict of values in time order; all of them, if few.
+
+    Least squares on lagged values (P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods,
+    2nd ed., Springer 1991, ch. 8).
+    """
+    order = min(AR_ORDER, len(values) // 10)
     if order < 1:
-        return max(float(np.mean(residual**2)), np.finfo(float).tiny)
-    goal = residual[order:]
-    lagged = np.stack([residual[order - k : -k] for k in range(1, order + 1)], axis=1)
-    solution = np.linalg.lstsq(lagged, goal, rcond=None)[0]
-    return max(float(np.mean((goal - lagged @ solution) ** 2)), np.finfo(float).tiny)
+        return values
+    goal = values[order:]
+    lagged = np.stack([values[order - k : -k] for k in range(1, order + 1)], axis=1)
+    return goal - lagged @ np.linalg.lstsq(lagged, goal, rcond=None)[0]

@@ -16,11 +16,13 @@ loses what it goes with.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
+from preisach_jax.diagnosis.noise import innovations
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 from preisach_jax.record.course import input_rate, last_move, last_reversal
@@ -41,7 +43,7 @@ MOST_ROWS = 20_000
 """Rows that are looked at; more are averaged over neighbours."""
 
 TIME_PARTS = 60
-"""Stretches whose signs are drawn anew where the relation to time itself is asked for."""
+"""Stretches whose order is drawn anew where the relation to time itself is asked for."""
 
 PHYSICS = {
     "input": "a nonlinear map of the input, or a plane that is too coarse",
@@ -72,6 +74,9 @@ LINE_WIDTH = 0.15
 
 LEAST_WAVES = 20
 """Waves of a line in the record, below which it is no line but a slow course."""
+
+OUTLYING = 5.0
+"""Robust deviations of an innovation beyond which it is a jump, not noise."""
 
 LINE_STANDS_OUT = 4.0
 """Times the power of the bands beside it that a line's band must hold."""
@@ -136,16 +141,58 @@ def relations(
     Returns:
         The relations; of quantities that say nearly the same, such as input and output, each.
     """
-    rows = np.flatnonzero(record.measured & np.isfinite(residual))
-    if len(rows) < 4 * PARTS or not np.ptp(residual[rows]):
+    rows = _rows_of(record, residual)
+    if not len(rows):
         return ()
     line = _line(record, residual[rows], lines or {})
-    rows = rows[:: max(1, -(-len(rows) // MOST_ROWS))]
-    values = residual[rows] - residual[rows].mean()
+    rows = _thinned(rows)
     move = last_move(record.input)[rows]
-    found = [_relation(axis, values, move) for axis in _axes(record, rows)]
+    found = [_relation(axis, residual[rows], move) for axis in _axes(record, rows)]
     told = [each for each in (*found, *line) if each.share > each.chance + LEAST_SHARE]
     return tuple(sorted(told, key=lambda each: -each.share))
+
+
+def related_share(record: Record, residual: np.ndarray) -> float:
+    """Greatest share of a remainder, beyond chance, that noise would not have.
+
+    It goes with a quantity; or its magnitude does, as a gain that wanders or a friction makes it;
+    or it lies at a line; or in jumps of few rows.
+
+    Arguments:
+        residual: (time,) measured minus modelled output, in output units.
+    """
+    rows = _rows_of(record, residual)
+    if not len(rows):
+        return 0.0
+    shares = [each.share - each.chance for each in _line(record, residual[rows], {})]
+    shares.append(_share_of_jumps(residual[rows]))
+    rows = _thinned(rows)
+    move = last_move(record.input)[rows]
+    magnitude = np.abs(residual[rows] - residual[rows].mean())
+    for axis in _axes(record, rows):
+        for values, along in ((residual[rows], axis.along_move), (magnitude, False)):
+            one = _relation(replace(axis, along_move=along), values, move)
+            shares.append(one.share - one.chance)
+    return max(0.0, *shares)
+
+
+def _rows_of(record: Record, residual: np.ndarray) -> np.ndarray:
+    """(row,) indices of the measured samples; empty if they are too few to tell anything."""
+    rows = np.flatnonzero(record.measured & np.isfinite(residual))
+    enough = len(rows) >= 4 * PARTS and np.ptp(residual[rows]) > 0
+    return rows if enough else rows[:0]
+
+
+def _thinned(rows: np.ndarray) -> np.ndarray:
+    return rows[:: max(1, -(-len(rows) // MOST_ROWS))]
+
+
+def _share_of_jumps(values: np.ndarray) -> float:
+    """Share of the power of innovations in time order that are no noise: they stand out."""
+    left = innovations(values)
+    usual = np.median(np.abs(left)) / scipy.special.ndtri(0.75)
+    power = left**2
+    return float(power[np.abs(left) > OUTLYING * usual].sum() / power.sum()) if usual else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,16 +236,18 @@ class _Axis:
 
 def _relation(axis: _Axis, values: np.ndarray, move: np.ndarray) -> Relation:
     """What values, (row,), have to do with a quantity, and what by chance."""
+    values = values - values.mean()
     generator = np.random.default_rng(0)
     least = len(values) // 20
     lags = generator.integers(least, len(values) - least, SHIFTS)
-    signs = generator.choice([-1.0, 1.0], (SHIFTS, TIME_PARTS))
-    stretch = np.arange(len(values)) * TIME_PARTS // len(values)
+    stretches = np.array_split(np.arange(len(values)), TIME_PARTS)
     shares, means = np.zeros(SHIFTS), np.zeros((SHIFTS, len(axis.count)))
     for trial in range(SHIFTS):
-        # Shifted, a slow course stays one: over time itself, signs of stretches are drawn anew.
-        by_time = axis.quantity == "time"
-        moved = values * signs[trial][stretch] if by_time else np.roll(values, lags[trial])
+        if axis.quantity == "time":  # shifted, a slow course stays one
+            order = generator.permutation(TIME_PARTS)
+            moved = values[np.concatenate([stretches[part] for part in order])]
+        else:
+            moved = np.roll(values, lags[trial])
         moved = move * moved if axis.along_move else moved
         means[trial] = axis.means(moved)
         shares[trial] = axis.explained(moved, means[trial])

@@ -21,6 +21,10 @@ from preisach_jax.quantity import quantity
 MOST_RELATIONS = 4
 """Relations of the remainder that are told in words."""
 
+NOTABLE = 0.1
+"""Share of the power of an error from which on it is told; and share beyond chance from which on a
+remainder goes with something."""
+
 TIMES_THE_NOISE = 3.0
 """Discretisation over noise beyond which the plane is said to be the limit, unless it is little."""
 
@@ -127,13 +131,28 @@ class Budget:
         return shares if self.jumps else {k: v for k, v in shares.items() if k != "jumps"}
 
     @property
-    def allowed(self) -> float:
-        """RMS that may stay unexplained: noise, discretisation, memory and jumps.
+    def whole(self) -> float:
+        """The held-out error, of which the squares of the shares are the parts."""
+        parts = (self.noise, self.discretisation, self.memory, self.jumps, self.unexplained)
+        return float(np.linalg.norm(parts))
 
-        Much of what a model lacks is booked as memory as well: it counts for no more than noise.
-        """
-        memory = min(self.memory, self.noise)
-        return float(np.linalg.norm([self.noise, self.discretisation, memory, self.jumps]))
+    @property
+    def in_words(self) -> str:
+        """What most of the error is, the greatest first."""
+        parts = {
+            "noise": self.noise,
+            "discretisation": self.discretisation,
+            "what cells that few rows visit leave open": self.memory,
+            "what jumps of the sensor leave open": self.jumps,
+        }
+        least = NOTABLE**0.5 * self.whole
+        main = [name for name, rms in parts.items() if rms > least] or ["noise"]
+        main.sort(key=lambda name: -parts[name])
+        if self.is_met and self.unexplained > least:
+            left = quantity(self.unexplained, self.unit, digits=3)
+            main.append(f"{left}, less than these, that nothing explains")
+        *first, last = main
+        return f"{', '.join(first)} and {last}" if first else last
 
     def is_of_the_plane(self, stroke: float) -> bool:
         """Whether the cells of the plane, not noise, set how well a model can predict.
@@ -142,6 +161,15 @@ class Budget:
             stroke: range of the output, in its unit.
         """
         return self.discretisation > max(TIMES_THE_NOISE * self.noise, LITTLE * stroke)
+
+    @property
+    def allowed(self) -> float:
+        """RMS that may stay unexplained: noise, discretisation, memory and jumps.
+
+        Much of what a model lacks is booked as memory as well: it counts for no more than noise.
+        """
+        memory = min(self.memory, self.noise)
+        return float(np.linalg.norm([self.noise, self.discretisation, memory, self.jumps]))
 
     @property
     def is_met(self) -> bool:

@@ -18,7 +18,9 @@ LEAST_TOLD = 0.2
 """Share of the passes that must have a pair for the estimate to count."""
 
 
-def within_cells_rms(record: Record, residual: np.ndarray, plane: Plane) -> float | None:
+def within_cells_rms(
+    record: Record, residual: np.ndarray, plane: Plane
+) -> tuple[float, float] | None:
     r"""RMS of the part of a residual that is finer than a cell and comes back pass after pass.
 
     Along one pass of the input through a cell of the plane, a model of even ramps can follow the
@@ -32,8 +34,9 @@ def within_cells_rms(record: Record, residual: np.ndarray, plane: Plane) -> floa
         residual: (time,) measured minus predicted output.
 
     Returns:
-        The RMS in output units; None where too few passes have enough rows, or none of
-        a pair pass the same parts of a cell.
+        The RMS in output units and the most that it may be, by two deviations of the mean over
+        pairs; None where too few passes have enough rows, or none of a pair pass the same parts of
+        a cell.
     """
     rows = np.flatnonzero(record.measured)
     values = record.input[rows]
@@ -55,8 +58,11 @@ def within_cells_rms(record: Record, residual: np.ndarray, plane: Plane) -> floa
     weights = np.minimum(counts[one], counts[two])
     if not weights.any():
         return None
-    shared = float(np.sum(weights * profiles[one] * profiles[two]) / weights.sum())
-    return float(np.sqrt(max(shared, 0.0)))
+    total = float(weights.sum())
+    products = np.sum(weights * profiles[one] * profiles[two], axis=1)
+    shared = float(products.sum()) / total
+    deviation = float(np.linalg.norm(products - shared * weights.sum(axis=1))) / total
+    return float(np.sqrt(max(shared, 0.0))), float(np.sqrt(max(shared + 2 * deviation, 0.0)))
 
 
 def _profiles(

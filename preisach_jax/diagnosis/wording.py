@@ -69,7 +69,7 @@ def _verdict(
     stroke = stroke_of(fits[0].record)
     first, last = (_error(fit, budget.unit, stroke) for fit in (fits[0], fits[-1]))
     unexplained = quantity(budget.unexplained, budget.unit, digits=3)
-    rest = "noise and discretisation"
+    rest = budget.in_words
     if not budget.is_met:
         allowed = quantity(tolerance, budget.unit, digits=3)
         rest += f", and {unexplained} within the tolerance of {allowed}"

@@ -240,7 +240,7 @@ def _relation(axis: _Axis, values: np.ndarray, move: np.ndarray) -> Relation:
     generator = np.random.default_rng(0)
     least = len(values) // 20
     lags = generator.integers(least, len(values) - least, SHIFTS)
-    stretches = np.array_split(np.arange(len(values)), TIME_PARTS)
+    stretches: list[np.ndarray] = np.array_split(np.arange(len(values)), TIME_PARTS)
     shares, means = np.zeros(SHIFTS), np.zeros((SHIFTS, len(axis.count)))
     for trial in range(SHIFTS):
         if axis.quantity == "time":  # shifted, a slow course stays one

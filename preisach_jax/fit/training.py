@@ -244,7 +244,7 @@ def steps_taken(
         updates, state = optimiser.update(
             gradient, state, now, value=value, grad=gradient, value_fn=mean_square
         )
-        moved: Any = eqx.apply_updates(now, updates)
+        moved = cast(Leaves, eqx.apply_updates(now, updates))
         return (moved, state), (value, finite)
 
     (leaves, state), (values, finite) = jax.lax.scan(step, (leaves, state), length=count)

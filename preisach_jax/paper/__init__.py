@@ -11,7 +11,7 @@ from preisach_jax.paper.comparison import (
     relays_and_ramps,
 )
 from preisach_jax.paper.noise import (
-    Coefficients,
+    NoiseCoefficients,
     Proportionality,
     coefficients,
     exact_coefficients,
@@ -19,6 +19,7 @@ from preisach_jax.paper.noise import (
     proportionality,
 )
 from preisach_jax.paper.numbers import (
+    Arrow,
     Block,
     Bode,
     Convergence,
@@ -27,7 +28,6 @@ from preisach_jax.paper.numbers import (
     Hinge,
     HysteronLoops,
     Loops,
-    Signal,
     TimeFrame,
     bode,
     convergence,
@@ -41,9 +41,9 @@ from preisach_jax.paper.numbers import (
 )
 
 __all__ = [
+    "Arrow",
     "Block",
     "Bode",
-    "Coefficients",
     "Convergence",
     "Diagram",
     "FigureData",
@@ -51,9 +51,9 @@ __all__ = [
     "HysteronComparison",
     "HysteronLoops",
     "Loops",
+    "NoiseCoefficients",
     "Proportionality",
     "RecursionComparison",
-    "Signal",
     "TimeFrame",
     "bode",
     "coefficients",

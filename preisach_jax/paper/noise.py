@@ -114,7 +114,7 @@ def _with_interval(law: PowerLaw) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Coefficients(FigureData):
+class NoiseCoefficients(FigureData):
     """Fig. 9: what noise does to the weights where the truth is known."""
 
     levels: np.ndarray
@@ -163,7 +163,7 @@ def coefficients(
     samples: int = 50_000,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Coefficients:
+) -> NoiseCoefficients:
     """What noise adds to the weight error, simulated, exact and bounded, Fig. 9."""
     report(progress, "sweep over levels, noise and seeds", 0.0)
     found = noise_sweep(seed, tuple(levels), seeds, samples)
@@ -172,7 +172,7 @@ def coefficients(
     part = found.noise_part.mean(axis=2)
     ends = np.array([W.min() / 2.0, W.max() * 2.0])
     first = found.noise_part[:, :, 0] / W
-    return Coefficients(
+    return NoiseCoefficients(
         levels=found.levels,
         noise_power_um2=W,
         noise_part_um2=part,

@@ -129,7 +129,7 @@ class Block(NamedTuple):
     equation: str
 
 
-class Signal(NamedTuple):
+class Arrow(NamedTuple):
     """An arrow from one block to another, and what it carries; an empty name is outside."""
 
     source: str
@@ -142,7 +142,7 @@ class Diagram(FigureData):
     """Fig. 2 and 3: blocks and the signals between them."""
 
     blocks: tuple[Block, ...]
-    signals: tuple[Signal, ...]
+    signals: tuple[Arrow, ...]
     text: str  # the caption
 
     @property
@@ -168,25 +168,25 @@ def filter_diagram(progress: Progress | None = None) -> Diagram:
         Block("update", "weights\nat k + 0.5", "(12)"),
     )
     signals = (
-        Signal("", "plant", "x(k)"),
-        Signal("", "hysterons", "x(k)"),
-        Signal("", "noise", "n(k)"),
-        Signal("plant", "noise", ""),
-        Signal("noise", "difference_z", "z(k)"),
-        Signal("noise", "delay_z", "z(k)"),
-        Signal("delay_z", "difference_z", "z(k-1)"),
-        Signal("hysterons", "sum", "y(k)"),
-        Signal("sum", "difference_model", "ẑ(k)"),
-        Signal("sum", "delay_model", "ẑ(k)"),
-        Signal("delay_model", "difference_model", "ẑ(k-1)"),
-        Signal("difference_z", "error", "Δz"),
-        Signal("difference_model", "error", "Δẑ"),
-        Signal("error", "rate", "e(k)"),
-        Signal("hysterons", "switching", "y(k)"),
-        Signal("switching", "rate", "A(k)"),
-        Signal("switching", "update", "s(k)"),
-        Signal("rate", "update", "r(k)"),
-        Signal("update", "sum", "R̂"),
+        Arrow("", "plant", "x(k)"),
+        Arrow("", "hysterons", "x(k)"),
+        Arrow("", "noise", "n(k)"),
+        Arrow("plant", "noise", ""),
+        Arrow("noise", "difference_z", "z(k)"),
+        Arrow("noise", "delay_z", "z(k)"),
+        Arrow("delay_z", "difference_z", "z(k-1)"),
+        Arrow("hysterons", "sum", "y(k)"),
+        Arrow("sum", "difference_model", "ẑ(k)"),
+        Arrow("sum", "delay_model", "ẑ(k)"),
+        Arrow("delay_model", "difference_model", "ẑ(k-1)"),
+        Arrow("difference_z", "error", "Δz"),
+        Arrow("difference_model", "error", "Δẑ"),
+        Arrow("error", "rate", "e(k)"),
+        Arrow("hysterons", "switching", "y(k)"),
+        Arrow("switching", "rate", "A(k)"),
+        Arrow("switching", "update", "s(k)"),
+        Arrow("rate", "update", "r(k)"),
+        Arrow("update", "sum", "R̂"),
     )
     text = (
         "Adaptive hysteresis filter. Plant and filter see the same input x(k); the error e(k) "
@@ -211,12 +211,12 @@ def experiment_diagram(progress: Progress | None = None) -> Diagram:
         Block("encoder", f"linear encoder\n{step_nm:.2f} nm", ""),
     )
     signals = (
-        Signal("command", "notch", "u(k)"),
-        Signal("notch", "amplifier", "x(k)"),
-        Signal("amplifier", "hysteresis", "v"),
-        Signal("hysteresis", "resonances", "h"),
-        Signal("resonances", "encoder", "stroke"),
-        Signal("encoder", "", "z(k)"),
+        Arrow("command", "notch", "u(k)"),
+        Arrow("notch", "amplifier", "x(k)"),
+        Arrow("amplifier", "hysteresis", "v"),
+        Arrow("hysteresis", "resonances", "h"),
+        Arrow("resonances", "encoder", "stroke"),
+        Arrow("encoder", "", "z(k)"),
     )
     text = (
         f"Principal structure of the experiment at {RATE_HZ / 1e3:g} kHz. The identification "

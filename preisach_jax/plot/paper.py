@@ -372,7 +372,7 @@ def proportionality(data: paper.Proportionality) -> Figure:
 
 
 @mpl.rc_context(PRINT)
-def coefficients(data: paper.Coefficients) -> Figure:
+def coefficients(data: paper.NoiseCoefficients) -> Figure:
     """Fig. 9: what noise does to the weights, and its coefficient."""
     figure = Figure(figsize=(DOUBLE_IN, 4.0), layout="constrained")
     panels = figure.subplot_mosaic([["a", "b"], ["a", "c"]], width_ratios=[1.15, 1])
@@ -381,7 +381,7 @@ def coefficients(data: paper.Coefficients) -> Figure:
     return figure
 
 
-def _noise_part(left: Axes, data: paper.Coefficients) -> None:
+def _noise_part(left: Axes, data: paper.NoiseCoefficients) -> None:
     styles = zip(itertools.cycle(LEVEL_COLOURS), itertools.cycle(MARKERS), strict=False)
     for n, (N, (shade, marker)) in enumerate(zip(data.levels, styles, strict=False)):
         left.plot(data.line_power_um2, data.lines_um2[n], color=shade, lw=0.8)
@@ -403,7 +403,7 @@ def _noise_part(left: Axes, data: paper.Coefficients) -> None:
     left.legend(loc="lower right", handletextpad=0.2, labelspacing=0.3)
 
 
-def _coefficient(right: Axes, zoom: Axes, data: paper.Coefficients) -> None:
+def _coefficient(right: Axes, zoom: Axes, data: paper.NoiseCoefficients) -> None:
     order = np.argsort(data.levels)
     N = data.levels[order]
     right.plot(N, data.bound[order], "s--", ms=4, color=BEFORE, label="bound (25), T = L")

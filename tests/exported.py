@@ -13,12 +13,14 @@ import pytest
 from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import Survey
+from preisach_jax.effects.base import OfColumn, Survey
+from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.rate_dependence import RateDependence
+from preisach_jax.effects.resonance import Resonance
 from preisach_jax.export.c import sources
 from preisach_jax.export.description import describe
 from preisach_jax.model import Model, Origin, ParameterEstimate
@@ -132,6 +134,8 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1, thresholds=None)
             own["slew"] = 0.3 * getattr(effect, "slew_high")  # noqa: B009
         if effect.name == "resonance":
             own |= {"f_hz": 40.0, "zeta": 0.05}
+            if "gain_2" in own:
+                own |= {"f_2_hz": 90.0, "zeta_2": 0.1, "gain_2": -0.3}
         if effect.name == "input_quantisation":
             own["step"] = 0.13
         if effect.name == "rate_dependence":
@@ -141,7 +145,7 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1, thresholds=None)
     for _, parameter in chain.coefficients:
         size = 0.02 if "ripple" not in parameter.name else 0.0003
         added.append(rng.uniform(-size, size) if parameter.amount else 5.0)
-    aux = [effect.column for effect in effects if isinstance(effect, Auxiliary)]
+    aux = [effect.column for effect in effects if isinstance(effect, OfColumn)]
     record = Record.from_arrays(time, u, z, aux={name: smooth(len(u), 7) for name in aux})
     parameters = {effect.name: {} for effect in effects}
     for effect in effects:
@@ -171,6 +175,8 @@ FORMS = {
     "ripples": lambda survey: OutputNonlinearity(0.25, 4.0, 24),
     "input_filter": lambda survey: InputLag(STEP_S / 4, 1.0, of_samples=True),
     "output_filter": lambda survey: OutputLag(STEP_S / 4, 1.0, of_samples=True),
+    "two_modes": lambda survey: Resonance(f_low_hz=1.0, f_high_hz=200.0, modes=2),
+    "cross:y_V": lambda survey: Cross("y_V", "V", STEP_S / 2.8, 0.1, modes=2, turned=True),
     "aux:load_N": lambda survey: Auxiliary("load_N", "N", STEP_S / 10, 1.0),
 }
 

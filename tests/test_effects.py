@@ -20,7 +20,14 @@ from preisach_jax.chain import PLACES
 from preisach_jax.effects import BUILT_IN, column_of, library, placeholder, resolve
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, SensorEffect, Survey, WeightEffect
+from preisach_jax.effects.base import (
+    AddedEffect,
+    InputEffect,
+    OutputEffect,
+    SensorEffect,
+    Survey,
+    WeightEffect,
+)
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.delay import Delay
@@ -31,8 +38,7 @@ from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.leakage import Leakage
-from preisach_jax.effects.modal import MOST_MODES
-from preisach_jax.effects.modes import modes_in
+from preisach_jax.effects.modal import MOST_MODES, modes_in
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
 from preisach_jax.effects.parameter import Parameter, log_grid
@@ -173,7 +179,8 @@ ROUNDED = ("creep", "quick lag", "resonance", "stiff resonance", "viscosity")
 """Effects that sum or turn over many samples: in single precision as well."""
 ALIKE = ("quick lag", "output_lag", "stiff resonance", "two modes")
 """Cases of the laws of other ones."""
-STEPPED = [n for n, case in CASES.items() if hasattr(case[0], "apply") and n not in ALIKE]
+SIGNALS = (InputEffect, OutputEffect)
+STEPPED = [n for n, case in CASES.items() if isinstance(case[0], SIGNALS) and n not in ALIKE]
 
 
 def output_of(effect, values, time, course):

@@ -38,7 +38,7 @@ from preisach_jax.effects.output_quantisation import OutputQuantisation, lattice
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import SHARES as REACHES
 from preisach_jax.effects.reptation import Reptation
-from preisach_jax.effects.speed_widening import SpeedWidening
+from preisach_jax.effects.speed import SpeedWidening
 from preisach_jax.fit import base_point, double_precision, finished, with_effect
 from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
 from preisach_jax.identify.confidence import estimates

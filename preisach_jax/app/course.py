@@ -12,7 +12,7 @@ import numpy as np
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
-from preisach_jax.effects.of_column import auxiliary_columns
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record

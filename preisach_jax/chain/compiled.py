@@ -24,8 +24,8 @@ from preisach_jax.effects.base import (
     Signals,
     Values,
     WeightEffect,
+    mistakes_named,
 )
-from preisach_jax.effects.tracing import told_as_its_own
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import output_after
@@ -72,7 +72,7 @@ def _compiled(
 
     @wraps(function)
     def call(effect: Kind, *arguments: Given.args, **named: Given.kwargs) -> Result:
-        with told_as_its_own(effect):
+        with mistakes_named(effect):
             return compiled(jax.tree.map(as_array, effect), *arguments, **named)
 
     return call

@@ -12,8 +12,8 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import Past, past_of
 from preisach_jax.compensation.search import DriveSearch, Limits
 from preisach_jax.cores import on_processor
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.of_column import auxiliary_columns
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model

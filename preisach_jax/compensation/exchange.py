@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from preisach_jax.compensation.drive import Compensation
-from preisach_jax.effects.of_column import auxiliary_columns
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.record import Record

@@ -19,7 +19,7 @@ from preisach_jax.compensation.online import OnlineInverse
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.of_column import auxiliary_columns
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.hooks import HOOKS
 from preisach_jax.model import Model

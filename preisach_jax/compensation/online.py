@@ -21,8 +21,7 @@ from preisach_jax.compensation.drive import limits_of
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.base import Effect
-from preisach_jax.effects.of_column import auxiliary_columns
+from preisach_jax.effects.base import Effect, auxiliary_columns
 from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model

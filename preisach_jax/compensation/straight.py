@@ -11,7 +11,7 @@ from preisach_jax.compensation.drive import Compensation, limits_of
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import limited
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.of_column import auxiliary_columns
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.chain.signals import each_run
-from preisach_jax.effects.base import Signals
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.base import OfColumn, Signals
 from preisach_jax.identify import Point, Problem, evaluate
 
 SHIFTS = 10

@@ -15,8 +15,7 @@ import numpy as np
 
 from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
 from preisach_jax.diagnosis.excitation import Bounds, PlannedExcitation, candidates
-from preisach_jax.effects.base import Effect, Survey
-from preisach_jax.effects.of_column import OfColumn, auxiliary_columns
+from preisach_jax.effects.base import Effect, OfColumn, Survey, auxiliary_columns
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.escape import printable
 from preisach_jax.files import write_files

@@ -11,7 +11,7 @@ from preisach_jax.effects.base import Parameter
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.low_pass import smoothed_rate
+from preisach_jax.effects.speed import smoothed_rate
 from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.identify import Point, Problem
 from preisach_jax.quantity import quantity

@@ -22,9 +22,15 @@ from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.result import Candidate
 from preisach_jax.diagnosis.tellable import surveyed, untellable
-from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, SensorEffect, WeightEffect
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    OfColumn,
+    OutputEffect,
+    SensorEffect,
+    WeightEffect,
+)
 from preisach_jax.effects.modal import Modal
-from preisach_jax.effects.of_column import OfColumn
 from preisach_jax.fit import (
     Progress,
     at_levels,

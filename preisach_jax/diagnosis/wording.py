@@ -19,8 +19,7 @@ from preisach_jax.diagnosis.residuals import (
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding
 from preisach_jax.diagnosis.tolerance import stroke_of
 from preisach_jax.effects import BUILT_IN
-from preisach_jax.effects.base import Effect
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity

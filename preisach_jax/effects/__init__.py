@@ -4,65 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from importlib.metadata import entry_points
+from pkgutil import iter_modules
 from typing import Any, cast
 
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import Effect
-from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.cross import Cross
-from preisach_jax.effects.delay import Delay
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.eddy_currents import EddyCurrents
-from preisach_jax.effects.excess_loss import ExcessLoss
-from preisach_jax.effects.gain import Gain
-from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.leakage import Leakage
-from preisach_jax.effects.log_rate import LogRate
-from preisach_jax.effects.moving import Moving
-from preisach_jax.effects.of_column import OfColumn
-from preisach_jax.effects.operator_creep import OperatorCreep
-from preisach_jax.effects.output_lag import OutputLag
-from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.output_quantisation import OutputQuantisation
-from preisach_jax.effects.rate_dependence import RateDependence
-from preisach_jax.effects.reptation import Reptation
-from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.restoring_force import RestoringForce
-from preisach_jax.effects.slew_limit import SlewLimit
-from preisach_jax.effects.viscosity import Viscosity
+from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.errors import InputError, shown
 
-BUILT_IN: tuple[type[Effect], ...] = (
-    Creep,
-    OperatorCreep,
-    Reptation,
-    InputLag,
-    SlewLimit,
-    InputQuantisation,
-    RateDependence,
-    EddyCurrents,
-    Moving,
-    OutputLag,
-    Delay,
-    Resonance,
-    Drift,
-    Hum,
-    Ageing,
-    OutputNonlinearity,
-    OutputQuantisation,
-    Auxiliary,
-    Viscosity,
-    Gain,
-    Cross,
-    Leakage,
-    LogRate,
-    RestoringForce,
-    ExcessLoss,
-)
+
+def _found() -> tuple[type[Effect], ...]:
+    """The effects of this folder: the classes in its files that have a name, or a prefix of one."""
+    kinds: list[type[Effect]] = []
+    for file in iter_modules(__path__):
+        module = import_module(f"{__name__}.{file.name}")
+        for kind in vars(module).values():
+            if isinstance(kind, type) and issubclass(kind, Effect):
+                called = vars(kind).get("name") or vars(kind).get("prefix")
+                if called and isinstance(called, str) and kind.__module__ == module.__name__:
+                    kinds.append(kind)
+    return tuple(sorted(kinds, key=lambda kind: kind.rank))
+
+
+BUILT_IN = _found()
+"""The effects of this package."""
+
 ENTRY_POINTS = "preisach_jax.effects"
 
 

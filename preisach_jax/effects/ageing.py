@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from jaxtyping import Array, Float
 
@@ -24,6 +25,7 @@ class Ageing(WeightEffect):
     """
 
     name: ClassVar[str] = "ageing"
+    rank: ClassVar[int] = 15
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "ageing (the loop shrinks as time goes by)"
     physics: ClassVar[str] = (
@@ -51,6 +53,10 @@ class Ageing(WeightEffect):
 
     def bound_to(self, survey: Survey) -> Ageing:
         return replace(self, horizon_s=survey.duration_s)
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        loss = self.loss / math.expm1(-self.horizon_s / self.tau_s)
+        return {"loss": loss, "per_sample": -step_s / self.tau_s}
 
     def factor(self, signals: Signals) -> Float[Array, " time"]:
         return 1 - self.loss * settling(signals.time, self.tau_s, self.horizon_s)

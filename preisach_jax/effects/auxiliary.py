@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array
 
-from preisach_jax.effects.base import AddedEffect, Signals
-from preisach_jax.effects.of_column import OfColumn, behind_lag, column_lag
+from preisach_jax.effects.base import AddedEffect, OfColumn, column_lag
+from preisach_jax.effects.linear import StateSpace, relaxations
 from preisach_jax.effects.parameter import Parameter, coefficient
 
 
@@ -25,6 +26,7 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
     """
 
     prefix: ClassVar[str] = "aux"
+    rank: ClassVar[int] = 18
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "the influence of {}"
     physics: ClassVar[str] = (
@@ -45,5 +47,6 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
         unit = f"{{z}}/{self.unit or '1'}"
         return (coefficient("gain", unit, "output per auxiliary unit"),)
 
-    def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        return behind_lag(self, signals, self.tau_s)[:, None]
+    def state_space(self, dt: Array) -> StateSpace:
+        one = jnp.ones((1, 1, 1))
+        return StateSpace(*relaxations(jnp.atleast_1d(self.tau_s), dt), one, one[0, 0])

@@ -14,23 +14,26 @@ time step, and the model maps them over regressors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import traceback
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.errors import JAXTypeError, TracerBoolConversionError
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.arrays import arrays_in
+from preisach_jax.effects.linear import StateSpace, response
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
-from preisach_jax.effects.parameter import Parameter, declared_by
-from preisach_jax.effects.places import Place
-from preisach_jax.effects.tracing import told_as_its_own
-from preisach_jax.errors import InputError, unfinished
+from preisach_jax.effects.parameter import Parameter, declared_by, time_constant
+from preisach_jax.errors import EffectError, InputError, unfinished
 
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
@@ -39,6 +42,37 @@ RATES, CYCLES = "rates", "cycles"
 """What a record may have to hold to tell an effect from the density (`Effect.needs`)."""
 
 _nothing = partial(np.zeros, 0)
+
+
+class Place(StrEnum):
+    """Where an effect acts, in the order in which a signal passes the chain.
+
+    Effects of the sensor (`SensorEffect`) are effects of the output that act last of all.
+
+    Example:
+        >>> Place.WEIGHTS, Place("added").acts_on
+        (<Place.WEIGHTS: 'weights'>, 'the sum, beside the hysteresis')
+    """
+
+    INPUT = "input"
+    HYSTERESIS = "hysteresis"
+    WEIGHTS = "weights"
+    OUTPUT = "output"
+    ADDED = "added"
+
+    @property
+    def acts_on(self) -> str:
+        """What an effect of this place acts on, in words."""
+        return _ACTS_ON[self]
+
+
+_ACTS_ON = {
+    Place.INPUT: "the input, before the hysteresis",
+    Place.HYSTERESIS: "the thresholds of the hysterons",
+    Place.WEIGHTS: "the weights of the hysterons",
+    Place.OUTPUT: "the output of the hysteresis",
+    Place.ADDED: "the sum, beside the hysteresis",
+}
 
 
 @dataclass(frozen=True)
@@ -91,6 +125,7 @@ class Effect(eqx.Module):
         name: name in models, reports and on the command line.
         in_words: what a verdict calls it, so that a mechanic understands it; that of an effect of a
             column has `{}` for the column.
+        rank: where it stands in lists and in the order of trials; of one rank, by its name.
         place: where it acts.
         physics: one paragraph on what happens in the machine.
         source: where that can be read.
@@ -125,6 +160,7 @@ class Effect(eqx.Module):
 
     name: ClassVar[str] = ""
     in_words: ClassVar[str] = ""
+    rank: ClassVar[int] = 1000
     place: ClassVar[Place]
     physics: ClassVar[str] = ""
     source: ClassVar[str] = ""
@@ -217,6 +253,16 @@ class Effect(eqx.Module):
         del survey, values
         return None
 
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any] | None:
+        """Numbers of this effect in generated C, where the templates have a block of its name.
+
+        Arguments:
+            step_s: sample interval, in s.
+            amounts: its linear coefficients.
+        """
+        del step_s, amounts
+        return None
+
     def probe(self, times: float = 1.0) -> Self:
         """This effect with the one start, so many times over, to find a limit by the residual."""
         del times
@@ -229,16 +275,58 @@ class Effect(eqx.Module):
         return plain | {n: [each.tolist() for each in own] for n, own in held.items() if own}
 
 
-class _Stepped(Effect):
-    """An effect on one scalar signal, written as `init` and `step`."""
+@contextmanager
+def mistakes_named(effect: Any) -> Generator[None]:
+    """Turn JAX's errors of a value that is traced into one line that names the place."""
+    try:
+        yield
+    except JAXTypeError as error:
+        kind = cast(type[Any], type(effect))
+        frames = traceback.walk_tb(error.__traceback__)
+        own = [(f, line) for f, line in frames if f.f_globals.get("__name__") == kind.__module__]
+        stack = traceback.StackSummary.extract(iter(own[-1:]))
+        at = f" (line {stack[0].lineno}: {stack[0].line})" if stack else ""
+        what, remedy = (
+            ("branches on", "write jnp.where(condition, a, b) in place of if, and, or, min and max")
+            if isinstance(error, TracerBoolConversionError)
+            else ("makes a Python number of", "use jax.numpy in place of numpy, math and float()")
+        )
+        raise EffectError(
+            f"the effect {effect.name!r} {what} a value that is not known while JAX traces "
+            f"{kind.__name__}{at}: {remedy}"
+        ) from error
+
+
+class Stepped(Effect):
+    """An effect on one scalar signal: a `state_space` if it is linear, else `init` and `step`."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether a state space says all about it."""
+        return type(self).state_space is not Stepped.state_space
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether it can be followed from one sample to the next."""
+        return self.is_linear or type(self).step is not Stepped.step
+
+    def state_space(self, dt: Array) -> StateSpace:
+        """The effect over a step of `dt` seconds, where it is linear."""
+        raise unfinished(self, "state_space(self, dt)")
 
     def init(self, first: Array) -> Any:
         """State before the first sample, whose value is `first` (the machine was at rest)."""
-        raise unfinished(self, "init(self, first)")
+        if not self.is_linear:
+            raise unfinished(self, "init(self, first)")
+        return jnp.zeros_like(self.state_space(jnp.ones_like(first)).b), first
 
     def step(self, state: Any, value: Array, dt: Array) -> tuple[Any, Array]:
         """New state and output after `dt` seconds, at whose end the signal is `value`."""
-        raise unfinished(self, "step(self, state, value, dt)")
+        if not self.is_linear:
+            raise unfinished(self, "step(self, state, value, dt)")
+        law, (states, last) = self.state_space(dt), state
+        states = law.moved(states, value - last)
+        return (states, value), law.output(states, value)
 
     def apply(
         self, signal: Float[Array, " time"], time: Float[Array, " time"]
@@ -252,20 +340,29 @@ class _Stepped(Effect):
         Returns:
             The signal behind the effect, `(time,)`.
         """
-        dt = jnp.diff(time, prepend=time[:1])
 
         def advance(state: Any, sample: tuple[Array, Array]) -> tuple[Any, Array]:
             return self.step(state, *sample)
 
-        with told_as_its_own(self):
+        with mistakes_named(self):
+            if self.is_linear:
+                return response(self.state_space, signal, time)
+            dt = jnp.diff(time, prepend=time[:1])
             return jax.lax.scan(advance, self.init(signal[0]), (signal, dt))[1]
 
 
-class InputEffect(_Stepped):
+class InputEffect(Stepped):
     """An effect between the recorded input and the hysteresis; what it rounds has no rate."""
 
     place: ClassVar[Place] = Place.INPUT
     rounds: ClassVar[bool] = False
+    limits_rate: ClassVar[bool] = False
+    """Whether all that it does is to keep the rate below `greatest_rate`."""
+
+    @property
+    def greatest_rate(self) -> Any:
+        """Greatest rate that passes it, in input units per s; a search keeps to it."""
+        return math.inf
 
 
 class HysteresisEffect(Effect):
@@ -303,7 +400,7 @@ class HysteresisEffect(Effect):
         return path
 
 
-class OutputEffect(_Stepped):
+class OutputEffect(Stepped):
     """An effect between the hysteresis and the recorded output, linear in its signal.
 
     `init` takes the machine to be at rest before the first sample.  An effect of a long memory says
@@ -311,6 +408,13 @@ class OutputEffect(_Stepped):
     """
 
     place: ClassVar[Place] = Place.OUTPUT
+    is_delay: ClassVar[bool] = False
+    """Whether it delays its signal by `late_s` and does nothing else."""
+
+    @property
+    def late_s(self) -> Any:
+        """Time by which it delays its signal, in s."""
+        return 0.0
 
     def coefficients(self) -> tuple[Parameter, ...]:
         """The coefficient of each column of the free response; by default none."""
@@ -356,8 +460,11 @@ class WeightEffect(Effect):
         raise unfinished(self, "factor(self, signals)")
 
 
-class AddedEffect(Effect):
+class AddedEffect(Stepped):
     """An effect that adds to the output, linear in its coefficients.
+
+    It is written as `columns`; or sample by sample, as a `state_space` or as `init` and `step` of
+    its `driver`, whose output is then the columns at that sample.
 
     Class attributes:
         beside_the_loop: whether effects of the weights scale what it adds, as they scale the loop,
@@ -371,9 +478,15 @@ class AddedEffect(Effect):
         """The coefficient of each column, found by linear least squares."""
         raise unfinished(self, "coefficients(self)")
 
+    def driver(self, signals: Signals) -> Float[Array, " time"]:
+        """The signal that `step` takes in, `(time,)`: by default the input."""
+        return signals.input
+
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
         """What is added for a coefficient of one, `(time, columns)`."""
-        raise unfinished(self, "columns(self, signals)")
+        if not self.is_stepped:
+            raise unfinished(self, "columns(self, signals)")
+        return self.apply(self.driver(signals), signals.time)
 
 
 class SensorEffect(Effect):
@@ -398,9 +511,112 @@ class SensorEffect(Effect):
         """Whether the reading has the steps of a converter."""
         return type(self).converted is not SensorEffect.converted
 
+    @property
+    def resolution(self) -> Any:
+        """Step of the converter, in output units; readings may differ by so much and be alike."""
+        return 0.0
+
     def converted(self, reading: Float[Array, " time"]) -> Float[Array, " time"]:
         """The reading in the steps of a converter; by default as it is.
 
         What the steps depend on is not fitted: it keeps the start that `bound_to` gives it.
         """
         return reading
+
+
+def column_lag() -> Any:
+    """The lag behind an auxiliary column, as a parameter of an effect."""
+    return time_constant(
+        "lag; at its lower bound the action is immediate",
+        margins=(1, 2),
+        per_decade=1.0,
+        open_ended="both",
+    )
+
+
+class OfColumn(Effect):
+    """An effect of an auxiliary column, with a first-order lag.
+
+    Class attributes:
+        prefix: what stands before the column's name in that of the effect.
+
+    Arguments:
+        unit: unit of the column.
+    """
+
+    prefix: ClassVar[str] = ""
+
+    column: str = eqx.field(static=True, default="COL")
+    unit: str = eqx.field(static=True, default="1")
+    tau_low_s: float = 1e-3
+    tau_high_s: float = 1.0
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return f"{self.prefix}:{self.column}"
+
+    def bound_to(self, survey: Survey) -> Self:
+        return replace(self, tau_low_s=survey.step_s / 10, tau_high_s=survey.duration_s / 5)
+
+    def driver(self, signals: Signals) -> Float[Array, " time"]:
+        """The column, `(time,)`."""
+        return signals.aux[self.column]
+
+
+def auxiliary_columns(effects: Iterable[Effect]) -> list[str]:
+    """Names of the auxiliary columns that some effects act through, each once, in their order."""
+    return list(dict.fromkeys(e.column for e in effects if isinstance(e, OfColumn)))
+
+
+Kind = TypeVar("Kind", bound=Effect)
+
+
+def is_floating(leaf: Any) -> bool:
+    """Whether a leaf of an effect is a floating array, of JAX or NumPy."""
+    kind: Any = getattr(leaf, "dtype", None)
+    return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(kind, jnp.floating)
+
+
+def arrays_in(value: Any) -> list[Any]:
+    """The floating arrays of a field of an effect, in the order of its tree."""
+    return [leaf for leaf in jax.tree.leaves(value) if is_floating(leaf)]
+
+
+def with_settings(pattern: Kind, settings: dict[str, Any], place: str) -> Kind:
+    """An effect of a pattern's kind with the settings of a file."""
+    held = [name for name in settings if arrays_in(getattr(pattern, name))]
+    if not held:
+        return type(pattern)(**settings)
+    own = pattern.settings()
+    others = {k: v for k, v in settings.items() if k not in held and v != own[k]}
+
+    def fields(effect: Kind) -> list[Any]:
+        return [getattr(effect, name) for name in held]
+
+    return eqx.tree_at(
+        fields,
+        replace(pattern, **others) if others else pattern,
+        [_filled(getattr(pattern, name), settings[name], f"{place}.{name}") for name in held],
+    )
+
+
+def _filled(value: Any, arrays: Any, place: str) -> Any:
+    """A field of an effect with the arrays of a file, nested lists, in place of its own."""
+    expected: list[tuple[int, ...]] = [leaf.shape for leaf in arrays_in(value)]
+    try:
+        given = [np.asarray(each, dtype=float) for each in arrays]
+        shapes = [each.shape for each in given]
+    except (TypeError, ValueError):
+        given, shapes = [], None
+    if shapes != expected or not all(np.isfinite(each).all() for each in given):
+        told = "no lists of finite numbers" if shapes is None else f"arrays of {shapes}"
+        raise InputError(
+            f"{place} holds {told:.80}, and the effect that was passed arrays of {expected}: pass "
+            "one of the size that was saved"
+        )
+    others = iter(given)
+
+    def filled(leaf: Any) -> Any:
+        return next(others) if is_floating(leaf) else leaf
+
+    return jax.tree.map(filled, value)

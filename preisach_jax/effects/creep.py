@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import RATES, OutputEffect, Signals, Survey, low_pass_step
+from preisach_jax.effects.base import RATES, OutputEffect, Signals, Survey
+from preisach_jax.effects.linear import StateSpace, relaxations
 from preisach_jax.effects.parameter import Parameter, coefficient, log_grid, parameter
 
 
@@ -33,6 +34,7 @@ class Creep(OutputEffect):
     """
 
     name: ClassVar[str] = "creep"
+    rank: ClassVar[int] = 1
     in_words: ClassVar[str] = "creep (the output goes on moving after the input has stopped)"
     physics: ClassVar[str] = (
         "Domains go on switching by thermal activation after the field has settled, so the stroke "
@@ -105,9 +107,8 @@ class Creep(OutputEffect):
             return 1.0
         return (len(self.tau_s) - 1) / float(np.log10(self.tau_s[-1] / self.tau_s[0]))
 
-    def init(self, first: Array) -> Array:
-        return jnp.broadcast_to(jnp.stack([first, first]), (len(self.tau_s), 2))
-
-    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        state = low_pass_step(state, value, dt, jnp.asarray(self.tau_s))
-        return state, value + self._gains @ state[:, 0]
+    def state_space(self, dt: Array) -> StateSpace:
+        gains = self._gains
+        return StateSpace(
+            *relaxations(jnp.asarray(self.tau_s), dt), gains[:, None], 1 + gains.sum()
+        )

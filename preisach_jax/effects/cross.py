@@ -7,11 +7,12 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array
 
-from preisach_jax.effects.base import AddedEffect, Signals, Survey, Values
-from preisach_jax.effects.modal import Modal, mode_of
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.base import AddedEffect, OfColumn, Survey, Values
+from preisach_jax.effects.linear import StateSpace
+from preisach_jax.effects.modal import Modal
 from preisach_jax.effects.parameter import Parameter, coefficient, log_grid, parameter
 
 LATE = 0.3
@@ -43,6 +44,7 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
     """
 
     prefix: ClassVar[str] = "cross"
+    rank: ClassVar[int] = 21
     in_words: ClassVar[str] = "coupling from {} through the mechanics"
     form_pays: ClassVar[float] = 0.9
     physics: ClassVar[str] = (
@@ -127,9 +129,11 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
         found = self.with_mode_from(survey, survey.aux[self.column], values, settled=False)
         return None if found is None else (replace(found[0], turned=True), (found[1],))
 
-    def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        column = signals.aux[self.column]
-        parts: list[Array] = []
-        for f_hz, zeta in self.damped:
-            parts += mode_of(f_hz, zeta, column, signals.time)[: 1 + self.turned]
-        return jnp.stack(parts, axis=1)
+    def state_space(self, dt: Array) -> StateSpace:
+        # A column for each mode, and where it is turned one for its rate.
+        parts = 1 + self.turned
+        c = np.zeros((parts * self.modes, self.modes, 2))
+        for column in range(len(c)):
+            c[column, column // parts, column % parts] = 1.0
+        d = np.tile([1.0, 0.0][:parts], self.modes)
+        return StateSpace(*self.modes_over(dt), jnp.asarray(c), jnp.asarray(d))

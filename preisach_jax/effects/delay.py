@@ -25,6 +25,7 @@ class Delay(OutputEffect):
     """
 
     name: ClassVar[str] = "delay"
+    rank: ClassVar[int] = 11
     in_words: ClassVar[str] = "a pure delay between input and measured output"
     physics: ClassVar[str] = (
         "Converters, the filter of the sensor and its digital link, and a data logger that takes "
@@ -44,6 +45,7 @@ class Delay(OutputEffect):
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
         "frequency without bound, and its gain stays at one"
     )
+    is_delay: ClassVar[bool] = True
     delay_low_s: float = 1e-5
     delay_high_s: float = 1.0
     delay_s: float = parameter(
@@ -57,6 +59,10 @@ class Delay(OutputEffect):
 
     def bound_to(self, survey: Survey) -> Delay:
         return Delay(delay_low_s=survey.step_s / 4, delay_high_s=survey.duration_s / 20)
+
+    @property
+    def late_s(self) -> float:
+        return self.delay_s
 
     def apply(
         self, signal: Float[Array, " time"], time: Float[Array, " time"]

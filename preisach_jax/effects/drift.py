@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -67,6 +68,7 @@ class Drift(AddedEffect):
     """
 
     name: ClassVar[str] = "drift"
+    rank: ClassVar[int] = 13
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a drift of the measurement that does not depend on the input"
     physics: ClassVar[str] = (
@@ -139,6 +141,12 @@ class Drift(AddedEffect):
         if not (self.waves and more) or len(survey.residual) < LEAST_ROWS:
             return None
         return replace(self, waves=more[0]), ({},)
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        if self.waves:
+            return {"waves": amounts, "per_sample": step_s / self.horizon_s}
+        amplitude = amounts[0] / math.expm1(-self.horizon_s / self.tau_s)
+        return {"amplitude": amplitude, "per_sample": -step_s / self.tau_s}
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
         if self.waves:

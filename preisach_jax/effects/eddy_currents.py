@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +32,7 @@ class EddyCurrents(HysteresisEffect):
     """
 
     name: ClassVar[str] = "eddy_currents"
+    rank: ClassVar[int] = 8
     in_words: ClassVar[str] = (
         "eddy currents (the faster the output changes, the later the material sees its input)"
     )
@@ -77,6 +78,9 @@ class EddyCurrents(HysteresisEffect):
         swing = float(np.ptp(survey.input)) or 1.0
         ratio = float(np.ptp(survey.output)) / swing or 1.0
         return replace(self, range_u=swing, speed_z=ratio * (speed or swing / survey.step_s))
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {"gain": self.k / step_s}
 
     def fed_back(
         self,

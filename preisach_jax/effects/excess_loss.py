@@ -25,6 +25,7 @@ class ExcessLoss(AddedEffect):
     """
 
     name: ClassVar[str] = "excess_loss"
+    rank: ClassVar[int] = 25
     in_words: ClassVar[str] = (
         "an excess loss (domain walls need a field by the root of the input's rate)"
     )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Self
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import Signals, Survey, WeightEffect
-from preisach_jax.effects.of_column import OfColumn, behind_lag, column_lag
+from preisach_jax.effects.base import OfColumn, Signals, Survey, WeightEffect, column_lag
+from preisach_jax.effects.low_pass import low_passed
 from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 
@@ -40,6 +41,7 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
     """
 
     prefix: ClassVar[str] = "gain"
+    rank: ClassVar[int] = 20
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a loop that {} scales"
     physics: ClassVar[str] = (
@@ -91,5 +93,6 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
         return 1 + self.gain * self.columns(signals)[:, 0]
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        place = (behind_lag(self, signals, self.tau_s) - self.middle) / self.span
+        late = low_passed(self.driver(signals), signals.time, jnp.asarray(self.tau_s))
+        place = (late - self.middle) / self.span
         return self.span * (place + self.curvature * (place**2 - 0.25))[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -44,6 +44,7 @@ class Hum(AddedEffect):
     """
 
     name: ClassVar[str] = "hum"
+    rank: ClassVar[int] = 14
     in_words: ClassVar[str] = "a hum of fixed frequency in the reading"
     physics: ClassVar[str] = (
         "The mains couple into the wiring of sensor and drive by ground loops and stray fields, at "
@@ -93,6 +94,11 @@ class Hum(AddedEffect):
             starts = (*lines, *(f for f in far if least <= f <= high)) or (high / 2,)
         below = int(0.5 / survey.step_s / (1.01 * max(starts)))
         return Hum(starts_hz=starts, harmonics=min(max(below, 1), 3))
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        turns = self.f_hz * step_s
+        phase = round((turns - math.floor(turns)) * 2**64) % 2**64
+        return {"cosine": amounts[0::2], "sine": amounts[1::2], "phase": phase}
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
         phase = 2 * jnp.pi * self.f_hz * signals.time

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import InputEffect
-from preisach_jax.effects.first_order import FirstOrderLag
-from preisach_jax.effects.low_pass import limited
+from preisach_jax.effects.output_lag import FirstOrderLag
+from preisach_jax.effects.speed import limited
+
+ARC = 1 / 12
+"""Area between an arc and its chord, over (curvature x step²) and the step."""
 
 
 class InputLag(FirstOrderLag, InputEffect):
@@ -25,6 +28,7 @@ class InputLag(FirstOrderLag, InputEffect):
     """
 
     name: ClassVar[str] = "input_lag"
+    rank: ClassVar[int] = 4
     in_words: ClassVar[str] = (
         "a lag of the drive (the input reaches the material late and smoothed)"
     )
@@ -53,6 +57,9 @@ class InputLag(FirstOrderLag, InputEffect):
         "attenuates fast parts, a delay only shifts them"
     )
 
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {"arc": 0.0 if self.of_samples else ARC}
+
     def apply(
         self, signal: Float[Array, " time"], time: Float[Array, " time"]
     ) -> Float[Array, " time"]:
@@ -64,4 +71,4 @@ class InputLag(FirstOrderLag, InputEffect):
         dt = jnp.concatenate([dt[:1], dt]) if len(time) > 1 else jnp.ones_like(time)
         speed = jnp.diff(signal, prepend=signal[:1]) / dt
         bend = jnp.diff(speed, prepend=0.0) * dt
-        return super().apply(signal - limited(bend) / 12, time)
+        return super().apply(signal - ARC * limited(bend), time)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,6 +47,7 @@ class InputQuantisation(InputEffect):
     """
 
     name: ClassVar[str] = "input_quantisation"
+    rank: ClassVar[int] = 6
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "coarse steps of the drive's converter"
     limited_by_residual: ClassVar[bool] = True
@@ -97,6 +98,9 @@ class InputQuantisation(InputEffect):
 
     def probe(self, times: float = 1.0) -> InputQuantisation:
         return InputQuantisation((times * PROBED * self.range_u,), self.range_u)
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {"step": self.quantum}
 
     def init(self, first: Array) -> tuple[()]:
         return ()

@@ -8,7 +8,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, OutputEffect, Survey, low_pass_step
+from preisach_jax.effects.base import RATES, OutputEffect, Survey
+from preisach_jax.effects.linear import StateSpace, relaxations
 from preisach_jax.effects.parameter import time_constant
 
 
@@ -30,6 +31,7 @@ class Leakage(OutputEffect):
     """
 
     name: ClassVar[str] = "leakage"
+    rank: ClassVar[int] = 22
     in_words: ClassVar[str] = "a leakage of the reading (a constant output decays to zero)"
     physics: ClassVar[str] = (
         "A charge amplifier loses its charge through the resistor of its feedback and the "
@@ -59,9 +61,6 @@ class Leakage(OutputEffect):
     def bound_to(self, survey: Survey) -> Leakage:
         return replace(self, tau_low_s=20 * survey.step_s, tau_high_s=10 * survey.duration_s)
 
-    def init(self, first: Array) -> Array:
-        return jnp.stack([first, first])
-
-    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        state = low_pass_step(state, value, dt, self.tau_s)
-        return state, value - state[0]
+    def state_space(self, dt: Array) -> StateSpace:
+        a, b = relaxations(jnp.atleast_1d(self.tau_s), dt)
+        return StateSpace(a, b, -jnp.ones((1, 1)), jnp.zeros(()))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from preisach_jax.effects.parameter import parameter
-from preisach_jax.effects.speed_widening import SpeedWidening
+from preisach_jax.effects.speed import SpeedWidening
 
 
 class LogRate(SpeedWidening):
@@ -30,6 +30,7 @@ class LogRate(SpeedWidening):
     """
 
     name: ClassVar[str] = "log_rate"
+    rank: ClassVar[int] = 23
     in_words: ClassVar[str] = "a widening of the loop with the logarithm of the rate"
     special: ClassVar[bool] = True
     physics: ClassVar[str] = (

@@ -1,20 +1,20 @@
-"""What effects with several modes of a mechanics share: their parameters, step and starts."""
+"""What effects with several modes of a mechanics share: parameters, step, and measured starts."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+import scipy
+from jaxtyping import Array
 
 from preisach_jax.effects.base import Effect, Survey, Values
-from preisach_jax.effects.modes import Mode, modes_in
+from preisach_jax.effects.linear import oscillators
 from preisach_jax.effects.parameter import parameter
 
 MOST_MODES = 4
@@ -25,6 +25,36 @@ LIGHTEST = 0.001
 
 WEAKEST_RING = 0.5
 """Damping ratio of a further mode at most: what rings less is a lag."""
+
+
+SEGMENTS = 8
+"""Least number of segments, which overlap by half, over which a response is averaged."""
+
+FINEST = 1024
+"""Longest segment, in samples."""
+
+DAMPINGS = (0.005, 0.015, 0.04, 0.12)
+"""Damping ratios at which a mode is looked for."""
+
+LEAST_POWER = 1e-4
+"""Power of the drive, over its greatest, at a frequency at which a mode is looked for."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode by which a signal follows another.
+
+    Attributes:
+        f_hz: natural frequency.
+        zeta: damping ratio.
+        gain: response to a slow drive, in units of the response over those of the drive.
+        quadrature: the same for the rate over the natural frequency; a delay brings some.
+    """
+
+    f_hz: float
+    zeta: float
+    gain: float
+    quadrature: float = 0.0
 
 
 def _further(number: int) -> Any:
@@ -108,6 +138,11 @@ class Modal(Effect):
         ]
         return each[: self.modes]
 
+    def modes_over(self, dt: Array) -> tuple[Array, Array]:
+        """A and b of the modes over a step of `dt` seconds, see `linear.oscillators`."""
+        f_hz, zeta = zip(*self.damped, strict=True)
+        return oscillators(_stacked(f_hz, dt), _stacked(zeta, dt), dt)
+
     def searched_from(self, survey: Survey, drive: np.ndarray, settled: bool) -> Self:
         """This effect with starts from the frequency response of what a model leaves to a drive."""
         if len(survey.residual) < 2 or np.ptp(drive) == 0:
@@ -153,6 +188,10 @@ class Modal(Effect):
         return found
 
 
+def _stacked(values: Sequence[Any], like: Array) -> Array:
+    return jnp.stack([jnp.asarray(value, like.dtype) for value in values])
+
+
 def _named(kind: str, number: int, unit: str = "") -> str:
     """The name of a mode's parameter."""
     return f"{kind}_{number}{unit}" if number > 1 else f"{kind}{unit}"
@@ -163,41 +202,83 @@ def _inside(effect: Modal) -> tuple[float, float]:
     return 1.02 * effect.lowest_hz, effect.highest_hz / 1.02
 
 
-def mode_step(
-    f_hz: Array, zeta: Array, state: tuple[Array, Array, Array], value: Array, dt: Array
-) -> tuple[Array, Array]:
-    """One mode of unit gain at rest over a step in which its input goes straight.
+def frequency_response(
+    time: np.ndarray, drive: np.ndarray, response: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Response at each frequency, \(S_{ur} / S_{uu}\), averaged over segments (P. D. Welch).
 
     Arguments:
-        state: (z - h, dz/dt / omega, h): small numbers, and zero at rest.
-        dt: the step in s; zero at the first sample.
+        time: (sample,) times in s; uneven ones are brought to the median step.
+        drive, response: (sample,) input and output of what is between.
 
     Returns:
-        z - h and dz/dt / omega at the end of the step.
+        Frequencies in Hz, complex responses, and power of the drive, each (frequency,).
     """
-    away, speed, last = state
-    omega = 2 * jnp.pi * f_hz
-    # dt is zero at the first sample: the safe step keeps 0/0 out of values and gradients.
-    angle = omega * jnp.where(dt > 0, dt, 1.0)
-    root = jnp.sqrt(1 - zeta**2)
-    decay = jnp.exp(-zeta * angle)
-    cosine, sine = decay * jnp.cos(root * angle), decay * jnp.sin(root * angle) / root
-    gone = 1 - cosine - zeta * sine
-    slope = (value - last) / angle
-    moved = (1 - gone) * away + sine * speed - slope * (sine + 2 * zeta * gone)
-    faster = (cosine - zeta * sine) * speed - sine * away + slope * gone
-    return jnp.where(dt > 0, moved, away), jnp.where(dt > 0, faster, speed)
+    step = float(np.median(np.diff(time)))
+    even = np.arange(time[0], time[-1], step)
+    moved = np.asarray(np.interp(even, time, drive - drive.mean()), float)
+    answer = np.asarray(np.interp(even, time, response - response.mean()), float)
+    size = min(FINEST, max(2 * len(even) // (SEGMENTS + 1), 16))
+    hz, cross = scipy.signal.csd(moved, answer, fs=1 / step, nperseg=size)
+    power = scipy.signal.csd(moved, moved, fs=1 / step, nperseg=size)[1].real
+    return hz[1:], cross[1:] / np.maximum(power[1:], np.finfo(float).tiny), power[1:]
 
 
-def mode_of(
-    f_hz: Array, zeta: Array, signal: Float[Array, " time"], time: Float[Array, " time"]
-) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
-    """Output of one mode of unit gain at rest, and its rate over ω, `(time,)` each."""
-    zero = jnp.zeros_like(signal[0])
+def modes_in(
+    time: np.ndarray,
+    drive: np.ndarray,
+    response: np.ndarray,
+    low: float,
+    high: float,
+    count: int,
+    settled: bool,
+) -> tuple[Mode, ...]:
+    r"""Modes by which one signal follows another, found one after the other.
 
-    def advance(state: tuple[Array, Array, Array], sample: tuple[Array, Array]) -> Any:
-        away, speed = mode_step(f_hz, zeta, state, *sample)
-        return (away, speed, sample[0]), (sample[0] + away, speed)
+    Each next mode is the one that takes most off what the others leave of the response, with a
+    residue of any phase, since a delay turns it; then all residues are found again together by
+    least squares.
 
-    dt = jnp.diff(time, prepend=time[:1])
-    return jax.lax.scan(advance, (zero, zero, signal[0]), (signal, dt))[1]
+    Arguments:
+        time: (sample,) times in s.
+        drive, response: (sample,) input and output of what is between.
+        low, high: least and greatest natural frequency, in Hz.
+        settled: whether the response to a slow drive is known, so that of each mode only what it
+            adds to that, \(H - 1\), is looked for.
+
+    Returns:
+        The modes, the strongest first; fewer where the drive has power at fewer frequencies.
+    """
+    hz, measured, power = frequency_response(time, drive, response)
+    inside = (hz >= low) & (hz <= high) & (power > LEAST_POWER * power.max())
+    grid = [(float(f), zeta) for f in hz[inside] for zeta in DAMPINGS]
+    weight = np.sqrt(power)
+    candidates = _residues(hz, grid, settled) * weight[:, None, None]
+    size = np.maximum(np.sum(np.abs(candidates) ** 2, axis=0), np.finfo(float).tiny)
+    goal, found = _split(measured * weight), list[int]()
+    left, residues = goal, np.zeros(0)
+    for _ in range(min(count, int(inside.sum()))):
+        moment = np.einsum("fmc,f->mc", candidates.conj(), left[: len(hz)] + 1j * left[len(hz) :])
+        # The two residues of a mode are a quarter of a turn apart, and so orthogonal.
+        taken = np.sum(moment.real**2 / size, axis=1)
+        taken[found] = 0.0
+        found.append(int(taken.argmax()))
+        columns = _split(candidates[:, found].reshape(len(hz), -1))
+        residues = np.linalg.lstsq(columns, goal, rcond=1e-10)[0]
+        left = goal - columns @ residues
+    pairs = residues.reshape(-1, 2).tolist()
+    modes = [Mode(*grid[at], *both) for at, both in zip(found, pairs, strict=True)]
+    return tuple(sorted(modes, key=lambda mode: -np.hypot(mode.gain, mode.quadrature) / mode.zeta))
+
+
+def _residues(hz: np.ndarray, modes: list[tuple[float, float]], settled: bool) -> np.ndarray:
+    """(frequency, mode, 2) responses of modes of unit gain at rest, and their rates over ω."""
+    f, zeta = np.array(modes).reshape(-1, 2).T
+    ratio = hz[:, None] / f
+    response = 1 / (1 - ratio**2 + 2j * zeta * ratio)
+    in_phase = ratio**2 * response if settled else response
+    return np.stack([in_phase, 1j * ratio * response], axis=2)
+
+
+def _split(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.real(values), np.imag(values)])

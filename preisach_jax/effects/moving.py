@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -31,6 +31,7 @@ class Moving(HysteresisEffect):
     """
 
     name: ClassVar[str] = "moving"
+    rank: ClassVar[int] = 9
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = (
         "feedback of the output on the material (minor loops that are not congruent)"
@@ -71,6 +72,10 @@ class Moving(HysteresisEffect):
             return self
         swing_u, swing_z = float(np.ptp(survey.input)), float(np.ptp(survey.output))
         return replace(self, low_u=float(survey.input.min()), range_u=swing_u, range_z=swing_z)
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        scale = 1 + self.a * self.range_z / self.range_u
+        return {"gain": self.a, "low": self.low_u, "scale": scale}
 
     def fed_back(
         self,

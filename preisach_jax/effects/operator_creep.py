@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey
+from preisach_jax.effects.base import RATES, AddedEffect, Survey
 from preisach_jax.effects.creep import creep_times
 from preisach_jax.effects.parameter import Parameter, coefficient
 
@@ -34,6 +33,7 @@ class OperatorCreep(AddedEffect):
     """
 
     name: ClassVar[str] = "operator_creep"
+    rank: ClassVar[int] = 2
     in_words: ClassVar[str] = (
         "creep with a threshold (after large moves the output goes on moving, after "
         "small ones it does not)"
@@ -80,26 +80,32 @@ class OperatorCreep(AddedEffect):
         swing = float(np.ptp(survey.input)) if len(survey.input) else 1.0
         return OperatorCreep(creep_times(survey), swing)
 
-    def columns(self, signals: Signals) -> Float[Array, "time column"]:
-        tau_s = jnp.asarray(self.tau_s)[None, :]
+    def _spectrum(self, xp: Any) -> Any:
+        """(element, 3) parabolas over the logarithm of time, in shares of a decade."""
+        count = len(self.tau_s)
+        even = xp.linspace(-1.0, 1.0, count)
+        spectrum = xp.stack([xp.ones_like(even), even, 1.5 * even**2 - 0.5], axis=1)
+        return spectrum * xp.log10(self.tau_s[-1] / self.tau_s[0]) / (count - 1)
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        gains = np.asarray(amounts).reshape(len(SHARES), 3) @ self._spectrum(np).T
+        return {
+            "threshold": tuple(self.range_u * share for share in SHARES),
+            "tau": tuple(tau_s / step_s for tau_s in self.tau_s),
+            "gain": tuple(gains.ravel().tolist()),
+        }
+
+    def init(self, first: Array) -> tuple[Array, Array]:
+        return jnp.broadcast_to(first, (len(SHARES), len(self.tau_s))), first
+
+    def step(
+        self, state: tuple[Array, Array], value: Array, dt: Array
+    ) -> tuple[tuple[Array, Array], Array]:
+        place, before = state
         threshold = (self.range_u * jnp.asarray(SHARES))[:, None]
-        decades = jnp.log10(tau_s[0, -1] / tau_s[0, 0])
-        even = jnp.linspace(-1.0, 1.0, len(self.tau_s))
-        spectrum = jnp.stack([jnp.ones_like(even), even, 1.5 * even**2 - 0.5], axis=1)
-        spectrum = spectrum * decades / (len(self.tau_s) - 1)
-
-        def advance(
-            state: tuple[Array, Array], sample: tuple[Array, Array]
-        ) -> tuple[tuple[Array, Array], Array]:
-            place, before = state
-            now, dt = sample
-            place = creep_step(place, before, now, dt, threshold, tau_s)
-            return (place, now), (place @ spectrum).ravel()
-
-        dt = jnp.diff(signals.time, prepend=signals.time[:1])
-        first = signals.input[0]
-        start = (jnp.broadcast_to(first, (len(SHARES), len(self.tau_s))), first)
-        return jax.lax.scan(advance, start, (signals.input, dt))[1]
+        tau_s = jnp.asarray(self.tau_s)[None, :]
+        place = creep_step(place, before, value, dt, threshold, tau_s)
+        return (place, value), (place @ self._spectrum(jnp)).ravel()
 
 
 def creep_step(

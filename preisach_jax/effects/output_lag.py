@@ -1,9 +1,54 @@
-"""First-order lag between the hysteresis and the recorded output."""
+"""First-order lags: between the hysteresis and the recorded output, and what all lags share."""
 
-from typing import ClassVar
+from __future__ import annotations
 
-from preisach_jax.effects.base import OutputEffect
-from preisach_jax.effects.first_order import FirstOrderLag
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from preisach_jax.effects.base import RATES, Effect, OutputEffect, Survey
+from preisach_jax.effects.linear import StateSpace, relaxations
+from preisach_jax.effects.parameter import time_constant
+
+
+class FirstOrderLag(Effect):
+    r"""First-order lag of a signal: \(\tau \dot y = x - y\).
+
+    Arguments:
+        tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
+        of_samples: whether it is a filter of the samples, as a controller has it,
+            \(y_k = x_k + e^{-\Delta t/\tau} (y_{k-1} - x_k)\): half a sample earlier than the
+            lag of a signal that goes straight from sample to sample.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = (RATES,)
+    form_pays: ClassVar[float] = 0.9
+    """Both forms have one parameter, and what the wrong one leaves goes with the speed."""
+
+    tau_low_s: float = 1e-5
+    tau_high_s: float = 10.0
+    of_samples: bool = eqx.field(static=True, default=False)
+    tau_s: float = time_constant(
+        lambda own: "time constant" + " of a filter of the samples" * own.of_samples, margins=(2, 4)
+    )
+
+    def bound_to(self, survey: Survey) -> Self:
+        return replace(
+            self, tau_low_s=survey.step_s / 4, tau_high_s=survey.duration_s / 20, of_samples=False
+        )
+
+    def variants(self, survey: Survey) -> tuple[Self, ...]:
+        bound = self.bound_to(survey)
+        return bound, replace(bound, of_samples=True)
+
+    def state_space(self, dt: Array) -> StateSpace:
+        a, b = relaxations(jnp.atleast_1d(self.tau_s), dt)
+        one = jnp.ones((1, 1))
+        # A filter of samples takes the signal as if it had jumped after the last one.
+        return StateSpace(a, -a[:, :, 0] if self.of_samples else b, one, jnp.ones(()))
 
 
 class OutputLag(FirstOrderLag, OutputEffect):
@@ -22,6 +67,7 @@ class OutputLag(FirstOrderLag, OutputEffect):
     """
 
     name: ClassVar[str] = "output_lag"
+    rank: ClassVar[int] = 10
     in_words: ClassVar[str] = (
         "a lag of the sensor (the reading follows the output late and smoothed)"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,6 +33,7 @@ class OutputNonlinearity(SensorEffect):
     """
 
     name: ClassVar[str] = "output_nonlinearity"
+    rank: ClassVar[int] = 16
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "a nonlinear sensor (it bends the whole loop in the same way)"
     physics: ClassVar[str] = (
@@ -78,6 +79,10 @@ class OutputNonlinearity(SensorEffect):
     def variants(self, survey: Survey) -> tuple[OutputNonlinearity, ...]:
         cubic = self.bound_to(survey)
         return (cubic, replace(cubic, half_waves=HALF_WAVES))
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        cubic, ripples = amounts[:2], amounts[2:]
+        return {"low": self.low_z, "range": self.range_z, "cubic": cubic, "ripples": ripples}
 
     def columns(self, reading: Float[Array, " time"]) -> Float[Array, "time column"]:
         x = 2 * (reading - self.low_z) / self.range_z - 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +54,7 @@ class OutputQuantisation(SensorEffect):
     """
 
     name: ClassVar[str] = "output_quantisation"
+    rank: ClassVar[int] = 17
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = "coarse steps of the sensor's converter"
     physics: ClassVar[str] = (
@@ -85,6 +86,13 @@ class OutputQuantisation(SensorEffect):
     def bound_to(self, survey: Survey) -> OutputQuantisation:
         fine = 1e-9 * float(np.ptp(survey.output)) if len(survey.output) else self.step_z
         return OutputQuantisation(lattice_step(survey.output) or fine or 1e-9)
+
+    @property
+    def resolution(self) -> float:
+        return self.quantum
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {"step": self.quantum}
 
     def converted(self, reading: Float[Array, " time"]) -> Float[Array, " time"]:
         return self.quantum * jnp.round(reading / self.quantum)

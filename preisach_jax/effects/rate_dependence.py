@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.parameter import parameter
-from preisach_jax.effects.speed_widening import SpeedWidening
+from preisach_jax.effects.speed import SpeedWidening
 
 
 class RateDependence(SpeedWidening):
@@ -33,6 +33,7 @@ class RateDependence(SpeedWidening):
     """
 
     name: ClassVar[str] = "rate_dependence"
+    rank: ClassVar[int] = 7
     in_words: ClassVar[str] = "rate dependence (the faster the input, the wider the loop)"
     physics: ClassVar[str] = (
         "Domain walls are damped: to switch in less time they need more field, so the thresholds "
@@ -68,6 +69,15 @@ class RateDependence(SpeedWidening):
         meaning=lambda own: f"widening of each threshold at {own.reference_per_s:.4g} units per s",
     )
     exponent: float = parameter("1", 0.1, 2.0, start=(0.3, 0.6, 1.0), meaning="power of the rate")
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {
+            "coefficient": self.coefficient,
+            "exponent": self.exponent,
+            "per_sample": self.reference_per_s * step_s,
+            "corners": self.with_corners,
+            "reversible": self.with_reversible,
+        }
 
     def law(self, speed: Float[Array, " time"]) -> Float[Array, " time"]:
         # A power has no derivative at rest, where there is no widening either.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from preisach_jax.effects.base import CYCLES, AddedEffect, Signals, Survey
+from preisach_jax.effects.base import CYCLES, AddedEffect, Survey
 from preisach_jax.effects.parameter import Parameter, coefficient, parameter
 
 SHARES = (0.1, 0.2, 0.35)
@@ -32,6 +31,7 @@ class Reptation(AddedEffect):
     """
 
     name: ClassVar[str] = "reptation"
+    rank: ClassVar[int] = 3
     needs_clock: ClassVar[bool] = False
     in_words: ClassVar[str] = (
         "reptation (repeated loops drift towards their middle, whatever the rate)"
@@ -80,22 +80,25 @@ class Reptation(AddedEffect):
     def bound_to(self, survey: Survey) -> Reptation:
         return Reptation((float(np.ptp(survey.input)) if len(survey.input) else 0.0) or 1.0)
 
-    def columns(self, signals: Signals) -> Float[Array, "time column"]:
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        reach = tuple(self.range_u * share for share in SHARES)
+        return {"reach": reach, "gain": amounts, "path": self.path}
+
+    def init(self, first: Array) -> tuple[Array, Array, Array]:
+        start = jnp.broadcast_to(first, len(SHARES))
+        return start, start, first
+
+    def step(
+        self, state: tuple[Array, Array, Array], value: Array, dt: Array
+    ) -> tuple[tuple[Array, Array, Array], Array]:
+        del dt
+        tight, leaky, before = state
         reach = self.range_u * jnp.asarray(SHARES)
-
-        def advance(
-            state: tuple[Array, Array, Array], now: Array
-        ) -> tuple[tuple[Array, Array, Array], Array]:
-            tight, leaky, before = state
-            tight = jnp.clip(tight, now - reach, now + reach)
-            # Exact on the straight way between two samples, on which a bound is met but once.
-            travel = jnp.abs(now - before) / self.path
-            safe = jnp.where(travel > 0, travel, 1.0)
-            trail = (now - before) * jnp.where(travel > 0, -jnp.expm1(-safe) / safe, 1.0)
-            leaky = now - trail + jnp.exp(-travel) * (leaky - before)
-            leaky = jnp.clip(leaky, now - reach, now + reach)
-            return (tight, leaky, now), leaky - tight
-
-        first = signals.input[0]
-        start = jnp.broadcast_to(first, reach.shape)
-        return jax.lax.scan(advance, (start, start, first), signals.input)[1]
+        tight = jnp.clip(tight, value - reach, value + reach)
+        # Exact on the straight way between two samples, on which a bound is met but once.
+        travel = jnp.abs(value - before) / self.path
+        safe = jnp.where(travel > 0, travel, 1.0)
+        trail = (value - before) * jnp.where(travel > 0, -jnp.expm1(-safe) / safe, 1.0)
+        leaky = value - trail + jnp.exp(-travel) * (leaky - before)
+        leaky = jnp.clip(leaky, value - reach, value + reach)
+        return (tight, leaky, value), leaky - tight

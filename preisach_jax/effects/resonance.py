@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
-from preisach_jax.effects.modal import Modal, mode_step
+from preisach_jax.effects.linear import StateSpace
+from preisach_jax.effects.modal import Modal
 from preisach_jax.effects.parameter import log_grid, parameter
 
 LARGEST_GAIN = 100.0
@@ -58,6 +59,7 @@ class Resonance(Modal, OutputEffect):
     """
 
     name: ClassVar[str] = "resonance"
+    rank: ClassVar[int] = 12
     in_words: ClassVar[str] = "a resonance of the mechanics"
     physics: ClassVar[str] = (
         "Behind the active material a mass moves on a spring: the stage on its flexures, or the "
@@ -152,16 +154,7 @@ class Resonance(Modal, OutputEffect):
             found.append((less, {**start, **own}))
         return found
 
-    def init(self, first: Array) -> Array:
-        rest = jnp.zeros_like(first)
-        return jnp.stack([*[rest] * (2 * self.modes), first])
-
-    def step(self, state: Array, value: Array, dt: Array) -> tuple[Array, Array]:
-        last, output = state[-1], jnp.zeros_like(value)
-        after: list[Array] = []
-        for k, ((f_hz, zeta), gain) in enumerate(zip(self.damped, self.gains, strict=True)):
-            own = (state[2 * k], state[2 * k + 1], last)
-            away, speed = mode_step(f_hz, zeta, own, value, dt)
-            after += [away, speed]
-            output = output + gain * (value + away)
-        return jnp.stack([*after, value]), output
+    def state_space(self, dt: Array) -> StateSpace:
+        gains = jnp.stack([jnp.asarray(gain, dt.dtype) for gain in self.gains])
+        c = jnp.stack([gains, jnp.zeros_like(gains)], axis=-1)
+        return StateSpace(*self.modes_over(dt), c, gains.sum())

@@ -42,6 +42,7 @@ class RestoringForce(HysteresisEffect):
     """
 
     name: ClassVar[str] = "restoring_force"
+    rank: ClassVar[int] = 24
     in_words: ClassVar[str] = (
         "mechanics around the hysteresis (it is a force that the output drives)"
     )

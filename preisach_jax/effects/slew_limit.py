@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +32,7 @@ class SlewLimit(InputEffect):
     """
 
     name: ClassVar[str] = "slew_limit"
+    rank: ClassVar[int] = 5
     in_words: ClassVar[str] = "a slew limit of the drive (its fastest moves come late)"
     physics: ClassVar[str] = (
         "An amplifier delivers a greatest current, and a piezo stack is a capacitor: the voltage "
@@ -51,6 +52,7 @@ class SlewLimit(InputEffect):
         "steps of several heights from rest: behind a slew limit the time to arrive grows with the "
         "height, behind a lag it does not; and slow loops, on which a limit does nothing"
     )
+    limits_rate: ClassVar[bool] = True
     slew_low: float = 1e-3
     slew_high: float = 1e6
     slew: float = parameter(
@@ -67,6 +69,13 @@ class SlewLimit(InputEffect):
             return self
         fastest = float(np.max(survey.speeds))
         return SlewLimit(slew_low=0.02 * fastest, slew_high=fastest)
+
+    @property
+    def greatest_rate(self) -> float:
+        return self.slew
+
+    def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        return {"most": self.slew * step_s}
 
     def init(self, first: Array) -> Array:
         return jnp.stack([first, first])

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import RATES, AddedEffect, Signals, Survey
-from preisach_jax.effects.low_pass import smoothed_rate
 from preisach_jax.effects.parameter import Parameter, coefficient, parameter, time_constant
+from preisach_jax.effects.speed import smoothed_rate
 
 
 class Viscosity(AddedEffect):
@@ -40,6 +40,7 @@ class Viscosity(AddedEffect):
     """
 
     name: ClassVar[str] = "viscosity"
+    rank: ClassVar[int] = 19
     in_words: ClassVar[str] = "a viscosity (a part of the output depends on the speed of the input)"
     goes_with_speed: ClassVar[bool] = True
     beside_the_loop: ClassVar[bool] = True

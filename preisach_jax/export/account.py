@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from preisach_jax.effects.places import Place
+import numpy as np
+
+from preisach_jax.effects.base import InputEffect, Place, SensorEffect
 from preisach_jax.export.description import Description, Part
 
 MOST_FILTERED = 200_000
@@ -21,8 +23,10 @@ OUTPUT_BELOW = 14
 
 def jumps(model: Description) -> bool:
     """Whether the output jumps, so that rounding of a float may put it on the other side."""
-    rounding = {"input_quantisation", "output_quantisation"}
-    return model.hysteron == "relay" or any(part.kind in rounding for part in model.parts)
+    effects = [part.effect for part in model.parts]
+    rounding = (isinstance(effect, InputEffect) and effect.rounds for effect in effects)
+    converting = (isinstance(effect, SensorEffect) and effect.converts for effect in effects)
+    return model.hysteron == "relay" or any(rounding) or any(converting)
 
 
 def looks_ahead(model: Description) -> bool:
@@ -56,17 +60,16 @@ def _numbers_of_effects(model: Description) -> int:
 
 def _numbers_of(part: Part) -> int:
     """Numbers that an effect remembers of one signal."""
-    fixed = {"input_lag": 6, "slew_limit": 2, "rate_dependence": 3, "output_lag": 2,
-             "resonance": 3, "auxiliary": 2, "moving": 1, "eddy_currents": 1}  # fmt: skip
+    if part.linear is not None:
+        return part.linear.numbers + 3 * bool(part.numbers.get("arc"))
     if part.kind == "delay":
-        whole = part.numbers["whole"]
-        assert isinstance(whole, int)
-        return whole + 2
-    if part.kind == "creep":
-        return 1 + _length(part, "gain")
+        return part.numbers["whole"] + 2
     if part.kind == "operator_creep":
-        return _length(part, "gain")
-    return 2 * _length(part, "gain") if part.kind == "reptation" else fixed.get(part.kind, 0)
+        return len(part.numbers["gain"])
+    if part.kind == "reptation":
+        return 2 * len(part.numbers["gain"])
+    fixed = {"slew_limit": 2, "rate_dependence": 3, "moving": 1, "eddy_currents": 1}
+    return fixed.get(part.kind, 0)
 
 
 def filtered_numbers(model: Description) -> int:
@@ -81,58 +84,48 @@ def settling(model: Description) -> int:
 
 
 def _settling(part: Part) -> int:
-    numbers: Any = part.numbers
-    if part.kind == "delay":
-        return numbers["whole"] + 1
-    if part.kind == "resonance":  # away and speed turn and shrink by the root of their determinant
-        (a, b, _), (c, d, _) = numbers["away"], numbers["speed"]
-        elements = [(1.0, math.sqrt(a * d - b * c))]
-    elif part.kind == "output_lag":
-        elements = [(1.0, numbers["decay"])]
-    else:
-        elements = list(zip(numbers["gain"], numbers["decay"], strict=True))
-    passed = [
-        math.log(LEFT / abs(gain)) / math.log(decay) for gain, decay in elements if abs(gain) > LEFT
-    ]
-    return min(math.ceil(max(passed, default=0.0)), 2**31 - 1)
-
-
-def _length(part: Part, name: str) -> int:
-    numbers = part.numbers[name]
-    assert isinstance(numbers, tuple)
-    return len(numbers)
+    if part.linear is None:
+        return part.numbers["whole"] + 1
+    gains = np.abs(part.linear.c).max(axis=1)
+    kept = np.abs(np.linalg.eigvals(part.linear.a)).max(axis=1)
+    felt = gains > LEFT
+    passed = np.log(LEFT / gains[felt]) / np.log(kept[felt])
+    return min(math.ceil(passed.max(initial=0.0)), 2**31 - 1)
 
 
 def _operations(part: Part) -> int:
     """Operations of a part in one sample, in the worst case."""
-    fixed = {"input_lag": 18, "slew_limit": 18, "input_quantisation": 2, "rate_dependence": 10,
-             "ageing": 3, "output_lag": 6, "delay": 5, "resonance": 14, "auxiliary": 7,
-             "drift": 3, "output_quantisation": 2, "moving": 5, "eddy_currents": 3}  # fmt: skip
+    numbers = part.numbers
+    if part.linear is not None:
+        arc = 10 * bool(numbers.get("arc"))
+        return 2 + (3 + 2 * part.linear.a.shape[-1]) * part.linear.b.size + arc
+    fixed = {"slew_limit": 18, "input_quantisation": 2, "rate_dependence": 10, "ageing": 3,
+             "delay": 5, "drift": 3, "output_quantisation": 2, "moving": 5,
+             "eddy_currents": 3}  # fmt: skip
     if part.kind in fixed:
         return fixed[part.kind]
-    if part.kind == "creep":
-        return 8 * _length(part, "gain")
     if part.kind == "operator_creep":
-        return 35 * _length(part, "gain")
+        return 35 * len(numbers["gain"])
     if part.kind == "reptation":
-        return 8 + 14 * _length(part, "gain")
+        return 8 + 14 * len(numbers["gain"])
     if part.kind == "hum":
-        return 7 * _length(part, "cosine")
-    return 29 * (40 + 9 * _length(part, "ripples"))  # the map of the sensor, at most 29 times
+        return 7 * len(numbers["cosine"])
+    return 29 * (40 + 9 * len(numbers["ripples"]))  # the map of the sensor, at most 29 times
 
 
 def _calls(part: Part) -> int:
     """Calls of the mathematical library in one sample, in the worst case."""
+    numbers = part.numbers
+    if part.kind == "operator_creep":
+        return 3 * len(numbers["gain"])
+    if part.kind == "hum":
+        return 2 * len(numbers["cosine"])
+    if part.kind == "drift":
+        return len(numbers.get("waves", (0,)))
+    if part.kind == "output_nonlinearity":
+        return 58 * len(numbers["ripples"])
     fixed = {"ageing": 1, "rate_dependence": 1, "reptation": 2}
     fixed |= {"input_quantisation": 1, "output_quantisation": 1}
-    if part.kind == "operator_creep":
-        return 3 * _length(part, "gain")
-    if part.kind == "hum":
-        return 2 * _length(part, "cosine")
-    if part.kind == "drift":
-        return _length(part, "waves") if "waves" in part.numbers else 1
-    if part.kind == "output_nonlinearity":
-        return 58 * _length(part, "ripples")
     return fixed.get(part.kind, 0)
 
 
@@ -146,9 +139,7 @@ def sizes(model: Description) -> dict[str, Any]:
     effects = _numbers_of_effects(model)
     lean = 4 * corners + effects + 6 + len(model.aux)
     outputs = 2 * sum(_operations(part) for part in model.at(Place.OUTPUT))
-    coefficients = sum(
-        len(n) if isinstance(n, tuple) else 1 for part in model.parts for n in part.numbers.values()
-    )
+    coefficients = sum(_constants(part) for part in model.parts)
     return {
         "state": lean + 2 * cells + sums + diagonal + 1 + filtered_numbers(model),
         "lean": lean,
@@ -163,3 +154,9 @@ def sizes(model: Description) -> dict[str, Any]:
         "tries": 102 if not (rate is not None and rate.numbers["reversible"]) else 306,
         "adapt_flops": (36 + outputs) * cells + OUTPUT_BELOW * 2 * corners,
     }
+
+
+def _constants(part: Part) -> int:
+    if part.linear is not None:
+        return 1 + part.linear.a.size + 2 * part.linear.b.size
+    return sum(np.size(n) for n in part.numbers.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from preisach_jax.effects.places import Place
+from preisach_jax.effects.base import Place
 from preisach_jax.escape import c_comment, markdown, printable_lines
 from preisach_jax.export.account import (
     MOST_FILTERED,
@@ -85,18 +86,18 @@ def view(model: Description) -> dict[str, Any]:
     separate = rate is not None and not rate.numbers["reversible"]
     rows, columns = np.tril_indices(model.levels)
     off = np.where((rows == columns) & separate, 0.0, model.weights)
-    outputs = model.at(Place.OUTPUT)
-    auxiliaries = [_with_column(model, part) for part in model.parts if part.kind == "auxiliary"]
-    used = {each["column"].identifier for each in auxiliaries}
-    by_name = {each["name"]: each for each in auxiliaries}
-    feedback = [p for p in model.at(Place.HYSTERESIS) if p.kind in ("eddy_currents", "moving")]
-    low_passes = {"input_lag", "creep", "output_lag", "auxiliary"}
+    inputs, outputs, added = (model.at(p) for p in (Place.INPUT, Place.OUTPUT, Place.ADDED))
+    source = {part.name: (part.column and _identifier(model, part.column)) or "u" for part in added}
+    feedback = [part for part in model.at(Place.HYSTERESIS) if part.feeds_back]
+    place, filter_numbers = _placed(outputs)
+    others, linear_numbers = _placed([part for part in (*inputs, *added) if part.linear])
+    settled = [part for part in outputs if part.linear is None or not part.linear.passes]
     kinds = {part.kind for part in model.parts}
     single = {
         kind: model.part(kind)
         for kind in (
-            "input_lag", "slew_limit", "creep", "output_lag", "delay", "resonance", "ageing",
-            "drift", "hum", "reptation", "operator_creep", "output_quantisation",
+            "slew_limit", "delay", "ageing", "drift", "hum", "reptation", "operator_creep",
+            "output_quantisation",
         )
     }  # fmt: skip
     aux = [column.identifier for column in model.aux]
@@ -125,18 +126,24 @@ def view(model: Description) -> dict[str, Any]:
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "keeps_reversible": separate,
         "feedback": feedback,
-        "low_passes": bool(kinds & low_passes),
         "timed": bool(kinds & {"ageing", "drift", "hum"}),
         "sensor_map": model.part("output_nonlinearity"),
-        "inputs": model.at(Place.INPUT),
+        "inputs": inputs,
         "outputs": outputs,
-        "led_outputs": bool(kinds & {"output_lag", "delay", "resonance"}),
-        "led_output": "output_lag" in kinds,
-        "led_input": "input_lag" in kinds,
+        "linears": [part for part in model.parts if part.linear],
+        "bent": [part for part in inputs if part.linear and part.numbers.get("arc")],
+        "place": place | others,
+        "filter_numbers": filter_numbers,
+        "linear_numbers": linear_numbers,
+        "passing": [part for part in outputs if part not in settled],
+        "settles": bool(settled),
+        "rings": " and ".join(part.name for part in settled if _rings(part)),
+        "led_output": sum(part.linear.lead for part in settled if part.linear),
+        "led_input": sum(part.linear.lead for part in inputs if part.linear),
         "sensors": model.sensor,
-        "auxiliaries": auxiliaries,
-        "added": [by_name.get(part.name, part) for part in model.at(Place.ADDED)],
-        "unused_aux": [column for column in model.aux if column.identifier not in used],
+        "added": added,
+        "source": source,
+        "unused_aux": [c for c in model.aux if c.identifier not in source.values()],
         "aux_parameters": "".join(f", preisach_real {name}" for name in aux),
         "aux_reals": "".join(f", real {name}" for name in aux),
         "aux_pointers": "".join(f", real *{name}" for name in aux),
@@ -150,18 +157,20 @@ def view(model: Description) -> dict[str, Any]:
     }
 
 
-def _with_column(model: Description, part: Part) -> dict[str, Any]:
-    """An auxiliary effect with its column."""
-    name = part.name.removeprefix("aux:")
-    column = next(column for column in model.aux if column.name == name)
-    return {
-        "kind": part.kind,
-        "name": part.name,
-        "identifier": column.identifier,
-        "column": column,
-        "numbers": part.numbers,
-        "said": part.said,
-    }
+def _identifier(model: Description, column: str) -> str:
+    """The identifier in C of an auxiliary column."""
+    return next(each.identifier for each in model.aux if each.name == column)
+
+
+def _placed(parts: Sequence[Part]) -> tuple[dict[str, int], int]:
+    """Where in one array each part remembers its numbers, and the size of that."""
+    sizes = [part.linear.numbers if part.linear else 1 for part in parts]
+    starts = itertools.accumulate(sizes, initial=0)
+    return {part.name: at for part, at in zip(parts, starts, strict=False)}, sum(sizes)
+
+
+def _rings(part: Part) -> bool:
+    return part.linear is not None and part.linear.a.shape[-1] > 1
 
 
 def sources(model: Description) -> dict[str, str]:

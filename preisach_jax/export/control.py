@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
+from preisach_jax.cores import on_processor
 from preisach_jax.errors import InputError
 from preisach_jax.export.description import Description, describe
 from preisach_jax.export.stepper import State, advance, start
@@ -36,15 +39,21 @@ def to_control(
             "python-control is not installed: pip install 'preisach_jax[control]'"
         ) from None
     described = describe(model, rate_hz, without)
-    layout = start(described)
+    with on_processor():
+        layout = start(described)
+        step: Any = jax.jit(partial(advance, described))
+
+    def taken_in(x: Any, u: Any) -> tuple[State, Any]:
+        with on_processor():
+            return step(_unpacked(layout, x), np.atleast_1d(np.asarray(u, dtype=float)))
 
     def output(t: float, x: Any, u: Any, params: Any) -> float:
         del t, params
-        return advance(described, _unpacked(layout, x), np.atleast_1d(u))[1]
+        return float(taken_in(x, u)[1])
 
     def update(t: float, x: Any, u: Any, params: Any) -> np.ndarray:
         del t, params
-        return _packed(layout, advance(described, _unpacked(layout, x), np.atleast_1d(u))[0])
+        return _packed(layout, taken_in(x, u)[0])
 
     return control.NonlinearIOSystem(
         update,
@@ -68,7 +77,7 @@ def _labels(layout: State) -> list[str]:
 
 def _packed(layout: State, state: State) -> np.ndarray:
     """States as one vector that is zero before the first sample."""
-    return np.concatenate([state[name] - before for name, before in layout.items()])
+    return np.concatenate([np.asarray(state[name]) - before for name, before in layout.items()])
 
 
 def _unpacked(layout: State, vector: np.ndarray) -> State:

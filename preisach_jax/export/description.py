@@ -1,17 +1,29 @@
-"""What a model is in discrete time: its parts, with their coefficients for one sample interval."""
+"""What a model is in discrete time: its parts, with their numbers for one sample interval."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.effects.base import Effect, OutputEffect, SensorEffect
-from preisach_jax.effects.places import Place
+from preisach_jax.chain import Chain
+from preisach_jax.cores import on_processor
+from preisach_jax.effects.base import (
+    AddedEffect,
+    Effect,
+    HysteresisEffect,
+    OfColumn,
+    OutputEffect,
+    Place,
+    SensorEffect,
+    Stepped,
+)
+from preisach_jax.effects.linear import StateSpace
 from preisach_jax.errors import InputError
-from preisach_jax.export.laws import LAWS
 from preisach_jax.model import (
     RANGE_TOLERANCE,
     Model,
@@ -21,26 +33,86 @@ from preisach_jax.model import (
 )
 from preisach_jax.operator.plane import Plane
 
+MOST_DELAYED = 1_000_000
+"""Samples beyond which a delay is refused: they would all have to be kept."""
 
-@dataclass(frozen=True)
+LEAST_PASSED = 0.5
+"""Share of a move that a linear effect passes in the same sample, above which its inverse is that
+of this sample and stable; below, it is taken as settled and led."""
+
+
+class Linear(NamedTuple):
+    """A linear effect over one sample interval, as numbers, see `StateSpace`."""
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: float
+
+    @staticmethod
+    def of(law: StateSpace, amounts: tuple[float, ...]) -> Linear:
+        """Those of a state space, whose outputs are summed by the coefficients where it has any."""
+        a, b, c, d = (np.asarray(each, dtype=float) for each in law)
+        if amounts:
+            c, d = np.tensordot(amounts, c, 1), np.dot(amounts, d)
+        return Linear(a, b, c, float(d))
+
+    @property
+    def numbers(self) -> int:
+        """Numbers that it remembers of a signal: the last value, and the states."""
+        return 1 + self.b.size
+
+    @property
+    def passes(self) -> bool:
+        """Whether so much of a move comes out in the same sample that it can be inverted there."""
+        return abs(self.d + float(np.sum(self.c * self.b))) >= LEAST_PASSED
+
+    @property
+    def lead(self) -> float:
+        """Samples by which a straight course comes out late."""
+        size = self.a.shape[-1]
+        late = np.linalg.solve(np.eye(size) - self.a, self.b[..., None])[..., 0]
+        return -float(np.sum(self.c * late)) / self.d if self.d else 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """One effect in discrete time.
 
     Attributes:
-        kind: the law that it follows, the name of its section in the templates.
-        name: the effect's name in the model.
-        place: where it acts.
+        effect: the effect, where it acts.
+        kind: `"linear"`, `"delay"`, or the name of its block in the templates.
+        identifier: its name in C.
         in_sensor: whether it acts last of all, on the reading.
-        numbers: its coefficients for the sample interval.
+        linear: what it is where it is linear.
+        numbers: its numbers where it is not, and what is not linear in it.
+        amounts: its linear coefficients.
         said: its parameters as the model has them, for the reader of the code.
     """
 
+    effect: Effect
     kind: str
-    name: str
-    place: Place
+    identifier: str
     in_sensor: bool
-    numbers: Mapping[str, float | int | bool | tuple[float, ...]]
+    linear: Linear | None
+    numbers: Mapping[str, Any]
+    amounts: tuple[float, ...]
     said: str
+
+    @property
+    def name(self) -> str:
+        """The effect's name in the model."""
+        return self.effect.name
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether the hysterons see their own output through it."""
+        return isinstance(self.effect, HysteresisEffect) and self.effect.feeds_back
+
+    @property
+    def column(self) -> str:
+        """The auxiliary column that it acts through; empty if it is the input."""
+        return self.effect.column if isinstance(self.effect, OfColumn) else ""
 
 
 @dataclass(frozen=True)
@@ -57,6 +129,7 @@ class Description:
     """A model in discrete time.
 
     Attributes:
+        chain: the model's chain, whose effects act.
         levels, low, high: the Preisach plane.
         plane: the same from 0 to 1, with its thresholds.
         hysteron: `"ramp"` or `"relay"`.
@@ -73,6 +146,7 @@ class Description:
         input_low, input_high: limits to which an input is moved: those that `predict` allows.
     """
 
+    chain: Chain
     levels: int
     low: float
     high: float
@@ -98,7 +172,8 @@ class Description:
 
     def at(self, place: Place) -> list[Part]:
         """The parts at a place, in order, without those of the sensor."""
-        return [part for part in self.parts if part.place == place and not part.in_sensor]
+        parts = (part for part in self.parts if not part.in_sensor)
+        return [part for part in parts if part.effect.place == place]
 
     @property
     def sensor(self) -> list[Part]:
@@ -120,13 +195,17 @@ def describe(
         raise InputError(f"the sampling rate is {rate_hz} Hz: give a positive number")
     step_s = model.origin.step_s if rate_hz is None else 1 / rate_hz
     own = _own_coefficients(model)
-    parts = tuple(
-        _part(model, effect, own.get(effect.name, ()), step_s) for effect in model.chain.in_order
-    )
+    taken: set[str] = set()
+    with on_processor():
+        parts = tuple(
+            _part(model, effect, own.get(effect.name, ()), step_s, taken)
+            for effect in model.chain.in_order
+        )
     plane, weights = model.plane, np.asarray(model.weights, dtype=float)
     reach = RANGE_TOLERANCE * (plane.high - plane.low)
     aux = _columns(model.columns["aux"], model.units)
     return Description(
+        model.chain.with_effects(tuple(part.effect for part in parts)),
         plane.levels,
         plane.low,
         plane.high,
@@ -160,35 +239,57 @@ def _own_coefficients(model: Model) -> dict[str, tuple[float, ...]]:
 def _columns(names: Sequence[str], units: Mapping[str, str]) -> tuple[Column, ...]:
     """Columns with identifiers of C, none of them twice."""
     taken: set[str] = {"u", "z", "s", "state"}
-    columns: list[Column] = []
-    for name in names:
-        plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name).strip("_")
-        identifier = f"aux_{plain}" if plain else "aux"
-        while identifier in taken:
-            identifier += "_"
-        taken.add(identifier)
-        columns.append(Column(name, identifier, units.get(name, "")))
-    return tuple(columns)
+    return tuple(
+        Column(name, _identifier(f"aux_{name}", taken), units.get(name, "")) for name in names
+    )
 
 
-def _part(model: Model, effect: Effect, own: tuple[float, ...], step_s: float) -> Part:
-    law = LAWS.get(type(effect))
-    if law is None:
+def _identifier(name: str, taken: set[str]) -> str:
+    """A name as an identifier of C that is not taken, and now is."""
+    found = "".join(c if c.isascii() and c.isalnum() else "_" for c in name).strip("_")
+    while found in taken:
+        found += "_"
+    taken.add(found)
+    return found
+
+
+def _part(
+    model: Model, effect: Effect, amounts: tuple[float, ...], step_s: float, taken: set[str]
+) -> Part:
+    acting = effect.at(model.values[effect.name])
+    free = effect.coefficients() if isinstance(effect, OutputEffect) else ()
+    said = ", ".join(
+        f"{name} = {estimate.value:.6g} {estimate.unit.removeprefix('1')}".rstrip()
+        for name, estimate in model.parameters[effect.name].items()
+        if name not in [each.name for each in free]
+    )
+    # What a class of one's own has changed in one of the library, the templates do not know.
+    own = "sampled" in vars(type(effect))
+    numbers = acting.sampled(step_s, amounts) if own else None
+    kind, linear = effect.name, None
+    if isinstance(acting, Stepped) and acting.is_linear:
+        kind, numbers = "linear", numbers or {}
+        law = acting.state_space(jnp.asarray(step_s, float))
+        linear = Linear.of(law, amounts if isinstance(acting, AddedEffect) else ())
+    elif isinstance(acting, OutputEffect) and acting.is_delay:
+        kind, numbers = "delay", _delayed(acting, step_s)
+    if numbers is None:
         raise InputError(
             f"no C code is known for the effect {effect.name!r}: leave it out with --without "
             f"{effect.name}, which adds its part of the output to the error"
         )
-    kind, numbers_of = law
-    values = dict(model.values[effect.name])
-    said = ", ".join(
-        f"{name} = {estimate.value:.6g} {estimate.unit.removeprefix('1')}".rstrip()
-        for name, estimate in model.parameters[effect.name].items()
-        if not (isinstance(effect, OutputEffect) and name in _free(effect))
-    )
-    in_sensor = isinstance(effect, SensorEffect)
-    numbers = numbers_of(effect, values, own, step_s)
-    return Part(kind, effect.name, effect.place, in_sensor, numbers, said)
+    sensor = isinstance(effect, SensorEffect)
+    name = _identifier(effect.name, taken)
+    return Part(acting, kind, name, sensor, linear, numbers, amounts, said)
 
 
-def _free(effect: OutputEffect) -> set[str]:
-    return {each.name for each in effect.coefficients()}
+def _delayed(effect: OutputEffect, step_s: float) -> dict[str, Any]:
+    samples = float(effect.late_s) / step_s
+    if samples > MOST_DELAYED:
+        raise InputError(
+            f"the {effect.name} of {float(effect.late_s):.4g} s is {samples:.3g} samples at "
+            f"{1 / step_s:.4g} Hz, all of which the state would keep: take a lower --rate, or "
+            f"leave it out with --without {effect.name}"
+        )
+    whole = int(samples)
+    return {"whole": whole, "part": samples - whole}

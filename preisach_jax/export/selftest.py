@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.effects.places import Place
+from preisach_jax.effects.base import Place
 from preisach_jax.export.account import jumps, looks_ahead
 from preisach_jax.export.description import Description
-from preisach_jax.export.stepper import advance
-from preisach_jax.export.stepper import start as begin
+from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
@@ -88,9 +87,6 @@ def _predicted(model: Model, described: Description, drive: np.ndarray, aux: Col
 
 
 def _sample_by_sample(described: Description, drive: np.ndarray, aux: Columns) -> np.ndarray:
-    """The law that looks at no sample to come, in NumPy."""
-    state, outputs = begin(described), np.empty(len(drive))
-    columns = [aux[column.name] for column in described.aux]
-    for k, values in enumerate(np.stack([drive, *columns], axis=1)):
-        state, outputs[k] = advance(described, state, values)
-    return outputs
+    """The law that looks at no sample to come."""
+    inputs = np.stack([drive, *(aux[column.name] for column in described.aux)], axis=1)
+    return sample_by_sample(described, inputs)

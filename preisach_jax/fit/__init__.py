@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from preisach_jax.effects import resolve
-from preisach_jax.effects.base import Effect
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit.fitted import (

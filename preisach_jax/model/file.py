@@ -13,8 +13,7 @@ import numpy as np
 
 from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects import BUILT_IN, library, listed, placeholder
-from preisach_jax.effects.arrays import with_settings
-from preisach_jax.effects.base import Effect
+from preisach_jax.effects.base import Effect, with_settings
 from preisach_jax.errors import InputError
 from preisach_jax.files import check_regular
 from preisach_jax.model.band import PARTS, SLICES, Band

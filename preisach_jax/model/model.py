@@ -26,8 +26,7 @@ from preisach_jax.chain import (
 )
 from preisach_jax.chain.description import model_name
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.base import Effect, OutputEffect, Signals
-from preisach_jax.effects.of_column import OfColumn
+from preisach_jax.effects.base import Effect, OfColumn, OutputEffect, Signals
 from preisach_jax.errors import InputError, require_list
 from preisach_jax.files import json_bytes, write_files
 from preisach_jax.hooks import HOOKS

@@ -11,8 +11,9 @@ from preisach_jax.app import panels
 from preisach_jax.app.layout import BLOCK, styled
 from preisach_jax.app.upload import Upload
 from preisach_jax.record import ReadOptions
+from preisach_jax.record.columns import NO_CLOCK
 
-NO_COLUMN = "(none: sampling rate)"
+NO_COLUMN = "(none)"
 
 _CHIPS = """
 :host { min-width: 0 !important; flex-wrap: wrap !important; gap: 0.3rem 0.9rem;
@@ -91,10 +92,10 @@ class ColumnChoice:
         units = {
             role: field.value.strip()
             for role, field in self._units.items()
-            if field.value.strip() and not (role == "time" and rate)
+            if field.value.strip() and not (role == "time" and time == NO_COLUMN)
         }
         return {
-            "time": None if rate else time,
+            "time": None if rate else NO_CLOCK if time == NO_COLUMN else time,
             "input": self._roles["input"].value,
             "output": self._roles["output"].value,
             "aux": tuple(self._aux.value),
@@ -116,16 +117,15 @@ class ColumnChoice:
             self._chosen(choice)
 
     def _missing(self) -> list[str]:
-        missing = [role for role in ("input", "output") if not self._roles[role].value]
-        if self._roles["time"].value == NO_COLUMN and not self._rate.value:
-            missing.insert(0, "time (or the sampling rate)")
-        return missing
+        return [role for role in ("input", "output") if not self._roles[role].value]
 
     def _advice(self) -> str:
         if missing := self._missing():
             text = f"Choose the column of {' and of '.join(missing)}."
             question = self._upload.question
             return panels.doing(f"{question} {text}" if question else text)
+        if self._roles["time"].value == NO_COLUMN and not self._rate.value:
+            return panels.doing("Without a time samples are counted; give the rate if you know it.")
         if self._last is None and self._before is None:
             return panels.doing("Columns guessed from names and units; change any of them here.")
         return panels.doing("")

@@ -20,7 +20,7 @@ from preisach_jax.fit import Progress
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record
-from preisach_jax.record.spans import spans
+from preisach_jax.record.marks import spans
 
 
 @dataclass(frozen=True)

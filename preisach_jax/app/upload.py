@@ -13,9 +13,10 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import assign_roles, could_be_time
+from preisach_jax.record.columns import QuestionError, assign_roles, could_be_time
 from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_table
+from preisach_jax.record.sampling import on_one_clock
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import split_unit
 
@@ -53,7 +54,7 @@ class Upload:
                 f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
                 "at most: use the command line, 'preisach diagnose FILE'"
             )
-        table = table_of(name, content).with_clocks()
+        table = on_one_clock(table_of(name, content).with_clocks())
         return Upload(name, content, table, *_guessed(table))
 
     @property
@@ -111,17 +112,15 @@ def harmless_name(name: str) -> str:
 
 def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
     question = ""
-    for has_rate in (False, True):  # where no column can be the time, the others may still be told
-        try:
-            roles = assign_roles(
-                table, time=None, input=None, output=None, aux=(), has_rate=has_rate,
-                need_output=True,
-            )  # fmt: skip
-        except InputError:
-            question = "Names and units do not tell which column is which: choose them."
-            continue
-        guess = {"time": roles.time, "input": roles.input, "output": roles.output}
-        return guess, "No column can be the time: give the sampling rate." if has_rate else ""
+    try:
+        roles = assign_roles(
+            table, time=None, input=None, output=None, aux=(), has_rate=False, need_output=True
+        )
+        return {"time": roles.time, "input": roles.input, "output": roles.output}, ""
+    except QuestionError:
+        question = "Names and units do not tell which column is which: choose them."
+    except InputError as refusal:
+        question = str(refusal)
     times = [name for name in table.columns if could_be_time(table, name)]
     time = table.roles.get("time") or (times[0] if len(times) == 1 else None)
     return {"time": time, "input": None, "output": None}, question

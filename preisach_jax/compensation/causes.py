@@ -12,7 +12,7 @@ from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffec
 from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, pretty_unit, quantity
-from preisach_jax.record.spans import spans
+from preisach_jax.record.marks import spans
 
 
 class Cause(Enum):

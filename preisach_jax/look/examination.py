@@ -19,8 +19,8 @@ from preisach_jax.look.result import Look
 from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.columns import runs_of
 from preisach_jax.record.faults import faults
+from preisach_jax.record.marks import spans
 from preisach_jax.record.reading import read_tables
-from preisach_jax.record.spans import spans
 from preisach_jax.record.spikes import WINDOW, gross_spikes, input_spikes, isolated_spikes
 from preisach_jax.record.table import Table
 

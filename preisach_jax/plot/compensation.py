@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from preisach_jax.compensation import Compensation, Loop
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import quantity, scaled
-from preisach_jax.record.spans import spans
+from preisach_jax.record.marks import spans
 
 COLOURS = (MEASURED, "#E69F00", BEFORE, AFTER)
 LINES = ("-", "--", "-.", "-")

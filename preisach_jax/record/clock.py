@@ -12,7 +12,7 @@ from datetime import date
 
 import numpy as np
 
-from preisach_jax.record.spans import spans
+from preisach_jax.record.marks import spans
 
 _TIME = r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,](?P<part>\d{1,9})\d*)?)?"
 _TIME += r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"

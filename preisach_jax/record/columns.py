@@ -70,6 +70,9 @@ _SAME_UNNAMED = 1e-5
 _ROUGH = 0.5
 """Mean square of the steps over that of any two rows, above which rows do not follow each other."""
 
+_MOST_PAIRED = 500
+"""Columns among which pairs of quantities are looked for."""
+
 _MOST_RUNS = 100
 """Records that one table is taken apart into."""
 
@@ -356,6 +359,8 @@ def _by_pairs(
     table: Table, usable: list[str], told: Mapping[str, str | None], said: list[str]
 ) -> dict[str, str] | None:
     """Input and output by the first pair of quantities that is there, once each."""
+    if len(usable) > _MOST_PAIRED:
+        return None
     kinds: dict[str, list[str]] = {}
     for column in usable:
         name = split_unit(column)[0]

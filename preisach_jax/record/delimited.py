@@ -6,21 +6,24 @@ a cell stands, which every message here names, nor knows decimal commas beside t
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
 import warnings
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any, cast
 
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.cells import decimal_sign, fields_of, rows_alike, width_of, without_groups
-from preisach_jax.record.layout import (
+from preisach_jax.record.sampling import with_stated_time
+from preisach_jax.record.settings import (
     LONGEST_HEADER,
     Sampling,
     header_start,
@@ -28,7 +31,6 @@ from preisach_jax.record.layout import (
     sampling_of,
     settings_of,
 )
-from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
 from preisach_jax.record.units import is_unit, plain_unit, units_behind_names
 
@@ -69,9 +71,16 @@ def read_delimited(text: str, source: str, first_row: int = 1) -> Table:
     understood, and so is a row of units below the names.  A last line without line end that breaks
     off, as of a file that is still written, is left out.
     """
-    try:
+    with _closed_marks(source):
         return _regular(text, source, first_row) or _table(text.split("\n"), source, first_row)
-    except csv.Error:  # of a field between quotation marks
+
+
+@contextmanager
+def _closed_marks(source: str) -> Generator[None]:
+    """Tell a field between quotation marks that has no end."""
+    try:
+        yield
+    except csv.Error:
         raise InputError(
             f"{source}: a field between quotation marks has more than {csv.field_size_limit():,} "
             "characters; close the quotation mark, or remove the field"
@@ -80,15 +89,18 @@ def read_delimited(text: str, source: str, first_row: int = 1) -> Table:
 
 def read_all(text: str, source: str, first_row: int = 1) -> list[Table]:
     """The tables of a text that are records of one kind: those of the names that most rows have."""
-    lines = text.split("\n")
-    parts = (
-        [] if len(text) >= 2 * _HEAD_SIGNS and _regular(text, source, first_row) else _parts(lines)
-    )
+    with _closed_marks(source):
+        regular = _regular(text, source, first_row)
+        return _tables(text.split("\n"), source, first_row) if regular is None else [regular]
+
+
+def _tables(lines: list[str], source: str, first_row: int) -> list[Table]:
+    parts = _parts(lines)
     if len(parts) < 2:
-        return [read_delimited(text, source, first_row)]
+        return [_table(lines, source, first_row)]
     ends = [*parts[1:], len(lines)]
     tables = [
-        read_delimited("\n".join(lines[start:stop]) + "\n", source, start + first_row)
+        _table(lines[start:stop] + [""] * (stop < len(lines)), source, start + first_row)
         for start, stop in zip(parts, ends, strict=True)
     ]
     rows = Counter[tuple[str, ...]]()
@@ -442,3 +454,205 @@ def _parse(
                 column = cast(pd.Series, as_text[i])
             exact[name] = column.to_numpy(np.int64 if column.dtype.kind in "iu" else object)
     return columns, exact
+
+
+# --- cells ----------------------------------------------------------------------------------------
+
+# A unit in brackets belongs to the name before it: `Weg [µm]` is one name, not two.
+_SPACES = re.compile(r"\s+(?![\[(])")
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+_WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}")
+_WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}")
+_GROUPED = re.compile(
+    r"[+-]?\d{1,3}(?P<sign>[.,'’ \u00a0\u202f])\d{3}(?:(?P=sign)\d{3})*(?P<decimals>[.,]\d+)?"
+)
+_SIGNS = ",.'’ \u00a0\u202f"
+_LOOKED_AT = 1000  # rows by which decimal signs and groups are known
+
+
+def fields_of(line: str, delimiter: str) -> list[str]:
+    """The fields of one line, without the white space and quotation marks around them."""
+    if delimiter == " ":
+        fields = _SPACES.split(line.strip())
+    elif '"' in line:
+        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    else:
+        fields = line.split(delimiter)
+    return [field.strip().strip('"') for field in fields]
+
+
+def width_of(line: str, delimiter: str) -> int:
+    """How many fields a line has."""
+    if '"' in line:
+        return len(fields_of(line, delimiter))
+    return len(line.split()) if delimiter == " " else line.count(delimiter) + 1
+
+
+def decimal_sign(body: Sequence[str], delimiter: str) -> str:
+    """`,` where numbers are written with it and none with a point, else `.`."""
+    with_comma = islice((line for line in body if "," in line), _LOOKED_AT)
+    fields = [field for line in with_comma for field in fields_of(line, delimiter)]
+    if not any(_WITH_COMMA.fullmatch(field) for field in fields):
+        return "."
+    with_point = islice((line for line in body if "." in line), _LOOKED_AT)
+    fields = [field for line in with_point for field in fields_of(line, delimiter)]
+    return "." if any(_WITH_POINT.fullmatch(field) for field in fields) else ","
+
+
+def without_groups(
+    body: list[str], rows: np.ndarray, delimiter: str, source: str
+) -> tuple[list[str], str]:
+    """Rows whose numbers have no signs between groups of thousands.
+
+    A sign is taken for one of thousands where it cannot be a decimal sign: it stands twice in a
+    number, before another sign, or is none of `.` and `,`.
+
+    Returns:
+        The rows, and what was assumed, `""` if nothing.
+    """
+    sign = _thousands_sign(body, delimiter)
+    if sign is None:
+        return body, ""
+    plain: list[str] = []
+    for row, line in zip(rows, body, strict=True):
+        if sign not in line:
+            plain.append(line)
+            continue
+        fields = fields_of(line, delimiter)
+        for k, field in enumerate(fields):
+            if sign not in field or not re.fullmatch(r"[+-]?[\d.,'’ \u00a0\u202f]+", field):
+                continue
+            match = _GROUPED.fullmatch(field)
+            if match is None or match["sign"] != sign:
+                raise InputError(
+                    f"{source}, row {row}: {field!r} is no number where {sign!r} stands between "
+                    "groups of thousands; write the numbers without such signs"
+                )
+            fields[k] = field.replace(sign, "")
+        quoted = ('"' + f + '"' if delimiter in f else f for f in fields)
+        plain.append(delimiter.join(quoted))
+    return plain, f"{source}: {sign!r} was read as the sign between groups of thousands"
+
+
+def _thousands_sign(body: Sequence[str], delimiter: str) -> str | None:
+    """The sign between groups of thousands, where some number proves it."""
+    signs = [sign for sign in _SIGNS if sign != delimiter or any('"' in line for line in body[:1])]
+    if not any(sign in line for line in body[:_LOOKED_AT] for sign in signs):
+        return None
+    grouped: dict[str, bool] = {}
+    looked_at = islice((line for line in body if _has_group(line)), _LOOKED_AT)
+    fields = [field for line in looked_at for field in fields_of(line, delimiter)]
+    for field in fields:
+        if match := _GROUPED.fullmatch(field):
+            sign, decimals = match["sign"], match["decimals"] or ""
+            is_proof = sign not in ".," or field.count(sign) > 1 or bool(decimals)
+            grouped[sign] = grouped.get(sign, False) or is_proof
+    proven = [sign for sign, is_proof in grouped.items() if is_proof]
+    if proven:
+        return proven[0]
+    # "1,234" in a file that has decimal points elsewhere, and no other kind of comma.
+    commas = [field for field in fields if "," in field and _WITH_COMMA.fullmatch(field)]
+    points = any(_WITH_POINT.fullmatch(field) for field in fields)
+    is_grouped = all(_GROUPED.fullmatch(field) for field in commas)
+    return "," if delimiter == "," and commas and points and is_grouped else None
+
+
+_GROUP = re.compile(r"\d[.,'’ \u00a0\u202f]\d{3}(?!\d)")
+
+
+def _has_group(line: str) -> bool:
+    return _GROUP.search(line) is not None
+
+
+def rows_alike(body: bytes, delimiter: str, width: int) -> int | None:
+    """How many rows there are, where all are plain rows of so many fields; else None.
+
+    Plain means that nothing has to be read line by line: no quotation marks, comments, blank lines
+    or lines of delimiters only, one delimiter between two fields, and ASCII alone.
+    """
+    if width < 2 or not body.isascii() or any(sign in body for sign in (b'"', b"#", b"%", b"\r")):
+        return None
+    signs = np.frombuffer(body, np.uint8)
+    ends = np.flatnonzero((signs == ord(delimiter)) | (signs == ord("\n")))
+    kinds = signs[ends]
+    if signs[-1] != ord("\n"):
+        ends, kinds = np.append(ends, len(signs)), np.append(kinds, ord("\n"))
+    if len(ends) % width:
+        return None
+    kinds = kinds.reshape(-1, width)
+    if np.any(kinds[:, :-1] != ord(delimiter)) or np.any(kinds[:, -1] != ord("\n")):
+        return None
+    # Blanks may stand at either end of a row and in twos, and then delimit nothing.
+    if delimiter == " " and (np.any(np.diff(ends) == 1) or ends[0] == 0):
+        return None
+    return len(kinds)
+
+
+# --- bytes ----------------------------------------------------------------------------------------
+
+HEAD_BYTES = 65536
+"""Bytes at the beginning of a file by which it is known whether it is text."""
+
+_KINDS = {
+    b"\x89PNG": "it is a PNG picture",
+    b"\xff\xd8\xff": "it is a JPEG picture",
+    b"%PDF": "it is a PDF document",
+    b"\x7fELF": "it is a program",
+    b"\x1f\x8b": "it is compressed by gzip twice: unpack it",
+    b"PK\x03\x04": "it is a ZIP archive within another: unpack it",
+}
+# Signs that no text holds: tabs, line and page ends, the end mark of DOS and escapes are left out.
+_CONTROLS = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))
+_SHARE = 0.01  # of such signs that a text may hold, as some loggers write a few
+
+
+def check_text(head: bytes, source: str) -> None:
+    """Refuse a file that is not text, by its beginning."""
+    if not is_text(head):
+        kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "")
+        is_kind = f" ({kind})" if kind else ""
+        raise InputError(
+            f"{source}: the file is binary, not text{is_kind}; give a CSV, workbook, NPZ, MAT, "
+            "HDF5, TDMS, Parquet, Feather or MicroMag (.forc) file"
+        )
+
+
+def is_text(head: bytes) -> bool:
+    """Whether a file is text, by its beginning of up to `HEAD_BYTES` bytes."""
+    if _encoding(head) is not None:
+        return True
+    controls = sum(head.count(bytes([code])) for code in _CONTROLS)
+    is_known = head.startswith(tuple(_KINDS))
+    return not (is_known or b"\0" in head or controls > _SHARE * len(head))
+
+
+def decode(content: bytes) -> tuple[str, str]:
+    """The text of a file.
+
+    Returns:
+        The text with `\\n` as line end and without byte-order mark, and what was assumed of its
+        encoding, `""` if nothing.
+    """
+    assumed = ""
+    encoding = _encoding(content[:HEAD_BYTES])
+    if encoding is not None:
+        text = content.decode(encoding, errors="replace").removeprefix("\ufeff")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            assumed = "it is not in UTF-8 and was read as Windows-1252"
+            text = content.decode("cp1252", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n"), assumed
+
+
+def _encoding(head: bytes) -> str | None:
+    """UTF-16 by its mark, or by every second byte that is zero; None for anything else."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    even, odd = head[::2], head[1::2]
+    if len(head) >= 8:
+        for name, zeros, others in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
+            if zeros.count(0) > 0.8 * len(zeros) and 0 not in others:
+                return name
+    return None

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from preisach_jax.record.core import Record
-from preisach_jax.record.spans import spans
+from preisach_jax.record.marks import spans
 
 Kind = Literal["stuck", "clipped", "wrapped"]
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from preisach_jax.record.delimited import read_all
-from preisach_jax.record.encoding import HEAD_BYTES
+from preisach_jax.record.delimited import HEAD_BYTES, read_all
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import plain_unit
 

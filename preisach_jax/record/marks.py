@@ -1,9 +1,12 @@
-"""What is marked in a record: the runs that it was joined of, and the jumps of its sensor."""
+"""What is marked in a record: spans of rows, the runs that it was joined of, jumps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
 
 
 @dataclass(frozen=True)
@@ -42,3 +45,13 @@ class Jump(NamedTuple):
 
     height: float
     error: float
+
+
+def spans(marked: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
+    """First row of each unbroken span of marked rows, and the row behind its last.
+
+    Arguments:
+        marked: `(time,)`, the rows.
+    """
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

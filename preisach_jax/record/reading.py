@@ -4,24 +4,33 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from preisach_jax.errors import InputError
 from preisach_jax.record.apart import read_apart, read_here
-from preisach_jax.record.encoding import HEAD_BYTES, check_text, decode, is_text
+from preisach_jax.record.delimited import HEAD_BYTES, check_text, decode, is_text
 from preisach_jax.record.layouts import read_known
 from preisach_jax.record.readers import BINARY, HDF5, NPZ, TEXT, WORKBOOK
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.packed import ZIP, is_npz, packed_kind, unpack
 from preisach_jax.record.readers.workbook import OLE, SHEET
-from preisach_jax.record.spelling import with_plain_numbers
 from preisach_jax.record.table import Table
+from preisach_jax.record.units import is_known_unit, plain_unit
 
 MAX_TEXT_BYTES = 2**29
 """Greatest text file that is read, in bytes: it takes ten times as much memory."""
 
+
+# Numbers with a unit beside each, and with exponents as Fortran writes them.
+_NUMBER = re.compile(
+    r"(?P<number>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*(?P<unit>[^\d\s.,+-]\S*)?"
+)
+_LOOKED_AT = 20  # cells by which a column is known
 
 _MARKUP = (b"<!doctype", b"<html", b"<?xml", b"<table", b"<head", b"<body")
 
@@ -152,3 +161,51 @@ def _near(path: Path) -> str:
         return ""
     near = difflib.get_close_matches(path.name, names, n=1)
     return f" (there is {near[0]})" if near else ""
+
+
+def with_plain_numbers(table: Table) -> Table:
+    """The same with `12.5 V` and `1.25D+01` as numbers, and the unit as that of the column.
+
+    A cell that is spelt otherwise than those at the beginning of its column stays as it is, and is
+    refused where a number is needed.
+    """
+    columns, units, notes = dict(table.columns), dict(table.units), list(table.notes)
+    for name, cells in table.columns.items():
+        unit = _unit_beside(cells)
+        if unit is None:
+            continue
+        columns[name] = _numbers(cells, unit)
+        if unit:
+            units.setdefault(name, plain_unit(unit))
+            notes.append(f"{table.source}: column {name} read without the {unit} in its cells")
+    return replace(table, columns=columns, units=units, notes=tuple(notes))
+
+
+def _unit_beside(cells: np.ndarray) -> str | None:
+    """What stands beside the numbers, `""` if nothing; None if a column holds no such numbers."""
+    if cells.dtype != object:
+        return None
+    texts = [cell for cell in cells[:_LOOKED_AT] if isinstance(cell, str) and cell.strip()]
+    matches = [_NUMBER.fullmatch(text.strip()) for text in texts]
+    found = {None if match is None else match["unit"] or "" for match in matches}
+    if len(found) != 1:
+        return None
+    unit = found.pop()
+    is_odd = unit or any("D" in text.upper() for text in texts)
+    return unit if unit is not None and is_odd and is_known_unit(unit) else None
+
+
+def _numbers(cells: np.ndarray, unit: str) -> np.ndarray:
+    """Numbers where cells are spelt so, the cell itself where one is not."""
+    plain: list[object] = []
+    for cell in cells:
+        match = _NUMBER.fullmatch(cell.strip()) if isinstance(cell, str) else None
+        if match is None or (match["unit"] or "") != unit:
+            plain.append(cell)
+        else:
+            plain.append(float(match["number"].upper().replace("D", "E").replace(",", ".")))
+    if all(isinstance(cell, float) for cell in plain):
+        return np.array(plain, np.float64)
+    column = np.empty(len(plain), dtype=object)
+    column[:] = plain
+    return column

@@ -11,7 +11,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.quantity import quantity
 from preisach_jax.record.clock import evenly_spread
 from preisach_jax.record.columns import could_be_time, several_clocks, unit_of
-from preisach_jax.record.layout import Sampling
+from preisach_jax.record.settings import Sampling
 from preisach_jax.record.table import Table, check_names, shortened
 from preisach_jax.record.units import seconds_per
 

@@ -3,19 +3,16 @@
 Text without a reader of its own is delimiter-separated; `layout` finds its table below settings.
 """
 
-from preisach_jax.record.micromag import is_micromag, read_micromag
 from preisach_jax.record.readers.arrow import FEATHER, PARQUET
 from preisach_jax.record.readers.base import Reader
 from preisach_jax.record.readers.hdf5 import HDF5
-from preisach_jax.record.readers.infiniium import INFINIIUM
 from preisach_jax.record.readers.json_text import JSON
 from preisach_jax.record.readers.lvm import LVM
 from preisach_jax.record.readers.mat import MAT
+from preisach_jax.record.readers.micromag import is_micromag, read_micromag
 from preisach_jax.record.readers.npz import NPY, NPZ
-from preisach_jax.record.readers.rigol import RIGOL
-from preisach_jax.record.readers.siglent import SIGLENT
+from preisach_jax.record.readers.oscilloscopes import INFINIIUM, RIGOL, SIGLENT, TEKTRONIX
 from preisach_jax.record.readers.tdms import TDMS
-from preisach_jax.record.readers.tektronix import TEKTRONIX
 from preisach_jax.record.readers.workbook import WORKBOOK
 
 MICROMAG = Reader(

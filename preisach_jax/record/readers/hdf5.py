@@ -10,9 +10,9 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record.containers import table_of_arrays
-from preisach_jax.record.layout import Sampling
 from preisach_jax.record.readers.base import Reader, check_unpacked, library, not_readable
 from preisach_jax.record.sampling import Signal, table_of_signals, with_stated_time
+from preisach_jax.record.settings import Sampling
 from preisach_jax.record.table import Table
 
 _UNITS = ("units", "unit", "Unit", "Units", "unit_string", "UNIT")

@@ -14,10 +14,10 @@ from typing import Any, cast
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.layout import header_start, is_row_of_numbers, sampling_of, settings_of
 from preisach_jax.record.readers.base import Reader, library, not_readable
 from preisach_jax.record.readers.packed import check_members
 from preisach_jax.record.sampling import with_stated_time
+from preisach_jax.record.settings import header_start, is_row_of_numbers, sampling_of, settings_of
 from preisach_jax.record.table import Table, check_names
 from preisach_jax.record.units import is_unit, plain_unit
 

@@ -489,6 +489,52 @@ def test_a_unique_beginning_of_a_name_is_enough(tmp_path, capsys):
         pj.Record.load(path, input="Gap", output="Act")
 
 
+# --- odd input: what was made of it, or why not ---------------------------------------------------
+
+CSV = rows(T, U, Z, sep=",")
+ODD = {
+    "two rows of names": ("Time,Voltage,Position\nt,U,z\n" + CSV, "row 2, names once more (t,U,z)"),
+    "names, names, units": ("Time,Voltage,Position\nt,U,z\ns,V,um\n" + CSV, "names once more"),
+    "units twice": ("Time [s],U [V],z [um]\n(s),(V),(um)\n" + CSV, "output z [um]"),
+    "an empty column": ("t,u,gap,z\n" + rows(T, U, "", Z, sep=","), "input u, output z"),
+    "remarks below": ("t,u,z\n" + CSV + "End of data\n", "row 242 on (End of data)"),
+    "decimal commas in quotes": (
+        "t,u,z\n" + rows(T, U, Z, sep=",", decimal=",", quote='"'), "input u, output z",
+    ),
+}  # fmt: skip
+ODD_REFUSED = {
+    "decimal commas between commas": (
+        "t,u,z\n" + rows(T, U, Z, sep=",", decimal=","), "complete or remove the row",
+    ),
+    "names twice": ("t,u,z,z\n" + rows(T, U, Z, Z, sep=","), "'z' stands 2 times"),
+    "a hundred thousand columns": (
+        ",".join(f"c{k}" for k in range(10**5)) + "\n" + "1," * 10**5, "there are 100,00",
+    ),
+    "settings only": ("Instrument: x\nRate: 5 Hz\nOperator: me\n", "holds settings only"),
+    "one column": ("".join(f"{u:.5f}\n" for u in U), "an input and an output, each a column"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_input_is_opened_and_what_was_made_of_it_is_said(tmp_path, name):
+    text, words = ODD[name]
+    path, said = tmp_path / "odd.csv", []
+    path.write_text(text)
+    (record,) = pj.Record.load_all(path, announce=said.append)
+    np.testing.assert_allclose([record.input, record.output], [U, Z], rtol=1e-7)
+    assert any(words in line for line in said), said
+
+
+@pytest.mark.parametrize("name", ODD_REFUSED)
+def test_odd_input_is_refused_with_why(tmp_path, name):
+    text, words = ODD_REFUSED[name]
+    path = tmp_path / "odd.csv"
+    path.write_text(text)
+    with pytest.raises(pj.InputError) as caught:
+        pj.Record.load_all(path)
+    assert words in str(caught.value)
+
+
 # --- whatever comes, one line ---------------------------------------------------------------------
 
 NAMES = [

@@ -41,7 +41,9 @@ _DELIMITER_NAMES = {"\t": "tab", " ": "space"}
 _COMMENTS = ("#", "%")
 _SAMPLE = 200
 _BEGINS_WITH_TEXT = re.compile(r"""[\s"'\[(<{*]*(?!(?i:nan|inf)\b)[^\W\d_]""")
+_SETTING = re.compile(r"\s*[^\W\d_][^:=\n]*[:=]")
 _MOST_TEXT = 0.5  # of the rows: more lines that begin with a text are rows with a column of texts
+_MOST_BELOW = 20  # remarks below the rows of a table
 _LEAST_ROWS = 10  # of a table that is a record, where there are several
 _HEAD_SIGNS = 2**17
 """Signs at the beginning of a long file by which its layout is known."""
@@ -209,11 +211,25 @@ def _table(lines: list[str], source: str, first_row: int) -> Table:
     kept = [i for i, line in enumerate(lines) if _is_data(line)]
     if not kept:
         raise InputError(f"{source}: the file holds no data; give a file with a line of names")
+    if len(kept) > 1 and all(_SETTING.match(lines[i]) for i in kept):
+        raise InputError(
+            f"{source}: the file holds settings only ({lines[kept[0]].strip()[:60]}, ...) and no "
+            "rows of numbers; give the file with the samples"
+        )
     is_open = kept[-1] == len(lines) - 1  # the last row has no line end, and may break off
     whole = kept[:-1] if is_open and len(kept) > 1 else kept
     head = _head(lines, kept, whole, source, first_row)
     kept = kept[bisect_left(kept, head.first) :]
     header, delimiter = head.names, head.delimiter
+    below: list[int] = []
+    while len(kept) > 1 and len(below) < _MOST_BELOW and _is_remark(lines[kept[-1]], head):
+        below.insert(0, kept.pop())
+    if below:
+        is_open = False
+        said = (
+            f"{source}: row {below[0] + first_row} on ({lines[below[0]].strip()[:60]}), below the "
+        )
+        head = replace(head, notes=(*head.notes, f"{said}rows of numbers, was left out"))
     torn_row = None
     if is_open and kept and _breaks_off([lines[i] for i in kept[-2:]], len(header), delimiter):
         torn_row = kept.pop() + first_row
@@ -233,6 +249,12 @@ def _table(lines: list[str], source: str, first_row: int) -> Table:
     content = "\n".join(body).encode()
     columns, exact = _parse(content, len(body), header, delimiter, decimal, source)
     return _with_head(head, source, columns, rows, decimal, exact, torn_row)
+
+
+def _is_remark(line: str, head: _Head) -> bool:
+    """Whether a line is no row of the table: it begins with a text and is not as wide."""
+    is_text = _BEGINS_WITH_TEXT.match(line) is not None
+    return is_text and abs(width_of(line, head.delimiter) - len(head.names)) > 1
 
 
 def _with_head(
@@ -267,6 +289,11 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
         delimiter, start = above
     place = f"{source}, row {kept[start] + first_row}"
     header, named, first = _header(lines, kept, start, delimiter, place)
+    notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
+    if named and _is_second_names(lines, kept[first : first + 3], delimiter, len(header)):
+        row = kept[first] + first_row
+        notes += (f"{source}: row {row}, names once more ({lines[row - first_row][:60]}), skipped",)
+        first += 1
     units: dict[str, str] = {}
     if named and first < len(kept):
         below = fields_of(lines[kept[first]], delimiter)
@@ -280,9 +307,18 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
     if named and not units:
         units = units_behind_names(header)
     begin = kept[first] if first < len(kept) else kept[-1] + 1
-    notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
     sampling = sampling_of(settings_of(lines[: kept[start]], delimiter))
     return _Head(header, named, delimiter, units, begin, notes, sampling)
+
+
+def _is_second_names(lines: list[str], rows: list[int], delimiter: str, width: int) -> bool:
+    """Whether a row below the names holds others, as wide, above units or numbers."""
+    fields = [fields_of(lines[i], delimiter) for i in rows]
+    if len(fields) < 2 or len(fields[0]) != width or width < 2:
+        return False
+    is_text = all(f and not is_number(f) for f in fields[0]) and not all(map(is_unit, fields[0]))
+    data = fields[2] if len(fields) > 2 and all(map(is_unit, fields[1])) else fields[1]
+    return is_text and _is_all_numbers(data)
 
 
 def _check_width(line: str, place: str) -> None:

@@ -348,7 +348,7 @@ def without_hysteresis(record: Samples) -> str:
     thirds: np.ndarray = np.diff(output, 3)
     noise = float(np.sqrt(thirds @ thirds / len(thirds) / 20))
     follows = float(left[1:] @ left[:-1]) > 0.2 * float(left @ left)
-    if rms > max(_STRAIGHT * noise, _LEAST_LEFT * float(np.ptp(output))):
+    if rms > max(_STRAIGHT * noise, _LEAST_LEFT * float(np.ptp(output))) or rms > 0.5 * y.std():
         return ""
     if follows and rms > _LEAST_LEFT * float(np.ptp(output)):
         return ""

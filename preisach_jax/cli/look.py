@@ -56,7 +56,12 @@ def look(
         _show_columns(table, views)
         screen.say(f"\nWhich column is which? {question}")
         screen.answer(str(question))
-        return {"columns": [vars(view) for view in views], "question": str(question)}
+        command = str(question).partition("as in: ")[2]
+        return {
+            "columns": [vars(view) for view in views],
+            "question": str(question),
+            "command": command or None,
+        }
     _show_columns(table, found.columns)
     if len(found.records) > 1:
         rows = [[str(value) for value in each.values()] for each in found.records]

@@ -85,7 +85,7 @@ class Record(Samples):
             path: a text file of any common delimiter with or without settings above it, or a file
                 of any kind in `preisach_jax.record.readers`, packed by gzip or ZIP or not.
             options: `time`, `input`, `output`, `aux`, `rate`, `units`, `initial_memory`,
-                `need_output` and `announce`, see `ReadOptions`.
+                `need_output`, `announce` and `table`, see `ReadOptions`.
 
         Returns:
             The record.

@@ -22,14 +22,11 @@ from bokeh.io.doc import patch_curdoc
 from panel.io.state import set_curdoc
 
 from preisach_jax.app import panels, steps
-from preisach_jax.app.dropper import Dropper
-from preisach_jax.app.export import exports
 from preisach_jax.app.jobs import Job
+from preisach_jax.app.layout import Dropper
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import failure, ladder, table, told, verdict
-from preisach_jax.app.project import packed, unpacked
-from preisach_jax.app.script import Click, script
-from preisach_jax.app.steps import Walk, repeated, saved
+from preisach_jax.app.steps import Click, Walk, exports, packed, repeated, saved, script, unpacked
 from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
 from preisach_jax.record import ReadOptions
@@ -332,7 +329,7 @@ class TestProject:
             assert changed != content
             with pytest.raises(pj.InputError, match="the project file is damaged"):
                 unpacked("x.preisach", changed)
-        monkeypatch.setattr("preisach_jax.app.project.MOST_BYTES", len(csv()) - 1)
+        monkeypatch.setattr("preisach_jax.app.steps.MOST_BYTES", len(csv()) - 1)
         with pytest.raises(pj.InputError, match="command line"):
             unpacked("x.preisach", content)
         with pytest.raises(pj.InputError, match="the project file is damaged"):

@@ -14,8 +14,7 @@ from preisach_jax.report.several import several_rows
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.compare import CompareView
-from preisach_jax.app.comparing import OWN_MODEL, Dropped, compared
+from preisach_jax.app.compare import OWN_MODEL, CompareView, Dropped, compared
 
 
 def record_file(name, gain=1.0):

@@ -12,9 +12,17 @@ from preisach_jax.quantity import quantity
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.course import SHAPES, STEPS, Shape, shaped
-from preisach_jax.app.drive import FROM_FILE, DriveView
-from preisach_jax.app.driving import driven, outcome, unreached
+from preisach_jax.app.drive import (
+    FROM_FILE,
+    SHAPES,
+    STEPS,
+    DriveView,
+    Shape,
+    driven,
+    outcome,
+    shaped,
+    unreached,
+)
 
 RATE = 100.0
 

@@ -9,7 +9,7 @@ import jax
 import pytest
 
 from preisach_jax.cli import compiled
-from preisach_jax.cli.compiled import folder, kept_between_runs
+from preisach_jax.cli.process import folder, kept_between_runs
 
 
 def asked_for():
@@ -56,7 +56,7 @@ def test_where_nothing_can_be_written_nothing_is_kept(nothing_asked, monkeypatch
 def test_an_interruption_ends_what_the_interpreter_cannot():
     """A single call that takes minutes, as compiled code may."""
     code = (
-        "from preisach_jax.cli.interruption import listen\n"
+        "from preisach_jax.cli.process import listen\n"
         "import hashlib\n"
         "listen()\n"
         "print('ready', flush=True)\n"

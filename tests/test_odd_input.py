@@ -13,8 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import preisach_jax as pj
-from preisach_jax.app.project import packed, unpacked
-from preisach_jax.app.script import Click
+from preisach_jax.app.steps import Click, packed, unpacked
 
 ENDS = ["", ".csv", ".json", ".xlsx", ".npz", ".mat", "/", "#1", "/../"]
 VALUES = st.one_of(

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 from preisach_jax.cli import main
-from preisach_jax.cli.start import start
+from preisach_jax.cli.application import start
 
 ROOT = Path(__file__).parents[1]
 

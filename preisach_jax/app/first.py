@@ -10,7 +10,7 @@ from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from preisach_jax.app.drawing import DRAWING, GRID, PLOTS, limits_of, span, unformatted
+from preisach_jax.app.views import DRAWING, GRID, PLOTS, limits_of, span, unformatted
 from preisach_jax.look import Look
 from preisach_jax.plot.axes import Axis, record_axes
 from preisach_jax.plot.style import BEFORE, HELD_OUT, MEASURED

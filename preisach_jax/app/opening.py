@@ -11,7 +11,7 @@ from preisach_jax.app.columns import ColumnChoice
 from preisach_jax.app.first import Curves, FirstView
 from preisach_jax.app.jobs import Working
 from preisach_jax.app.layout import Layout
-from preisach_jax.app.project import SUFFIX, Project, unpacked
+from preisach_jax.app.steps import SUFFIX, Project, unpacked
 from preisach_jax.app.upload import Upload
 from preisach_jax.errors import InputError
 from preisach_jax.fit import Progress

@@ -7,16 +7,21 @@ from functools import partial
 from typing import Any
 
 from preisach_jax.app import compare, panels
-from preisach_jax.app.comparing import Compared, compared
-from preisach_jax.app.drive import NEEDED, DriveView
-from preisach_jax.app.driving import Driven, driven
-from preisach_jax.app.export import exports
+from preisach_jax.app.compare import Compared, compared
+from preisach_jax.app.drive import NEEDED, Driven, DriveView, driven
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.layout import Layout, beside, card, plots, show
 from preisach_jax.app.opening import Opening
-from preisach_jax.app.project import Project
-from preisach_jax.app.script import Click
-from preisach_jax.app.steps import Walk, repeated, saved, searched, time_line
+from preisach_jax.app.steps import (
+    Click,
+    Project,
+    Walk,
+    exports,
+    repeated,
+    saved,
+    searched,
+    time_line,
+)
 from preisach_jax.app.views import Views
 from preisach_jax.diagnosis.exploration import Exploration, explore
 from preisach_jax.diagnosis.result import Candidate, Diagnosis

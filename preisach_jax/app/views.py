@@ -10,35 +10,249 @@ from typing import Any, cast
 import numpy as np
 from bokeh.events import Reset, SelectionGeometry
 from bokeh.layouts import column, row
-from bokeh.models import Column, ColumnDataSource, CustomJS, Div, Range1d, RangeSlider
+from bokeh.models import (
+    BoxSelectTool,
+    ColorBar,
+    Column,
+    ColumnDataSource,
+    CustomJS,
+    Div,
+    LinearColorMapper,
+    Range1d,
+    RangeSlider,
+)
+from bokeh.palettes import PuOr11, Viridis256
+from bokeh.plotting import figure
 
-from preisach_jax.app.drawing import (
-    CHOSEN,
-    GRID,
-    INK,
-    PLOTS,
-    brushed,
-    drawn_figure,
-    keep_ranges,
-    limits_of,
-    place_legend,
-    span,
-    unformatted,
-)
-from preisach_jax.app.plane import PlaneFigure
-from preisach_jax.app.statistics import (
-    amplitude_spectrum,
-    bins_of,
-    drawn_rows,
-    no_bins,
-    plane_course,
-)
+from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
+from preisach_jax.fit import double_precision
 from preisach_jax.model import Model
-from preisach_jax.operator.plane import Plane
-from preisach_jax.plot.axes import greatest, plane_edges, record_axes, with_unit
+from preisach_jax.operator.simulation import branch_starts
+from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.plot.axes import (
+    density_scale,
+    greatest,
+    plane_edges,
+    record_axes,
+    shown_density,
+    shown_range,
+    with_unit,
+)
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
 from preisach_jax.quantity import scaled
+from preisach_jax.record import Record
+
+CHOSEN = "#CC79A7"
+"""Colour of what is brushed: one of Okabe and Ito's that no curve has."""
+
+DRAWING = ":host { filter: var(--plots); }"
+"""Style of a figure: dark mode turns its light and dark over and keeps its hues."""
+
+NARROW = "@media (max-width: 999px)"
+"""The window is a phone's or a tablet's: one column, which scrolls as a whole."""
+
+GRID = NARROW + " { :host { flex-direction: column !important; } }"
+"""Style of figures side by side, which stand below each other on a phone."""
+
+INK = ":host, .bk-slider-title, .bk-clearfix { color: var(--ink); }"
+"""Style of texts beside the figures."""
+
+PLOTS = f"""
+:host {{ flex: 1 1 20rem !important; min-width: 0 !important;
+  height: max(540px, calc(100vh - 21rem)) !important; }}
+{NARROW} {{ :host {{ width: 100% !important; height: 1180px !important; }} }}
+"""
+"""Style of all figures together: they fill what the window leaves."""
+
+
+def drawn_figure(title: str, x: str, y: str, **options: Any) -> Any:
+    """A figure in the page's style."""
+    settings: dict[str, Any] = {
+        "tools": "pan,wheel_zoom,box_zoom,reset,save", "sizing_mode": "stretch_both",
+        "min_width": 240, "min_height": 240,
+    }  # fmt: skip
+    drawn: Any = figure(
+        title=title, x_axis_label=unformatted(x), y_axis_label=unformatted(y),
+        stylesheets=[DRAWING], **(settings | options),
+    )  # fmt: skip
+    drawn.toolbar.update(logo=None, autohide=False)
+    drawn.title.text_font_size = "13px"
+    return drawn
+
+
+def brushed(drawn: Any) -> Any:
+    """A figure in which a drag of the mouse chooses rows: a stretch of time, or a rectangle."""
+    brush = BoxSelectTool(dimensions="width" if drawn.title.text == "Time" else "both")
+    brush.description = "Choose rows"
+    brush.renderers = []  # what is chosen is shown by glyphs of its own, and alike in all views
+    drawn.add_tools(brush)
+    drawn.toolbar.active_drag = brush
+    return drawn
+
+
+def keep_ranges(drawn: Any) -> None:
+    """Let the ranges of a figure follow what it shows now, and nothing that is added later.
+
+    What is chosen is added then, on a layer of its own: a brush draws that layer anew, not curves.
+    It has no place in a legend, which is drawn with the curves.
+    """
+    for shown in (drawn.x_range, drawn.y_range):
+        shown.renderers = list(drawn.renderers)
+
+
+def place_legend(drawn: Any, place: str) -> None:
+    """Put the legend of a figure where it hides little; a click on a name hides its curve."""
+    drawn.legend.update(
+        location=place, click_policy="hide", label_text_font_size="11px", padding=4,
+        background_fill_alpha=0.75, spacing=0, glyph_height=14,
+    )  # fmt: skip
+
+
+def span(shown: Any, start: float, end: float) -> None:
+    """Show a range, also when the view is reset."""
+    shown.update(start=start, end=end, reset_start=start, reset_end=end)
+
+
+def limits_of(values: np.ndarray) -> tuple[float, float]:
+    """Ends of an axis with a little room beside its values."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return low - 0.03 * (high - low), high + 0.03 * (high - low)
+
+
+def unformatted(text: str) -> str:
+    """A text of which nothing is taken for a formula: Bokeh's begin with two dollar signs."""
+    return text.replace("$$", "$ $").replace("\\(", "( ").replace("\\[", "[ ")
+
+
+MOST_DRAWN = 100_000
+"""Rows that are drawn; of a longer record every n-th, the extremes of the input kept."""
+
+
+def drawn_rows(record: Record) -> np.ndarray:
+    """(row,) the rows that are drawn: all, or every n-th and the turning points."""
+    count = len(record)
+    if count <= MOST_DRAWN:
+        return np.arange(count)
+    regular = np.arange(0, count, -(-count // MOST_DRAWN))
+    return np.union1d(regular, stats.reversals(record.input))
+
+
+def plane_course(record: Record, plane: Plane) -> tuple[np.ndarray, np.ndarray]:
+    """(time,) position of the input on the plane, and that from which its branch departs.
+
+    Returns:
+        Both from 0 (lowest) to N (highest).
+    """
+    position = position_on(plane, record.input)
+    path = np.concatenate([[0.0], position])
+    with double_precision():
+        start = np.asarray(branch_starts(path))
+    return position, path[start][1:]
+
+
+def amplitude_spectrum(record: Record, values: np.ndarray, bins: int = 800) -> dict[str, Any]:
+    """Amplitude of a residual's waves over frequency; of close frequencies the greatest.
+
+    Arguments:
+        values: (time,) the residual, NaN where nothing was measured.
+
+    Returns:
+        `x` in Hz and `y` in the unit of the residual.
+    """
+    filled = stats.in_sequence(record, values, stats.longest_lag(record))
+    there = np.isfinite(filled)
+    centred = np.where(there, filled - filled[there].mean(), 0.0)
+    amplitude = 2 * np.abs(np.fft.rfft(centred))[1:] / max(there.sum(), 1)
+    frequency = np.fft.rfftfreq(len(centred), record.step_s)[1:]
+    edges = np.unique(np.geomspace(1, len(frequency), bins).astype(int)) - 1
+    highest = np.maximum.reduceat(amplitude, edges)
+    stretches = zip(edges, [*edges[1:], len(amplitude)], strict=True)
+    at = [begin + int(np.argmax(amplitude[begin:end])) for begin, end in stretches]
+    return {"x": frequency[at], "y": np.maximum(highest, 1e-300)}
+
+
+def bins_of(position: np.ndarray, values: np.ndarray) -> dict[str, Any]:
+    """Median and 95 % band of values along a position, as the columns of a source."""
+    found = stats.binned(position, values)
+    return {name: getattr(found, name) for name in ("centre", "low", "median", "high")}
+
+
+def no_bins() -> dict[str, Any]:
+    """The same columns without rows."""
+    return {name: [] for name in ("centre", "low", "median", "high")}
+
+
+_NO_CELLS: dict[str, Any] = {"x": [], "y": [], "width": [], "height": []}
+
+
+class PlaneFigure:
+    """The plane of the models of one record.
+
+    Attributes:
+        figure: the Bokeh figure.
+        density: density of each cell.
+        cells: the cells that the chosen rows switch.
+        staircase: the memory at the last of them.
+    """
+
+    def __init__(self, model: Model):
+        self.density: ColumnDataSource = ColumnDataSource(
+            {"x": [], "y": [], "width": [], "height": [], "value": []}
+        )
+        self.cells: ColumnDataSource = ColumnDataSource(_NO_CELLS)
+        self.staircase: ColumnDataSource = ColumnDataSource({"x": [], "y": []})
+        self._mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#E4E4E4")
+        self.figure: Any = self._drawn(plane_edges(model)[1])
+        self.show(model)
+
+    def show(self, model: Model) -> None:
+        """Show the density of a model, and nothing chosen."""
+        self.cells.data = _NO_CELLS
+        self.staircase.data = {"x": [], "y": []}
+        plane = model.plane
+        edges, _ = plane_edges(model)
+        widths, centres = np.diff(edges), (edges[1:] + edges[:-1]) / 2
+        density = np.where(model.visited, shown_density(model), np.nan)
+        factor, top, unit = density_scale(model, density)
+        self.density.data = {
+            "x": centres[plane.beta_index],
+            "y": centres[plane.alpha_index],
+            "width": widths[plane.beta_index],
+            "height": widths[plane.alpha_index],
+            "value": factor * density,
+        }
+        for shown in (self.figure.x_range, self.figure.y_range):
+            span(shown, *limits_of(np.array(shown_range(model))))
+        signed = model.chain.signed
+        self._mapper.update(
+            palette=PuOr11 if signed else Viridis256, low=-top if signed else 0.0, high=top
+        )
+        self.figure.title.text = unformatted(with_unit("Preisach plane: density", unit))
+
+    def _drawn(self, unit: str) -> Any:
+        drawn = brushed(
+            drawn_figure(
+                "Preisach plane",
+                with_unit("switching-off threshold β", unit),
+                with_unit("switching-on threshold α", unit),
+                x_range=Range1d(),
+                y_range=Range1d(),
+            )
+        )
+        drawn.rect(
+            "x", "y", "width", "height", source=self.density, line_color=None,
+            fill_color={"field": "value", "transform": self._mapper},
+        )  # fmt: skip
+        drawn.rect(
+            "x", "y", "width", "height", source=self.cells, fill_color=CHOSEN, fill_alpha=0.45,
+            line_color=CHOSEN, line_alpha=0.6, level="overlay",
+        )  # fmt: skip
+        for shade, width in (("white", 4), ("black", 2)):
+            drawn.line("x", "y", source=self.staircase, color=shade, width=width, level="overlay")
+        drawn.add_layout(ColorBar(color_mapper=self._mapper, width=10), "right")
+        return drawn
+
 
 CLOUD = 6_000
 """Points of the residual that are drawn; its bands are those of all rows."""

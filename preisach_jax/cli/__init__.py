@@ -9,8 +9,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from preisach_jax.cli.interruption import INTERRUPTED, MESSAGE, leave, listen, stop_listening
-from preisach_jax.cli.memory import give_back_what_is_freed
+from preisach_jax.cli.process import (
+    INTERRUPTED,
+    MESSAGE,
+    give_back_what_is_freed,
+    leave,
+    listen,
+    stop_listening,
+)
 
 __all__ = ["main"]
 

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.compiled import kept_between_runs
 from preisach_jax.cli.options import (
     READING,
     Effects,
@@ -32,8 +31,8 @@ from preisach_jax.cli.options import (
     effect_names,
     with_effects,
 )
-from preisach_jax.cli.resumable import Resume, resumable
-from preisach_jax.cli.shared import command
+from preisach_jax.cli.process import kept_between_runs
+from preisach_jax.cli.shared import Resume, command, resumable
 from preisach_jax.errors import InputError, whole_number
 from preisach_jax.quantity import quantity
 

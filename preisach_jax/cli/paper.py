@@ -9,8 +9,7 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import Force, numbers
-from preisach_jax.cli.resumable import Resume, named_by_option, resumable
-from preisach_jax.cli.shared import command
+from preisach_jax.cli.shared import Resume, command, named_by_option, resumable
 from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:

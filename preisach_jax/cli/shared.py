@@ -1,17 +1,21 @@
-"""What every command has in common: examples in its help, `--json`, `--quiet`, double precision."""
+"""What commands have in common: examples, `--json`, `--quiet`, double precision, interruptions."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable
-from typing import Annotated, Any
+import shlex
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 import typer
 
 from preisach_jax.cli import screen
-from preisach_jax.cli.compiled import kept_between_runs
 from preisach_jax.cli.options import READING, reading
+from preisach_jax.cli.process import kept_between_runs
+from preisach_jax.errors import InputError
 
 FIRST_RUN = (
     "The first run on this machine compiles the program: this takes about half a minute more, once."
@@ -88,3 +92,41 @@ def command(
 
 def _option(name: str, default: Any, kind: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+Found = TypeVar("Found")
+
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume/--restart", help="resume what the folder holds, or delete it and start again"
+    ),
+]
+
+
+class Interrupted(Exception):  # noqa: N818 - it is the user's wish, and no error
+    """The user interrupted a command that can go on later; the message says how."""
+
+
+def named_by_option(names: Sequence[str], check: Callable[..., Found], *arguments: Any) -> Found:
+    """Call what checks arguments; the names that its messages begin with are those of options."""
+    try:
+        return check(*arguments)
+    except InputError as error:
+        named = str(error).startswith(tuple(names))
+        if not named:
+            raise
+        name, rest = str(error).split(maxsplit=1)
+        raise InputError(f"--{name.replace('_', '-')} {rest}") from error
+
+
+@contextmanager
+def resumable(out: Path, command: str) -> Generator[None]:
+    """Tell of an interruption inside how to go on: by the same command line."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        again = shlex.join(word for word in shlex.split(command) if word != "--restart")
+        raise Interrupted(
+            f"interrupted; {out} keeps what was finished; resume with: {again}"
+        ) from None

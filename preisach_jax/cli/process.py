@@ -1,16 +1,17 @@
-"""Ctrl-C, so that it ends a command at any moment, by one line and without a traceback.
-
-Python runs its handler of a signal between two instructions, so not while compiled code computes;
-no library ends that, a second thread with a wake-up file descriptor does.
-"""
+"""The process of the command line: Ctrl-C, freed memory, and what was compiled before."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import platform
 import signal
 import socket
 import sys
 import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 INTERRUPTED = 130
@@ -105,3 +106,77 @@ def _signal_main_thread() -> None:
         signal.pthread_kill(main, signal.SIGINT)  # ends a wait, too, in which it may be
     else:
         signal.raise_signal(signal.SIGINT)
+
+
+LARGE_BYTES = 2**22
+"""Size from which on an array gets pages of its own, which go back when it is freed."""
+
+M_MMAP_THRESHOLD = -3  # of <malloc.h>
+
+
+def give_back_what_is_freed() -> bool:
+    """Let the C library give large arrays back to the system as soon as they are freed.
+
+    glibc keeps freed blocks of up to 32 MiB once it has seen one, in an arena for each thread
+    (mallopt(3), M_MMAP_THRESHOLD): of a diagnosis that is a third of its peak.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        return bool(ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE_BYTES))
+    except (OSError, AttributeError):  # another C library
+        return False
+
+
+MOST_BYTES = 2**29
+"""Size of the folder beyond which what was used longest ago is deleted."""
+
+
+def folder() -> Path:
+    """Where compiled code is kept: in the user's cache, one folder a machine."""
+    # Code is compiled for one processor; a home may be shared by machines of several kinds.
+    return _user_cache() / "preisach_jax" / f"compiled-{platform.node() or 'machine'}"
+
+
+def _user_cache() -> Path:
+    if asked := os.environ.get("XDG_CACHE_HOME"):
+        return Path(asked)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path.home() / ".cache"
+
+
+@contextmanager
+def kept_between_runs() -> Generator[bool]:
+    """Keep what JAX compiles inside, unless it is told already where, or nothing can be written."""
+    import jax
+
+    place = folder()
+    wanted = {
+        "jax_compilation_cache_dir": str(place),
+        "jax_compilation_cache_max_size": MOST_BYTES,
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    before = {name: getattr(jax.config, name) for name in wanted}
+    if before["jax_compilation_cache_dir"] or not _made(place):
+        yield False
+        return
+    first = not any(place.iterdir())
+    for name, value in wanted.items():
+        jax.config.update(name, value)
+    try:
+        yield first
+    finally:
+        for name, value in before.items():
+            jax.config.update(name, value)
+
+
+def _made(place: Path) -> bool:
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return False
+    return os.access(place, os.W_OK)

@@ -30,7 +30,7 @@ from preisach_jax import paper
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.plot import AFTER, BEFORE, png
 from preisach_jax.plot import paper as draw_paper
-from preisach_jax.plot.forc import forc_diagram
+from preisach_jax.plot.plane import forc_diagram
 from preisach_jax.plot.style import STYLE
 from preisach_jax.quantity import pretty_unit, scaled
 

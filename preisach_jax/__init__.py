@@ -142,15 +142,15 @@ _NAMES = {
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 
 SHOWN_BY = {
-    "Record._repr_html_": "present.record.as_html",
-    "Model._repr_html_": "present.model.as_html",
+    "Record._repr_html_": "present.record_html",
+    "Model._repr_html_": "present.model_html",
     "Model.to_control": "export.control.to_control",
-    "Fit._repr_html_": "present.fit.as_html",
-    "Fit.summary": "present.fit.as_text",
-    "Fit.plot": "plot.courses.overview",
-    "Diagnosis._repr_html_": "present.diagnosis.as_html",
-    "Diagnosis.summary": "present.diagnosis.as_text",
-    "Exploration._repr_html_": "present.diagnosis.step_as_html",
+    "Fit._repr_html_": "present.fit_html",
+    "Fit.summary": "present.fit_text",
+    "Fit.plot": "plot.traces.overview",
+    "Diagnosis._repr_html_": "present.diagnosis_html",
+    "Diagnosis.summary": "present.diagnosis_text",
+    "Exploration._repr_html_": "present.exploration_html",
     "Look.plot": "plot.look.first_look",
     "Loop.plot": "plot.compensation.draw_loop",
 }

@@ -10,7 +10,7 @@ from test_app_drive import quiet, stage
 
 import preisach_jax as pj
 from preisach_jax.cli import main
-from preisach_jax.report.several import several_rows
+from preisach_jax.report.content import several_rows
 
 pytest.importorskip("panel")
 

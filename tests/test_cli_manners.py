@@ -177,9 +177,9 @@ def test_an_interruption_that_a_callback_swallows_comes_again():
     # As in JAX, whose callback of the garbage collector runs at any time.
     code = (
         "import gc, signal, time\n"
-        "from preisach_jax.cli import interruption\n"
+        "from preisach_jax.cli import process\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "interruption.listen()\n"
+        "process.listen()\n"
         "def callback(phase, info):\n"
         "    if phase == 'start':\n"
         "        signal.raise_signal(signal.SIGINT)\n"

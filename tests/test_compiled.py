@@ -8,7 +8,7 @@ import time
 import jax
 import pytest
 
-from preisach_jax.cli import compiled
+from preisach_jax.cli import process
 from preisach_jax.cli.process import folder, kept_between_runs
 
 
@@ -46,7 +46,7 @@ def test_a_folder_that_was_asked_for_is_left_alone(nothing_asked):
 
 
 def test_where_nothing_can_be_written_nothing_is_kept(nothing_asked, monkeypatch):
-    monkeypatch.setattr(compiled, "_user_cache", lambda: nothing_asked / "file" / "below")
+    monkeypatch.setattr(process, "_user_cache", lambda: nothing_asked / "file" / "below")
     (nothing_asked / "file").touch()
     with kept_between_runs() as first:
         assert not first

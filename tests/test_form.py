@@ -22,7 +22,7 @@ from preisach_jax.diagnosis.state import LABEL, State
 from preisach_jax.diagnosis.terms import library_of
 from preisach_jax.fit import FINAL_ROWS, double_precision, with_regressors
 from preisach_jax.identify import Problem
-from preisach_jax.plot.form import curves, dependence
+from preisach_jax.plot.diagnosis import curves, dependence
 from preisach_jax.report import write_report
 
 NOISE, RATE_HZ = 0.01, 250

@@ -19,7 +19,7 @@ from preisach_jax.plant.magnets import (
     simulate_magnet,
     sine_bursts,
 )
-from preisach_jax.present.loss import loss_table
+from preisach_jax.present import loss_table
 from preisach_jax.record.joined import as_one
 from preisach_jax.report import write_report
 

@@ -11,7 +11,7 @@ import preisach_jax as pj
 from preisach_jax.diagnosis.memoryless import memoryless
 from preisach_jax.diagnosis.wording import sentence
 from preisach_jax.plot.diagnosis import waterfall
-from preisach_jax.present.diagnosis import as_text, headline
+from preisach_jax.present import diagnosis_text, headline
 
 T = np.arange(2400) / 100
 U = 5 - 5 * np.cos(T * (1 + T / 40))
@@ -85,7 +85,7 @@ def test_all_rungs_stand_in_every_table_and_figure(found):
     assert [row["name"] for row in rows] == ["straight line", "single-valued curve"]
     errors = [rung.rms_validation for rung in one.rungs]
     assert min(errors[:2]) > 10 * errors[2]
-    text = as_text(one)
+    text = diagnosis_text(one)
     assert text.index("straight line:") < text.index("curve:") < text.index("Preisach model:")
     ticks = [tick.get_text() for tick in waterfall(one).axes[0].get_xticklabels()]
     assert ticks == ["straight\nline", "single-valued\ncurve", "Preisach\nmodel"]

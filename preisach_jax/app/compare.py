@@ -25,7 +25,7 @@ from preisach_jax.fit import Progress
 from preisach_jax.model import Model
 from preisach_jax.record import ReadOptions, Record
 from preisach_jax.report import write_comparisons
-from preisach_jax.report.several import HEADERS, several_rows, several_sentence
+from preisach_jax.report.content import HEADERS, several_rows, several_sentence
 
 OWN_MODEL = "page-model.json"
 """What the model of the page is called, among others and as a file."""

@@ -19,9 +19,7 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis
 from preisach_jax.diagnosis.wording import evidence_in_words, plain
 from preisach_jax.errors import InputError
 from preisach_jax.look import Look
-from preisach_jax.present.diagnosis import form_lines, headline
-from preisach_jax.present.model import parameter_rows
-from preisach_jax.present.record import record_lines
+from preisach_jax.present import form_lines, headline, parameter_rows, record_lines
 from preisach_jax.quantity import change, number, quantity
 from preisach_jax.record import Record
 

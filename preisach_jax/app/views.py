@@ -28,8 +28,8 @@ from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.fit import double_precision
 from preisach_jax.model import Model
-from preisach_jax.operator.simulation import branch_starts
 from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.operator.simulation import branch_starts
 from preisach_jax.plot.axes import (
     density_scale,
     greatest,

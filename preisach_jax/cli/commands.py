@@ -465,7 +465,7 @@ def _show_several(
     found: dict[str, Comparison], report: Path, how: dict[str, Any]
 ) -> dict[str, Any]:
     from preisach_jax.report import comparisons_json, write_comparisons
-    from preisach_jax.report.several import HEADERS, several_rows, several_sentence
+    from preisach_jax.report.content import HEADERS, several_rows, several_sentence
 
     write_comparisons(found, report, **how)
     sentence = several_sentence(found)

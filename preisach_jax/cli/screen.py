@@ -13,10 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from preisach_jax.escape import printable, printable_lines
-from preisach_jax.present.diagnosis import budget_rows, finding_parameters, form_lines, headline
-from preisach_jax.present.fit import error_table, run_table
-from preisach_jax.present.loss import loss_table
-from preisach_jax.present.record import record_lines
+from preisach_jax.present import (
+    budget_rows,
+    error_table,
+    finding_parameters,
+    form_lines,
+    headline,
+    loss_table,
+    record_lines,
+    run_table,
+)
 
 if TYPE_CHECKING:
     import numpy as np

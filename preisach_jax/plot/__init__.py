@@ -4,13 +4,22 @@ Every function returns a new `matplotlib.figure.Figure` and leaves no global sta
 works in scripts, servers and notebooks alike.
 """
 
-from preisach_jax.plot.courses import loop, measured_and_model, overview, where_it_errs_most
 from preisach_jax.plot.diagnosis import candidates, waterfall
-from preisach_jax.plot.forc import forc_diagram
-from preisach_jax.plot.plane import density
-from preisach_jax.plot.residual import residual_tests, residuals
+from preisach_jax.plot.plane import density, forc_diagram
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, HELD_OUT, MEASURED, REFUSED, pdf, png, svg
-from preisach_jax.plot.traces import Trace, Traces, before_and_after, colour, worst_stretch
+from preisach_jax.plot.traces import (
+    Trace,
+    Traces,
+    before_and_after,
+    colour,
+    loop,
+    measured_and_model,
+    overview,
+    residual_tests,
+    residuals,
+    where_it_errs_most,
+    worst_stretch,
+)
 
 __all__ = [
     "AFTER",

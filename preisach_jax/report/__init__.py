@@ -11,11 +11,9 @@ import jinja2
 
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, is_ours, json_bytes, write_files
-from preisach_jax.plot.form import curves, dependence
-from preisach_jax.plot.remainder import drawn, remainder
+from preisach_jax.plot.diagnosis import curves, dependence, drawn, remainder
 from preisach_jax.plot.style import png, svg
-from preisach_jax.report.content import comparison_page, diagnosis_page
-from preisach_jax.report.several import several_page
+from preisach_jax.report.content import comparison_page, diagnosis_page, several_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

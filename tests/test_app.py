@@ -380,3 +380,20 @@ def test_tabs_that_are_opened_at_once_share_no_model():
     models = [model for tab in tabs for model in tab.models]
     assert len(models) == len(set(models))
     assert all(model.document in tabs for model in models)
+
+
+def test_columns_that_are_known_fold_away_on_a_phone_until_they_are_asked_for(tmp_path):
+    path = tmp_path / "stage.csv"
+    path.write_bytes(csv())
+    page = Page()
+    page._fit = lambda: None
+    chips, fold = page._layout.chips, page._layout.fold
+    assert (chips.css_classes, fold.css_classes) == ([], [])
+    page.open_file(path)
+    while page._look is None:
+        time.sleep(0.02)
+    page._refresh()
+    assert (chips.css_classes, fold.css_classes) == (["folded"], ["known"])
+    page._on_fold(None)
+    assert (chips.css_classes, fold.label) == ([], "Hide columns")
+    page.close()

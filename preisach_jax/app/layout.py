@@ -111,10 +111,18 @@ BLOCK = ":host { display: block !important; height: auto !important; min-width: 
 _AWAY = ":host(.away) { display: none !important; }"
 """Style of what can be away: the styles of boxes outdo what hides them."""
 
+_FOLDED = NARROW + " { :host(.folded) { display: none !important; } }"
+_FOLD = f"""
+:host {{ display: none !important; }}
+{NARROW} {{ :host(.known) {{ display: inline-block !important; flex: 0 0 auto !important; }} }}
+"""
+"""Style of the columns and of their button: on a phone they are away once they are known."""
+
 _BESIDE = f"""
 :host {{ min-width: 0 !important; gap: 0.6rem; align-items: flex-start; }}
 {NARROW} {{ :host {{ display: block !important; height: auto !important; }} }}
 """
+_FILES = ":host { align-items: center; min-width: 0 !important; }"
 WRAP = ":host { flex-wrap: wrap !important; gap: 0.4rem; min-width: 0 !important; }"
 _CARD = ":host { border: 1px solid var(--line); border-radius: 8px; padding: 0.3rem 0.4rem; " \
     "margin: 0.25rem 0.4rem; background: var(--paper); }"  # fmt: skip
@@ -136,7 +144,9 @@ class Layout:
         self.doing = panels.pane()
         self.file = panels.pane(panels.brand(""))
         self.verdict = panels.pane()
-        self.chips = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK])
+        self.chips = pn.Column(sizing_mode="stretch_width", stylesheets=[BLOCK, _FOLDED])
+        self.fold = button("Columns", on["fold"])
+        self.fold.stylesheets = [*self.fold.stylesheets, _FOLD]
         self.steps = pn.Row(sizing_mode="stretch_width", stylesheets=[WRAP])
         self.levels = styled(pn.widgets.Select(label="Preisach plane", options=LEVELS, width=250))
         self.levels.param.watch(on["levels"], "value")
@@ -185,13 +195,20 @@ class Layout:
         """Give the figures of a record their place, beside what a look finds in it."""
         self.first.objects = [plots(drawn), self.facts]
 
+    def fold_columns(self, are_known: bool, are_folded: bool) -> None:
+        """Put the columns away where the window is narrow, and offer them again."""
+        self.fold.css_classes = ["known"] if are_known else []
+        self.fold.label = "Columns" if are_folded else "Hide columns"
+        self.chips.css_classes = ["folded"] if are_folded else []
+
     def _arranged(self) -> Any:
         head = pn.Row(
             self.file, self.save, self.dark, sizing_mode="stretch_width", stylesheets=[_HEAD]
         )
         views = pn.Row(self.shown, self.axis, sizing_mode="stretch_width", stylesheets=[WRAP])
+        files = pn.Row(self.dropper, self.fold, sizing_mode="stretch_width", stylesheets=[_FILES])
         main = pn.Column(
-            self.dropper, self.message, self.chips, self.verdict, self.doing, self.steps, views,
+            files, self.message, self.chips, self.verdict, self.doing, self.steps, views,
             self.record, self.drawn, sizing_mode="stretch_both", stylesheets=[_MAIN],
         )  # fmt: skip
         buttons = pn.Row(

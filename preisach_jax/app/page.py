@@ -11,7 +11,7 @@ from preisach_jax.app.compare import Compared, compared
 from preisach_jax.app.drive import NEEDED, Driven, DriveView, driven
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.layout import Layout, beside, card, plots, show
-from preisach_jax.app.opening import Opening
+from preisach_jax.app.opening import Opened, Opening
 from preisach_jax.app.steps import (
     Click,
     Project,
@@ -47,12 +47,14 @@ class Page(Opening):
             "Compare": self._compare_pane,
         }  # fmt: skip
         self._is_drawn = ""
+        self._columns_are_folded = True
         layout = Layout(
             {
                 "drop": self._on_drop, "refuse": self._refuse, "levels": self._on_levels,
                 "fit": self._on_fit, "find": self._on_find, "form": self._on_form,
                 "undo": self._on_undo, "cancel": self._on_cancel, "axis": self._on_axis,
-                "shown": self._on_shown, "export": self._on_export, "save": self._on_save,
+                "fold": self._on_fold, "shown": self._on_shown, "export": self._on_export,
+                "save": self._on_save,
             }
         )  # fmt: skip
         super().__init__(layout)
@@ -60,6 +62,10 @@ class Page(Opening):
         self._refresh()
 
     # What stands in the great part of the page
+
+    def _show_opened(self, opened: Opened, project: Project | None = None) -> None:
+        self._columns_are_folded = True
+        super()._show_opened(opened, project)
 
     def _forget_record(self) -> None:
         super()._forget_record()
@@ -105,6 +111,11 @@ class Page(Opening):
     def _on_shown(self, event: Any) -> None:
         if event.new != self._is_drawn:
             self._show_pane(event.new)
+
+    def _on_fold(self, event: Any) -> None:
+        del event
+        self._columns_are_folded = not self._columns_are_folded
+        self._refresh()
 
     # Fit, add, find, go back
 
@@ -351,6 +362,7 @@ class Page(Opening):
         walk, busy, shown = self._walk, self._job is not None, self._layout
         searching = self._before_search is not None
         has_record = self._record is not None
+        shown.fold_columns(has_record, has_record and self._columns_are_folded)
         shown.advice.object = panels.paragraph(self._advise())
         shown.fit.visible = has_record and walk is None and not busy
         shown.find.disabled = not has_record or searching

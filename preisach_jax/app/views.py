@@ -55,6 +55,9 @@ NARROW = "@media (max-width: 999px)"
 GRID = NARROW + " { :host { flex-direction: column !important; } }"
 """Style of figures side by side, which stand below each other on a phone."""
 
+BELOW = NARROW + " { :host { order: 1; } }"
+"""Style of what stands below the figures on a phone, and above them elsewhere."""
+
 INK = ":host, .bk-slider-title, .bk-clearfix { color: var(--ink); }"
 """Style of texts beside the figures."""
 
@@ -309,7 +312,7 @@ class Views:
         self._started = ColumnDataSource({"time": []})
         self.stretch: ColumnDataSource = ColumnDataSource({"first": [], "last": []})
         self.stretch.on_change("data", lambda attr, old, new: self._show_spectrum_of_chosen())
-        self.told: Div = Div(text="", sizing_mode="stretch_width", stylesheets=[INK])
+        self.told: Div = Div(text="", sizing_mode="stretch_width", stylesheets=[INK, BELOW])
         self.loop: Any = self._loop_figure()
         self.time: Any = self._time_figure()
         self.residual: Any = self._residual_figure()
@@ -477,7 +480,7 @@ class Views:
         return RangeSlider(
             title="Stretch of time (s)", start=begin, end=end, value=(begin, end),
             step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
-            stylesheets=[INK],
+            stylesheets=[INK, BELOW],
         )  # fmt: skip
 
     def _show_spectra(self) -> None:

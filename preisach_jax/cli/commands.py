@@ -131,13 +131,14 @@ def diagnose(
     own = context.obj["command"]
     share = 0.5 if explore else 1.0
     with screen.progress() as show:
+        searching = screen.of_a_diagnosis(lambda text, done: show(text, share * done))
         found = run(
             records,
             names or None,
             levels,
             hold_out=apart,
             tolerance=tolerance,
-            progress=lambda text, done: show(text, share * done),
+            progress=searching,
         )
         show("writing the report", 0.97 * share)
         write_report(found, report, command=own, as_png=as_png)

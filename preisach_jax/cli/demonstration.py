@@ -66,7 +66,7 @@ def _diagnose(path: Path, folder: Path) -> Diagnosis:
     record = Record.load(path, announce=notes.append)
     screen.show_record(record, notes)
     with screen.progress() as show:
-        found = diagnose(record, progress=show)
+        found = diagnose(record, progress=screen.of_a_diagnosis(show))
         show("writing the report", 0.97)
         write_report(found, folder, command="preisach demo")
     screen.show_diagnosis(found)

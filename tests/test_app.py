@@ -190,6 +190,7 @@ class TestJobs:
             work, hand_over=lambda report: report(), on_done=finish("done"),
             on_error=finish("error"), on_progress=lambda text, share: events.append((text, share)),
         )  # fmt: skip
+        job.start()
         if cancel_at is not None:
             cancel_at.wait(10)
             job.cancel()

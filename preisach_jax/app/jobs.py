@@ -45,8 +45,10 @@ class Job:
         self._on_error = on_error
         self._cancelled = threading.Event()
         self._last = 0.0
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+
+    def start(self) -> None:
+        """Begin; what is reported may come at once."""
+        threading.Thread(target=self._run, daemon=True).start()
 
     def cancel(self) -> None:
         """Let the result go; the work ends when it next reports."""
@@ -131,11 +133,12 @@ class Working:
             self._refresh()
 
         self._say_progress(what, 0.0)
-        self._job = Job(
+        job = self._job = Job(
             partial(_in_tab, self._document, work), hand_over=self._hand_over, tell=self._tell,
             on_progress=self._say_progress, on_done=finished, on_error=failed,
         )  # fmt: skip
         self._refresh()
+        job.start()
 
     def _stop_job(self) -> None:
         if self._job is not None:

@@ -38,15 +38,7 @@ def example_survey() -> Survey:
 
 
 def page(effect: Effect, others: Mapping[str, Effect]) -> str:
-    """The page of one effect in Markdown.
-
-    Arguments:
-        effect: the effect.
-        others: the library, to link to.
-
-    Returns:
-        The text.
-    """
+    """The page of one effect in Markdown."""
     shown = TELLING[effect.name]
     picture = f"../assets/effects/{file_name(effect.name)}.png"
     added = COLUMNS.get(effect.name, effect.name)

@@ -111,11 +111,7 @@ def _expectation(file: str) -> dict[str, Any]:
 
 @mpl.rc_context(STYLE)
 def draw(path: Path) -> Figure:
-    """The loop of a record, and its output over time.
-
-    Arguments:
-        path: the record.
-    """
+    """The loop of a record, and its output over time."""
     expected = _expectation(path.name)
     units = {"input": expected["units"]["x"], "output": expected["units"]["z"]}
     record = pj.Record.load(

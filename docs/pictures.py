@@ -229,10 +229,10 @@ class Panel:
             )  # fmt: skip
             found = stats.binned(place, values, bins)
             self.axes.plot(found.centre, found.median, color=colour(name), lw=2)
-        self._limit(rows, sign)
+        self.limit(rows)
 
-    def _limit(self, rows: np.ndarray, sign: np.ndarray | float) -> None:
-        del sign
+    def limit(self, rows: np.ndarray) -> None:
+        """Let the axis end where nearly all points of some rows are inside."""
         most = max(np.nanquantile(np.abs(self.of(fit)[rows]), 0.998) for _, fit in self.fits)
         self.axes.set_ylim(-1.15 * most, 1.15 * most)
 
@@ -387,7 +387,7 @@ def _points(panel: Panel, position: np.ndarray, rows: np.ndarray) -> None:
             position[rows], panel.of(fit)[rows], ".", color=colour(name), ms=3, mew=0, alpha=0.6,
             rasterized=True,
         )  # fmt: skip
-    panel._limit(rows, 1.0)
+    panel.limit(rows)
 
 
 def auxiliary(panel: Panel) -> None:
@@ -424,6 +424,10 @@ def behind_a_step(panel: Panel) -> None:
     for name, fit in panel.fits:
         panel.axes.plot(time, panel.of(fit)[rows], color=colour(name), lw=1.2, marker=".", ms=4)
     panel.axes.set_xlabel(f"time (ms) from {panel.time[begin]:.2f} s on")
+    _input_beside(panel, time, rows)
+
+
+def _input_beside(panel: Panel, time: np.ndarray, rows: slice) -> None:
     twin = panel.axes.twinx()
     twin.plot(time, panel.input[rows], color="0.45", lw=1.2, ls=":")
     twin.set_ylabel(f"input ({panel.input_unit}), dotted", color="0.35")
@@ -440,10 +444,7 @@ def worst_second(panel: Panel) -> None:
     for name, fit in panel.fits:
         panel.axes.plot(panel.time[rows], panel.of(fit)[rows], color=colour(name), lw=0.9)
     panel.axes.set_xlabel("time (s), the second in which the error is greatest")
-    twin = panel.axes.twinx()
-    twin.plot(panel.time[rows], panel.input[rows], color="0.45", lw=1.2, ls=":")
-    twin.set_ylabel(f"input ({panel.input_unit}), dotted", color="0.35")
-    twin.grid(visible=False)
+    _input_beside(panel, panel.time[rows], rows)
 
 
 def lines(panel: Panel) -> None:
@@ -502,14 +503,7 @@ AXES: dict[str, Callable[[Panel], None]] = {
 
 @mpl.rc_context(STYLE)
 def draw(name: str) -> Figure:
-    """The picture of one effect's residual.
-
-    Arguments:
-        name: of the effect.
-
-    Returns:
-        The figure: over time above, against the axis that tells it below.
-    """
+    """The picture of one effect's residual."""
     record = record_of(name)
     effect = COLUMNS.get(name, name)
     before, after = pj.fit(record), pj.fit(record, effects=(effect,))

@@ -133,12 +133,7 @@ def diagnose(
     with screen.progress() as show:
         searching = screen.of_a_diagnosis(lambda text, done: show(text, share * done))
         found = run(
-            records,
-            names or None,
-            levels,
-            hold_out=apart,
-            tolerance=tolerance,
-            progress=searching,
+            records, names or None, levels, hold_out=apart, tolerance=tolerance, progress=searching
         )
         show("writing the report", 0.97 * share)
         write_report(found, report, command=own, as_png=as_png)

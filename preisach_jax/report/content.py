@@ -52,15 +52,7 @@ REFERENCES = (
 
 
 def diagnosis_page(found: Diagnosis, command: str | None) -> dict[str, Any]:
-    """All that the page of a diagnosis says.
-
-    Arguments:
-        found: the diagnosis.
-        command: the command line that made it.
-
-    Returns:
-        Texts and tables by name.
-    """
+    """All that the page of a diagnosis says."""
     record = found.base.record
     return {
         "title": record.name,
@@ -152,15 +144,7 @@ def _name_of_path_elsewhere(word: str) -> str:
 
 
 def comparison_page(comparison: Comparison, command: str | None) -> dict[str, Any]:
-    """All that the page of a comparison says.
-
-    Arguments:
-        comparison: a model beside a measurement.
-        command: the command line that made it.
-
-    Returns:
-        Texts and tables by name.
-    """
+    """All that the page of a comparison says."""
     record, model = comparison.record, comparison.model
     return {
         "title": record.name,

@@ -240,12 +240,12 @@ def _relation(axis: _Axis, values: np.ndarray, move: np.ndarray) -> Relation:
     generator = np.random.default_rng(0)
     least = len(values) // 20
     lags = generator.integers(least, len(values) - least, SHIFTS)
-    stretches: list[np.ndarray] = np.array_split(np.arange(len(values)), TIME_PARTS)
+    stretch = np.arange(len(values)) * TIME_PARTS // len(values)
     shares, means = np.zeros(SHIFTS), np.zeros((SHIFTS, len(axis.count)))
     for trial in range(SHIFTS):
         if axis.quantity == "time":  # shifted, a slow course stays one
-            order = generator.permutation(TIME_PARTS)
-            moved = values[np.concatenate([stretches[part] for part in order])]
+            place = generator.permutation(TIME_PARTS)[stretch]
+            moved = values[np.argsort(place, kind="stable")]
         else:
             moved = np.roll(values, lags[trial])
         moved = move * moved if axis.along_move else moved

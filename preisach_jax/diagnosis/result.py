@@ -138,7 +138,7 @@ class Budget:
 
     @property
     def in_words(self) -> str:
-        """What most of the error is, the greatest first."""
+        """What most of the error is."""
         parts = {
             "noise": self.noise,
             "discretisation": self.discretisation,
@@ -147,7 +147,6 @@ class Budget:
         }
         least = NOTABLE**0.5 * self.whole
         main = [name for name, rms in parts.items() if rms > least] or ["noise"]
-        main.sort(key=lambda name: -parts[name])
         if self.is_met and self.unexplained > least:
             left = quantity(self.unexplained, self.unit, digits=3)
             main.append(f"{left}, less than these, that nothing explains")

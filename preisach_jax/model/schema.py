@@ -87,7 +87,7 @@ def _wrong(expected: str) -> PydanticCustomError:
 
 
 def _expect(expected: str) -> WrapValidator:
-    """Tell whatever is wrong with a value as this having been expected."""
+    """Say of whatever is wrong with a value that this was expected."""
 
     def check(value: Any, inner: Callable[[Any], Any]) -> Any:
         try:
@@ -138,8 +138,7 @@ flag = Annotated[bool, Strict()]
 
 def _seen(given: str) -> str:
     if printable(given) != given:
-        expected = "a text without control characters"
-        raise _wrong(expected)
+        raise _wrong("a text without control characters")
     return given
 
 
@@ -202,8 +201,7 @@ MOST_COUNT = 10**6
 def _counts(given: str) -> list[int]:
     found = [int(each) for each in given.split()]
     if any(abs(count) > MOST_COUNT for count in found):
-        expected = f"whole numbers of at most {MOST_COUNT:,}"
-        raise _wrong(expected)
+        raise _wrong(f"whole numbers of at most {MOST_COUNT:,}")
     return found
 
 

@@ -21,6 +21,7 @@ from preisach_jax.diagnosis.budget import (
     input_quantisation_rms,
     memory_rms,
     refined_levels,
+    within_cells_rms,
 )
 from preisach_jax.diagnosis.evidence import (
     LEAST_SCORE,
@@ -32,7 +33,6 @@ from preisach_jax.diagnosis.evidence import (
     simple_ratio,
 )
 from preisach_jax.diagnosis.noise import innovation_variance, noise_rms
-from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.effects.drift import Drift
 from preisach_jax.fit import at_levels, base_point, finished, on_a_coarser_plane, with_effect
 from preisach_jax.identify import FOLDS, Problem, with_all_rows

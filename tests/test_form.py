@@ -14,11 +14,10 @@ from stand_ins import make_diagnosis
 
 import preisach_jax as pj
 from preisach_jax.cli import main
-from preisach_jax.diagnosis.form import Dependence, SparseForm, Term
+from preisach_jax.diagnosis.form import LABEL, Dependence, SparseForm, State, Term
 from preisach_jax.diagnosis.freed import FreedTerms
 from preisach_jax.diagnosis.learning import learned
 from preisach_jax.diagnosis.pursuit import sought
-from preisach_jax.diagnosis.state import LABEL, State
 from preisach_jax.diagnosis.terms import library_of
 from preisach_jax.fit import FINAL_ROWS, double_precision, with_regressors
 from preisach_jax.identify import Problem

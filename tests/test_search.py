@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from test_modes import RATE, drive, lagging, plays, through
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.chance import by_chance
+from preisach_jax.diagnosis.evidence import by_chance
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.search import Search, Whole
 from preisach_jax.effects import resolve

@@ -14,6 +14,7 @@ from preisach_jax.diagnosis.budget import (
     discretisation_rms,
     error_budget,
     refined_levels,
+    within_cells_rms,
 )
 from preisach_jax.diagnosis.evidence import LEAST_SCORE, Evidence, predicted_errors, simple_ratio
 from preisach_jax.diagnosis.limits import Limit, limits
@@ -25,7 +26,6 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding,
 from preisach_jax.diagnosis.search import Selection
 from preisach_jax.diagnosis.tellable import REASONS, shows_little
 from preisach_jax.diagnosis.tellable import notes as untellable_notes
-from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import (
     located,
     next_experiment,

@@ -14,6 +14,7 @@ from preisach_jax.diagnosis.budget import (
     by_another_plane,
     discretisation_rms,
     error_budget,
+    within_cells_rms,
 )
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare, compare_fits
@@ -23,7 +24,6 @@ from preisach_jax.diagnosis.past import of_the_past
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding, Rung
 from preisach_jax.diagnosis.search import Search, Whole, candidate
 from preisach_jax.diagnosis.selection import effects_to_try
-from preisach_jax.diagnosis.within_cells import within_cells_rms
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect

@@ -21,10 +21,9 @@ from jaxtyping import Array, Float
 from numpy.polynomial.chebyshev import chebvander
 
 from preisach_jax.diagnosis.evidence import evidence_between
+from preisach_jax.diagnosis.form import Curve, LearnedTerm, State
 from preisach_jax.diagnosis.freed import shifted
-from preisach_jax.diagnosis.learned import Curve, LearnedTerm
 from preisach_jax.diagnosis.offer import Offer
-from preisach_jax.diagnosis.state import State
 from preisach_jax.diagnosis.terms import Along, columns_of, physics_of, states_of
 from preisach_jax.effects.base import AddedEffect, Signals
 from preisach_jax.effects.parameter import Parameter, coefficient

@@ -16,8 +16,7 @@ import numpy as np
 
 from preisach_jax.chain import Chain
 from preisach_jax.cores import on_all_cores
-from preisach_jax.diagnosis.chance import by_chance
-from preisach_jax.diagnosis.evidence import Evidence, gain_of, predicted_errors
+from preisach_jax.diagnosis.evidence import Evidence, by_chance, gain_of, predicted_errors
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.result import Candidate

@@ -12,11 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from preisach_jax.diagnosis.form import SparseForm
-from preisach_jax.diagnosis.learned import LearnedTerm
+from preisach_jax.diagnosis.form import LABEL, LearnedTerm, SparseForm
 from preisach_jax.diagnosis.remainder import Relation
 from preisach_jax.diagnosis.result import MOST_RELATIONS, Diagnosis
-from preisach_jax.diagnosis.state import LABEL
 from preisach_jax.errors import InputError
 from preisach_jax.plot.axes import greatest, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import preisach_jax as pj
 from preisach_jax.cli import main
+from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.effects import library
 from preisach_jax.look.prospects import judged_effects, needing_a_clock
 from preisach_jax.record.columns import QuestionError
@@ -155,8 +156,13 @@ def test_time_none_counts_samples_and_only_such_effects_are_judged():
     assert not record.part(3, 100).has_clock
     needing = {name for name, effect in library().items() if effect.needs_clock}
     assert set(needing_a_clock()) == needing & set(judged_effects())
+    tried = {effect.name for effect in effects_to_try(record, None)}
+    assert tried < set(library()) - needing
+    assert {"drift", "ageing", "reptation"} < tried
     with pytest.raises(pj.InputError, match=r"'creep' needs a clock.*--rate HZ"):
         pj.diagnose(record, ["creep"])
+    with pytest.raises(pj.InputError, match="has no clock, and others have one"):
+        pj.fit([record, pj.Record.load(FILES / "vsm_many_fields.dat")])
 
 
 # --- layouts of instruments -----------------------------------------------------------------------

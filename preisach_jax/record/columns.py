@@ -540,8 +540,7 @@ def _by_place(
     found |= dict(zip(needed, signals, strict=True))
     if "time" in wanted and found["time"] is None and not may_lack_time:
         said.append(_counted(table, usable, signals))
-    if len(usable) < len(table.columns):
-        aside = len(table.columns) - len(usable) - len(used)
+    if aside := len(table.columns) - len(usable) - len(used):
         said.append(f"{table.source}: {aside} columns that are constant or empty were left out")
     return found
 

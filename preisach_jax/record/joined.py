@@ -16,7 +16,7 @@ from preisach_jax.record.marks import Run
 PAUSE = 100
 """Usual time steps between two runs on the joined clock: above what counts as a gap."""
 
-MOST_APART = 100.0
+MOST_APART = 20.0
 """Ratio of the time steps of two records beyond which they are not fitted together."""
 
 

@@ -31,7 +31,6 @@ class Layout:
         named_by: pattern of lines that hold the name of one column each, in their order; then
             `begin` is that of what stands above the rows.
         units: by name, where neither the names nor a row state them.
-        initial_memory: state at the first row, where the protocol of the instrument tells it.
     """
 
     name: str
@@ -44,7 +43,6 @@ class Layout:
     aside: str = ""
     named_by: str = ""
     units: Sequence[tuple[str, str]] = ()
-    initial_memory: str = "free"
 
 
 LAYOUTS: tuple[Layout, ...] = (
@@ -205,7 +203,6 @@ def _known(layout: Layout, table: Table) -> Table:
         columns=columns,
         units={**table.units, **{n: plain_unit(u) for n, u in layout.units if n in columns}},
         left_aside={**table.left_aside, **aside},
-        initial_memory=layout.initial_memory,
         notes=(*table.notes, f"{table.source}: read as a file of {layout.name}"),
     )
     chosen = {

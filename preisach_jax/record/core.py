@@ -121,8 +121,8 @@ class Record(Samples):
         Example:
             >>> import tempfile, pathlib
             >>> path = pathlib.Path(tempfile.mkdtemp()) / "runs.csv"
-            >>> run = "t_s,u_V,z_um\n" + "".join(f"{k},{k % 9},{k % 8}\n" for k in range(60))
-            >>> _ = path.write_text(run + "\n" + run)
+            >>> run = "t_s,u_V,z_um\\n" + "".join(f"{k},{k % 9},{k % 8}\\n" for k in range(60))
+            >>> _ = path.write_text(run + "\\n" + run)
             >>> [record.name for record in Record.load_all(path)]
             ['runs.csv, table 1', 'runs.csv, table 2']
         """

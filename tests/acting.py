@@ -32,6 +32,22 @@ def factor(effect, values, drives):
     return _factor(effect, arrays(values), drives)
 
 
+def inside(effect, values, drives):
+    """What an effect inside the hysteresis adds to the thresholds, or makes of the path.
+
+    What is fed back is the cosine of the path.
+    """
+    return _inside(effect, arrays(values), drives)
+
+
+@eqx.filter_jit
+def _inside(effect, values, drives):
+    acting, path = effect.at(values), drives.input
+    if effect.feeds_back:
+        return acting.fed_back(path, jnp.cos(path), drives.time)
+    return acting.widening(path, drives.time)
+
+
 @eqx.filter_jit
 def _applied(effect, values, course, time):
     return effect.at(values).apply(course, time)

@@ -21,23 +21,17 @@ from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inv
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.search import Limits
 from preisach_jax.compensation.series import Law, Series
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import (
     AddedEffect,
     Effect,
     HysteresisEffect,
     InputEffect,
+    OfColumn,
     OutputEffect,
     Signals,
     WeightEffect,
-    low_pass_step,
+    auxiliary_columns,
 )
-from preisach_jax.effects.delay import Delay
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.output_quantisation import OutputQuantisation
-from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 
@@ -70,7 +64,7 @@ class CausalState(NamedTuple):
         behind: states of the effects of the output.
         signal: the last signal in front of these.
         aim: the last course behind these.
-        aux: (column, 2) lags of auxiliary columns.
+        aux: states of the effects of auxiliary columns.
         follow: what the measured output was last found to differ by.
     """
 
@@ -85,7 +79,7 @@ class CausalState(NamedTuple):
     behind: tuple[Any, ...]
     signal: Array
     aim: Array
-    aux: Array
+    aux: tuple[Any, ...]
     follow: Array
 
 
@@ -109,26 +103,27 @@ class Causal:
         kept = {e.name for e in (*led, *self._aux, *self._timed)}
         chain = self.forward.chain
         others = [*chain.at(InputEffect), *chain.at(OutputEffect), *chain.at(AddedEffect)]
-        names = [e.name for e in others if e.name not in kept and not isinstance(e, SlewLimit)]
-        converters = [e.name for e, _ in self.forward.sensors if isinstance(e, OutputQuantisation)]
-        return (*names, *converters)
+        kept |= {e.name for e in chain.at(InputEffect) if e.limits_rate}
+        converters = [e.name for e, _ in self.forward.sensors if e.converts]
+        return (*(e.name for e in others if e.name not in kept), *converters)
 
     @property
     def _before(self) -> list[InputEffect]:
-        kinds = (SlewLimit, InputQuantisation)
-        return [e for e in self.forward.chain.at(InputEffect) if not isinstance(e, kinds)]
+        effects = self.forward.chain.at(InputEffect)
+        return [e for e in effects if not (e.limits_rate or e.rounds)]
 
     @property
     def _behind(self) -> list[OutputEffect]:
-        return [e for e in self.forward.chain.at(OutputEffect) if not isinstance(e, Delay)]
+        return [e for e in self.forward.chain.at(OutputEffect) if not e.is_delay]
 
     @property
-    def _aux(self) -> list[Auxiliary]:
-        return [e for e in self.forward.chain.at(AddedEffect) if isinstance(e, Auxiliary)]
+    def _aux(self) -> list[Any]:
+        added = self.forward.chain.at(AddedEffect)
+        return [e for e in added if isinstance(e, OfColumn) and e.is_linear]
 
     @property
     def _timed(self) -> list[AddedEffect]:
-        return [e for e in self.forward.chain.at(AddedEffect) if isinstance(e, Drift | Hum)]
+        return [e for e in self.forward.chain.at(AddedEffect) if e.of_time_alone]
 
     @cached_property
     def laws(self) -> tuple[Law, Law]:
@@ -138,8 +133,8 @@ class Causal:
     @property
     def delay(self) -> float:
         """Samples by which the reading is late."""
-        own = [self.forward.values[e.name]["delay_s"] for e in self.forward.chain.at(Delay)]
-        return sum(own) / self.step_s
+        values, effects = self.forward.values, self.forward.chain.at(OutputEffect)
+        return sum(float(e.at(values[e.name]).late_s) for e in effects) / self.step_s
 
     @property
     def _in_front(self) -> Series:
@@ -153,8 +148,8 @@ class Causal:
     @property
     def resolution(self) -> float:
         """Step of the converter of the reading; 0 where it has none."""
-        own = [e for e, _ in self.forward.sensors if isinstance(e, OutputQuantisation)]
-        return sum(self.forward.values[e.name]["step"] for e in own)
+        values = self.forward.values
+        return sum(float(e.at(values[e.name]).resolution) for e, _ in self.forward.sensors)
 
     def operator(self) -> Operator:
         """The operator with the model's own weights."""
@@ -187,11 +182,7 @@ class Causal:
             signal = signal * effect.at(self.forward.values[effect.name]).factor(signals)[:count]
         behind, aim = self.after.ran(signal, dt)
         aux = [
-            jax.lax.scan(
-                lambda lag, now, e=effect: (low_pass_step(lag, now[0], now[1], self._lag(e)), None),
-                jnp.stack([signals.aux[effect.column][0]] * 2),
-                (signals.aux[effect.column][:count], dt),
-            )[0]
+            self._alone(effect).ran(signals.aux[effect.column][:count], dt)[0]
             for effect in self._aux
         ]
         last = chain.polarity * whole.hysteresis[count - 1]
@@ -207,12 +198,12 @@ class Causal:
             behind,
             signal[-1],
             aim[-1],
-            jnp.stack(aux) if aux else jnp.zeros((0, 2)),
+            tuple(aux),
             jnp.zeros(()),
         )
 
-    def _lag(self, effect: Auxiliary) -> Array:
-        return jnp.asarray(self.forward.values[effect.name]["tau_s"])
+    def _alone(self, effect: Any) -> Series:
+        return Series((effect,), self.forward.values, self.step_s)
 
     def gain(self, time: Array) -> Array:
         """Output of the operator at a time for one that rises by one with the input."""
@@ -225,7 +216,7 @@ class Causal:
     def _at(self, time: Array) -> Signals:
         return Signals(time[None], jnp.zeros(1), {})
 
-    def beside(self, time: Array, aux: Array) -> Array:
+    def beside(self, time: Array, aux: tuple[Any, ...]) -> Array:
         """What adds to the output at a time: offset, drift, hum, auxiliary columns, free parts."""
         chain, own = self.forward.chain, self.forward.coefficients
         value, at = jnp.asarray(own.offset), 0
@@ -236,7 +227,9 @@ class Causal:
             share = jnp.asarray(own.added[at:stop])
             at = stop
             if effect.name in lags:
-                value = value + share[0] * lags[effect.name][0]
+                ((states, last),) = lags[effect.name]
+                law = effect.at(self.forward.values[effect.name]).state_space(time)
+                value = value + law.output(states, last) @ share
             elif isinstance(effect, OutputEffect):
                 value = value + effect.free_response(self._at(time))[0] @ share
             elif effect.name in timed:
@@ -244,12 +237,12 @@ class Causal:
                 value = value + columns[0] @ share
         return value
 
-    def _aux_after(self, state: CausalState, aux: Array) -> Array:
-        rows = [
-            low_pass_step(lag, now, jnp.asarray(self.step_s), self._lag(e))
-            for e, lag, now in zip(self._aux, state.aux, aux, strict=True)
-        ]
-        return jnp.stack(rows) if rows else state.aux
+    def _aux_after(self, state: CausalState, aux: Array) -> tuple[Any, ...]:
+        columns = auxiliary_columns(self.forward.chain.effects)
+        return tuple(
+            self._alone(effect).passed(own, aux[columns.index(effect.column)])[0]
+            for effect, own in zip(self._aux, state.aux, strict=True)
+        )
 
     def _widening(self, path: Array) -> Array:
         """Widening at the last of three values of the input, by its speed to there."""
@@ -317,10 +310,12 @@ class Causal:
 
     @property
     def _slew(self) -> float:
-        own = [self.forward.values[e.name]["slew"] for e in self.forward.chain.at(SlewLimit)]
-        return min([self.limits.slew, *own])
+        values, effects = self.forward.values, self.forward.chain.at(InputEffect)
+        return min([self.limits.slew, *(e.at(values[e.name]).greatest_rate for e in effects)])
 
-    def step(self, state: CausalState, drive: Array, lags: Array) -> tuple[CausalState, Array]:
+    def step(
+        self, state: CausalState, drive: Array, lags: tuple[Any, ...]
+    ) -> tuple[CausalState, Array]:
         """The state after a drive has been played, and the reading that the model expects."""
         chain = self.forward.chain
         plane, time = chain.plane, state.time + self.step_s
@@ -376,12 +371,10 @@ class Causal:
         return reading
 
     def _reading(self, value: Array) -> Array:
-        kept: tuple[Effect, ...] = tuple(
-            e for e, _ in self.forward.sensors if not isinstance(e, OutputQuantisation)
-        )
+        kept: tuple[Effect, ...] = tuple(e for e, _ in self.forward.sensors if not e.converts)
         if not kept:
             return value
-        shares = [s for e, s in self.forward.sensors if not isinstance(e, OutputQuantisation)]
+        shares = [s for e, s in self.forward.sensors if not e.converts]
         chain = self.forward.chain.with_effects(kept)
         own = replace(self.forward.coefficients, added=np.concatenate(shares))
         return sensed(chain, self.forward.values, value[None], own)[0]

@@ -9,7 +9,6 @@ import numpy as np
 
 from preisach_jax.compensation.search import Found, Limits
 from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffect
-from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, pretty_unit, quantity
 from preisach_jax.record.marks import spans
@@ -161,7 +160,7 @@ def _that_lag(model: Model) -> list[str]:
         for effect in chain.at(HysteresisEffect)
         if type(effect).widening is not HysteresisEffect.widening
     ]
-    before = [effect for effect in chain.at(InputEffect) if not isinstance(effect, SlewLimit)]
+    before = [effect for effect in chain.at(InputEffect) if not effect.limits_rate]
     return [effect.name for effect in (*before, *inside, *chain.at(OutputEffect))]
 
 

@@ -12,9 +12,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import Past, past_of
 from preisach_jax.compensation.search import DriveSearch, Limits
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.base import auxiliary_columns
-from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.output_quantisation import OutputQuantisation
+from preisach_jax.effects.base import InputEffect, SensorEffect, auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.quantity import pretty_unit, quantity
@@ -221,7 +219,8 @@ def _span(
 
 def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.ndarray) -> list[str]:
     unit, notes = model.units.get("output", ""), list[str]()
-    left = [e.name for e in model.effects if isinstance(e, InputQuantisation | OutputQuantisation)]
+    rounding = [e.name for e in model.chain.at(InputEffect) if e.rounds]
+    left = [*rounding, *(e.name for e in model.chain.at(SensorEffect) if e.converts)]
     if left:
         off = (
             float(np.sqrt(np.mean((expected - wanted.output)[reachable] ** 2)))

@@ -26,7 +26,6 @@ from preisach_jax.effects.base import (
     Signals,
     WeightEffect,
 )
-from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.model import Model
 
 
@@ -76,11 +75,8 @@ class Forward:
     @staticmethod
     def of(model: Model, past: Past, aux: Mapping[str, np.ndarray]) -> Forward:
         """That of a model."""
-        kept = tuple(
-            effect
-            for effect in model.effects
-            if not isinstance(effect, SensorEffect | InputQuantisation)
-        )
+        unrounded = model.chain.unrounded.effects
+        kept = tuple(effect for effect in unrounded if not isinstance(effect, SensorEffect))
         chain, coefficients = model.chain, past.coefficients
         start = len(coefficients.added) - chain.sensor_coefficients
         sensors: list[tuple[SensorEffect, np.ndarray]] = []

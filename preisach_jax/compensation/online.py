@@ -27,7 +27,7 @@ from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 
-FORMAT = 1
+FORMAT = 2
 
 LEAST_MOVED = 0.25
 """Hysterons, squared, that must have moved between two updates of the weights."""

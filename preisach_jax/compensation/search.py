@@ -22,7 +22,6 @@ from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inv
 from preisach_jax.compensation.forward import Course, Forward
 from preisach_jax.compensation.lead import Lead
 from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffect
-from preisach_jax.effects.slew_limit import SlewLimit
 
 MOST_PASSES = 24
 """Passes of correction; without a resonance or a lag two or three are usual."""
@@ -84,7 +83,8 @@ class DriveSearch:
         self._forward, self._wanted, self._good = forward, wanted, good
         self._close = 0.05 * good
         chain, past = forward.chain, forward.past
-        slews = [forward.values[e.name]["slew"] for e in chain.at(SlewLimit)]
+        values = forward.values
+        slews = [e.at(values[e.name]).greatest_rate for e in chain.at(InputEffect)]
         self.limits = limits._replace(slew=min([limits.slew, *slews]))
         plane = chain.plane
         self._unit = (plane.high - plane.low) / plane.levels
@@ -97,7 +97,7 @@ class DriveSearch:
         behind = chain.at(OutputEffect)
         stroke = float(np.abs(forward.coefficients.weights).sum())
         self._behind = Lead.of(behind, forward.values, size, step_s, stroke)
-        before = [e for e in chain.at(InputEffect) if not isinstance(e, SlewLimit)]
+        before = [e for e in chain.at(InputEffect) if not e.limits_rate]
         width = plane.high - plane.low
         beside = [pair for pair in forward.added() if pair[0].goes_with_speed]
         slope = LEAST_SLOPE * stroke / width

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from preisach_jax.chain import EffectValues
-from preisach_jax.effects.base import InputEffect, OutputEffect
+from preisach_jax.effects.base import Stepped
 
 PASSED = 0.1
 """Share of a straight course that effects must have passed at the sample by which a lead is
@@ -70,7 +70,7 @@ class Series:
         step_s: time between two samples, in s.
     """
 
-    effects: tuple[InputEffect | OutputEffect, ...]
+    effects: tuple[Stepped, ...]
     values: EffectValues
     step_s: float
 

@@ -132,7 +132,7 @@ def test_a_file_that_is_dropped_anywhere_is_seen(tab, stage):
     keep(tab, "narrow_and_dark")
 
 
-def test_an_effect_is_added_by_keyboard_driven_taken_back_and_exported(tab, stage, tmp_path):
+def test_an_effect_is_added_by_keyboard_taken_back_and_exported(tab, stage, tmp_path):
     load(tab, stage)
     before = rungs(tab)
     tab.locator(".mark").first.wait_for()
@@ -141,10 +141,6 @@ def test_an_effect_is_added_by_keyboard_driven_taken_back_and_exported(tab, stag
     tab.keyboard.press("Enter")
     tab.locator("ol.ladder").get_by_text("+ delay").wait_for()
     assert rungs(tab)["+ delay"] < before["Preisach model"] / 3
-    button(tab, "Drive").click()
-    button(tab, "Find the drive").click()
-    tab.locator(".outcome").get_by_text("straight line").wait_for()
-    keep(tab, "drive")
     button(tab, "Undo").click()
     playwright.expect(tab.locator("ol.ladder li")).to_have_count(1, timeout=PATIENCE_MS)
     assert rungs(tab) == before

@@ -149,7 +149,7 @@ if __name__ == "__main__":
 def test_a_worker_that_is_killed_loses_nothing(files, tmp_path):
     program = tmp_path / "dying.py"
     program.write_text(DYING)
-    words = ["fleet", *files, "--fit", "--levels", 5, "--workers", 2, "--out", tmp_path / "out"]
+    words = ["fleet", *files[:2], "--fit", "--levels", 5, "--workers", 1, "--out", tmp_path / "out"]
     environment = {**os.environ, "MARK": str(tmp_path / "mark"), "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
         [sys.executable, program, *map(str, words)], capture_output=True, text=True, env=environment
@@ -157,7 +157,7 @@ def test_a_worker_that_is_killed_loses_nothing(files, tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "mark").exists()
     table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
-    assert sorted(table.record) == [path.name for path in files]
+    assert sorted(table.record) == [path.name for path in files[:2]]
     assert not table.why_not.any()
     assert "Traceback" not in done.stderr
 

@@ -206,36 +206,20 @@ def test_json_that_is_nested_without_end_is_refused(tmp_path, content, opening, 
     ("path", "value", "says"),
     [
         (("levels",), 10**9, "expected as many numbers as 1000000000 levels have cells"),
-        (("hysteron",), "slope", "hysteron is 'slope'"),
-        (("effects",), [3], "effects[0] is 3"),
         (("effects", 0, "name"), "magic", "magic"),
-        (("levels",), 3.0, "levels is 3.0: expected a whole number"),
         (("low",), -1e308, "low is -1e+308: expected a finite number (up to 1e+100 in size)"),
         (("low",), 10.0 - 1e-15, "expected a number at least 5.33e-15 above low"),
         (("weights", 2), 1e308, "weights[2] is 1e+308: expected a finite number (up to 1e+100"),
         (("weights", 2), 10**400, "weights[2] is a number of more than 30 digits"),
-        (("weights", 2), "1", "weights[2] is '1': expected a finite number"),
-        (("first_run",), [0.0], "first_run is a list of 1: expected two numbers a level, 6"),
         (("effects", 0, "name"), "\ud800", "effects[0].name is '\\ud800': expected a text"),
-        (("effects", 1, "name"), "input_lag", "effects[1].name is 'input_lag': expected each"),
-        (("effects", 0, "settings"), [], "effects[0].settings is a list of 0: expected a table"),
-        (("effects", 0, "settings", "x"), 1, "effects[0].settings has 'x': expected one of"),
-        (("effects", 1, "settings", "with_corners"), 1, "with_corners is 1: expected true or"),
-        (("effects", 3, "settings", "tau_s"), [], "tau_s is a list of 0: expected a list of"),
         (("effects", 4, "settings", "waves"), 10**9, "waves is 1000000000: expected a whole"),
-        (("effects", 4, "settings", "horizon_s"), 1e308, "effects[4]"),
         (("effects", 0, "parameters", "tau_s", "value"), 1e9, "tau_s.value is 1000000000.0"),
-        (("units", "input"), 3, "units.input is 3: expected a text"),
-        (("sampling", "step_s"), 0.0, "sampling.step_s is 0.0: expected a finite number"),
-        (("identification", "start_s"), -1e308, "identification.start_s is -1e+308"),
         (("identification", "initial_memory"), "warm", "initial_memory is 'warm': expected one"),
-        (("identification", "history"), [[0.0], [1.0]], "history[0] must be at least two times"),
         (("identification", "history", 0, 1), -1.0, "each above the one before"),
-        (("noise",), {}, "noise is a table of 0"),
     ],
     ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else None,
 )  # fmt: skip
-def test_each_key_of_a_model_is_checked(tmp_path, content, path, value, says):
+def test_a_key_of_a_model_is_refused_by_its_name(tmp_path, content, path, value, says):
     damaged = json.loads(json.dumps(content))
     inside = damaged
     for key in path[:-1]:

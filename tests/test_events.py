@@ -58,12 +58,6 @@ def test_events_switch_what_the_relays_switch(precision, plane):
         check_events(plane, x.astype(precision))
 
 
-@settings(max_examples=10)
-@given(st.lists(st.integers(0, 20), min_size=SAMPLES, max_size=SAMPLES))
-def test_events_switch_what_the_relays_switch_on_any_path(halves):
-    check_events(PLANE, np.array(halves) / 2 - 2)
-
-
 def test_a_resting_input_has_no_event():
     assert switching(PLANE, np.full(10, 2.5)) == []
     result = AdaptiveFilter(PLANE).run(np.full(9, 2.2), np.arange(9.0), form="event")
@@ -125,11 +119,17 @@ def of_relays(rng, gaps=0.0, rows=SAMPLES):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{}, {"dead_zone": 0.2}, {"error_limit": 0.3, "nonnegative": True}, {"leakage": 0.05}],
+    ("options", "sampling", "gaps"),
+    [
+        ({}, "event", 0.3),
+        ({}, "sample", 0.3),
+        ({}, "event", 1.0),
+        ({"dead_zone": 0.2}, "sample", 0.0),
+        ({"dead_zone": 0.2, "error_limit": 0.3, "nonnegative": True}, "event", 0.3),
+        ({"leakage": 0.05}, "event", 0.0),
+        ({"leakage": 0.05}, "sample", 0.3),
+    ],
 )
-@pytest.mark.parametrize("sampling", ["event", "sample"])
-@pytest.mark.parametrize("gaps", [0.0, 0.3, 1.0])
 def test_a_run_over_passages_is_the_scan_of_steps(x64, options, sampling, gaps):
     x, z = of_relays(np.random.default_rng(11), gaps)
     filt = AdaptiveFilter(PLANE, sampling=sampling, step_size=0.7, **options)

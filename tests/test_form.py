@@ -38,13 +38,12 @@ def late(values, time, tau):
 
 
 LAWS = {
-    None: lambda t, u, v, load: 0 * t,
-    "cube of the rate": lambda t, u, v, load: v**3,
-    "column times rate": lambda t, u, v, load: load * v,
-    "warming": lambda t, u, v, load: late(v**2, t, 0.21),
-    "power of the rate": lambda t, u, v, load: np.sign(v) * np.abs(v) ** 1.4,
+    None: lambda t, u, v: 0 * t,
+    "cube of the rate": lambda t, u, v: v**3,
+    "warming": lambda t, u, v: late(v**2, t, 0.21),
+    "power of the rate": lambda t, u, v: np.sign(v) * np.abs(v) ** 1.4,
     # No few terms make it.
-    "wave of the place times the rate": lambda t, u, v, load: np.sin(6 * (u - 5) / 5) * v,
+    "wave of the place times the rate": lambda t, u, v: np.sin(6 * (u - 5) / 5) * v,
 }
 
 
@@ -61,13 +60,11 @@ def hidden_record(kind, seed):
         for k, value in enumerate(u.tolist()):
             place = max(value - radius, min(value + radius, place))
             output[k] += place * np.exp(-radius) / 12
-    load = np.interp(time, np.linspace(0, time[-1], 21), rng.uniform(-1, 1, 21))
     rate = np.gradient(u, time)
-    law = LAWS[kind](time, u, rate / np.quantile(np.abs(rate), 0.98), load)
+    law = LAWS[kind](time, u, rate / np.quantile(np.abs(rate), 0.98))
     law = 0.2 * law / (law.std() or 1.0)
     noise = NOISE * np.random.default_rng(seed + 50).normal(size=SAMPLES)
-    aux, units = ({"load": load}, {"load": "N"}) if kind == "column times rate" else (None, {})
-    return pj.Record.from_arrays(time, u, output + law + noise, aux=aux, units=UNITS | units), law
+    return pj.Record.from_arrays(time, u, output + law + noise, units=UNITS), law
 
 
 @cache
@@ -82,7 +79,6 @@ def diagnosed(kind):
     ("kind", "formula", "number"),
     [
         ("cube of the rate", "u'³", None),
-        ("column times rate", "u' · load", None),
         ("warming", r"low-pass of u'² over ([\d.]+) s", 0.21),  # between those of the library
         ("power of the rate", r"sgn\(u'\) \|u'\|\^([\d.]+)", 1.4),
     ],

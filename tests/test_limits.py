@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from preisach_jax.chain import Chain, Coefficients, response, signals_of
-from preisach_jax.diagnosis.limits import Limit, limits
+from preisach_jax.diagnosis.limits import limits
 from preisach_jax.effects.base import AddedEffect, InputEffect, WeightEffect
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
@@ -252,21 +252,3 @@ def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
     assert found.value == pytest.approx(0.25)
     assert found.rms == pytest.approx(0.25 / np.sqrt(12), rel=0.3)
     assert found.text("um").startswith("step of 250 nm, as the record itself shows (")
-
-
-@pytest.mark.parametrize(
-    ("limit", "texts"),
-    [
-        (("input_lag", "tau_s", 3.1e-6, "s", False, 1.1e-3, 0.39), ["tau below 3.1 µs", "1.1 nm"]),
-        (("resonance", "f_hz", 431.0, "Hz", True, 0.02, 0.1), ["f above 430 Hz", "20 nm RMS"]),
-        (
-            ("slew_limit", "slew", 470.0, "V/s", True, 0.58, 0.1, False, True),
-            ["poorly bounded: slew above 470 V/s", "more than the whole error"],
-        ),
-        (("creep", "gain_per_decade", 0.0012, "1", False, 0.05, 0.2), ["per decade below 0.12 %"]),
-        (("moving", "a", None, "V/um", False, None, 0.9999), ["undetectable", "100 %"]),
-    ],
-)
-def test_limits_in_words(limit, texts):
-    said = Limit(*limit).text("um")
-    assert all(text in said for text in texts), said

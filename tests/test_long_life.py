@@ -75,8 +75,6 @@ def measured(x, seed=1, gaps=False):
     ("hysteron", "sampling", "chosen", "precision", "adapt"),
     [
         ("ramp", "event", "none", "float64", True),
-        ("ramp", "sample", "none", "float64", True),
-        ("relay", "event", "three", "float64", True),
         ("ramp", "event", "three", "float32", True),
         ("ramp", "event", "all", "float64", True),
         ("relay", "sample", "all", "float32", True),

@@ -35,10 +35,8 @@ def measured():
     return lambda memory: pj.Record.from_arrays(time, u, relays(u), initial_memory=memory)
 
 
-@pytest.mark.parametrize("by_hand", [False, True])
-def test_an_unknown_past_is_told_where_it_hides_a_course_of_time(measured, by_hand):
-    asked = (measured("free"), ["drift", "ageing"])
-    found = pj.explore(*asked, levels=9).conclude() if by_hand else pj.diagnose(*asked, levels=9)
+def test_an_unknown_past_is_told_where_it_hides_a_course_of_time(measured):
+    found = pj.diagnose(measured("free"), ["drift", "ageing"], levels=9)
     (told,) = [note for note in found.notes if "--initial-memory high" in note]
     assert f"turns beyond all its values before {CURVES} times" in told
 

@@ -1,10 +1,8 @@
 """What comes from elsewhere is data and never program, and what goes elsewhere tells of nobody."""
 
-import ast
 import asyncio
 import base64
 import csv
-import functools
 import os
 import pickle
 import queue
@@ -31,7 +29,6 @@ from preisach_jax.files import is_ours
 from preisach_jax.report.content import shareable
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = Path(pj.__file__).parent
 
 SECRETS = ("secret-home", "secret-user", "secret-host")
 # Linux lets a name hold bytes that are no text.
@@ -100,7 +97,7 @@ def texts(path):
 def test_what_is_written_tells_nobody_who_wrote_it_and_where(outputs):
     files = [path for path in outputs.rglob("*") if path.is_file()]
     kinds = {path.suffix for path in files}
-    assert {".json", ".html", ".png", ".csv", ".npz"} <= kinds
+    assert {".json", ".html", ".svg", ".csv", ".npz"} <= kinds
     assert (outputs / "fleet" / "fleet.parquet") in files
     machine = [os.uname().nodename] if len(os.uname().nodename) > 4 else []
     for path in files:
@@ -161,53 +158,6 @@ def test_nothing_that_a_file_says_of_itself_becomes_markup(outputs, page):
         drawn = Tags(base64.b64decode(packed).decode()).found
         assert not {"script", "img", "b", "foreignobject"} & {tag for tag, _ in drawn}
         assert not [name for _, each in drawn for name in each if name.startswith("on")]
-
-
-@functools.cache
-def nodes():
-    """All that the package says, as `(file, node)`."""
-    return [
-        (path, node)
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    ]
-
-
-def calls():
-    """All calls in the package, as `(file, function, call)`."""
-    for path, node in nodes():
-        if isinstance(node, ast.Call):
-            called = node.func
-            owner = getattr(getattr(called, "value", None), "id", "")
-            name = getattr(called, "attr", getattr(called, "id", ""))
-            yield path, name if isinstance(called, ast.Name) else f"{owner}.{name}", node
-
-
-def test_no_text_is_run_as_a_program():
-    seen = 0
-    for path, function, call in calls():
-        seen += 1
-        forbidden = {"eval", "exec", "compile", "__import__", "os.system", "os.popen"}
-        assert function not in forbidden, f"{path}: {function}"
-        if function.startswith("subprocess."):
-            # The C compiler and the reader of binary files, as lists of words that no shell reads.
-            assert path.name in {"compiler.py", "apart.py"}, f"{path}: {function}"
-            assert function in {"subprocess.run", "subprocess.TimeoutExpired"}, (
-                f"{path}: {function}"
-            )
-            assert "shell" not in {keyword.arg for keyword in call.keywords}
-        if function in {"np.load", "numpy.load"}:
-            options = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
-            assert options.get("allow_pickle") == "False", path
-    assert seen > 1000
-
-
-def test_nothing_that_unpacks_programs_is_imported():
-    for path, node in nodes():
-        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        roots = {name.split(".")[0] for name in names}
-        assert not roots & {"pickle", "marshal", "shelve", "dill", "joblib", "yaml"}, path
 
 
 class Payload:
@@ -422,21 +372,6 @@ def test_every_dependency_is_pinned_with_its_hashes():
     for line in pinned:
         assert re.match(r"[A-Za-z0-9._-]+(\[[a-z,]+\])?==\S+ ", line), line
         assert re.search(r"--hash=sha256:[0-9a-f]{64}\b", line), line
-
-
-@pytest.mark.skipif(not (ROOT / ".ci" / "run").exists(), reason="this is no checkout")
-def test_what_continuous_integration_installs_is_pinned():
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    setup = re.search(r"(?ms)^\$\(STAMP\):.*?\n\n", makefile)
-    assert setup is not None
-    installs = [line for line in setup[0].splitlines() if "$$install " in line]
-    assert len(installs) == 3  # uv, the lock, and this package
-    for line in installs:
-        assert "--require-hashes -r requirements" in line or "--no-deps --no-build-iso" in line
-    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert "pip install" not in ci
-    made = {line for line in ci.splitlines() if line.startswith("make ")}
-    assert made == {"make test", "make lint", "make docs"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links and modes of POSIX")

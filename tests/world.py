@@ -362,40 +362,8 @@ def _stick_slip(rng, h, swing):
     return y
 
 
-def _limited(u, reach):
-    """Follows u by no more than `reach` from one instant to the next."""
-    place, course = u[0], []
-    for value in u.tolist():
-        place = min(max(value, place - reach), place + reach)
-        course.append(place)
-    return np.array(course)
-
-
-def _dragged(u, slack):
-    """What is pushed up by u - slack and down by u + slack, and rests in between.
-
-    A relay whose thresholds have moved outward by the slack switches where this passes the
-    thresholds themselves.
-    """
-    place, course = u[0], []
-    for low, high in zip((u - slack).tolist(), (u + slack).tolist(), strict=True):
-        place = min(max(place, low), high)
-        course.append(place)
-    return np.array(course)
-
-
 def _drive(effect, at, t, step, rng, size, truth):
     """What the hysteresis sees, at the instants t: effects on the input."""
-    if effect == "slew_limit":
-        truth["slew_V_per_s"] = slew = float(rng.uniform(250.0, 500.0)) / size
-        return _limited(at(t), slew * step)
-    if effect == "rate_dependence":
-        truth["exponent"] = p = float(rng.uniform(0.5, 1.2))
-        truth["coefficient_V"] = c = float(rng.uniform(0.01, 0.03)) * TOP * size
-        truth["reference_V_per_s"] = 700.0
-        u = at(t)
-        rate = np.abs(np.diff(u, prepend=u[0])) / step
-        return _dragged(u, c * (rate / 700.0) ** p)
     if effect == "delay":
         truth["delay_s"] = float(rng.uniform(1e-3, 4e-3) * size)
         return at(t - truth["delay_s"])
@@ -419,11 +387,6 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
         slow, extra = _drift(rng, t, duration, swing)
         truth.update(extra)
         return h + slow, {}
-    if effect == "ageing":
-        truth["loss"] = loss = float(rng.uniform(0.01, 0.04)) * size
-        truth["tau_s"] = tau = float(rng.uniform(0.3, 3.0)) * duration
-        done = np.expm1(-np.clip(t, 0.0, None) / tau) / np.expm1(-duration / tau)
-        return h * (1.0 - loss * done), {}
     if effect == "aux":
         warm = bool(rng.uniform() < 0.5)
         name, scale = ("temp_C", 2.0) if warm else ("load_N", 10.0)
@@ -446,8 +409,7 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
     return h, {}
 
 
-EFFECTS = ("creep", "input_lag", "delay", "drift", "ageing", "aux")
-EFFECTS += ("output_lag", "slew_limit", "rate_dependence", "hum")
+EFFECTS = ("creep", "input_lag", "delay", "drift", "aux", "output_lag", "hum")
 OUTSIDE = ("stick_slip",)
 
 

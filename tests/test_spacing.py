@@ -9,7 +9,7 @@ from exported import HIGH, LOW, Compiled, drawn, needs_compiler, predicted, smoo
 import preisach_jax as pj
 from preisach_jax.errors import InputError
 from preisach_jax.export.description import describe
-from preisach_jax.export.stepper import advance, start
+from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.operator.plane import Plane
 from preisach_jax.plot.axes import plane_edges, shown_density
 
@@ -54,13 +54,8 @@ def test_a_smooth_loop_keeps_equal_cells():
 
 
 def stepped(model, u):
-    """What the law gives, written out sample by sample."""
-    described = describe(model)
-    state, outputs = start(described), []
-    for value in u:
-        state, output = advance(described, state, np.array([value]))
-        outputs.append(output)
-    return np.array(outputs)
+    """What the law gives, sample by sample."""
+    return sample_by_sample(describe(model), u[:, None])
 
 
 def test_it_is_the_model_of_equal_cells_behind_a_map_of_the_input():

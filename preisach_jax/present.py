@@ -480,7 +480,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
     levels = "levels beside jumps of the sensor"
     jumps = [("jumps", quantity(budget.jumps, budget.unit, 3), levels)] if budget.jumps > 0 else []
     return [
-        ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable between samples"),
+        ("noise", quantity(budget.noise, budget.unit, 3), "unpredictable, and related to nothing"),
         *steps,
         (
             "discretisation",

@@ -13,7 +13,7 @@ from preisach_jax.diagnosis.noise import (
     output_quantisation_rms,
     unpredictable_rms,
 )
-from preisach_jax.diagnosis.remainder import related_share
+from preisach_jax.diagnosis.remainder import is_related
 from preisach_jax.diagnosis.result import NOTABLE, Budget
 from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.fit import REFINEMENT, Fit, with_regressors
@@ -69,7 +69,7 @@ def error_budget(problem: Problem, fit: Fit, floor: Floor, grid: tuple[float, fl
     """What the held-out error of a fit is made of.
 
     Arguments:
-        grid: RMS of what the grid of the plane adds (`discretisation_rms`, `by_another_plane`).
+        grid: RMS of what the grid of the plane adds, and of all that another plane tells.
     """
     parts = (floor.noise, grid[0], floor.memory, wander_rms(problem.record))
     noise, discretisation, memory, jumps, unexplained = _shares(fit.rms_validation, *parts)
@@ -97,7 +97,7 @@ def budget_of_residual(fit: Fit) -> Budget:
 
 
 def _with_noise_of_any_colour(budget: Budget, fit: Fit, grid: float) -> Budget:
-    """The same if it is met; else with what goes with nothing (`related_share`) as noise.
+    """The same if it is met; else with what goes with nothing (`is_related`) as noise.
 
     Second differences show the white part of noise alone.  Where nothing goes with the remainder,
     no physics can pass for the grid either, and all that another plane tells is its own; and by
@@ -109,13 +109,13 @@ def _with_noise_of_any_colour(budget: Budget, fit: Fit, grid: float) -> Budget:
     left = float(np.sqrt(np.nanmean(fit.residual[fit.record.measured] ** 2)))
     if budget.is_met or left > MOST_COLOURED * budget.noise:
         return budget
-    if related_share(fit.record, fit.residual) > NOTABLE:
+    if is_related(fit.record, fit.residual, NOTABLE):
         return budget
-    whole, grid = fit.rms_validation, max(grid, budget.discretisation)
+    grid = max(grid, budget.discretisation)
     noise = max(budget.noise, float(np.sqrt(max(left**2 - grid**2, 0.0))))
-    noise, grid, memory, jumps, rest = _shares(whole, noise, grid, whole, budget.jumps)
+    noise, grid, memory = _shares(fit.rms_validation, noise, grid)
     return replace(
-        budget, noise=noise, discretisation=grid, memory=memory, jumps=jumps, unexplained=rest
+        budget, noise=noise, discretisation=grid, memory=memory, jumps=0.0, unexplained=0.0
     )
 
 
@@ -193,6 +193,18 @@ def discretisation_rms(
         return min(by_plane, MOST_OVER_WITHIN * most)
     of_relays = by_another_plane(problem, point, other, ORDER_OF_RELAYS)
     return max(of_relays, PATH_OVER_LINE * within)
+
+
+def grid_rms(problem: Problem, fit: Fit, point: Point, other: Point) -> tuple[float, float]:
+    """RMS of what the grid of the plane adds, and of all that another plane tells.
+
+    Arguments:
+        fit: the model fitted to all rows.
+        point, other: the same model, with all hysterons, on its plane and on another one.
+    """
+    within = within_cells_rms(fit.record, fit.residual, point.chain.plane)
+    estimate = discretisation_rms(problem, point, other, within)
+    return estimate, by_another_plane(problem, point, other)
 
 
 def by_another_plane(

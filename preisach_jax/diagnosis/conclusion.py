@@ -8,14 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from preisach_jax.cores import on_all_cores
-from preisach_jax.diagnosis.budget import (
-    Floor,
-    by_another_plane,
-    discretisation_rms,
-    error_budget,
-    refined_levels,
-    within_cells_rms,
-)
+from preisach_jax.diagnosis.budget import Floor, error_budget, grid_rms, refined_levels
 from preisach_jax.diagnosis.evidence import LEAST_SCORE, Evidence, predicted_errors, simple_ratio
 from preisach_jax.diagnosis.limits import Limit, limits
 from preisach_jax.diagnosis.memoryless import memoryless
@@ -224,11 +217,7 @@ class Fitted:
         other = on_a_coarser_plane(problem, now) if coarser else at_levels(problem, now, finer)
         planes = with_signs(all_hysterons, now), with_signs(all_hysterons, other)
         last = finals[-1]
-        within = within_cells_rms(known.record, last.fit.residual, planes[0].chain.plane)
-        grid = (
-            discretisation_rms(all_hysterons, *planes, within),
-            by_another_plane(all_hysterons, *planes),
-        )
+        grid = grid_rms(all_hysterons, last.fit, *planes)
         budget = error_budget(known.whole, last.fit, last.floor, grid)
         return Fitted(finals, other, planes, budget)
 

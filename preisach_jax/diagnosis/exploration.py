@@ -8,14 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.diagnosis.budget import (
-    Floor,
-    budget_of_residual,
-    by_another_plane,
-    discretisation_rms,
-    error_budget,
-    within_cells_rms,
-)
+from preisach_jax.diagnosis.budget import Floor, budget_of_residual, error_budget, grid_rms
 from preisach_jax.diagnosis.conclusion import assembled
 from preisach_jax.diagnosis.evidence import compare, compare_fits
 from preisach_jax.diagnosis.limits import limits
@@ -229,12 +222,7 @@ class Exploration:
         if "budget" not in self._cache:
             with double_precision():
                 coarse = on_a_coarser_plane(self.problem, self.point)
-                plane = self.point.chain.plane
-                within = within_cells_rms(self.record, self.fit.residual, plane)
-                grid = (
-                    discretisation_rms(self.problem, self.point, coarse, within),
-                    by_another_plane(self.problem, self.point, coarse),
-                )
+                grid = grid_rms(self.problem, self.fit, self.point, coarse)
                 whole = Problem.of(self.record, FINAL_ROWS)
                 floor = Floor.of(whole, self.fit)
                 self._cache["budget"] = error_budget(whole, self.fit, floor, grid)

@@ -15,7 +15,7 @@ loses what it goes with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -152,28 +152,31 @@ def relations(
     return tuple(sorted(told, key=lambda each: -each.share))
 
 
-def related_share(record: Record, residual: np.ndarray) -> float:
-    """Greatest share of a remainder, beyond chance, that noise would not have.
+def is_related(record: Record, residual: np.ndarray, least: float) -> bool:
+    """Whether more than a share of a remainder, beyond chance, is what noise would not have.
 
     It goes with a quantity; or its magnitude does, as a gain that wanders or a friction makes it;
     or it lies at a line; or in jumps of few rows.
 
     Arguments:
         residual: (time,) measured minus modelled output, in output units.
+        least: the share.
     """
     rows = _rows_of(record, residual)
-    if not len(rows):
-        return 0.0
-    shares = [each.share - each.chance for each in _line(record, residual[rows], {})]
-    shares.append(_share_of_jumps(residual[rows]))
+    return bool(len(rows)) and any(share > least for share in _excesses(record, residual, rows))
+
+
+def _excesses(record: Record, residual: np.ndarray, rows: np.ndarray) -> Iterator[float]:
+    """Shares beyond chance, those first that cost least."""
+    yield _share_of_jumps(residual[rows])
+    yield from (each.share - each.chance for each in _line(record, residual[rows], {}))
     rows = _thinned(rows)
     move = last_move(record.input)[rows]
     magnitude = np.abs(residual[rows] - residual[rows].mean())
     for axis in _axes(record, rows):
         for values, along in ((residual[rows], axis.along_move), (magnitude, False)):
             one = _relation(replace(axis, along_move=along), values, move)
-            shares.append(one.share - one.chance)
-    return max(0.0, *shares)
+            yield one.share - one.chance
 
 
 def _rows_of(record: Record, residual: np.ndarray) -> np.ndarray:

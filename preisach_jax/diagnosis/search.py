@@ -162,12 +162,7 @@ class Selection:
         rows: list[Candidate] = []
         for position, step in enumerate(self.steps):
             chosen = self.names[position] if position < len(self.names) else ""
-            present = _names(self.path[position])
-            rows += (
-                candidate(each, position, self.problem.unit, chosen)
-                for each in step
-                if each.effect not in present  # a term more is no other effect
-            )
+            rows += _rows(step, self.path[position], self.problem.unit, chosen)
         return tuple(rows)
 
     @property
@@ -238,6 +233,14 @@ def candidate(tried: Tried, step: int, unit: float, chosen: str) -> Candidate:
         accepted,
         "" if accepted else tried.objection or why,
     )
+
+
+def _rows(tried: Iterable[Tried], beside: Point, unit: float, chosen: str) -> list[Candidate]:
+    """What was tried beside a model, as rows of a table; a term more is no other effect."""
+    present = _names(beside)
+    return [
+        candidate(each, len(present), unit, chosen) for each in tried if each.effect not in present
+    ]
 
 
 @dataclass(eq=False)
@@ -315,11 +318,7 @@ class Search:
             frontier = [each for each in ranked if each.error < near]
             if watch is not None:
                 added = min(set(frontier[0].names) - set(lead.names), default="")
-                rows = [
-                    candidate(each, len(lead.names), self.problem.unit, added)
-                    for each in self.beside(lead)
-                    if each.effect not in lead.names
-                ]
+                rows = _rows(self.beside(lead), lead.point, self.problem.unit, added)
                 watch(frontier[0].point, tuple(rows))
             if self.is_noise(frontier[0]):
                 break

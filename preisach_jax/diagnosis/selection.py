@@ -127,20 +127,20 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
     ]
     asked = listed(everything if effects is None else effects)
     names = [item if isinstance(item, str) else item.name for item in asked]
-    known = library()
-    late = [n for n in names if n in known and known[n].needs_clock and not record.has_clock]
-    if late:
-        raise InputError(
-            f"{record.name}: the effect {late[0]!r} needs a clock, and the samples are only "
-            "counted; give the column of time (--time COL) or the sampling rate (--rate HZ)"
-        )
     of_columns = [kind.prefix for kind in OF_COLUMNS if f"{kind.prefix}:COL" in names]
     # The library's placeholders: one effect a column.
     asked = [item for item, name in zip(asked, names, strict=True) if not name.endswith(":COL")]
     for prefix in of_columns:
         each = [f"{prefix}:{column}" for column in record.aux]
         asked += [name for name in each if name not in names]
-    return resolve(asked, aux_units(record))
+    found = resolve(asked, aux_units(record))
+    late = next((e.name for e in found if e.needs_clock and not record.has_clock), None)
+    if late is not None:
+        raise InputError(
+            f"{record.name}: the effect {late!r} needs a clock, and the samples are only "
+            "counted; give the column of time (--time COL) or the sampling rate (--rate HZ)"
+        )
+    return found
 
 
 def _diagnosed(

@@ -25,7 +25,6 @@ from preisach_jax.fit.fitted import (
 from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.fit.stepwise import (
     COARSE_LEVELS,
-    DEFAULT_LEVELS,
     REFINEMENT,
     SEARCH_ROWS,
     Progress,
@@ -60,7 +59,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COARSE_LEVELS",
-    "DEFAULT_LEVELS",
     "FINAL_ROWS",
     "REFINEMENT",
     "SEARCH_ROWS",

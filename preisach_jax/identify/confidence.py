@@ -27,7 +27,7 @@ from preisach_jax.model import ParameterEstimate
 from preisach_jax.model.band import Others, rounded
 
 LEVEL = 0.95
-"""Coverage of the intervals, and certainty of the tests."""
+"""Coverage of the intervals."""
 
 OF_THE_LAW = 1.3
 """How many times as long intervals are for machines, whose laws are never quite those of effects.

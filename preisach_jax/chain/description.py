@@ -107,6 +107,12 @@ class Chain(eqx.Module):
         return "Bouc-Wen law" if one_state else f"{self.plane.levels} levels{placed}"
 
     @property
+    def converters(self) -> list[Effect]:
+        """The effects that work in steps: those of the input, then those of the sensor."""
+        rounding = [effect for effect in self.at(InputEffect) if effect.rounds]
+        return [*rounding, *(effect for effect in self.at(SensorEffect) if effect.converts)]
+
+    @property
     def unrounded(self) -> Chain:
         """The chain without converters of the input, whose steps have no rate and no slope."""
         kept = (e for e in self.effects if not (isinstance(e, InputEffect) and e.rounds))

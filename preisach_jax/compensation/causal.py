@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.chain import sensed
+from preisach_jax.chain.driven import all_widen
 from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.search import Limits
@@ -109,8 +110,7 @@ class Causal:
 
     @property
     def _before(self) -> list[InputEffect]:
-        effects = self.forward.chain.at(InputEffect)
-        return [e for e in effects if not (e.limits_rate or e.rounds)]
+        return [e for e in self.forward.chain.at(InputEffect) if not e.limits_rate]
 
     @property
     def _behind(self) -> list[OutputEffect]:
@@ -154,14 +154,13 @@ class Causal:
     def operator(self) -> Operator:
         """The operator with the model's own weights."""
         chain, own = self.forward.chain, self.forward.coefficients
-        inside = chain.at(HysteresisEffect)
-        widens = any(type(e).widening is not HysteresisEffect.widening for e in inside)
+        widens = any(effect.widens for effect in chain.at(HysteresisEffect))
         return Operator.of(
             chain.plane,
             chain.polarity * own.weights,
             chain.polarity * own.memory,
             chain.hysteron == "relay",
-            not widens or any(e.widens_reversible for e in inside),
+            not widens or all_widen(chain),
         )
 
     def start(self) -> CausalState:
@@ -310,8 +309,7 @@ class Causal:
 
     @property
     def _slew(self) -> float:
-        values, effects = self.forward.values, self.forward.chain.at(InputEffect)
-        return min([self.limits.slew, *(e.at(values[e.name]).greatest_rate for e in effects)])
+        return min(self.limits.slew, self.forward.greatest_rate)
 
     def step(
         self, state: CausalState, drive: Array, lags: tuple[Any, ...]

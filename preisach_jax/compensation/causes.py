@@ -155,11 +155,7 @@ def sentences(model: Model, attempt: Attempt, asked_slew: float) -> list[str]:
 def _that_lag(model: Model) -> list[str]:
     """Names of the effects that hold an output back from a fast motion."""
     chain = model.chain
-    inside = [
-        effect
-        for effect in chain.at(HysteresisEffect)
-        if type(effect).widening is not HysteresisEffect.widening
-    ]
+    inside = [effect for effect in chain.at(HysteresisEffect) if effect.widens]
     before = [effect for effect in chain.at(InputEffect) if not effect.limits_rate]
     return [effect.name for effect in (*before, *inside, *chain.at(OutputEffect))]
 

@@ -12,7 +12,7 @@ from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import Past, past_of
 from preisach_jax.compensation.search import DriveSearch, Limits
 from preisach_jax.cores import on_processor
-from preisach_jax.effects.base import InputEffect, SensorEffect, auxiliary_columns
+from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.quantity import pretty_unit, quantity
@@ -219,8 +219,7 @@ def _span(
 
 def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.ndarray) -> list[str]:
     unit, notes = model.units.get("output", ""), list[str]()
-    rounding = [e.name for e in model.chain.at(InputEffect) if e.rounds]
-    left = [*rounding, *(e.name for e in model.chain.at(SensorEffect) if e.converts)]
+    left = [effect.name for effect in model.chain.converters]
     if left:
         off = (
             float(np.sqrt(np.mean((expected - wanted.output)[reachable] ** 2)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,7 @@ from preisach_jax.compensation.past import Past
 from preisach_jax.effects.base import (
     AddedEffect,
     HysteresisEffect,
+    InputEffect,
     SensorEffect,
     Signals,
     WeightEffect,
@@ -71,6 +73,12 @@ class Forward:
     past: Past
     aux: Mapping[str, np.ndarray]
     sensors: list[tuple[SensorEffect, np.ndarray]]
+
+    @property
+    def greatest_rate(self) -> float:
+        """Greatest rate of a drive that passes the effects of the input, in input units per s."""
+        acting = (e.at(self.values[e.name]) for e in self.chain.at(InputEffect))
+        return min((float(e.greatest_rate) for e in acting), default=math.inf)
 
     @staticmethod
     def of(model: Model, past: Past, aux: Mapping[str, np.ndarray]) -> Forward:

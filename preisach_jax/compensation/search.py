@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from preisach_jax.chain.driven import all_widen
 from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse
 from preisach_jax.compensation.forward import Course, Forward
 from preisach_jax.compensation.lead import Lead
@@ -83,15 +84,10 @@ class DriveSearch:
         self._forward, self._wanted, self._good = forward, wanted, good
         self._close = 0.05 * good
         chain, past = forward.chain, forward.past
-        values = forward.values
-        slews = [e.at(values[e.name]).greatest_rate for e in chain.at(InputEffect)]
-        self.limits = limits._replace(slew=min([limits.slew, *slews]))
+        self.limits = limits._replace(slew=min(limits.slew, forward.greatest_rate))
         plane = chain.plane
         self._unit = (plane.high - plane.low) / plane.levels
-        self._widens = any(
-            type(effect).widening is not HysteresisEffect.widening
-            for effect in chain.at(HysteresisEffect)
-        )
+        self._widens = any(effect.widens for effect in chain.at(HysteresisEffect))
         self.dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
         size, step_s = len(wanted), float(np.median(self.dt))
         behind = chain.at(OutputEffect)
@@ -106,13 +102,12 @@ class DriveSearch:
         self._leads_input = bool(before)
         self._sign = chain.polarity
         coefficients = forward.coefficients
-        all_widen = any(e.widens_reversible for e in chain.at(HysteresisEffect))
         self._operator = Operator.of(
             plane,
             self._sign * coefficients.weights,
             self._sign * coefficients.memory,
             chain.hysteron == "relay",
-            all_widen or not self._widens,
+            all_widen(chain) or not self._widens,
         )
 
     def found(self, progress: Callable[[str, float], object] | None = None) -> Found:

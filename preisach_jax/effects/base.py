@@ -303,7 +303,8 @@ class Stepped(Effect):
     @property
     def is_linear(self) -> bool:
         """Whether a state space says all about it."""
-        return type(self).state_space is not Stepped.state_space
+        own = type(self)
+        return own.state_space is not Stepped.state_space and own.step is Stepped.step
 
     @property
     def is_stepped(self) -> bool:
@@ -371,6 +372,11 @@ class HysteresisEffect(Effect):
     place: ClassVar[Place] = Place.HYSTERESIS
     feeds_back: ClassVar[bool] = False
     """Whether `fed_back` makes the input of the hysterons depend on their output."""
+
+    @property
+    def widens(self) -> bool:
+        """Whether it moves thresholds outward."""
+        return type(self).widening is not HysteresisEffect.widening
 
     @property
     def widens_reversible(self) -> bool:

@@ -141,7 +141,7 @@ class Modal(Effect):
     def modes_over(self, dt: Array) -> tuple[Array, Array]:
         """A and b of the modes over a step of `dt` seconds, see `linear.oscillators`."""
         f_hz, zeta = zip(*self.damped, strict=True)
-        return oscillators(_stacked(f_hz, dt), _stacked(zeta, dt), dt)
+        return oscillators(stacked(f_hz, dt), stacked(zeta, dt), dt)
 
     def searched_from(self, survey: Survey, drive: np.ndarray, settled: bool) -> Self:
         """This effect with starts from the frequency response of what a model leaves to a drive."""
@@ -188,7 +188,7 @@ class Modal(Effect):
         return found
 
 
-def _stacked(values: Sequence[Any], like: Array) -> Array:
+def stacked(values: Sequence[Any], like: Array) -> Array:
     return jnp.stack([jnp.asarray(value, like.dtype) for value in values])
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from preisach_jax.effects.base import RATES, OutputEffect, Survey, Values
 from preisach_jax.effects.linear import StateSpace
-from preisach_jax.effects.modal import Modal
+from preisach_jax.effects.modal import Modal, stacked
 from preisach_jax.effects.parameter import log_grid, parameter
 
 LARGEST_GAIN = 100.0
@@ -155,6 +155,6 @@ class Resonance(Modal, OutputEffect):
         return found
 
     def state_space(self, dt: Array) -> StateSpace:
-        gains = jnp.stack([jnp.asarray(gain, dt.dtype) for gain in self.gains])
+        gains = stacked(self.gains, dt)
         c = jnp.stack([gains, jnp.zeros_like(gains)], axis=-1)
         return StateSpace(*self.modes_over(dt), c, gains.sum())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.effects.base import InputEffect, Place, SensorEffect
+from preisach_jax.effects.base import Place
 from preisach_jax.export.description import Description, Part
 
 MOST_FILTERED = 200_000
@@ -23,10 +23,7 @@ OUTPUT_BELOW = 14
 
 def jumps(model: Description) -> bool:
     """Whether the output jumps, so that rounding of a float may put it on the other side."""
-    effects = [part.effect for part in model.parts]
-    rounding = (isinstance(effect, InputEffect) and effect.rounds for effect in effects)
-    converting = (isinstance(effect, SensorEffect) and effect.converts for effect in effects)
-    return model.hysteron == "relay" or any(rounding) or any(converting)
+    return model.hysteron == "relay" or bool(model.chain.converters)
 
 
 def looks_ahead(model: Description) -> bool:

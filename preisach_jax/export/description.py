@@ -83,7 +83,6 @@ class Part:
         effect: the effect, where it acts.
         kind: `"linear"`, `"delay"`, or the name of its block in the templates.
         identifier: its name in C.
-        in_sensor: whether it acts last of all, on the reading.
         linear: what it is where it is linear.
         numbers: its numbers where it is not, and what is not linear in it.
         amounts: its linear coefficients.
@@ -93,7 +92,6 @@ class Part:
     effect: Effect
     kind: str
     identifier: str
-    in_sensor: bool
     linear: Linear | None
     numbers: Mapping[str, Any]
     amounts: tuple[float, ...]
@@ -103,6 +101,11 @@ class Part:
     def name(self) -> str:
         """The effect's name in the model."""
         return self.effect.name
+
+    @property
+    def in_sensor(self) -> bool:
+        """Whether it acts last of all, on the reading."""
+        return isinstance(self.effect, SensorEffect)
 
     @property
     def feeds_back(self) -> bool:
@@ -263,24 +266,23 @@ def _part(
         for name, estimate in model.parameters[effect.name].items()
         if name not in [each.name for each in free]
     )
-    # What a class of one's own has changed in one of the library, the templates do not know.
-    own = "sampled" in vars(type(effect))
-    numbers = acting.sampled(step_s, amounts) if own else None
-    kind, linear = effect.name, None
+    kind, linear, numbers = effect.name, None, acting.sampled(step_s, amounts)
     if isinstance(acting, Stepped) and acting.is_linear:
         kind, numbers = "linear", numbers or {}
         law = acting.state_space(jnp.asarray(step_s, float))
         linear = Linear.of(law, amounts if isinstance(acting, AddedEffect) else ())
     elif isinstance(acting, OutputEffect) and acting.is_delay:
         kind, numbers = "delay", _delayed(acting, step_s)
+    elif "sampled" not in vars(type(effect)):
+        # What a class of one's own has changed in one of the library, the templates do not know.
+        numbers = None
     if numbers is None:
         raise InputError(
             f"no C code is known for the effect {effect.name!r}: leave it out with --without "
             f"{effect.name}, which adds its part of the output to the error"
         )
-    sensor = isinstance(effect, SensorEffect)
     name = _identifier(effect.name, taken)
-    return Part(acting, kind, name, sensor, linear, numbers, amounts, said)
+    return Part(acting, kind, name, linear, numbers, amounts, said)
 
 
 def _delayed(effect: OutputEffect, step_s: float) -> dict[str, Any]:

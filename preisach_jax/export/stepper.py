@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from preisach_jax.chain import sensed
 from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.driven import all_widen
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -64,15 +65,10 @@ def advance(model: Description, state: State, inputs: Array) -> tuple[State, Arr
         The state after it, and the output.
     """
     none = jnp.zeros(())
-    if _widens(model):
-        # How fast the input went at the first sample the second one tells: it is taken in anew.
-        path, _ = _driven(model, state, inputs[0])
-        shift = _widening(model, state, path)
-        first = jnp.concatenate([state["input"], state["aux"]])
-        begin = start(model) | {"samples": state["samples"] - 1}
-        again, _ = _taken_in(model, begin, first, shift)
-        anew = state["started"][0] == 1
-        state = {name: jnp.where(anew, again[name], value) for name, value in state.items()}
+    if any(effect.widens for effect in model.chain.at(HysteresisEffect)):
+        second = state["started"][0] == 1
+        anew: Any = partial(_first_anew, model, input_now=inputs[0])
+        state = cast(State, jax.lax.cond(second, anew, dict, state))
     return _taken_in(model, state, inputs, none)
 
 
@@ -83,9 +79,14 @@ def sample_by_sample(model: Description, inputs: np.ndarray) -> np.ndarray:
         return np.asarray(run(start(model), jnp.asarray(inputs))[1])
 
 
-def _widens(model: Description) -> bool:
-    inside: list[Any] = [part.effect for part in model.at(Place.HYSTERESIS)]
-    return any(type(effect).widening is not HysteresisEffect.widening for effect in inside)
+def _first_anew(model: Description, state: State, input_now: Array) -> State:
+    """State behind the first sample, at the speed that the second one tells."""
+    path, _ = _driven(model, state, input_now)
+    shift = _widening(model, state, path)
+    first = jnp.concatenate([state["input"], state["aux"]])
+    begin = start(model) | {"samples": state["samples"] - 1}
+    again, _ = _taken_in(model, begin, first, shift)
+    return {name: again[name] for name in state}
 
 
 def _taken_in(
@@ -100,9 +101,8 @@ def _taken_in(
     now = model.step_s * state["samples"]
     signals = Signals(now, u[None], {c.name: inputs[1 + k, None] for k, c in enumerate(model.aux)})
     signal = h
-    for part in model.at(Place.WEIGHTS):
-        assert isinstance(part.effect, WeightEffect)
-        signal = signal * part.effect.factor(signals)[0]
+    for effect in model.chain.at(WeightEffect):
+        signal = signal * effect.factor(signals)[0]
     for part in model.at(Place.OUTPUT):
         follow = _delayed if part.kind == "delay" else _stepped
         new[part.name], signal = follow(model, state, part, signal)
@@ -175,9 +175,9 @@ def _widening(model: Description, state: State, path: Array) -> Array:
 
 def _hysterons(model: Description, state: State, path: Array, shift: Array) -> tuple[Array, State]:
     """Output of the hysterons, and their state; one that agrees with itself if it is fed back."""
-    inside: list[Any] = [part.effect for part in model.at(Place.HYSTERESIS)]
+    inside = model.chain.at(HysteresisEffect)
     begun = state["started"][0] > 0
-    if not any(effect.feeds_back for effect in inside):
+    if not model.chain.feeds_back:
         return _switched(model, state, path, shift)
     paths = jnp.stack([jnp.where(begun, state["path"][0], path), path])
     time = jnp.stack([jnp.zeros(()), jnp.where(begun, model.step_s, 0.0)])
@@ -204,8 +204,7 @@ def _hysterons(model: Description, state: State, path: Array, shift: Array) -> t
 def _switched(model: Description, state: State, path: Array, shift: Array) -> tuple[Array, State]:
     now = (jnp.stack([path - shift, path + shift, path]) - model.low) / (model.high - model.low)
     last = jnp.where(state["started"][0] > 0, state["seen"], now)
-    inside: list[Any] = [part.effect for part in model.at(Place.HYSTERESIS)]
-    count = 2 if any(effect.widens_reversible for effect in inside) else 3
+    count = 2 if all_widen(model.chain) else 3
     low, high = (
         step_of_paths(
             model.plane, state[bound], tuple(last[:count]), tuple(now[:count]), model.hysteron

@@ -23,8 +23,8 @@ def test_a_table_comes_back_as_it_was_read(tmp_path):
     field = pa.field("u", pa.float64(), metadata={"unit": "V"})
     table = pa.table(columns)
     parquet.write_table(table.set_column(1, field, table["u"]), tmp_path / "a.parquet")
-    here = apart.read_here(PARQUET, tmp_path / "a.parquet", "a")
-    there = apart.read_apart(PARQUET, tmp_path / "a.parquet", "a")
+    (here,) = apart.read_here(PARQUET, tmp_path / "a.parquet", "a")
+    (there,) = apart.read_apart(PARQUET, tmp_path / "a.parquet", "a")
     for kind in ("columns", "exact"):
         one, other = getattr(here, kind), getattr(there, kind)
         assert list(one) == list(other)

@@ -6,7 +6,7 @@ the others are typed here after the manuals and published samples that stand bes
 
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +161,10 @@ def test_time_none_counts_samples_and_only_such_effects_are_judged():
     assert {"drift", "ageing", "reptation"} < tried
     with pytest.raises(pj.InputError, match=r"'creep' needs a clock.*--rate HZ"):
         pj.diagnose(record, ["creep"])
+    channels = record.channels | {"load": record.channels["input"]}
+    beside = replace(record, aux={"load": record.input}, channels=channels)
+    with pytest.raises(pj.InputError, match=r"'cross:load' needs a clock"):
+        effects_to_try(beside, ["cross:load"])
     with pytest.raises(pj.InputError, match="has no clock, and others have one"):
         pj.fit([record, pj.Record.load(FILES / "vsm_many_fields.dat")])
 
@@ -463,6 +467,9 @@ def test_runs_whose_time_begins_anew_and_sheets_are_records_of_their_own(tmp_pat
     assert (first.name, second.name) == ("runs.csv, table 1", "runs.csv, table 2")
     with pytest.raises(pj.InputError, match="runs backward"):
         pj.Record.load(path)  # by itself it is one table
+    assert pj.Record.load(path, table=2).sha256 == second.sha256
+    with pytest.raises(pj.InputError, match=r"table 3 is asked for, and there are 2"):
+        pj.Record.load(path, table=3)
     back = T.copy()
     back[100:] -= 0.5  # a clock that jumps back once is no new run
     path.write_text("t_s,u_V,z_um\n" + rows(back, U, Z, sep=","))

@@ -40,15 +40,15 @@ def look(
     """Show what a file holds and what its record can tell, before any fit."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.look import columns_of, look_at_tables
-    from preisach_jax.record.columns import QuestionError
+    from preisach_jax.record.columns import QuestionError, all_runs, numbered
     from preisach_jax.record.reading import read_tables
 
     if plot is not None:
         check_file(plot, data, force=force)
         if plot.suffix.lower() != ".png":
             raise InputError(f"--plot is {str(plot)!r}; give a file that ends in .png")
-    tables = [table.with_clocks() for table in read_tables(data)]
-    table = tables[0]
+    tables = all_runs(read_tables(data), columns)
+    table = numbered(tables, columns.get("table"))
     try:
         found = look_at_tables(tables, data.name, **columns)
     except QuestionError as question:
@@ -56,11 +56,10 @@ def look(
         _show_columns(table, views)
         screen.say(f"\nWhich column is which? {question}")
         screen.answer(str(question))
-        command = str(question).partition("as in: ")[2]
         return {
             "columns": [vars(view) for view in views],
             "question": str(question),
-            "command": command or None,
+            "command": question.command,
         }
     _show_columns(table, found.columns)
     if len(found.records) > 1:

@@ -11,13 +11,12 @@ from typing import Unpack
 import numpy as np
 import scipy
 
-from preisach_jax.errors import InputError
 from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView, columns_of
 from preisach_jax.look.prospects import Excitation, prospects
 from preisach_jax.look.result import Look
 from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import runs_of
+from preisach_jax.record.columns import all_runs, numbered
 from preisach_jax.record.faults import faults
 from preisach_jax.record.marks import spans
 from preisach_jax.record.reading import read_tables
@@ -113,13 +112,8 @@ def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -
 
 def look_at_tables(tables: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]) -> Look:
     """Look at one of the records of a file, and list all of them."""
-    parts = [part for table in tables for part in runs_of(table.with_clocks(), options)]
-    number = options.get("table") or 1
-    if number > len(parts) or number < 1:
-        raise InputError(
-            f"{tables[0].source}: table {number} is asked for; give one from 1 to {len(parts)}"
-        )
-    found = look_at_table(parts[number - 1], name, **options)
+    parts = all_runs(tables, options)
+    found = look_at_table(numbered(parts, options.get("table")), name, **options)
     records = tuple(
         {"name": f"{name}, table {k}" if len(parts) > 1 else name, "rows": part.rows.size,
          "first_row": int(part.rows[0]), "last_row": int(part.rows[-1])}

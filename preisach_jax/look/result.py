@@ -65,10 +65,14 @@ class Look:
         wanted = [each.remedy for each in self.prospects if each.remedy]
         return sorted(dict.fromkeys(wanted), key=lambda text: -wanted.count(text))
 
+    @cached_property
+    def _without_hysteresis(self) -> str:
+        return without_hysteresis(self.record)
+
     def rows(self) -> list[tuple[str, str]]:
         """What it found, as a name and a text each."""
         rows = [*_sampling(self.record), *_drive(self.excitation), *_readings(self)]
-        none = without_hysteresis(self.record)
+        none = self._without_hysteresis
         return rows + [("hysteresis", none.removeprefix("no hysteresis: "))] * bool(none)
 
     def clock(self) -> dict[str, Any]:
@@ -103,7 +107,7 @@ class Look:
             },
             "clock": self.clock(),
             "records": list(self.records),
-            "hysteresis": without_hysteresis(record) or None,
+            "hysteresis": self._without_hysteresis or None,
             "notes": list(self.notes),
             "sampling": {
                 "duration_s": record.duration_s,

@@ -45,7 +45,7 @@ answer(told)
 _REMEDY = "save its columns as CSV, or with numpy.savez"
 
 
-def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None) -> Table:
+def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None) -> list[Table]:
     """Read a file in a child process with limits of memory and time."""
     if not sys.executable or getattr(sys, "frozen", False):  # there is no Python to start
         return read_here(reader, path, source, sheet)
@@ -68,16 +68,16 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
         raise InputError(f"{source}: reading it as {reader.name} was ended by {cause}; {_REMEDY}")
     head, _, body = done.stdout.partition(b"\n")
     content = json.loads(head)
-    if refusal := content.get("refusal"):
-        raise InputError(refusal)
+    if isinstance(content, dict):
+        raise InputError(cast(Any, content)["refusal"])
     return _unpacked(content, memoryview(body))
 
 
-def read_here(reader: Reader, path: Path, source: str, sheet: str | None = None) -> Table:
+def read_here(reader: Reader, path: Path, source: str, sheet: str | None = None) -> list[Table]:
     """Read a file in this process, as `read_apart` does in another."""
     if reader is WORKBOOK:
         return read_workbook(path, source, sheet)
-    return cast(Any, reader.read)(path, source)
+    return [cast(Any, reader.read)(path, source)]
 
 
 def _cause(status: int, said: str) -> str:
@@ -91,15 +91,16 @@ def _cause(status: int, said: str) -> str:
 
 
 def answer(told: dict[str, Any]) -> None:
-    """In the child: read the file and write the table, or why there is none, to standard output."""
+    """In the child: read the file and write its tables, or why there are none, to the output."""
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # what a library prints is no part of the answer
         path, source, sheet = Path(told["path"]), told["source"], told["sheet"]
         reader = next(each for each in BINARY if each.name == told["reader"])
         _limit(path.stat().st_size, told["seconds"])
         try:
-            packed, arrays = _packed(read_here(reader, path, source, sheet))
-            head = json.dumps(packed)
+            parts = [_packed(table) for table in read_here(reader, path, source, sheet)]
+            head = json.dumps([packed for packed, _ in parts])
+            arrays = [array for _, each in parts for array in each]
         except InputError as error:
             head, arrays = json.dumps({"refusal": str(error)}), []
         except MemoryError:
@@ -161,8 +162,8 @@ def _cell(cell: Any) -> Any:
     return plain if plain is None or isinstance(plain, str | bool | int | float) else str(plain)
 
 
-def _unpacked(head: dict[str, Any], body: memoryview) -> Table:
-    """The table of what `_packed` made of it."""
+def _unpacked(heads: list[dict[str, Any]], body: memoryview) -> list[Table]:
+    """The tables of what `_packed` made of each."""
     start = 0
 
     def restored(found: Any) -> np.ndarray:
@@ -173,8 +174,12 @@ def _unpacked(head: dict[str, Any], body: memoryview) -> Table:
         start += array.nbytes
         return array
 
-    table: dict[str, Any] = {**head, "notes": tuple(head["notes"]), "sheets": tuple(head["sheets"])}
-    for name in _ARRAYS:
-        table[name] = {key: restored(values) for key, values in head[name].items()}
-    table["rows"] = restored(head["rows"])
-    return Table(**table)
+    tables: list[Table] = []
+    for head in heads:
+        plain = {"notes": tuple(head["notes"]), "sheets": tuple(head["sheets"])}
+        table: dict[str, Any] = {**head, **plain}
+        for name in _ARRAYS:
+            table[name] = {key: restored(values) for key, values in head[name].items()}
+        table["rows"] = restored(head["rows"])
+        tables.append(Table(**table))
+    return tables

@@ -10,7 +10,7 @@ import numpy as np
 from preisach_jax.errors import InputError
 from preisach_jax.record.checks import check_increasing, check_not_infinite, check_unit_keys
 from preisach_jax.record.clock import evenly_spread, is_rounded
-from preisach_jax.record.columns import Roles
+from preisach_jax.record.columns import Roles, unit_of
 from preisach_jax.record.table import Table
 from preisach_jax.record.units import TIME_UNITS, is_known_unit, seconds_per, split_unit
 
@@ -46,7 +46,7 @@ def name_channels(
         if column is None:
             channels[key] = Channel("t" if key == "time" else key, units.get(key, ""))
             continue
-        unit = table.units.get(column, split_unit(column)[1])
+        unit = unit_of(table, column)
         channels[key] = Channel(column, units.get(key, units.get(column, unit)))
     time = channels["time"]
     if roles.counted:

@@ -130,7 +130,15 @@ def checked(options: ReadOptions) -> ReadOptions:
 
 
 class QuestionError(InputError):
-    """Names and units do not tell which column is which: the user has to say it."""
+    """Names and units do not tell which column is which: the user has to say it.
+
+    Attributes:
+        command: one that says it, to copy; None if none is known.
+    """
+
+    def __init__(self, text: str, command: str | None = None):
+        super().__init__(text if command is None else f"{text}. Say which, as in: {command}")
+        self.command = command
 
 
 @dataclass(frozen=True)
@@ -347,12 +355,15 @@ def _by_roles(
         others = {dict(zip(wanted, choice, strict=True))[role] for choice in equal}
         others |= {c for c, s in sureness[role].items() if s >= sureness[role][column]} - taken
         if len(others) > 1:
-            names = shortened([c for c in table.columns if c in others])
-            raise QuestionError(
-                f"{table.source}: {names} could each be the {role} (the columns are "
-                f"{table.listing()}); say which with {_OPTIONS[role]} COL"
-            )
+            raise _ambiguous(table, [c for c in table.columns if c in others], role)
     return best
+
+
+def _ambiguous(table: Table, columns: list[str], role: str) -> QuestionError:
+    return QuestionError(
+        f"{table.source}: {shortened(columns)} could each be the {role} (the columns are "
+        f"{table.listing()}); say which with {_OPTIONS[role]} COL"
+    )
 
 
 def _by_pairs(
@@ -381,10 +392,7 @@ def _by_pairs(
                 if pairs:
                     break
                 role, names = ("input", ins) if len(ins) > 1 else ("output", outs)
-                raise QuestionError(
-                    f"{table.source}: {shortened(names)} could each be the {role} (the columns are "
-                    f"{table.listing()}); say which with {_OPTIONS[role]} COL"
-                )
+                raise _ambiguous(table, names, role)
             pairs.append((ins[0], outs[0]))
     if not pairs:
         return None
@@ -535,8 +543,7 @@ def _by_place(
             f"{' and '.join(needed)}; a record needs an input and an output, each a column"
         )
     if len(signals) > len(needed) or copies:
-        rest = _which(table, told, needed, found.get("time"), [*signals, *copies])
-        raise QuestionError(f"{table.source}: {rest}")
+        raise _which(table, told, needed, found.get("time"), [*signals, *copies])
     found |= dict(zip(needed, signals, strict=True))
     if "time" in wanted and found["time"] is None and not may_lack_time:
         said.append(_counted(table, usable, signals))
@@ -559,7 +566,7 @@ def _which(
     needed: list[str],
     time: str | None,
     offered: list[str],
-) -> str:
+) -> QuestionError:
     """The question which columns without names are input and output, with a command to copy."""
     given = {r: c for r, c in told.items() if c is not None and table.roles.get(r) != c}
     given |= {"time": time} if time is not None else {}
@@ -571,10 +578,10 @@ def _which(
     elif time is not None:
         clock = f"column {time} is the time (its unit: --unit time=ms)"
     ordered = [c for c in table.columns if c in offered]
-    return (
-        f"the columns have no names (row {table.rows[0]} is numbers already); "
-        f"{clock}, and {shortened(ordered)} could each be the {' or the '.join(needed)}. "
-        f"Say which, as in: preisach diagnose {shlex.quote(table.source)} {command}"
+    return QuestionError(
+        f"{table.source}: the columns have no names (row {table.rows[0]} is numbers already); "
+        f"{clock}, and {shortened(ordered)} could each be the {' or the '.join(needed)}",
+        f"preisach diagnose {shlex.quote(table.source)} {command}",
     )
 
 
@@ -608,6 +615,21 @@ def runs_of(table: Table, options: ReadOptions) -> list[Table]:
     ]
 
 
+def all_runs(tables: Sequence[Table], options: ReadOptions) -> list[Table]:
+    """Every run of every table of a file, its dates and clock times as seconds."""
+    return [run for table in tables for run in runs_of(table.with_clocks(), options)]
+
+
+def numbered(tables: Sequence[Table], number: int | None) -> Table:
+    """One of the tables of a file by its number, counted from 1; the first by default."""
+    if number is not None and not 1 <= number <= len(tables):
+        raise InputError(
+            f"{tables[0].source}: table {number} is asked for, and there "
+            f"{'is 1' if len(tables) == 1 else f'are {len(tables)}'}; give a number from 1 on"
+        )
+    return tables[(number or 1) - 1]
+
+
 def several_clocks(table: Table) -> dict[str, list[str]]:
     """The signals of each clock, where there are several and every signal has one; else none.
 
@@ -616,6 +638,8 @@ def several_clocks(table: Table) -> dict[str, list[str]]:
     """
     if "time" in table.roles or len(table.columns) > _MANY:
         return {}
+    if table.named and sum(_sureness("time", c, table) > 0 for c in table.columns) < 2:
+        return {}  # known from the names alone
     names = _usable(table, [])[0]
     if table.named:
         clocks = [c for c in names if _sureness("time", c, table) > 0 and is_clock(table, c)]

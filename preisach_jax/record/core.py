@@ -33,7 +33,7 @@ from preisach_jax.record.checks import (
     check_not_infinite,
     check_unit_keys,
 )
-from preisach_jax.record.columns import ReadOptions, assign_roles, checked, runs_of
+from preisach_jax.record.columns import ReadOptions, all_runs, assign_roles, checked, numbered
 from preisach_jax.record.reading import read_table, read_tables
 from preisach_jax.record.samples import Samples, without_hysteresis
 from preisach_jax.record.sampling import on_one_clock
@@ -102,8 +102,9 @@ class Record(Samples):
             >>> record.duration_s, record.input_unit, record.output_unit
             (0.059, 'V', 'um')
         """
-        table = read_table(path, number=options.get("table"))
-        return cls.of_table(table, Path(path).name, **options)
+        if options.get("table") is not None:
+            return cls.load_all(path, **options)[0]
+        return cls.of_table(read_table(path), Path(path).name, **options)
 
     @classmethod
     def load_all(cls, path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> list[Record]:
@@ -127,9 +128,9 @@ class Record(Samples):
             ['runs.csv, table 1', 'runs.csv, table 2']
         """
         name = Path(path).name
-        if options.get("table") is not None:
-            return [cls.load(path, **options)]
-        tables = [part for table in read_tables(path) for part in runs_of(table, options)]
+        tables = all_runs(read_tables(path), options)
+        if (number := options.get("table")) is not None:
+            tables = [numbered(tables, number)]
         if len(tables) == 1:
             return [cls.of_table(tables[0], name, **options)]
         return [
@@ -292,7 +293,8 @@ class Record(Samples):
             if roles.counted:
                 check_turns(table, roles, record.input, record.output)
             record.check_identifiable(source=table.source)
-            check_turns(table, roles, record.input, record.output)
+            if not roles.counted:
+                check_turns(table, roles, record.input, record.output)
             if announce is not None and (line := without_hysteresis(record)):
                 announce(f"{table.source}: {line}")
         return replace(record, torn_row=table.torn_row)

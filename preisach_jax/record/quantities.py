@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ def words_of(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+[+]?\d?", spread.lower())
 
 
+@lru_cache(maxsize=1024)
 def quantity_of(name: str, unit: str) -> str:
     """The quantity that a name, without its unit, and a unit tell; `""` if neither does."""
     words = words_of(name)

@@ -35,12 +35,10 @@ _LOOKED_AT = 20  # cells by which a column is known
 _MARKUP = (b"<!doctype", b"<html", b"<?xml", b"<table", b"<head", b"<body")
 
 
-def read_table(
-    path: str | os.PathLike[str], source: str | None = None, number: int | None = None
-) -> Table:
-    """Read the columns of a file: of several tables the first, or that of a number."""
+def read_table(path: str | os.PathLike[str], source: str | None = None) -> Table:
+    """Read the columns of a file: of several tables the first."""
     tables = read_tables(path, source)
-    if number is None and len(tables) > 1:
+    if len(tables) > 1:
         sheets = tables[0].sheets
         by_name = f"; for another ({', '.join(sheets)}): {Path(path).name}{SHEET}NAME" * bool(
             sheets
@@ -50,12 +48,7 @@ def read_table(
             f"second, and fit and diagnose take all of them, as several records{by_name}"
         )
         return replace(tables[0], notes=(note, *tables[0].notes))
-    if number is not None and not 1 <= number <= len(tables):
-        raise InputError(
-            f"{tables[0].source}: table {number} is asked for, and there "
-            f"{'is 1' if len(tables) == 1 else f'are {len(tables)}'}; give a number from 1 on"
-        )
-    return tables[(number or 1) - 1]
+    return tables[0]
 
 
 def read_tables(path: str | os.PathLike[str], source: str | None = None) -> list[Table]:
@@ -64,7 +57,7 @@ def read_tables(path: str | os.PathLike[str], source: str | None = None) -> list
     path, sheet = _without_sheet(Path(path))
     _check_file(path, source)
     if sheet is not None:
-        return [read_apart(WORKBOOK, path, source.removesuffix(f"{SHEET}{sheet}"), sheet)]
+        return read_apart(WORKBOOK, path, source.removesuffix(f"{SHEET}{sheet}"), sheet)
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -97,10 +90,7 @@ def _read(path: Path, head: bytes, source: str) -> list[Table]:
         return [with_plain_numbers(table) for table in _read_text(path, head, source)]
     is_foreign = reader.foreign or head[512:].startswith(HDF5.starts)  # MATLAB 7.3 is HDF5
     read = read_apart if is_foreign else read_here
-    tables = [read(reader, path, source)]
-    if reader is WORKBOOK:
-        tables += [read_apart(reader, path, source, sheet) for sheet in tables[0].sheets]
-    return [with_plain_numbers(table) for table in tables]
+    return [with_plain_numbers(table) for table in read(reader, path, source)]
 
 
 def _reader(path: Path, head: bytes) -> Reader | None:

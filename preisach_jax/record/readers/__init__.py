@@ -1,6 +1,6 @@
 """The registry of readers: one file a format, told by how a file begins or by its ending.
 
-Text without a reader of its own is delimiter-separated; `layout` finds its table below settings.
+Text without a reader of its own is delimiter-separated; `settings` finds its table below settings.
 """
 
 from preisach_jax.record.readers.arrow import FEATHER, PARQUET

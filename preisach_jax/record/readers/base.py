@@ -34,7 +34,7 @@ class Reader:
     name: str
     suffixes: tuple[str, ...] = ()
     starts: tuple[bytes, ...] = ()
-    read: Callable[[Path, str], Table] | None = None
+    read: Callable[[Path, str], Table | list[Table]] | None = None
     is_text: Callable[[str], bool] | None = None
     read_text: Callable[[str, str], Table] | None = None
     note: str = ""

@@ -33,8 +33,8 @@ _REMEDY = "open it in the spreadsheet program and save it again, or save the she
 _COMMA = re.compile(r"[+-]?\d*,\d+")
 
 
-def read_workbook(path: Path, source: str, sheet: str | None = None) -> Table:
-    """Read one sheet; needs the optional package python-calamine."""
+def read_workbook(path: Path, source: str, sheet: str | None = None) -> list[Table]:
+    """Read one sheet, or the longest and those of the same columns; needs python-calamine."""
     _check_harmless(path, source)
     calamine = library("python_calamine", "python-calamine", "workbooks", source)
     try:
@@ -55,26 +55,29 @@ def read_workbook(path: Path, source: str, sheet: str | None = None) -> Table:
     name = sheet or max(filled, key=lambda each: len(filled[each]))
     table = _table_of_sheet(filled[name], f"{source}, sheet {name}", source)
     if len(filled) == 1 or sheet is not None:
-        return table
-    same = _same_columns(filled, name, source)
+        return [table]
+    same = _same_columns(filled, name, table, source)
     others = ", ".join(each for each in filled if each != name and each not in same)
-    if not others:
-        return replace(table, sheets=tuple(same))
-    note = (
-        f"{source}: of {len(filled)} sheets, {name!r} was read, which has the most rows; for "
-        f"another ({others}) put its name behind the file's: {Path(source).name}{SHEET}NAME"
-    )
-    return replace(table, notes=(note, *table.notes), sheets=tuple(same))
+    if others:
+        note = (
+            f"{source}: of {len(filled)} sheets, {name!r} was read, which has the most rows; for "
+            f"another ({others}) put its name behind the file's: {Path(source).name}{SHEET}NAME"
+        )
+        table = replace(table, notes=(note, *table.notes))
+    return [replace(table, sheets=tuple(same)), *same.values()]
 
 
-def _same_columns(filled: dict[str, Any], name: str, source: str) -> list[str]:
+def _same_columns(filled: dict[str, Any], name: str, first: Table, source: str) -> dict[str, Table]:
     """The other sheets whose columns have the same names, which are records of one kind."""
-    names: dict[str, list[str]] = {}
-    for each, rows in filled.items():
+    same: dict[str, Table] = {}
+    for each in filled if first.named else ():
+        if each == name:
+            continue
         with suppress(InputError):
-            table = _table_of_sheet(rows, f"{source}, sheet {each}", source)
-            names[each] = list(table.columns) if table.named else [each]
-    return [each for each in names if each != name and names[each] == names.get(name)]
+            table = _table_of_sheet(filled[each], f"{source}, sheet {each}", source)
+            if table.named and list(table.columns) == list(first.columns):
+                same[each] = table
+    return same
 
 
 def _check_harmless(path: Path, source: str) -> None:

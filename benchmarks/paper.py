@@ -15,39 +15,32 @@ from common import write_results
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.events import switching
 from preisach_jax.operator.plane import Plane
-from preisach_jax.paper import exact_coefficients
-from preisach_jax.paper.sweep import Sweep, fit_power_law, sweep
+from preisach_jax.paper import Proportionality, coefficients, noise_sweep, proportionality
+from preisach_jax.paper.sweep import LEVELS, Sweep, fit_power_law
 from preisach_jax.piezo import experiment
 from preisach_jax.plant import RANGE_V
-from preisach_jax.theory import (
-    average_over_samples,
-    check_bound,
-    noise_coefficient,
-    norm_factor,
-    residual_ratio_bound,
-)
+from preisach_jax.theory import average_over_samples, check_bound, noise_coefficient, norm_factor
 
-SAMPLES, FIRST, DRAWS = 50_000, 10_000, 2000
+SAMPLES, FIRST, SEEDS, DRAWS = 50_000, 10_000, 8, 2000
 TRIED_LEVELS = (19, 13, 9)  # of the comparison with chance
 BOUND_LEVELS = (3, 9, 13, 19)
 
 
-def figure_8(found: Sweep) -> dict:
+def figure_8(found: Sweep, shown: Proportionality) -> dict:
     """Exponents of Fig. 8: of all seeds, seed by seed, and those of geometry alone."""
-    W, norm, N = found.noise_power, found.auxiliary_norm(), found.levels
-    by_seed = [
-        fit_power_law(W, error / np.sqrt(found.cells)).value for error in found.output_error.T
-    ]
+    W, norm, N = found.noise_power, shown.over_events_um, found.levels
+    each = found.output_error / np.sqrt(found.cells)[:, None]
+    by_seed = [fit_power_law(W, norms).value for norms in each.T]
     return {
         name: law._asdict() for name, law in found.exponents().items()
     } | {
         "squared": fit_power_law(W, norm**2)._asdict(),
         "geometry": fit_power_law(1.0 / N**2, 1.0 / (N * np.sqrt(found.cells))).value,
-        "error_in_levels": fit_power_law(N, found.mean_output_error()).value,
-        "root_cells_in_levels": fit_power_law(N, np.sqrt(found.cells)).value,
+        "error_in_levels": shown.error_in_levels.value,
+        "root_cells_in_levels": shown.root_cells_in_levels.value,
         "by_seed": {"mean": np.mean(by_seed), "deviation": np.std(by_seed, ddof=1)},
         "levels": N,
-        "auxiliary_norm_by_seed": (found.output_error / np.sqrt(found.cells)[:, None]),
+        "auxiliary_norm_by_seed": each,
     }  # fmt: skip
 
 
@@ -77,24 +70,21 @@ def known_truth(levels: int, x: np.ndarray) -> dict:
 def main() -> None:
     """Compute everything and write it."""
     jax.config.update("jax_enable_x64", True)
-    found = sweep(jax.random.key(0))
-    exact = exact_coefficients(found)
-    same = found.noise_part[:, :, 0] / found.noise_um**2  # of the first input
-    error = same.std(axis=1, ddof=1) / np.sqrt(same.shape[1])
-    off = np.abs(same.mean(axis=1) - exact)
-    bound = residual_ratio_bound(found.cells, found.levels)
+    found = noise_sweep(0, LEVELS, SEEDS, SAMPLES)
+    nine = coefficients(LEVELS, SEEDS, SAMPLES)
+    off = np.abs(nine.same_input - nine.exact)
     x = np.asarray(experiment(jax.random.key(1), SAMPLES).input_v)
     content = {
         "samples": SAMPLES,
         "draws": DRAWS,
-        "figure_8": figure_8(found),
+        "figure_8": figure_8(found, proportionality(LEVELS, SEEDS, SAMPLES)),
         "figure_9": {
-            "levels": found.levels,
-            "exact": exact,
-            "simulated": same.mean(axis=1),
-            "largest_difference": np.max(off / exact),
-            "in_standard_errors": np.max(off / error),
-            "orders": np.log10(bound / exact),
+            "levels": nine.levels,
+            "exact": nine.exact,
+            "simulated": nine.same_input,
+            "largest_difference": np.max(off / nine.exact),
+            "in_standard_errors": np.max(off / nine.same_input_error),
+            "orders": nine.orders,
         },
         "known_truth": [known_truth(levels, x) for levels in TRIED_LEVELS],
         "bound": [check_bound(levels)._asdict() for levels in BOUND_LEVELS],

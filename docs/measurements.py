@@ -26,8 +26,7 @@ def result(name: str) -> Result:
 
 def made(content: Result) -> str:
     """Where and when a result was measured."""
-    device = content.get("device") or content.get("machine")
-    return f"*{device}; {content.get('date', 'no date kept')}.*"
+    return f"*{content['device']}; {content['date']}.*"
 
 
 def ms(timing: Result) -> str:

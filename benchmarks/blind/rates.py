@@ -71,13 +71,10 @@ def rate(hits: Iterable[bool]) -> dict[str, float]:
     hits = list(hits)
     count, of = sum(hits), len(hits)
     if not of:
-        return {"count": 0, "of": 0, "rate": np.nan, "low": 0.0, "high": 1.0, "bound": 1.0}
+        return {"count": 0, "of": 0, "rate": np.nan, "low": 0.0, "high": 1.0}
     low = stats.beta.ppf(0.025, count, of - count + 1) if count else 0.0
-    high, bound = (
-        stats.beta.ppf(p, count + 1, of - count) if count < of else 1.0 for p in (0.975, 0.95)
-    )
-    numbers = {"rate": count / of, "low": low, "high": high, "bound": bound}
-    return {"count": count, "of": of} | {name: float(value) for name, value in numbers.items()}
+    high = stats.beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
+    return {"count": count, "of": of, "rate": count / of, "low": float(low), "high": float(high)}
 
 
 def detection_sizes(size: Sequence[float], found: Sequence[bool]) -> dict[str, float]:
@@ -341,13 +338,8 @@ def _quantiles(values: Sequence[float], wanted: dict[str, float]) -> dict[str, f
 
 
 def content_of(results: Sequence[Result]) -> dict[str, Any]:
-    """The library, commits and versions of a run, and `summary_of` by excitation."""
+    """`summary_of` all results, and those of each excitation that there are."""
     parts = {"all": list(results)} | {
         kind: [one for one in results if one["excitation"] == kind] for kind in EXCITATIONS[1:]
     }
-    return {
-        "library": sorted({name for one in results for name in one["library"]}),
-        "commits": sorted({one["commit"] for one in results}),
-        "versions": results[-1]["versions"],
-        "excitation": {kind: summary_of(rows) for kind, rows in parts.items() if rows},
-    }
+    return {kind: summary_of(rows) for kind, rows in parts.items() if rows}

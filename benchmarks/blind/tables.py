@@ -26,17 +26,15 @@ def write_tables(folder: Path) -> None:
     results = read_results(folder)
     if not results:
         sys.exit(f"there is no result in {folder}")
-    content = content_of(results)
-    print(tables_of(content))
-    draw_confusion(content["excitation"]["all"]["confusion"], folder / "confusion_all.png")
-    detected = content["excitation"]["all"]["detection"].values()
-    if any(len(row["by_size"]) > 1 for row in detected):
-        draw_detection(content["excitation"], folder / "detection.png")
+    parts = content_of(results)
+    print(tables_of(parts))
+    draw_confusion(parts["all"]["confusion"], folder / "confusion_all.png")
+    if any(len(row["by_size"]) > 1 for row in parts["all"]["detection"].values()):
+        draw_detection(parts, folder / "detection.png")
 
 
-def tables_of(content: Summary) -> str:
+def tables_of(parts: Summary) -> str:
     """The tables of `content_of`, in Markdown."""
-    parts: Summary = content["excitation"]
     kinds = [kind for kind in EXCITATIONS if kind in parts]
     lines = _table("", kinds, _overall(), parts)
     for kind in kinds:

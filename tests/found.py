@@ -15,8 +15,10 @@ LIKELIEST = {
     "input_lag": ("delay", "output_lag"),
     "delay": ("input_lag", "output_lag"),
     "drift": ("creep", "ageing"),
+    "ageing": ("drift", "creep"),
     "aux": ("drift", "creep"),
     "output_lag": ("input_lag", "delay"),
+    "hum": ("drift", "resonance"),
     "stick_slip": ("drift",),  # is in no library
 }
 """By what is hidden, the effects that are taken for it most easily."""

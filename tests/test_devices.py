@@ -7,6 +7,7 @@ import sys
 import jax
 import numpy as np
 import pytest
+from oracles import PLANE, wandering
 
 import preisach_jax as pj
 from preisach_jax.paper.sweep import Sweep
@@ -25,18 +26,24 @@ where = compiled(lambda _, rows: rows, 0.0, jax.ShapeDtypeStruct((6,), np.float3
 shards = where(0.0, np.arange(6, dtype=np.float32)).addressable_shards
 assert [len(one.data) for one in shards] == [2, 2, 2]
 pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000).save(sys.argv[1])
+x = np.load(sys.argv[2])
+np.save(sys.argv[2], pj.run_fleet(pj.AdaptiveFilter(pj.Plane(5, -2.0, 8.0)), x, 2 * x).weights)
 """
 
 
 @pytest.mark.slow
 def test_three_devices_compute_what_one_does(x64, tmp_path):
-    """A sweep, whose entries the devices do not share evenly."""
-    path = tmp_path / "sweep.npz"
+    """A sweep and a fleet, whose entries the devices do not share evenly."""
+    paths = tmp_path / "sweep.npz", tmp_path / "fleet.npy"
+    x = np.stack([wandering(seed=seed) for seed in range(4)])
+    np.save(paths[1], x)
     # Its devices are parts of the processor, whatever these tests run on.
     environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-W", "error", "-c", DEVICES, str(path)]
+    command = [sys.executable, "-W", "error", "-c", DEVICES, *map(str, paths)]
     subprocess.run(command, check=True, env=environment)
-    found, alone = Sweep.load(path), pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000)
+    found, alone = Sweep.load(paths[0]), pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000)
     for name in found.AXES:
         np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12)
     np.testing.assert_allclose(found.weights[0], alone.weights[0], rtol=1e-10, atol=1e-12)
+    here = pj.run_fleet(pj.AdaptiveFilter(PLANE), x, 2 * x).weights
+    np.testing.assert_allclose(np.load(paths[1]), here, atol=1e-12)

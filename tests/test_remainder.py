@@ -6,7 +6,7 @@ import scipy
 from stand_ins import make_diagnosis
 
 import preisach_jax as pj
-from preisach_jax.diagnosis.remainder import LEVEL, PARTS, related_share, relations
+from preisach_jax.diagnosis.remainder import LEVEL, PARTS, is_related, relations
 from preisach_jax.diagnosis.result import NOTABLE
 from preisach_jax.report import write_report
 
@@ -91,8 +91,8 @@ def test_slow_noise_goes_with_nothing():
 def test_noise_of_no_colour_is_related_to_anything():
     record, rng = driven(), np.random.default_rng(0)
     for seed in range(5):
-        assert related_share(record, slow_noise(seed)) < NOTABLE
-        assert related_share(record, rng.normal(size=len(TIME))) < NOTABLE
+        assert not is_related(record, slow_noise(seed), NOTABLE)
+        assert not is_related(record, rng.normal(size=len(TIME)), NOTABLE)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_noise_of_no_colour_is_related_to_anything():
 )
 def test_what_is_no_noise_is_related(made):
     record = driven()
-    assert related_share(record, made(record, slow_noise(6))) > NOTABLE
+    assert is_related(record, made(record, slow_noise(6)), NOTABLE)
 
 
 def test_report_tells_and_draws_what_the_remainder_goes_with(tmp_path):

@@ -160,6 +160,14 @@ def test_nothing_that_a_file_says_of_itself_becomes_markup(outputs, page):
         assert not [name for _, each in drawn for name in each if name.startswith("on")]
 
 
+def test_every_load_of_arrays_refuses_objects():
+    package = Path(pj.__file__).parent
+    sources = [path.read_text(encoding="utf-8") for path in package.rglob("*.py")]
+    loads = [each for text in sources for each in re.findall(r"\b(?:np|numpy)\.load\(.*", text)]
+    assert loads
+    assert all("allow_pickle=False" in each for each in loads)
+
+
 class Payload:
     """What makes a folder when it is unpickled."""
 
@@ -372,6 +380,21 @@ def test_every_dependency_is_pinned_with_its_hashes():
     for line in pinned:
         assert re.match(r"[A-Za-z0-9._-]+(\[[a-z,]+\])?==\S+ ", line), line
         assert re.search(r"--hash=sha256:[0-9a-f]{64}\b", line), line
+
+
+@pytest.mark.skipif(not (ROOT / ".ci" / "run").exists(), reason="this is no checkout")
+def test_what_continuous_integration_installs_is_pinned():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    setup = re.search(r"(?ms)^\$\(STAMP\):.*?\n\n", makefile)
+    assert setup is not None
+    installs = [line for line in setup[0].splitlines() if "$$install " in line]
+    assert len(installs) == 3  # uv, the lock, and this package
+    for line in installs:
+        assert "--require-hashes -r requirements" in line or "--no-deps --no-build-iso" in line
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "pip install" not in ci
+    made = {line for line in ci.splitlines() if line.startswith("make ")}
+    assert made == {"make test", "make lint", "make docs"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links and modes of POSIX")

@@ -403,13 +403,18 @@ def _respond(world, effect, h, t, step, duration, rng, size, truth):
     if effect == "output_lag":
         truth["tau_s"] = tau = float(rng.uniform(1e-3, 5e-3) * size)
         return ramp_lag(h, tau, step), {}
+    if effect == "ageing":
+        truth["loss"] = loss = float(rng.uniform(0.01, 0.04)) * size
+        truth["tau_s"] = tau = float(rng.uniform(0.3, 3.0)) * duration
+        done = np.expm1(-np.clip(t, 0.0, None) / tau) / np.expm1(-duration / tau)
+        return h * (1.0 - loss * done), {}
     if effect == "hum":
         truth.update(f_hz=50.0, amplitude_um=0.17 * size, phase=float(rng.uniform(0, 2 * np.pi)))
         return h + 0.17 * size * np.sin(2 * np.pi * 50.0 * t + truth["phase"]), {}
     return h, {}
 
 
-EFFECTS = ("creep", "input_lag", "delay", "drift", "aux", "output_lag", "hum")
+EFFECTS = ("creep", "input_lag", "delay", "drift", "ageing", "aux", "output_lag", "hum")
 OUTSIDE = ("stick_slip",)
 
 

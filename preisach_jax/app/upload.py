@@ -13,12 +13,11 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import QuestionError, assign_roles, could_be_time
+from preisach_jax.record.columns import QuestionError, assign_roles, could_be_time, unit_of
 from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_table
 from preisach_jax.record.sampling import on_one_clock
 from preisach_jax.record.table import Table
-from preisach_jax.record.units import split_unit
 
 MOST_BYTES = 200_000_000
 """Largest file that the page takes; the command line reads larger ones."""
@@ -70,7 +69,7 @@ class Upload:
 
     def unit(self, column: str) -> str:
         """The unit that the file states for a column, empty if none."""
-        return self.table.units.get(column, split_unit(column)[1])
+        return unit_of(self.table, column)
 
     def first_rows(self) -> tuple[list[str], list[list[str]]]:
         """The first columns and rows as texts, as a preview."""
@@ -111,7 +110,6 @@ def harmless_name(name: str) -> str:
 
 
 def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
-    question = ""
     try:
         roles = assign_roles(
             table, time=None, input=None, output=None, aux=(), has_rate=False, need_output=True

@@ -15,7 +15,6 @@ import numpy as np
 from preisach_jax.chain import (
     Chain,
     Coefficients,
-    EffectValues,
     behind_hysteresis,
     drive,
     first_run_output,
@@ -194,8 +193,29 @@ class Model:
         """(time,) output of a body that is at rest, or in the steady state of a period."""
         return self._displaced(record, begins=False)
 
-    def _displaced(self, record: Record, begins: bool) -> np.ndarray:
-        path = displacement(self.chain, self.values, self.weights, record, begins=begins)
+    def _displaced(self, record: Record, *, begins: bool) -> np.ndarray:
+        """(time,) output of a body along a record that `begins` as the fitted one did.
+
+        Another begins at rest, or in the steady state of an input that closes as a period does.
+        """
+        effect, plane = self.chain.mechanics, self.plane
+        assert effect is not None
+        own = self.values[effect.name]
+        time, force, f_hz = record.time, record.input, own["f_hz"]
+        with on_processor():
+            body = body_of(effect, own, plane, self.weights)
+            start = fitted_start(effect, plane) if begins else at_rest(effect, plane)
+            if not begins and closes(time, force):
+                start = along(body, start, *_once_more(time, force), f_hz)[1]
+            path = along(body, start, time, force, f_hz)[0]
+        farthest = FARTHEST * max(abs(plane.low), abs(plane.high))
+        beyond = np.flatnonzero(~(np.abs(path) <= farthest))
+        if len(beyond):
+            raise InputError(
+                f"{record.name}: along this input the output comes to {path[beyond[0]]:.4g} "
+                f"{record.output_unit} from rest in sample {beyond[0] + 1}, and the model "
+                f"knows it up to {farthest / FARTHEST:.4g}; fit it to a record that goes as far"
+            )
         return self.offset + path
 
     def half_width(self, record: Record) -> np.ndarray:
@@ -513,34 +533,6 @@ def exactly_summable(weights: np.ndarray) -> np.ndarray:
     return np.round(weights / step) * step if total > 0 else weights
 
 
-def displacement(
-    chain: Chain, values: EffectValues, weights: np.ndarray, record: Record, *, begins: bool
-) -> np.ndarray:
-    """(time,) displacement of a body along a record that `begins` as the fitted one did.
-
-    Another begins at rest, or in the steady state of an input that closes as a period does.
-    """
-    effect, plane = chain.mechanics, chain.plane
-    assert effect is not None
-    own = values[effect.name]
-    time, force, f_hz = record.time, record.input, own["f_hz"]
-    with on_processor():
-        body = body_of(effect, own, plane, weights)
-        start = fitted_start(effect, plane) if begins else at_rest(effect, plane)
-        if not begins and closes(time, force):
-            start = along(body, start, *_once_more(time, force), f_hz)[1]
-        path = along(body, start, time, force, f_hz)[0]
-    farthest = FARTHEST * max(abs(plane.low), abs(plane.high))
-    beyond = np.flatnonzero(~(np.abs(path) <= farthest))
-    if len(beyond):
-        raise InputError(
-            f"{record.name}: along this input the output comes to {path[beyond[0]]:.4g} "
-            f"{record.output_unit} from rest in sample {beyond[0] + 1}, and the model "
-            f"knows it up to {farthest / FARTHEST:.4g}; fit it to a record that goes as far"
-        )
-    return path
-
-
 def check_not_inside(chain: Chain, origin: str, what: str) -> None:
     """Ask whether a model's hysteresis is driven by its input."""
     if chain.mechanics:
@@ -562,7 +554,7 @@ def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None
     """Refuse a record along which a model of these units by role cannot predict."""
     _check_units(units, record)
     if chain.mechanics:
-        return  # the plane is one of displacements, and `displacement` asks whether they stay on it
+        return  # the plane is one of displacements, and `_displaced` asks whether they stay on it
     plane = chain.plane
     reach = RANGE_TOLERANCE * (plane.high - plane.low)
     beyond = np.flatnonzero(

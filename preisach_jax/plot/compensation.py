@@ -8,10 +8,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from preisach_jax.compensation import Compensation, Loop
-from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE
+from preisach_jax.compensation import Loop
+from preisach_jax.plot.style import AFTER, BEFORE, MEASURED, STYLE
 from preisach_jax.quantity import quantity, scaled
-from preisach_jax.record.marks import spans
 
 COLOURS = (MEASURED, "#E69F00", BEFORE, AFTER)
 LINES = ("-", "--", "-.", "-")
@@ -54,28 +53,6 @@ def draw_loop(loop: Loop) -> Figure:
         )  # fmt: skip
     bars.set(xlabel=f"RMS tracking error ({unit})".replace(" ()", ""))
     bars.set_title("Error after each step of the inversion")
-    return figure
-
-
-@mpl.rc_context(STYLE)
-def draw_compensation(found: Compensation, unit: str = "", input_unit: str = "") -> Figure:
-    """The drive, and wanted and expected output with the rows that cannot be reached.
-
-    Arguments:
-        unit, input_unit: units of output and input.
-    """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    output, drive = figure.subplots(2, 1, sharex=True)
-    _course(output, found.time, found.wanted, unit)
-    output.plot(found.time, found.expected, "--", color=AFTER, label="expected")
-    for i, (first, behind) in enumerate(spans(~found.reachable)):
-        output.axvspan(
-            found.time[first], found.time[min(behind, len(found.time) - 1)], color=REFUSED,
-            alpha=0.5, lw=0, label="not reachable" if i == 0 else None,
-        )  # fmt: skip
-    output.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-    drive.plot(found.time, found.drive, color=FLOOR)
-    drive.set(xlabel="time, as in the file", ylabel=f"drive ({input_unit})".replace(" ()", ""))
     return figure
 
 

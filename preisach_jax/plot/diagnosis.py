@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -19,9 +17,6 @@ from preisach_jax.errors import InputError
 from preisach_jax.plot.axes import greatest, with_unit
 from preisach_jax.plot.style import AFTER, BEFORE, FLOOR, MEASURED, REFUSED, STYLE
 from preisach_jax.quantity import change, number, quantity, scaled
-
-if TYPE_CHECKING:
-    from preisach_jax.diagnosis.result import Diagnosis
 
 
 @mpl.rc_context(STYLE)
@@ -91,7 +86,7 @@ def candidates(found: Diagnosis) -> Figure:
     """
     fitted = [each for each in found.candidates if np.isfinite(each.rms_validation)]
     tried = sorted(fitted, key=lambda c: (c.step, not c.accepted, -c.gain))
-    reasons = ["\n".join(textwrap.wrap("added" if c.accepted else c.why_not, 62)) for c in tried]
+    reasons = ["\n".join(wrap("added" if c.accepted else c.why_not, 62)) for c in tried]
     places: list[float] = []
     headings: list[tuple[float, int]] = []
     place = 0.0

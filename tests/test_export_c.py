@@ -27,8 +27,9 @@ from preisach_jax.cli.application import run
 from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import InputError
+from preisach_jax.escape import c_comment
 from preisach_jax.export import export_c
-from preisach_jax.export.c import c_comment, files
+from preisach_jax.export.c import files
 from preisach_jax.export.description import describe
 from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.filter.adaptive import AdaptiveFilter

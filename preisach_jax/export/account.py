@@ -28,13 +28,13 @@ def jumps(model: Description) -> bool:
 
 def looks_ahead(model: Description) -> bool:
     """Whether a law in `Model.predict` uses a sample that is still to come."""
-    rate = model.part("rate_dependence")
+    rate = model.widening
     return rate is not None and not rate.numbers["corners"]
 
 
 def differences(model: Description) -> list[str]:
     """Sentences on where the code differs from `Model.predict`, which knows the whole record."""
-    if model.part("rate_dependence") is None:
+    if model.widening is None:
         return []
     said: list[str] = []
     if looks_ahead(model):
@@ -59,14 +59,7 @@ def _numbers_of(part: Part) -> int:
     """Numbers that an effect remembers of one signal."""
     if part.linear is not None:
         return part.linear.numbers + 3 * bool(part.numbers.get("arc"))
-    if part.kind == "delay":
-        return part.numbers["whole"] + 2
-    if part.kind == "operator_creep":
-        return len(part.numbers["gain"])
-    if part.kind == "reptation":
-        return 2 * len(part.numbers["gain"])
-    fixed = {"slew_limit": 2, "rate_dependence": 3, "moving": 1, "eddy_currents": 1}
-    return fixed.get(part.kind, 0)
+    return part.numbers["whole"] + 2 if part.is_delay else part.piece.remembers
 
 
 def filtered_numbers(model: Description) -> int:
@@ -92,45 +85,17 @@ def _settling(part: Part) -> int:
 
 def _operations(part: Part) -> int:
     """Operations of a part in one sample, in the worst case."""
-    numbers = part.numbers
     if part.linear is not None:
-        arc = 10 * bool(numbers.get("arc"))
+        arc = 10 * bool(part.numbers.get("arc"))
         return 2 + (3 + 2 * part.linear.a.shape[-1]) * part.linear.b.size + arc
-    fixed = {"slew_limit": 18, "input_quantisation": 2, "rate_dependence": 10, "ageing": 3,
-             "delay": 5, "drift": 3, "output_quantisation": 2, "moving": 5,
-             "eddy_currents": 3}  # fmt: skip
-    if part.kind in fixed:
-        return fixed[part.kind]
-    if part.kind == "operator_creep":
-        return 35 * len(numbers["gain"])
-    if part.kind == "reptation":
-        return 8 + 14 * len(numbers["gain"])
-    if part.kind == "hum":
-        return 7 * len(numbers["cosine"])
-    return 29 * (40 + 9 * len(numbers["ripples"]))  # the map of the sensor, at most 29 times
-
-
-def _calls(part: Part) -> int:
-    """Calls of the mathematical library in one sample, in the worst case."""
-    numbers = part.numbers
-    if part.kind == "operator_creep":
-        return 3 * len(numbers["gain"])
-    if part.kind == "hum":
-        return 2 * len(numbers["cosine"])
-    if part.kind == "drift":
-        return len(numbers.get("waves", (0,)))
-    if part.kind == "output_nonlinearity":
-        return 58 * len(numbers["ripples"])
-    fixed = {"ageing": 1, "rate_dependence": 1, "reptation": 2}
-    fixed |= {"input_quantisation": 1, "output_quantisation": 1}
-    return fixed.get(part.kind, 0)
+    return 5 if part.is_delay else part.piece.operations
 
 
 def sizes(model: Description) -> dict[str, Any]:
     """Counts of numbers and operations, in the worst case."""
     levels = model.levels
     cells, sums = levels * (levels + 1) // 2, (levels + 1) * (levels + 2) // 2
-    rate = model.part("rate_dependence")
+    rate = model.widening
     diagonal = levels + 1 if rate is not None and not rate.numbers["reversible"] else 0
     corners = 2 * levels + 2 if rate is not None else levels + 2
     effects = _numbers_of_effects(model)
@@ -147,7 +112,7 @@ def sizes(model: Description) -> dict[str, Any]:
         "step_moves": corners,
         "step_flops": 4 * OUTPUT_BELOW + 40 + 10 * (rate is not None),
         "effect_flops": sum(_operations(part) for part in model.parts) + 4,
-        "calls": sum(_calls(part) for part in model.parts),
+        "calls": sum(part.piece.calls for part in model.parts if part.file),
         "tries": 102 if not (rate is not None and rate.numbers["reversible"]) else 306,
         "adapt_flops": (36 + outputs) * cells + OUTPUT_BELOW * 2 * corners,
     }

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from preisach_jax.effects.base import Place
-from preisach_jax.escape import c_comment, markdown, printable_lines
 from preisach_jax.export.account import (
     MOST_FILTERED,
     differences,
@@ -23,49 +19,8 @@ from preisach_jax.export.account import (
 )
 from preisach_jax.export.description import Description, Part, describe
 from preisach_jax.export.selftest import self_test
+from preisach_jax.export.template import environment
 from preisach_jax.model import Model, without_effects
-
-NUMBERS_A_LINE = 4
-
-
-def real(value: float) -> str:
-    """A number as C writes it, to the last bit."""
-    return f"REAL({float(value)!r})"
-
-
-def reals(values: Sequence[float]) -> str:
-    """The lines of an initialiser."""
-    rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
-    return ",\n".join("    " + ", ".join(real(value) for value in row) for row in rows)
-
-
-def plain(values: Sequence[float]) -> str:
-    """The lines of an initialiser of doubles."""
-    rows = [values[i : i + NUMBERS_A_LINE] for i in range(0, len(values), NUMBERS_A_LINE)]
-    return ",\n".join("    " + ", ".join(repr(float(value)) for value in row) for row in rows)
-
-
-def _harmless(value: Any) -> Any:
-    return printable_lines(value) if isinstance(value, str) else value
-
-
-@functools.cache  # which keeps the templates compiled
-def environment() -> jinja2.Environment:
-    """The templates of the export."""
-    made = jinja2.Environment(
-        loader=jinja2.PackageLoader("preisach_jax", "export/templates"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-        finalize=_harmless,
-    )
-    made.filters |= {
-        "real": real, "reals": reals, "plain": plain, "number": repr, "comment": c_comment,
-        "markdown": markdown,
-    }  # fmt: skip
-    return made
 
 
 def sums_below(weights: np.ndarray, levels: int) -> np.ndarray:
@@ -82,7 +37,7 @@ def sums_below(weights: np.ndarray, levels: int) -> np.ndarray:
 
 def view(model: Description) -> dict[str, Any]:
     """What the templates are filled with."""
-    rate = model.part("rate_dependence")
+    rate = model.widening
     separate = rate is not None and not rate.numbers["reversible"]
     rows, columns = np.tril_indices(model.levels)
     off = np.where((rows == columns) & separate, 0.0, model.weights)
@@ -92,22 +47,14 @@ def view(model: Description) -> dict[str, Any]:
     place, filter_numbers = _placed(outputs)
     others, linear_numbers = _placed([part for part in (*inputs, *added) if part.linear])
     settled = [part for part in outputs if part.linear is None or not part.linear.passes]
-    kinds = {part.kind for part in model.parts}
-    single = {
-        kind: model.part(kind)
-        for kind in (
-            "slew_limit", "delay", "ageing", "drift", "hum", "reptation", "operator_creep",
-            "output_quantisation",
-        )
-    }  # fmt: skip
     aux = [column.identifier for column in model.aux]
     diagonal = np.append(0.0, np.cumsum(model.weights[rows == columns]))
-    return single | {
+    return {
         "model": model,
-        "pi": math.pi,
         "effect_names": ", ".join(part.name for part in model.parts),
-        "rate_dependence": rate,
-        "widens": rate is not None,
+        "widening": rate,
+        "delay": model.delay,
+        "pieces": [part.piece for part in model.parts if part.file],
         "separate_diagonal": separate,
         "speed_held": rate is not None and bool(rate.numbers["reversible"]),
         "signed": model.signed,
@@ -124,10 +71,11 @@ def view(model: Description) -> dict[str, Any]:
             f"which {MOST_FILTERED} at most are taken for sensible"
         ),
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
-        "keeps_reversible": separate,
         "feedback": feedback,
-        "timed": bool(kinds & {"ageing", "drift", "hum"}),
-        "sensor_map": model.part("output_nonlinearity"),
+        "timed": ", ".join(part.name for part in model.parts if part.effect.of_time_alone),
+        "weighing": model.at(Place.WEIGHTS),
+        "maps": [part for part in reversed(model.sensor) if not part.resolution],
+        "resolution": sum(part.resolution for part in model.sensor),
         "inputs": inputs,
         "outputs": outputs,
         "linears": [part for part in model.parts if part.linear],

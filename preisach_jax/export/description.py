@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -24,6 +26,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.effects.linear import StateSpace
 from preisach_jax.errors import InputError
+from preisach_jax.export.template import filled, piece_of
 from preisach_jax.model import (
     RANGE_TOLERANCE,
     Model,
@@ -81,26 +84,44 @@ class Part:
 
     Attributes:
         effect: the effect, where it acts.
-        kind: `"linear"`, `"delay"`, or the name of its block in the templates.
         identifier: its name in C.
         linear: what it is where it is linear.
         numbers: its numbers where it is not, and what is not linear in it.
         amounts: its linear coefficients.
         said: its parameters as the model has them, for the reader of the code.
+        file: its piece of the C code where it is neither linear nor a delay, see `template`.
     """
 
     effect: Effect
-    kind: str
     identifier: str
     linear: Linear | None
     numbers: Mapping[str, Any]
     amounts: tuple[float, ...]
     said: str
+    file: Path | None
 
     @property
     def name(self) -> str:
         """The effect's name in the model."""
         return self.effect.name
+
+    @property
+    def is_delay(self) -> bool:
+        """Whether it is a pure delay."""
+        return isinstance(self.effect, OutputEffect) and self.effect.is_delay
+
+    @property
+    def function(self) -> str:
+        """Name of its function in C."""
+        return f"effect_{self.identifier}"
+
+    @cached_property
+    def piece(self) -> Any:
+        """Its piece of the C code, filled with its numbers; None where it has none."""
+        if self.file is None:
+            return None
+        names = {"name": self.function, "id": self.identifier}
+        return filled(self.file, {"part": self, "n": self.numbers} | names)
 
     @property
     def in_sensor(self) -> bool:
@@ -111,6 +132,11 @@ class Part:
     def feeds_back(self) -> bool:
         """Whether the hysterons see their own output through it."""
         return isinstance(self.effect, HysteresisEffect) and self.effect.feeds_back
+
+    @property
+    def resolution(self) -> float:
+        """Step of the sensor's converter; 0 where it is none."""
+        return float(self.effect.resolution) if isinstance(self.effect, SensorEffect) else 0.0
 
     @property
     def column(self) -> str:
@@ -169,9 +195,16 @@ class Description:
     input_low: float
     input_high: float
 
-    def part(self, kind: str) -> Part | None:
-        """The part of a kind, if there is one."""
-        return next((part for part in self.parts if part.kind == kind), None)
+    @property
+    def delay(self) -> Part | None:
+        """The part that is a delay, if there is one."""
+        return next((part for part in self.parts if part.is_delay), None)
+
+    @property
+    def widening(self) -> Part | None:
+        """The part that moves thresholds with the speed of the input, if there is one."""
+        inside = self.at(Place.HYSTERESIS)
+        return next((p for p in inside if getattr(p.effect, "widens", False)), None)
 
     def at(self, place: Place) -> list[Part]:
         """The parts at a place, in order, without those of the sensor."""
@@ -266,15 +299,16 @@ def _part(
         for name, estimate in model.parameters[effect.name].items()
         if name not in [each.name for each in free]
     )
-    kind, linear, numbers = effect.name, None, acting.sampled(step_s, amounts)
+    file, linear, numbers = None, None, acting.sampled(step_s, amounts)
     if isinstance(acting, Stepped) and acting.is_linear:
-        kind, numbers = "linear", numbers or {}
+        numbers = numbers or {}
         law = acting.state_space(jnp.asarray(step_s, float))
         linear = Linear.of(law, amounts if isinstance(acting, AddedEffect) else ())
     elif isinstance(acting, OutputEffect) and acting.is_delay:
-        kind, numbers = "delay", _delayed(acting, step_s)
-    elif "sampled" not in vars(type(effect)):
-        # What a class of one's own has changed in one of the library, the templates do not know.
+        numbers = _delayed(acting, step_s)
+    elif (file := piece_of(effect)) is None:
+        # What a class of one's own has changed in one of the library, that one's piece of the code
+        # does not know.
         numbers = None
     if numbers is None:
         raise InputError(
@@ -282,7 +316,7 @@ def _part(
             f"{effect.name}, which adds its part of the output to the error"
         )
     name = _identifier(effect.name, taken)
-    return Part(acting, kind, name, linear, numbers, amounts, said)
+    return Part(acting, name, linear, numbers, amounts, said, file)
 
 
 def _delayed(effect: OutputEffect, step_s: float) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def self_test(model: Model, described: Description) -> dict[str, Any]:
     else:
         expected = _predicted(model, described, drive, aux)
     reach = float(np.ptp(expected)) or 1.0
-    rate = described.part("rate_dependence") is not None
+    rate = described.widening is not None
     coarse = WITHIN_FLOAT_RATE if rate else WITHIN_FLOAT
     coarse = WITHIN_JUMPS if jumps(described) else coarse
     return {

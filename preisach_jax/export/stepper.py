@@ -45,7 +45,7 @@ def start(model: Description) -> State:
     state |= {"high": np.ones(cells), "seen": np.zeros(3), "path": np.zeros(2)}
     state |= {"input": np.zeros(1), "aux": np.zeros(len(model.aux)), "h": np.zeros(1)}
     for part in model.parts:
-        if part.kind == "delay":
+        if part.is_delay:
             state[part.name] = np.zeros(part.numbers["whole"] + 1)
         elif isinstance(part.effect, Stepped) and part.effect.is_stepped:
             size = len(ravel_pytree(part.effect.init(jnp.zeros(())))[0])
@@ -104,7 +104,7 @@ def _taken_in(
     for effect in model.chain.at(WeightEffect):
         signal = signal * effect.factor(signals)[0]
     for part in model.at(Place.OUTPUT):
-        follow = _delayed if part.kind == "delay" else _stepped
+        follow = _delayed if part.is_delay else _stepped
         new[part.name], signal = follow(model, state, part, signal)
     signal = signal + model.offset
     for part in model.at(Place.ADDED):

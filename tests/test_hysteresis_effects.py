@@ -34,7 +34,7 @@ from preisach_jax.effects.log_rate import LogRate
 from preisach_jax.effects.moving import Moving
 from preisach_jax.effects.operator_creep import SHARES, OperatorCreep
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.output_quantisation import OutputQuantisation, lattice_step
+from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import SHARES as REACHES
 from preisach_jax.effects.reptation import Reptation
@@ -46,6 +46,7 @@ from preisach_jax.model import Model
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, weighted_states
 from preisach_jax.record import Record
+from preisach_jax.record.course import lattice_step
 
 PLANE = Plane(levels=5, low=0.0, high=12.0)
 WEIGHTS = np.random.default_rng(1).uniform(0.2, 1.0, PLANE.cells)

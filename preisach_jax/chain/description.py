@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 
@@ -18,7 +18,6 @@ from preisach_jax.effects.base import (
     SensorEffect,
     WeightEffect,
 )
-from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 
@@ -94,10 +93,9 @@ class Chain(eqx.Module):
         return any(effect.feeds_back for effect in self.at(HysteresisEffect))
 
     @property
-    def mechanics(self) -> RestoringForce | None:
-        """The effect that puts the hysteresis inside mechanics, if there is one."""
-        own = [e for e in self.effects if isinstance(e, RestoringForce)]
-        return own[0] if own else None
+    def mechanics(self) -> Any:
+        """The effect that puts the hysteresis inside mechanics; None where there is none."""
+        return next((effect for effect in self.effects if effect.inside_mechanics), None)
 
     @property
     def size_text(self) -> str:

@@ -20,7 +20,6 @@ from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
-from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
@@ -86,8 +85,12 @@ class Exploration:
         record = found.base.record
         tried = effects_to_try(record, effects)
         present = {effect.name: effect for fit in found.steps for effect in fit.model.effects}
-        known = {*_names(tried), RestoringForce.name}
-        others = [effect for name, effect in present.items() if name not in known]
+        known = _names(tried)
+        others = [
+            effect
+            for name, effect in present.items()
+            if name not in known and not effect.inside_mechanics
+        ]
         step = None
         for fit in found.steps:
             step = Exploration(fit, (*tried, *others), step)
@@ -195,7 +198,7 @@ class Exploration:
         (new,) = resolve([effect], aux_units(self.record))
         if new.name in self.effects:
             raise InputError(f"the model has the effect {new.name!r} already; add another")
-        _check_not_inside(self.fit.model, new.name)
+        _check_not_inside(self.fit.model, new)
         tried = self.tried if new.name in by_name else (*self.tried, new)
         with double_precision():
             progress(f"fitting {new.name}", 0.0)
@@ -295,13 +298,14 @@ BY_HAND = (
 )
 
 
-def _check_not_inside(model: Model, added: str = "") -> None:
-    if model.chain.mechanics or added == RestoringForce.name:
-        names = filter(None, [*(effect.name for effect in model.effects), added])
+def _check_not_inside(model: Model, *added: Effect) -> None:
+    effects = (*model.effects, *added)
+    inside = next((effect.name for effect in effects if effect.inside_mechanics), None)
+    if inside is not None:
         raise InputError(
-            f"the model has {', '.join(names)}: restoring_force is fitted alone, since "
-            "no other effect acts inside its mechanics; fit it with "
-            "pj.fit(record, effects=('restoring_force',)), or go back to the step before it"
+            f"the model has {', '.join(effect.name for effect in effects)}: {inside} is fitted "
+            "alone, since no other effect acts inside its mechanics; fit it with "
+            f"pj.fit(record, effects=({inside!r},)), or go back to the step before it"
         )
 
 
@@ -365,7 +369,7 @@ def explore(
         True
     """
     asked = effects_to_try(record, effects)
-    tried = tuple(effect for effect in asked if not isinstance(effect, RestoringForce))
+    tried = tuple(effect for effect in asked if not effect.inside_mechanics)
     if progress is not None:
         progress("fitting the rate-independent model", 0.0)
     with double_precision():

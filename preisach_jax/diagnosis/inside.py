@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,6 @@ from preisach_jax.diagnosis.evidence import Evidence, compare_fits
 from preisach_jax.diagnosis.result import Candidate, Diagnosis, Finding
 from preisach_jax.diagnosis.search import Selection
 from preisach_jax.diagnosis.wording import notes_on
-from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit import Fit, Progress, fit_inside, on_all_rows
 from preisach_jax.quantity import quantity
@@ -32,7 +31,7 @@ def with_mechanics(
     found: Diagnosis,
     selection: Selection,
     record: Record,
-    effect: RestoringForce | None,
+    effect: Any,
     tolerance: float,
     progress: Progress,
     *,
@@ -48,9 +47,9 @@ def with_mechanics(
         tolerance: RMS error, in output units, that does not matter.
         asked: whether the effect was asked for: then it is tried wherever something is left.
     """
-    rival = _rival(found, selection, record)
     if effect is None or found.base.record.runs or not found.leaves_a_part:
         return found
+    rival = _rival(found, selection, record, effect.confused_with)
     if rival is None:
         if not asked:
             return found
@@ -86,14 +85,15 @@ def with_mechanics(
     return _inside(found, selection, before, fit, row, tolerance)
 
 
-def _rival(found: Diagnosis, selection: Selection, record: Record) -> Fit | None:
+def _rival(
+    found: Diagnosis, selection: Selection, record: Record, rivals: tuple[str, ...]
+) -> Fit | None:
     """The model with a resonance that is to be beaten; None where no resonance leads."""
-    name = Resonance.name
-    if name in found.effects:
+    if any(name in found.effects for name in rivals):
         return found.final
     first = [tried for tried in selection.steps[0] if tried.model and tried.evidence]
     best = max(first, key=lambda each: each.evidence.gain if each.evidence else 0.0, default=None)
-    if found.effects or best is None or best.effect != name or best.model is None:
+    if found.effects or best is None or best.effect not in rivals or best.model is None:
         return None
     if best.evidence is None or not best.evidence.gain > 0:
         return None

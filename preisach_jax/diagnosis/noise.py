@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from preisach_jax.effects.output_quantisation import lattice_step
 from preisach_jax.identify import Point, Problem
 from preisach_jax.look.stretches import repeating_period
+from preisach_jax.record.course import lattice_step
 
 REST = 1e-6
 """Movement of the input from one sample to the next, in parts of its range, that is none."""

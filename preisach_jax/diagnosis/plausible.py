@@ -8,16 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.diagnosis.tellable import InputSurvey, surveyed
-from preisach_jax.effects.base import Parameter
-from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.output_quantisation import lattice_step
+from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, Parameter
 from preisach_jax.effects.speed import smoothed_rate
-from preisach_jax.effects.viscosity import Viscosity
 from preisach_jax.identify import Point, Problem
 from preisach_jax.look.stretches import Period
 from preisach_jax.quantity import quantity
+from preisach_jax.record.course import lattice_step
 
 WIDE = 10.0
 """Ratio of its bounds from which on a parameter is searched for, and not known beforehand."""
@@ -35,11 +31,11 @@ it is no speed any more."""
 
 
 def from_the_drive(problem: Problem, point: Point, name: str) -> str:
-    """What says that a hum is the drive's own doing; empty if nothing does, or it is no hum."""
+    """What says that a line is the drive's own doing; empty if nothing does, or it is no line."""
     effect = point.chain.effect(name)
-    if not isinstance(effect, Hum):
+    if not effect.line:
         return ""
-    survey, f_hz = surveyed(problem), point.values[name]["f_hz"]
+    survey, f_hz = surveyed(problem), point.values[name][effect.line]
     if survey.makes(f_hz):
         return f"its line of {f_hz:.4g} Hz is a sum of low multiples of the drive's own lines"
     if (period := survey.period) is not None and is_tooth(problem, point, effect, f_hz, period):
@@ -65,12 +61,13 @@ def out_of_law(problem: Problem, point: Point, name: str) -> str:
     """What of an effect's fitted parameters is none of what it is; empty if nothing is."""
     effect = point.chain.effect(name)
     survey, values = surveyed(problem), point.values[name]
-    if isinstance(effect, Viscosity) and _goes_with_position(survey, values["tau_s"]):
+    lag = effect.smoothed_by
+    if lag and _goes_with_position(survey, values[lag]):
         return (
-            f"its speed, {values['tau_s']:.3g} s late, goes with where the input is rather than "
+            f"its speed, {values[lag]:.3g} s late, goes with where the input is rather than "
             "with how fast it moves"
         )
-    if isinstance(effect, Creep) and (past := _more_than_its_past(problem, point, effect)):
+    if isinstance(effect, OutputEffect) and (past := _more_than_its_past(problem, point, effect)):
         return past
     for parameter in effect.parameters():
         if side := _bound_of(parameter, values[parameter.name]):
@@ -82,13 +79,14 @@ def out_of_law(problem: Problem, point: Point, name: str) -> str:
     return ""
 
 
-def _more_than_its_past(problem: Problem, point: Point, effect: Creep) -> str:
-    """What says that a creep's unknown past does what no past could; empty if nothing does.
+def _more_than_its_past(problem: Problem, point: Point, effect: OutputEffect) -> str:
+    """What says that an effect's unknown past does what no past could; empty if nothing does.
 
-    Its elements decay from where an unknown past has left them, whatever their gains are: with
-    hardly any gain, they are a drift.  Beside a drift, they and it make up for each other.
+    The elements of a creep decay from where an unknown past has left them, whatever their gains:
+    with hardly any gain, they are a drift.  Beside a drift, they and it make up for each other.
     """
-    if any(isinstance(each, Drift) for each in point.chain.effects):
+    drifts = (each for each in point.chain.at(AddedEffect) if each.of_time_alone)
+    if not effect.bounds_its_past or any(each.name in effect.confused_with for each in drifts):
         return ""
     left = float(np.ptp(point.share_of(effect.name))) * problem.unit
     stroke = float(np.abs(point.coefficients().weights).sum())
@@ -161,7 +159,7 @@ OF_THE_HUM = 0.5
 
 
 def is_of_steps(
-    point: Point, hum: Hum, f_hz: float, inputs: Sequence[tuple[np.ndarray, np.ndarray]]
+    point: Point, hum: Effect, f_hz: float, inputs: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> bool:
     """Whether a hum is at a line that the steps of the recorded input make.
 
@@ -186,7 +184,7 @@ def is_of_steps(
     return False
 
 
-def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Period) -> bool:
+def is_tooth(problem: Problem, point: Point, hum: Effect, f_hz: float, period: Period) -> bool:
     """Whether a hum is at a multiple of the drive's frequency, and no line of it stands out there.
 
     Whatever is wrong with a model comes back with a drive of period T, at all multiples of 1/T: a
@@ -205,7 +203,7 @@ def is_tooth(problem: Problem, point: Point, hum: Hum, f_hz: float, period: Peri
     return True
 
 
-def _heights(point: Point, hum: Hum) -> np.ndarray:
+def _heights(point: Point, hum: Effect) -> np.ndarray:
     """(harmonic,) amplitudes of the lines of a hum, in the unit of the output."""
     pairs = zip(point.chain.coefficients, point.coefficients().added, strict=True)
     parts = [float(value) for (name, _), value in pairs if name == hum.name]

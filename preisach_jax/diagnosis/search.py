@@ -29,7 +29,6 @@ from preisach_jax.effects.base import (
     SensorEffect,
     WeightEffect,
 )
-from preisach_jax.effects.modal import Modal
 from preisach_jax.fit import (
     Progress,
     at_levels,
@@ -479,12 +478,10 @@ class Search:
         return self.met[kept]
 
     def _smaller(self, model: Whole) -> list[Whole]:
-        """The models that lack an effect, or a mode."""
+        """The models that lack an effect, or a term of one."""
         found = [self._without(model, name) for name in model.names]
         for effect in model.point.chain.effects:
-            if not isinstance(effect, Modal) or effect.modes < 2:
-                continue
-            for less, start in effect.without_each_mode(model.point.values[effect.name]):
+            for less, start in effect.reduced(model.point.values[effect.name]):
                 chain = _in_place_of(model.point.chain, effect, less)
                 trial = best_start(self.problem, model.point, chain, effect.name, [start], 1)
                 found.append(self._meet(Whole.of(self.problem, trial)))

@@ -13,7 +13,6 @@ from preisach_jax.diagnosis.search import Search, Selection, Whole
 from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.effects import OF_COLUMNS, library, listed, resolve
 from preisach_jax.effects.base import Effect
-from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
@@ -93,11 +92,12 @@ def diagnose(
     record = as_one(record, hold_out, "diagnose")
     asked = effects_to_try(record, effects)
     # It is fitted alone, and only once all others have been asked.
-    inside = [effect for effect in asked if isinstance(effect, RestoringForce)]
+    inside = [effect for effect in asked if effect.inside_mechanics]
     tried = tuple(effect for effect in asked if effect not in inside)
-    mechanics = (
-        inside[0] if inside else RestoringForce() if effects is None and record.has_clock else None
-    )
+    if not inside and effects is None and record.has_clock:
+        mechanics = next((e for e in library().values() if e.inside_mechanics), None)
+    else:
+        mechanics = inside[0] if inside else None
     least = tolerance_of(tolerance, record)
     with double_precision():
         return freed_of_blemishes(
@@ -146,7 +146,7 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
 def _diagnosed(
     record: Record,
     tried: tuple[Effect, ...],
-    mechanics: tuple[RestoringForce | None, bool],
+    mechanics: tuple[Effect | None, bool],
     levels: int | None,
     tolerance: float,
     progress: Progress,

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
@@ -149,6 +149,12 @@ class Effect(eqx.Module):
             anew with all rows of a record.
         needs_clock: whether it goes with times or rates, so that a record that only counts samples
             says nothing of it.
+        inside_mechanics: whether the output drives the hysteresis, inside a motion: such an effect
+            is fitted alone, by the simulated motion (`preisach_jax.mechanics`).
+        line: name of the parameter that is the frequency of a line in its output, if it is one; its
+            coefficients are the cosine and the sine of each multiple.
+        smoothed_by: name of the parameter that is the time over which it takes the speed of the
+            input, if it goes with that.
         of_time_alone: whether what it does depends on nothing but the time. It is then known before
             the input is, and differs from one record to the next where several are fitted together.
 
@@ -176,6 +182,9 @@ class Effect(eqx.Module):
     found_in_residual: ClassVar[bool] = False
     needs_clock: ClassVar[bool] = True
     of_time_alone: ClassVar[bool] = False
+    inside_mechanics: ClassVar[bool] = False
+    line: ClassVar[str] = ""
+    smoothed_by: ClassVar[str] = ""
     form_pays: ClassVar[float] = 0.5
 
     def __hash__(self) -> int:
@@ -253,8 +262,13 @@ class Effect(eqx.Module):
         del survey, values
         return None
 
+    def reduced(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
+        """This effect with each of its terms left out in turn, and what the others have."""
+        del values
+        return ()
+
     def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any] | None:
-        """Numbers of this effect in generated C, where the templates have a block of its name.
+        """Numbers of this effect in generated C, where `NAME.c.j2` beside its module has its code.
 
         Arguments:
             step_s: sample interval, in s.
@@ -429,6 +443,11 @@ class OutputEffect(Stepped):
     def free_response(self, signals: Signals) -> Float[Array, "time column"]:
         """What states that were not at rest at the first sample add, `(time, columns)`."""
         return jnp.zeros((*signals.time.shape, 0), signals.time.dtype)
+
+    @property
+    def bounds_its_past(self) -> bool:
+        """Whether it says how far its past can have moved the output."""
+        return type(self).past_bound is not OutputEffect.past_bound
 
     def past_bound(self, signals: Signals, furthest: float) -> Float[Array, " time"]:
         """How far a past that is not known can move the output from that of a machine at rest.

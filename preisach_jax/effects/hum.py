@@ -63,6 +63,7 @@ class Hum(AddedEffect):
     )
     found_in_residual: ClassVar[bool] = True
     of_time_alone: ClassVar[bool] = True
+    line: ClassVar[str] = "f_hz"
     starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
     f_hz: float = parameter(

@@ -175,10 +175,9 @@ class Modal(Effect):
         mode = {f"f_{number}_hz": found[0].f_hz, f"zeta_{number}": found[0].zeta}
         return replace(self, modes=number), {**values, **mode}
 
-    def without_each_mode(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
-        """This effect with each of its modes left out in turn, and what the others have."""
+    def reduced(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
         found: list[tuple[Self, dict[str, float]]] = []
-        for gone in range(self.modes):
+        for gone in range(self.modes if self.modes > 1 else 0):
             kept = [number for number in range(1, self.modes + 1) if number != gone + 1]
             start: dict[str, float] = {}
             for place, number in enumerate(kept, start=1):

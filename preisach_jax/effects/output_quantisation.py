@@ -10,35 +10,10 @@ from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import SensorEffect, Survey
 from preisach_jax.effects.parameter import parameter
+from preisach_jax.record.course import lattice_step
 
 RESOLVED = 1e-3
 """Relative half width of the bounds around the step that the record shows."""
-
-
-SAME = 1e-12
-"""Difference of two readings, over their range, that is rounding of the computer."""
-
-OFF_THE_LATTICE = 0.02
-"""Steps by which a reading may lie off the lattice."""
-
-
-def lattice_step(values: np.ndarray) -> float:
-    """Step of the converter behind some readings, 0 if they lie on no lattice.
-
-    On a lattice all differences between readings are multiples of one step, which is the least of
-    them; numbers closer than a millionth of a millionth of the range are one reading.
-    """
-    distinct = np.unique(values)
-    if len(distinct) < 2:
-        return 0.0
-    reach = float(distinct[-1] - distinct[0])
-    apart: np.ndarray = np.diff(distinct)
-    least = float(apart[apart > SAME * reach].min())
-    places: np.ndarray = (distinct - distinct[0]) / least
-    whole = np.round(places)
-    if np.abs(places - whole).max() > OFF_THE_LATTICE:
-        return 0.0
-    return reach / float(whole[-1])
 
 
 class OutputQuantisation(SensorEffect):

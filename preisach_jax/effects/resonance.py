@@ -145,10 +145,10 @@ class Resonance(Modal, OutputEffect):
         ]
         return more, tuple({**start, f"gain_{number}": SLIGHT} for start in (seen, *grid))
 
-    def without_each_mode(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
+    def reduced(self, values: Values) -> Sequence[tuple[Self, dict[str, float]]]:
         gains = [1.0, *(values[f"gain_{number}"] for number in range(2, self.modes + 1))]
         found: list[tuple[Self, dict[str, float]]] = []
-        for gone, (less, start) in enumerate(super().without_each_mode(values)):
+        for gone, (less, start) in enumerate(super().reduced(values)):
             first, *others = gains[:gone] + gains[gone + 1 :]
             own = {f"gain_{k}": g / first if first else g for k, g in enumerate(others, start=2)}
             found.append((less, {**start, **own}))

@@ -46,6 +46,7 @@ class RestoringForce(HysteresisEffect):
     in_words: ClassVar[str] = (
         "mechanics around the hysteresis (it is a force that the output drives)"
     )
+    inside_mechanics: ClassVar[bool] = True
     # Its body is simulated, not solved for by least squares: only where a resonance is promising.
     on_request: ClassVar[bool] = True
     physics: ClassVar[str] = (

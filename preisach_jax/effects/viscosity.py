@@ -44,6 +44,7 @@ class Viscosity(AddedEffect):
     in_words: ClassVar[str] = "a viscosity (a part of the output depends on the speed of the input)"
     goes_with_speed: ClassVar[bool] = True
     beside_the_loop: ClassVar[bool] = True
+    smoothed_by: ClassVar[str] = "tau_s"
     physics: ClassVar[str] = (
         "A fluid or a sliding contact resists motion: where the input is a displacement and the "
         "output a force, a part of the force goes with the speed. It is viscous (in proportion), "

@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, OfColumn
-from preisach_jax.effects.restoring_force import RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit.fitted import (
     FINAL_ROWS,
@@ -177,11 +176,11 @@ def _fitted(
     schedule: Schedule | None,
     progress: Progress,
 ) -> Fit:
-    inside = [effect for effect in chosen if isinstance(effect, RestoringForce)]
+    inside: list[Any] = [effect for effect in chosen if effect.inside_mechanics]
     if inside and len(chosen) > 1:
         others = ", ".join(effect.name for effect in chosen if effect is not inside[0])
         raise InputError(
-            f"{record.name}: restoring_force is fitted alone, since no other effect acts inside "
+            f"{record.name}: {inside[0].name} is fitted alone, since no other effect acts inside "
             f"its mechanics; leave out {others}"
         )
     record, problem, point = plain_model(record, levels)

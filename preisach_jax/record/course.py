@@ -10,6 +10,12 @@ import numpy as np
 DEAD_BAND = 0.01
 """Share of its range that the input must come back by to count as reversed."""
 
+SAME = 1e-12
+"""Difference of two readings, over their range, that is rounding of the computer."""
+
+OFF_THE_LATTICE = 0.02
+"""Steps by which a reading may lie off the lattice."""
+
 
 def input_rate(time: np.ndarray, values: np.ndarray, starts: Sequence[int] = ()) -> np.ndarray:
     """Rate of a signal by central differences with the actual time steps.
@@ -129,6 +135,25 @@ def resolution(values: np.ndarray) -> float:
     """Least step between different values: of a converter, if one made them."""
     steps = np.diff(np.unique(values))
     return float(steps.min()) if len(steps) else 0.0
+
+
+def lattice_step(values: np.ndarray) -> float:
+    """Step of the converter behind some readings, 0 if they lie on no lattice.
+
+    On a lattice all differences between readings are multiples of one step, which is the least of
+    them; numbers closer than a millionth of a millionth of the range are one reading.
+    """
+    distinct = np.unique(values)
+    if len(distinct) < 2:
+        return 0.0
+    reach = float(distinct[-1] - distinct[0])
+    apart: np.ndarray = np.diff(distinct)
+    least = float(apart[apart > SAME * reach].min())
+    places: np.ndarray = (distinct - distinct[0]) / least
+    whole = np.round(places)
+    if np.abs(places - whole).max() > OFF_THE_LATTICE:
+        return 0.0
+    return reach / float(whole[-1])
 
 
 def middle_range(values: np.ndarray) -> float:

@@ -1,51 +1,64 @@
-"""The page on the architecture: its drawing and table are made from the imports of the package."""
+"""The page on the architecture: a record's way through the package, and its rooms."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
-from html import escape
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import preisach_jax
 
 PACKAGE = Path(preisach_jax.__file__).parent
 
-WIDTH, HEIGHT, GAP_X, GAP_Y = 112, 30, 14, 46
-
 TEXT = """# Architecture
 
-One way in, one way through: a measured `Record` becomes a `Model`, a `Fit`, a `Diagnosis` and a
-report, or a drive and C code. Imports run downward only, those inside functions and for annotations
-as well, and there are no circles; `tests/test_architecture.py` guards both.
+A measured `Record` becomes a `Fit`, a `Diagnosis` and a `Model`; a model becomes predictions, a
+drive, or C code. Results are data: what shows, draws, saves and exports them stands above them.
 
-- `operator`, `filter`: the Preisach operator, and the paper's recursive filter on it. They know
-  nothing of records.
-- `record`, `look`: what was measured, from files of many kinds, and what it can tell before any
-  fit.
-- `effects`: one file an effect, with its physics, its parameters as fields, and one step.
-- `chain`, `identify`, `fit`, `model`: effects around the operator, the separable least squares
-  behind a fit, and the model that is saved. A step of the search is a `Point`: immutable, so
-  that it can be kept.
-- `diagnosis`: from the plain model by a search among whole models to a verdict, with `diagnose`
-  or by hand (`explore`).
-- `loss`: what closed cycles of a record lose, as measured and by a model.
-- `compensation`, `export`: the inverse, and C, FMU and python-control.
-- `present`, `plot`, `report`, `app`, `cli`: all that people see. `fit.plot()` and the like call
-  functions there that `preisach_jax/__init__.py` has put into `hooks`.
-- `plant`, `piezo`, `signals`: simulated stages that share no code with the models.
+## The way of a record
 
-## What imports what
+1. `record/reading.py`, `record/readers/`: a file becomes a `Table`, by its first bytes or ending.
+2. `record/layouts.py`, `record/columns.py`: which column is the time, the input, the output.
+3. `record/core.py`, `record/checks.py`, `record/blemishes.py`: the `Record`; faults are refused or
+   mended.
+4. `look/`: what it can tell, before any fit.
+5. `operator/plane.py`, `operator/states.py`: thresholds, and the states of the hysterons along the
+   input.
+6. `chain/`, `effects/`: the effects around the operator; the output as a matrix of regressors.
+7. `identify/`: weights by least squares, parameters by Gauss-Newton around them. Where it comes to
+   is a `Point`, which never changes.
+8. `fit/stepwise.py`: the plain model, and one with an effect more.
+9. `diagnosis/search.py`: whole models with and without effects; `diagnosis/evidence.py` and
+   `diagnosis/plausible.py` say what speaks against one.
+10. `diagnosis/conclusion.py`, `diagnosis/budget.py`, `diagnosis/limits.py`: all rows, the verdict,
+    and how large what was not found may be.
+11. `model/`: what is kept: prediction, band, file.
+12. `present.py`, `plot/`, `report/`, `app/`, `cli/` show it; `compensation/` and `export/` put it
+    to use.
 
-Each box is a room: a folder or a file of the package. An arrow leads from a room to one that it
-imports; arrows that follow from others are left out.
+## Where to put what
 
-{drawing}
+| what | where |
+|---|---|
+| an effect | `effects/`: one file; one that is not linear and goes into C, `NAME.c.j2` beside it |
+| a kind of file | `record/layouts.py` if it is text that is read already, else `record/readers/` |
+| a unit, a name of a quantity | `record/units.py`, `record/quantities.py` |
+| a doubt about a fitted effect | `diagnosis/plausible.py` |
+| a figure | `plot/`, then `report/content.py` and `app/views.py` |
+| a command, an option | `cli/commands.py`, `cli/options.py` |
+| another program to export to | `export/` |
+| an effect of the simulated stage | `plant/`, which shares no code with the models |
 
-## Rooms
+How an effect, a reader and a figure are added step by step: `CONTRIBUTING.md`.
 
-| room | what it is for | lines | imports |
-|---|---|---|---|
+??? note "Rooms and their imports"
+    Imports run downward only, those inside functions and for annotations as well, and there are no
+    circles; `tests/test_architecture.py` guards both. `fit.plot()` and the like call functions
+    above that `preisach_jax/__init__.py` has put into `hooks`.
+
+    | room | what it is for | lines | imports |
+    |---|---|---|---|
 {rows}
 """
 
@@ -54,7 +67,7 @@ def imports() -> dict[str, set[str]]:
     """The rooms of the package, each with those that it imports."""
     found: dict[str, set[str]] = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        room = _room(path)
+        room = path.relative_to(PACKAGE).with_suffix("").parts[0]
         if room in ("__init__", "__main__"):
             continue
         own = found.setdefault(room, set())
@@ -64,11 +77,6 @@ def imports() -> dict[str, set[str]]:
                 names = [parts[0]] if parts else [alias.name for alias in node.names]
                 own.update(name for name in names if name != room)
     return found
-
-
-def _room(path: Path) -> str:
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    return parts[0]
 
 
 def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
@@ -81,60 +89,6 @@ def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
         return known[room]
 
     return {room: floor(room) for room in graph}
-
-
-def reduced(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    """The imports that do not follow from others."""
-
-    def below(room: str) -> set[str]:
-        return graph[room].union(*map(below, graph[room]))
-
-    return {room: own - set().union(*map(below, own)) for room, own in graph.items()}
-
-
-def drawing(graph: Mapping[str, set[str]]) -> str:
-    """The rooms by floors, as an SVG picture."""
-    arrows, floor = reduced(graph), floors(graph)
-    rows: list[list[str]] = [[] for _ in range(1 + max(floor.values()))]
-    for room in sorted(graph):
-        rows[floor[room]].append(room)
-    x: dict[str, float] = {}
-    widest = max(map(len, rows))
-    for row in rows:  # from below, each room over the middle of those that it imports
-        row.sort(key=lambda room: _mean(x[other] for other in graph[room] if other in x))
-        pitch = (WIDTH + GAP_X) * widest / len(row)
-        x |= {room: pitch * (place + 0.5) for place, room in enumerate(row)}
-    high = len(rows) * (HEIGHT + GAP_Y)
-    y = {room: high - (floor[room] + 0.5) * (HEIGHT + GAP_Y) for room in graph}
-    lines = [
-        f'<path d="M{x[room]:.0f},{y[room] + HEIGHT / 2:.0f} '
-        f"C{x[room]:.0f},{y[room] + HEIGHT / 2 + GAP_Y / 2:.0f} "
-        f"{x[other]:.0f},{y[other] - HEIGHT / 2 - GAP_Y / 2:.0f} "
-        f'{x[other]:.0f},{y[other] - HEIGHT / 2:.0f}" marker-end="url(#down)"/>'
-        for room, others in arrows.items()
-        for other in sorted(others)
-    ]
-    boxes = [
-        f'<rect x="{x[room] - WIDTH / 2:.0f}" y="{y[room] - HEIGHT / 2:.0f}" width="{WIDTH}" '
-        f'height="{HEIGHT}" rx="5"/><text x="{x[room]:.0f}" y="{y[room] + 5:.0f}">'
-        f"{escape(room)}</text>"
-        for room in graph
-    ]
-    return (
-        f'<svg class="architecture" role="img" aria-label="The rooms of the package by floors" '
-        f'viewBox="0 0 {(WIDTH + GAP_X) * widest} {high}" xmlns="http://www.w3.org/2000/svg">'
-        '<defs><marker id="down" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="6" '
-        'markerHeight="6" orient="auto"><path d="M0,0 8,4 0,8z" fill="#777"/></marker></defs>'
-        '<g fill="none" stroke="#999" stroke-width="1">' + "".join(lines) + "</g>"
-        '<g fill="#f4f6f8" stroke="#4477aa" font-family="sans-serif" font-size="14" '
-        'text-anchor="middle">' + "".join(boxes).replace("<text", '<text fill="#222" stroke="none"')
-        + "</g></svg>"
-    )  # fmt: skip
-
-
-def _mean(values: Iterable[float]) -> float:
-    known = list(values)
-    return sum(known) / len(known) if known else 0.0
 
 
 def _purpose(room: str) -> str:
@@ -151,11 +105,18 @@ def _lines(room: str) -> int:
 
 
 def page() -> str:
-    """The page in Markdown."""
+    """The page in Markdown.
+
+    Raises:
+        FileNotFoundError: if it names a file or a folder that the package does not have.
+    """
+    for place in re.findall(r"`([a-z_]+(?:/[a-z_.]*)+)`", TEXT):
+        if not (PACKAGE / place).exists() and not (PACKAGE.parent / place).exists():
+            raise FileNotFoundError(f"the page on the architecture names {place}: follow it there")
     graph, floor = imports(), floors(imports())
     rows = "\n".join(
-        f"| `{room}` | {_purpose(room)} | {_lines(room):,} | "
+        f"    | `{room}` | {_purpose(room)} | {_lines(room):,} | "
         f"{', '.join(f'`{other}`' for other in sorted(graph[room])) or 'nothing'} |"
         for room in sorted(graph, key=lambda room: (-floor[room], room))
     )
-    return TEXT.format(drawing=drawing(graph), rows=rows)
+    return TEXT.replace("{rows}", rows)

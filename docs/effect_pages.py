@@ -140,6 +140,13 @@ def pages() -> dict[str, str]:
     }
 
 
+def reference() -> str:
+    """The classes of all effects, for the reference of the code."""
+    kinds = [type(effect) for effect in pj.effects().values()]
+    options = "    options: { heading_level: 3, members: false }\n"
+    return "".join(f"\n::: {kind.__module__}.{kind.__name__}\n{options}" for kind in kinds)
+
+
 def _link(name: str, others: Mapping[str, Effect]) -> str:
     return f"[{name}]({file_name(name)}.md)" if name in others else f"`{name}`"
 

@@ -51,6 +51,14 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """The code of the built-in effects, at the end of their reference."""
+    del config, files
+    if page.file.src_uri == "reference/effects.md":
+        return markdown + effect_pages.reference()
+    return markdown
+
+
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
     """Formulas as MathML, which needs neither scripts nor fonts."""
     del page, config, files

@@ -42,11 +42,8 @@ def library() -> dict[str, Effect]:
         Effects by name; `aux:COL` and its like stand for one effect an auxiliary column.
 
     Example:
-        >>> sorted(library())
-        ['ageing', 'aux:COL', 'creep', 'cross:COL', 'delay', 'drift', 'eddy_currents',
-         'excess_loss', 'gain:COL', 'hum', 'input_lag', 'input_quantisation', 'leakage', 'log_rate',
-         'moving', 'operator_creep', 'output_lag', 'output_nonlinearity', 'output_quantisation',
-         'rate_dependence', 'reptation', 'resonance', 'restoring_force', 'slew_limit', 'viscosity']
+        >>> "creep" in library(), library()["creep"].place.acts_on
+        (True, 'the output of the hysteresis')
     """
     effects: list[Effect] = [kind() for kind in BUILT_IN]
     effects += [point.load()() for point in entry_points(group=ENTRY_POINTS)]

@@ -17,6 +17,7 @@ DOCUMENTED = {
 }
 THINGS = {f"preisach_jax.{name}": getattr(pj, name) for name in pj.__all__}
 THINGS |= {name: resolve_name(name) for name in DOCUMENTED}
+THINGS |= {f"{kind.__module__}.{kind.__name__}": kind for kind in map(type, pj.effects().values())}
 NAMES = {id(thing): name for name, thing in THINGS.items()}  # one of each thing
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -25,22 +23,22 @@ class Auxiliary(OfColumn, AddedEffect):  # pyright: ignore[reportIncompatibleVar
         'aux:load_N'
     """
 
-    prefix: ClassVar[str] = "aux"
-    rank: ClassVar[int] = 18
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = "the influence of {}"
-    physics: ClassVar[str] = (
+    prefix = "aux"
+    rank = 18
+    needs_clock = False
+    in_words = "the influence of {}"
+    physics = (
         "A load bends the stage by its compliance, at once; a temperature stretches it by its "
         "expansion, with the lag of the heat. Whatever is recorded beside the input can act on the "
         "output, in proportion and with a first-order lag."
     )
-    source: ClassVar[str] = (
+    source = (
         "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
         "Springer 2014, ch. 2 and 3"
     )
-    signature: ClassVar[str] = "residual that follows the auxiliary column"
-    confused_with: ClassVar[tuple[str, ...]] = ("drift", "gain:COL", "cross:COL")
-    experiment: ClassVar[str] = "change the auxiliary quantity while the input rests"
+    signature = "residual that follows the auxiliary column"
+    confused_with = ("drift", "gain:COL", "cross:COL")
+    experiment = "change the auxiliary quantity while the input rests"
     tau_s: float = column_lag()
 
     def coefficients(self) -> tuple[Parameter, ...]:

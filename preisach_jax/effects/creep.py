@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,32 +32,25 @@ class Creep(OutputEffect):
         ['c_1', 'c_2']
     """
 
-    name: ClassVar[str] = "creep"
-    rank: ClassVar[int] = 1
-    in_words: ClassVar[str] = "creep (the output goes on moving after the input has stopped)"
-    physics: ClassVar[str] = (
+    name = "creep"
+    rank = 1
+    in_words = "creep (the output goes on moving after the input has stopped)"
+    physics = (
         "Domains go on switching by thermal activation after the field has settled, so the stroke "
         "of a piezo actuator grows with the logarithm of time, by one or two per cent a decade. "
         "A chain of springs and dampers (Kelvin-Voigt elements) with time constants spread evenly "
         "over the decades reproduces it."
     )
-    source: ClassVar[str] = (
+    source = (
         "D. Croft, G. Shed, S. Devasia, J. Dyn. Syst. Meas. Control 123 (2001) 35-43; "
         "H. Jung, D.-G. Gweon, Rev. Sci. Instrum. 71 (2000) 1896-1900"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "slow exponential tails after every step and in every hold, in the direction of the move"
     )
-    confused_with: ClassVar[tuple[str, ...]] = (
-        "drift",
-        "ageing",
-        "operator_creep",
-        "reptation",
-        "leakage",
-        "log_rate",
-    )
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("drift", "ageing", "operator_creep", "reptation", "leakage", "log_rate")
+    needs = (RATES,)
+    experiment = (
         "holds over two decades of time after moves in both directions: creep follows the move, "
         "drift does not care"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -43,27 +43,23 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
         'cross:y_V'
     """
 
-    prefix: ClassVar[str] = "cross"
-    rank: ClassVar[int] = 21
-    in_words: ClassVar[str] = "coupling from {} through the mechanics"
-    form_pays: ClassVar[float] = 0.9
-    physics: ClassVar[str] = (
+    prefix = "cross"
+    rank = 21
+    in_words = "coupling from {} through the mechanics"
+    form_pays = 0.9
+    physics = (
         "The axes of a stage, a mirror or a scanner share a frame and flexures that are not quite "
         "square: a drive of one axis moves the reading of another, in proportion where it is slow, "
         "and with the modes of what is in between where it is fast.  Where that comes late, each "
         "mode has a part in quadrature as well."
     )
-    source: ClassVar[str] = (
+    source = (
         "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
         "Springer 2014, ch. 4 (cross-coupling of flexure stages)"
     )
-    signature: ClassVar[str] = (
-        "residual that follows another axis, greater and late near the frequency of a mode"
-    )
-    confused_with: ClassVar[tuple[str, ...]] = ("aux:COL", "resonance")
-    experiment: ClassVar[str] = (
-        "a multisine up to beyond the mode on the other axis while this one rests"
-    )
+    signature = "residual that follows another axis, greater and late near the frequency of a mode"
+    confused_with = ("aux:COL", "resonance")
+    experiment = "a multisine up to beyond the mode on the other axis while this one rests"
     turned: bool = eqx.field(static=True, default=False, kw_only=True)
     f_hz: float = parameter(
         "Hz",

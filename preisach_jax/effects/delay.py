@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -24,28 +22,28 @@ class Delay(OutputEffect):
         [0.0, 0.5, 1.5, 2.5, 3.5]
     """
 
-    name: ClassVar[str] = "delay"
-    rank: ClassVar[int] = 11
-    in_words: ClassVar[str] = "a pure delay between input and measured output"
-    physics: ClassVar[str] = (
+    name = "delay"
+    rank = 11
+    in_words = "a pure delay between input and measured output"
+    physics = (
         "Converters, the filter of the sensor and its digital link, and a data logger that takes "
         "its channels one after the other deliver the output later than the input by a fixed time, "
         "whatever the signal."
     )
-    source: ClassVar[str] = (
+    source = (
         "L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall 1999, ch. 4"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual in proportion to the rate of the output; loops too wide at speed, and in the "
         "wrong sense where the material itself has little hysteresis"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "resonance", "viscosity")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("input_lag", "output_lag", "resonance", "viscosity")
+    needs = (RATES,)
+    experiment = (
         "a multisine or chirp up to a tenth of the sampling rate: the phase of a delay grows with "
         "frequency without bound, and its gain stays at one"
     )
-    is_delay: ClassVar[bool] = True
+    is_delay = True
     delay_low_s: float = 1e-5
     delay_high_s: float = 1.0
     delay_s: float = parameter(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,34 +31,34 @@ class EddyCurrents(HysteresisEffect):
         [0.0, 3.5]
     """
 
-    name: ClassVar[str] = "eddy_currents"
-    rank: ClassVar[int] = 8
-    in_words: ClassVar[str] = (
+    name = "eddy_currents"
+    rank = 8
+    in_words = (
         "eddy currents (the faster the output changes, the later the material sees its input)"
     )
-    goes_with_speed: ClassVar[bool] = True
-    feeds_back: ClassVar[bool] = True
+    goes_with_speed = True
+    feeds_back = True
     # Each trial of k means all states anew, and an output that agrees with itself.
-    on_request: ClassVar[bool] = True
-    of_field: ClassVar[str] = "input"
-    physics: ClassVar[str] = (
+    on_request = True
+    of_field = "input"
+    physics = (
         "A change of the flux induces currents in a conducting core, whose field opposes it: the "
         "material sees the applied field less a part in proportion to the speed of its own "
         "magnetisation. The loop widens most where it is steepest, and after the input has "
         "stopped, the output still settles."
     )
-    source: ClassVar[str] = (
+    source = (
         "G. Bertotti, Hysteresis in Magnetism, Academic Press 1998, ch. 12; S. E. Zirka, "
         "Y. I. Moroz, P. Marketos, A. J. Moses, IEEE Trans. Magn. 42 (2006) 2121-2132 (viscosity-"
         "based magnetodynamic model)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "loops wider at speed, in proportion to the slope of the loop: most on its flanks, none "
         "where the output saturates"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence", "excess_loss")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("input_lag", "rate_dependence", "excess_loss")
+    needs = (RATES,)
+    experiment = (
         "loops into saturation at several rates over a decade: eddy currents act where the loop "
         "is steep, a lag of the drive and moving thresholds everywhere"
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -24,33 +22,31 @@ class ExcessLoss(AddedEffect):
         [-2.0, -2.0, 0.0, 2.0]
     """
 
-    name: ClassVar[str] = "excess_loss"
-    rank: ClassVar[int] = 25
-    in_words: ClassVar[str] = (
-        "an excess loss (domain walls need a field by the root of the input's rate)"
-    )
-    goes_with_speed: ClassVar[bool] = True
+    name = "excess_loss"
+    rank = 25
+    in_words = "an excess loss (domain walls need a field by the root of the input's rate)"
+    goes_with_speed = True
     # Other machines have no domain walls, and a root of the rate looks like any other widening.
-    on_request: ClassVar[bool] = True
-    of_field: ClassVar[str] = "output"
-    physics: ClassVar[str] = (
+    on_request = True
+    of_field = "output"
+    physics = (
         "The flux of a metallic core changes by domain walls that move, few at a time: eddy "
         "currents flow around each of them, and the faster the change, the more walls take part. "
         "So the field that they need beside the static one, and the loss of a cycle, go with the "
         "square root of the rate. The classical eddy currents of a sheet go with the rate itself, "
         "which is what viscosity has where the induction is the input."
     )
-    source: ClassVar[str] = (
+    source = (
         "G. Bertotti, Hysteresis in Magnetism, Academic Press 1998, ch. 12; G. Bertotti, IEEE "
         "Trans. Magn. 24 (1988) 621-630 (separation of losses)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "loops of H over B that widen by the square root of the frequency, alike from one end of "
         "the loop to the other"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("viscosity", "eddy_currents", "rate_dependence")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("viscosity", "eddy_currents", "rate_dependence")
+    needs = (RATES,)
+    experiment = (
         "sines of the induction of one amplitude at five or more frequencies over two decades: "
         "the loss of a cycle less that of a slow one goes with the root of the frequency, and that "
         "of classical eddy currents with the frequency"

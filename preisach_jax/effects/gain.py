@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -40,25 +40,25 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
         ('gain:current_A', [0.5, 1.0, 1.5])
     """
 
-    prefix: ClassVar[str] = "gain"
-    rank: ClassVar[int] = 20
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = "a loop that {} scales"
-    physics: ClassVar[str] = (
+    prefix = "gain"
+    rank = 20
+    needs_clock = False
+    in_words = "a loop that {} scales"
+    physics = (
         "The current in a coil sets how stiff a magnetorheological fluid is, a temperature how "
         "much a piezo strains for a volt, a load how far a magnet gets: the height of the whole "
         "loop goes with a quantity that is recorded beside the input, at once or with a lag (the "
         "inductance of the coil, the heat capacity)."
     )
-    source: ClassVar[str] = (
+    source = (
         "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, J. Eng. Mech. 123 (1997) 230-238 "
         "(coefficients linear in a voltage behind a first-order lag)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual in proportion to the output, with a sign that goes with the auxiliary column"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("aux:COL", "ageing")
-    experiment: ClassVar[str] = (
+    confused_with = ("aux:COL", "ageing")
+    experiment = (
         "the same loop at three or more values of the auxiliary quantity: a gain changes its "
         "height, an added signal its place"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -43,27 +43,25 @@ class Hum(AddedEffect):
         ['cosine_1', 'sine_1', 'cosine_2', 'sine_2']
     """
 
-    name: ClassVar[str] = "hum"
-    rank: ClassVar[int] = 14
-    in_words: ClassVar[str] = "a hum of fixed frequency in the reading"
-    physics: ClassVar[str] = (
+    name = "hum"
+    rank = 14
+    in_words = "a hum of fixed frequency in the reading"
+    physics = (
         "The mains couple into the wiring of sensor and drive by ground loops and stray fields, at "
         "their frequency and, from rectifiers, at multiples of it; fans and pumps shake the bench "
         "at that of their rotation.  Both go on without regard to the input."
     )
-    source: ClassVar[str] = (
-        "H. W. Ott, Electromagnetic Compatibility Engineering, Wiley 2009, ch. 2 and 3"
-    )
-    signature: ClassVar[str] = (
+    source = "H. W. Ott, Electromagnetic Compatibility Engineering, Wiley 2009, ch. 2 and 3"
+    signature = (
         "sharp lines in the spectrum of the residual, of the same height at rest and in motion"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("resonance",)
-    experiment: ClassVar[str] = (
+    confused_with = ("resonance",)
+    experiment = (
         "a hold that is much longer than a mode rings: a resonance dies away, a hum goes on"
     )
-    found_in_residual: ClassVar[bool] = True
-    of_time_alone: ClassVar[bool] = True
-    line: ClassVar[str] = "f_hz"
+    found_in_residual = True
+    of_time_alone = True
+    line = "f_hz"
     starts_hz: tuple[float, ...] = MAINS_HZ
     harmonics: int = eqx.field(static=True, default=3)
     f_hz: float = parameter(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -27,24 +27,22 @@ class InputLag(FirstOrderLag, InputEffect):
         'tau_s'
     """
 
-    name: ClassVar[str] = "input_lag"
-    rank: ClassVar[int] = 4
-    in_words: ClassVar[str] = (
-        "a lag of the drive (the input reaches the material late and smoothed)"
-    )
-    physics: ClassVar[str] = (
+    name = "input_lag"
+    rank = 4
+    in_words = "a lag of the drive (the input reaches the material late and smoothed)"
+    physics = (
         "The command is recorded before the amplifier, but the material sees what is behind it. "
         "A voltage amplifier with its output resistance and the capacitance of the piezo stack, "
         "or a current source with the inductance of a coil, follows with a time constant R·C or "
         "L/R: at speed the loop widens, and turning points are rounded.  A filter of the samples "
         "in a controller does the same, half a sample earlier."
     )
-    source: ClassVar[str] = (
+    source = (
         "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
         "Springer 2014, ch. 14 (driving capacitive loads)"
     )
-    signature: ClassVar[str] = "residual in proportion to the rate of the input; none at rest"
-    confused_with: ClassVar[tuple[str, ...]] = (
+    signature = "residual in proportion to the rate of the input; none at rest"
+    confused_with = (
         "delay",
         "output_lag",
         "slew_limit",
@@ -52,7 +50,7 @@ class InputLag(FirstOrderLag, InputEffect):
         "eddy_currents",
         "viscosity",
     )
-    experiment: ClassVar[str] = (
+    experiment = (
         "the same loop at several rates over a decade and a half, and a multisine: a lag "
         "attenuates fast parts, a delay only shifts them"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -46,23 +46,23 @@ class InputQuantisation(InputEffect):
         [0.0, 0.0, 0.5, 0.5]
     """
 
-    name: ClassVar[str] = "input_quantisation"
-    rank: ClassVar[int] = 6
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = "coarse steps of the drive's converter"
-    limited_by_residual: ClassVar[bool] = True
-    rounds: ClassVar[bool] = True
-    physics: ClassVar[str] = (
+    name = "input_quantisation"
+    rank = 6
+    needs_clock = False
+    in_words = "coarse steps of the drive's converter"
+    limited_by_residual = True
+    rounds = True
+    physics = (
         "The command is recorded as it was computed, but the digital-to-analogue converter before "
         "the amplifier has a finite number of steps: the material is driven by the nearest of "
         "them."
     )
-    source: ClassVar[str] = (
+    source = (
         "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 1 and 19"
     )
-    signature: ClassVar[str] = "sawtooth residual with the period of one step of the input"
-    confused_with: ClassVar[tuple[str, ...]] = ("output_quantisation",)
-    experiment: ClassVar[str] = (
+    signature = "sawtooth residual with the period of one step of the input"
+    confused_with = ("output_quantisation",)
+    experiment = (
         "one slow ramp over some tens of steps: those of the input come at equal distances of the "
         "input, those of the output at equal distances of the output"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -30,27 +29,27 @@ class Leakage(OutputEffect):
         0.137
     """
 
-    name: ClassVar[str] = "leakage"
-    rank: ClassVar[int] = 22
-    in_words: ClassVar[str] = "a leakage of the reading (a constant output decays to zero)"
-    physics: ClassVar[str] = (
+    name = "leakage"
+    rank = 22
+    in_words = "a leakage of the reading (a constant output decays to zero)"
+    physics = (
         "A charge amplifier loses its charge through the resistor of its feedback and the "
         "insulation of its cable, an integrator behind a pick-up coil is given a corner against "
         "drift, and an amplifier with AC coupling passes no constant: the reading follows what is "
         "fast, and whatever stays decays to zero with one time constant."
     )
-    source: ClassVar[str] = (
+    source = (
         "G. Gautschi, Piezoelectric Sensorics, Springer 2002, ch. 11 (time constant and drift of "
         "charge amplifiers); F. Fiorillo, Measurement and Characterization of Magnetic Materials, "
         "Elsevier 2004, ch. 7 (integrators)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual that decays towards the middle of the loop wherever the input rests, most where "
         "it rests far from there"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep", "drift")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("creep", "drift")
+    needs = (RATES,)
+    experiment = (
         "holds of increasing length after moves in both directions: a leakage goes back against "
         "the move and by one exponential, a creep goes on with the move and over decades"
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -29,26 +27,24 @@ class LogRate(SpeedWidening):
         [0.5, 0.5, 0.5, 0.5]
     """
 
-    name: ClassVar[str] = "log_rate"
-    rank: ClassVar[int] = 23
-    in_words: ClassVar[str] = "a widening of the loop with the logarithm of the rate"
-    special: ClassVar[bool] = True
-    physics: ClassVar[str] = (
+    name = "log_rate"
+    rank = 23
+    in_words = "a widening of the loop with the logarithm of the rate"
+    special = True
+    physics = (
         "A domain wall or a polar region leaves a barrier by thermal activation: over a wait ten "
         "times as short, it needs a field that is higher by a constant. So thresholds move apart "
         "with the logarithm of the rate over many decades, in relaxors, ferroelectrics, hard "
         "magnets and viscoelastic solids."
     )
-    source: ClassVar[str] = (
+    source = (
         "G. Bertotti, Hysteresis in Magnetism, Academic Press 1998, ch. 14 (thermal relaxation: "
         "coercive field by the logarithm of the rate); M. Vopsaroiu, J. Blackburn, M. G. Cain, "
         "P. M. Weaver, Phys. Rev. B 82 (2010) 024109 (thermally activated switching)"
     )
-    signature: ClassVar[str] = (
-        "loops wider by a constant for each decade of the rate, on both branches"
-    )
-    confused_with: ClassVar[tuple[str, ...]] = ("rate_dependence", "creep", "operator_creep")
-    experiment: ClassVar[str] = (
+    signature = "loops wider by a constant for each decade of the rate, on both branches"
+    confused_with = ("rate_dependence", "creep", "operator_creep")
+    experiment = (
         "triangles of one size at five or more rates over three decades: the width goes by the "
         "logarithm of the rate or by a power of it"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -30,30 +30,28 @@ class Moving(HysteresisEffect):
         [0.0, 1.0]
     """
 
-    name: ClassVar[str] = "moving"
-    rank: ClassVar[int] = 9
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = (
-        "feedback of the output on the material (minor loops that are not congruent)"
-    )
-    feeds_back: ClassVar[bool] = True
+    name = "moving"
+    rank = 9
+    needs_clock = False
+    in_words = "feedback of the output on the material (minor loops that are not congruent)"
+    feeds_back = True
     # It compensates discretisation of a coarse plane, and takes minutes on a fine one.
-    on_request: ClassVar[bool] = True
-    physics: ClassVar[str] = (
+    on_request = True
+    physics = (
         "The field that a domain feels is that from outside and that of all other domains, which "
         "goes with the magnetisation (the polarisation, the strain). Minor loops between the same "
         "inputs are then no longer congruent: their height depends on the output at which they lie."
     )
-    source: ClassVar[str] = (
+    source = (
         "E. Della Torre, IEEE Trans. Audio Electroacoust. 14 (1966) 86-92; E. Della Torre, "
         "Magnetic Hysteresis, IEEE Press 1999, ch. 4 (moving model)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "minor loops of equal swing whose heights differ between the branches of the major loop; "
         "independent of time and rate"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("output_nonlinearity",)
-    experiment: ClassVar[str] = (
+    confused_with = ("output_nonlinearity",)
+    experiment = (
         "equal minor loops at five or more biases, each on both branches: a feedback changes their "
         "height with the output, a nonlinear sensor does so alike on both branches"
     )

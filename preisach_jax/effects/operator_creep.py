@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,30 +32,30 @@ class OperatorCreep(AddedEffect):
         ['gain_1', 'tilt_1', 'bend_1', 'gain_2']
     """
 
-    name: ClassVar[str] = "operator_creep"
-    rank: ClassVar[int] = 2
-    in_words: ClassVar[str] = (
+    name = "operator_creep"
+    rank = 2
+    in_words = (
         "creep with a threshold (after large moves the output goes on moving, after "
         "small ones it does not)"
     )
     # Its nine columns follow much that is slow and bent, whatever it is.
-    on_request: ClassVar[bool] = True
-    physics: ClassVar[str] = (
+    on_request = True
+    physics = (
         "A domain wall held by a pinning site creeps on only where the field has left it by more "
         "than the site's strength. Creep then starts from a threshold: a great move is followed by "
         "more creep than in proportion, a small one on the way back by none, and what has crept "
         "is kept as a play keeps its place."
     )
-    source: ClassVar[str] = (
+    source = (
         "P. Krejci, K. Kuhnen, IEE Proc. Control Theory Appl. 148 (2001) 185-192; K. Kuhnen, "
         "Eur. J. Control 9 (2003) 407-418 (log(t)-type creep operators with thresholds)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "slow tails after large moves, none after small moves or on the way back from a turn"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep", "log_rate")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("creep", "log_rate")
+    needs = (RATES,)
+    experiment = (
         "holds of equal length after moves of five or more sizes, in both directions and after a "
         "turn: linear creep is in proportion to the move, creep with a threshold is not"
     )

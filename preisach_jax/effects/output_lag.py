@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,8 +24,8 @@ class FirstOrderLag(Effect):
             lag of a signal that goes straight from sample to sample.
     """
 
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    form_pays: ClassVar[float] = 0.9
+    needs = (RATES,)
+    form_pays = 0.9
     """Both forms have one parameter, and what the wrong one leaves goes with the speed."""
 
     tau_low_s: float = 1e-5
@@ -66,26 +66,22 @@ class OutputLag(FirstOrderLag, OutputEffect):
         [0.0, 0.125, 0.125, 0.125, 0.125]
     """
 
-    name: ClassVar[str] = "output_lag"
-    rank: ClassVar[int] = 10
-    in_words: ClassVar[str] = (
-        "a lag of the sensor (the reading follows the output late and smoothed)"
-    )
-    physics: ClassVar[str] = (
+    name = "output_lag"
+    rank = 10
+    in_words = "a lag of the sensor (the reading follows the output late and smoothed)"
+    physics = (
         "The material moves at once, but the reading follows late: the demodulator of a capacitive "
         "or inductive sensor, a strain gauge amplifier and an anti-aliasing filter average over a "
         "time constant, and so does a filter of the samples in a controller, half a sample "
         "earlier.  The turning points that the material remembers are those of the input."
     )
-    source: ClassVar[str] = (
-        "A. J. Fleming, Sens. Actuators A 190 (2013) 106-126 (bandwidth of position sensors)"
-    )
-    signature: ClassVar[str] = (
+    source = "A. J. Fleming, Sens. Actuators A 190 (2013) 106-126 (bandwidth of position sensors)"
+    signature = (
         "residual in proportion to the rate of the output, with a tail of the time constant after "
         "every stop"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("delay", "input_lag", "resonance", "viscosity")
-    experiment: ClassVar[str] = (
+    confused_with = ("delay", "input_lag", "resonance", "viscosity")
+    experiment = (
         "a multisine up to a tenth of the sampling rate: a lag attenuates what is fast and a delay "
         "does not, a resonance amplifies it first; and fast small loops on a slow large one: "
         "behind a lag of the input the material remembers other turning points"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,30 +32,30 @@ class OutputNonlinearity(SensorEffect):
         ['c_2', 'c_3']
     """
 
-    name: ClassVar[str] = "output_nonlinearity"
-    rank: ClassVar[int] = 16
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = "a nonlinear sensor (it bends the whole loop in the same way)"
-    physics: ClassVar[str] = (
+    name = "output_nonlinearity"
+    rank = 16
+    needs_clock = False
+    in_words = "a nonlinear sensor (it bends the whole loop in the same way)"
+    physics = (
         "The reading is not in proportion to the displacement: a capacitive or inductive sensor "
         "away from its calibration, a lever, a material near saturation. Whatever the history, "
         "equal outputs are bent alike."
     )
-    source: ClassVar[str] = (
+    source = (
         "A. J. Fleming, Sens. Actuators A 190 (2013) 106-126 (sensors of nanopositioning systems); "
         "L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, sec. 5.2 (Wiener models)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "a smooth curve against the output, the same on both branches; most of it is absorbed by "
         "the density, what is left shows in minor loops"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("moving",)
-    experiment: ClassVar[str] = (
+    confused_with = ("moving",)
+    experiment = (
         "calibrate the sensor against another; or equal minor loops at five or more biases on both "
         "branches"
     )
     # Ripples also make up for the cells of a plane where the loop is steep, but never for so much.
-    form_pays: ClassVar[float] = 0.1
+    form_pays = 0.1
     low_z: float = 0.0
     range_z: float = 1.0
     half_waves: int = eqx.field(static=True, default=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,23 +28,19 @@ class OutputQuantisation(SensorEffect):
         [0.0, 0.5]
     """
 
-    name: ClassVar[str] = "output_quantisation"
-    rank: ClassVar[int] = 17
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = "coarse steps of the sensor's converter"
-    physics: ClassVar[str] = (
+    name = "output_quantisation"
+    rank = 17
+    needs_clock = False
+    in_words = "coarse steps of the sensor's converter"
+    physics = (
         "The converter behind the sensor has steps. Where they are greater than the noise, the "
         "reading stands still and jumps; what is lost in between no model can bring back, but a "
         "model that knows the steps predicts the readings."
     )
-    source: ClassVar[str] = (
-        "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4"
-    )
-    signature: ClassVar[str] = (
-        "a residual spread evenly over one step; readings that come again exactly"
-    )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_quantisation",)
-    experiment: ClassVar[str] = (
+    source = "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008, ch. 4"
+    signature = "a residual spread evenly over one step; readings that come again exactly"
+    confused_with = ("input_quantisation",)
+    experiment = (
         "a slow ramp over a few steps: readings come again exactly with a coarse sensor, and the "
         "output itself moves in jumps with a coarse drive; or a finer range of the converter"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -32,31 +32,25 @@ class RateDependence(SpeedWidening):
         [0.25, 0.25, 0.0, 0.0]
     """
 
-    name: ClassVar[str] = "rate_dependence"
-    rank: ClassVar[int] = 7
-    in_words: ClassVar[str] = "rate dependence (the faster the input, the wider the loop)"
-    physics: ClassVar[str] = (
+    name = "rate_dependence"
+    rank = 7
+    in_words = "rate dependence (the faster the input, the wider the loop)"
+    physics = (
         "Domain walls are damped: to switch in less time they need more field, so the thresholds "
         "move apart with the speed of the input, and the loop widens with a power of the rate. At "
         "rest nothing is left of it."
     )
-    source: ClassVar[str] = (
+    source = (
         "I. D. Mayergoyz, Mathematical Models of Hysteresis and Their Applications, Elsevier 2003, "
         "ch. 2 (dynamic models); M. Al Janaideh, S. Rakheja, C.-Y. Su, IEEE/ASME Trans. "
         "Mechatronics 16 (2011) 734-744 (thresholds that depend on the rate)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "loops wider at speed on both branches, by a power of the rate below or near one; none "
         "where the input rests, and less at turning points"
     )
-    confused_with: ClassVar[tuple[str, ...]] = (
-        "input_lag",
-        "slew_limit",
-        "eddy_currents",
-        "log_rate",
-        "excess_loss",
-    )
-    experiment: ClassVar[str] = (
+    confused_with = ("input_lag", "slew_limit", "eddy_currents", "log_rate", "excess_loss")
+    experiment = (
         "triangles of one size at five or more rates over two decades: a lag widens the loop in "
         "proportion to the rate, a threshold that moves by its power; and steps with holds, in "
         "which a lag goes on moving and a threshold does not"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,29 +30,27 @@ class Reptation(AddedEffect):
         (['path'], ['gain_1', 'gain_2', 'gain_3'])
     """
 
-    name: ClassVar[str] = "reptation"
-    rank: ClassVar[int] = 3
-    needs_clock: ClassVar[bool] = False
-    in_words: ClassVar[str] = (
-        "reptation (repeated loops drift towards their middle, whatever the rate)"
-    )
-    physics: ClassVar[str] = (
+    name = "reptation"
+    rank = 3
+    needs_clock = False
+    in_words = "reptation (repeated loops drift towards their middle, whatever the rate)"
+    physics = (
         "Every cycle changes the fields by which the domains act on each other, and so helps some "
         "of those over their barriers that the cycle itself would not switch. What an earlier "
         "great move has left is forgotten with the path that the input travels, not with time: a "
         "minor loop that is repeated moves, less and less, towards the middle of the major loop."
     )
-    source: ClassVar[str] = (
+    source = (
         "L. Néel, J. Phys. Radium 20 (1959) 215-221 (reptation); E. Della Torre, Magnetic "
         "Hysteresis, IEEE Press 1999, ch. 5 (accommodation)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "repeated minor loops that do not close and shift less and less; nothing at rest, and the "
         "same at every rate"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("creep", "drift")
-    needs: ClassVar[tuple[str, ...]] = (CYCLES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("creep", "drift")
+    needs = (CYCLES,)
+    experiment = (
         "after a great move, one minor loop twenty times at two rates with holds between: "
         "reptation goes by the number of loops, creep and drift by the time"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -58,33 +58,27 @@ class Resonance(Modal, OutputEffect):
         1.8
     """
 
-    name: ClassVar[str] = "resonance"
-    rank: ClassVar[int] = 12
-    in_words: ClassVar[str] = "a resonance of the mechanics"
-    physics: ClassVar[str] = (
+    name = "resonance"
+    rank = 12
+    in_words = "a resonance of the mechanics"
+    physics = (
         "Behind the active material a mass moves on a spring: the stage on its flexures, or the "
         "stack itself.  The mode follows slow motion, overshoots and rings after fast motion at "
         "its natural frequency until its damping has taken the energy away, and is late in "
         "between.  Further modes (bending, tilting) move beside the first one, each with a gain of "
         "its own, of either sign; a diagnosis adds them one by one, four at most."
     )
-    source: ClassVar[str] = (
+    source = (
         "D. Croft, S. Devasia, Rev. Sci. Instrum. 70 (1999) 4600-4605 (vibration of a piezo "
         "scanner); exact step: G. F. Franklin, J. D. Powell, M. L. Workman, Digital Control of "
         "Dynamic Systems, 3rd ed., Addison-Wesley 1998, ch. 6 (triangle hold)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual that rings at one frequency after steps and corners, and dies away at rest"
     )
-    confused_with: ClassVar[tuple[str, ...]] = (
-        "output_lag",
-        "delay",
-        "hum",
-        "cross:COL",
-        "restoring_force",
-    )
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("output_lag", "delay", "hum", "cross:COL", "restoring_force")
+    needs = (RATES,)
+    experiment = (
         "steps or corners followed by rest, sampled at ten times the mode: a mode rings and dies "
         "away, a lag and a delay do not ring, and a hum never stops"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -41,33 +40,31 @@ class RestoringForce(HysteresisEffect):
         ['f_hz', 'zeta', 'share', 'stiffness']
     """
 
-    name: ClassVar[str] = "restoring_force"
-    rank: ClassVar[int] = 24
-    in_words: ClassVar[str] = (
-        "mechanics around the hysteresis (it is a force that the output drives)"
-    )
-    inside_mechanics: ClassVar[bool] = True
+    name = "restoring_force"
+    rank = 24
+    in_words = "mechanics around the hysteresis (it is a force that the output drives)"
+    inside_mechanics = True
     # Its body is simulated, not solved for by least squares: only where a resonance is promising.
-    on_request: ClassVar[bool] = True
-    physics: ClassVar[str] = (
+    on_request = True
+    physics = (
         "A mass stands on a spring that yields: a structure on isolators of rubber or wire rope, a "
         "bolted joint, a pre-sliding contact. The force of the spring depends on the path of the "
         "displacement, and the mass makes of it a resonance whose frequency and damping change "
         "with the amplitude. Loops of displacement against the driving force are then those of "
         "the mass, not of the material."
     )
-    source: ClassVar[str] = (
+    source = (
         "R. Bouc, Proc. 4th Conf. on Nonlinear Oscillation, Prague 1967; Y. K. Wen, J. Eng. Mech. "
         "Div. ASCE 102 (1976) 249-263; J. P. Noel, M. Schoukens, Hysteretic benchmark with a "
         "dynamic nonlinearity, Workshop on Nonlinear System Identification Benchmarks, 2016"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual that rings as that of a resonance, at a frequency that falls or rises with the "
         "amplitude"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("resonance",)
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("resonance",)
+    needs = (RATES,)
+    experiment = (
         "slow sweeps through the resonance at three amplitudes: its frequency and its width change "
         "with the amplitude where the hysteresis is inside, and stay where the mode is behind it"
     )

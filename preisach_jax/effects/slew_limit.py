@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,28 +31,26 @@ class SlewLimit(InputEffect):
         [0.0, 1.5, 3.0, 4.0]
     """
 
-    name: ClassVar[str] = "slew_limit"
-    rank: ClassVar[int] = 5
-    in_words: ClassVar[str] = "a slew limit of the drive (its fastest moves come late)"
-    physics: ClassVar[str] = (
+    name = "slew_limit"
+    rank = 5
+    in_words = "a slew limit of the drive (its fastest moves come late)"
+    physics = (
         "An amplifier delivers a greatest current, and a piezo stack is a capacitor: the voltage "
         "cannot change faster than current over capacitance.  Slower motion passes unchanged; "
         "faster motion becomes a ramp of that slope, and short fast strokes do not reach their end."
     )
-    source: ClassVar[str] = (
+    source = (
         "A. J. Fleming, K. K. Leang, Design, Modeling and Control of Nanopositioning Systems, "
         "Springer 2014, ch. 14 (current and slew limits of amplifiers)"
     )
-    signature: ClassVar[str] = (
-        "residual after fast moves only, which ends abruptly; none below a certain rate"
-    )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "rate_dependence")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    signature = "residual after fast moves only, which ends abruptly; none below a certain rate"
+    confused_with = ("input_lag", "rate_dependence")
+    needs = (RATES,)
+    experiment = (
         "steps of several heights from rest: behind a slew limit the time to arrive grows with the "
         "height, behind a lag it does not; and slow loops, on which a limit does nothing"
     )
-    limits_rate: ClassVar[bool] = True
+    limits_rate = True
     slew_low: float = 1e-3
     slew_high: float = 1e6
     slew: float = parameter(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -86,8 +86,8 @@ class SpeedWidening(HysteresisEffect):
             turns, and the speed is the mean of the intervals on both sides.
     """
 
-    goes_with_speed: ClassVar[bool] = True
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
+    goes_with_speed = True
+    needs = (RATES,)
 
     reference_per_s: float = 1.0
     range_u: float = 1.0

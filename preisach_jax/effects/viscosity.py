@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -39,32 +38,32 @@ class Viscosity(AddedEffect):
         [[0.0], [2.0], [2.0]]
     """
 
-    name: ClassVar[str] = "viscosity"
-    rank: ClassVar[int] = 19
-    in_words: ClassVar[str] = "a viscosity (a part of the output depends on the speed of the input)"
-    goes_with_speed: ClassVar[bool] = True
-    beside_the_loop: ClassVar[bool] = True
-    smoothed_by: ClassVar[str] = "tau_s"
-    physics: ClassVar[str] = (
+    name = "viscosity"
+    rank = 19
+    in_words = "a viscosity (a part of the output depends on the speed of the input)"
+    goes_with_speed = True
+    beside_the_loop = True
+    smoothed_by = "tau_s"
+    physics = (
         "A fluid or a sliding contact resists motion: where the input is a displacement and the "
         "output a force, a part of the force goes with the speed. It is viscous (in proportion), "
         "dry (of constant size and the sign of the speed, greater near rest where it is "
         "lubricated) or saturating (a magnetorheological fluid yields). A compressible fluid and "
         "the filter of a sensor make it follow late."
     )
-    source: ClassVar[str] = (
+    source = (
         "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, J. Eng. Mech. 123 (1997) 230-238 "
         "and N. M. Kwok, Q. P. Ha, T. H. Nguyen, J. Li, B. Samali, Sens. Actuators A 132 (2006) "
         "441-451 (dampers); B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 "
         "(1994) 1083-1138 (Coulomb and Stribeck friction)"
     )
-    signature: ClassVar[str] = (
+    signature = (
         "residual that goes with the speed of the input and drops before each turning point, "
         "where a lag is greatest behind it"
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("input_lag", "output_lag", "delay", "excess_loss")
-    needs: ClassVar[tuple[str, ...]] = (RATES,)
-    experiment: ClassVar[str] = (
+    confused_with = ("input_lag", "output_lag", "delay", "excess_loss")
+    needs = (RATES,)
+    experiment = (
         "sines of one size at three or more frequencies: a viscosity leads the displacement, and "
         "its height goes with the frequency or stays, a lag comes behind it"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 
@@ -9,7 +10,8 @@ def effect_names() -> list[str]:
     """The built-in effects, one file each: to load them takes seconds, and a key is pressed."""
     files = (Path(__file__).parents[1] / "effects").glob("*.py")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in files}
-    return sorted(name for name, text in texts.items() if f'name: ClassVar[str] = "{name}"' in text)
+    named = r'^    name(: ClassVar\[str\])? = "{}"$'
+    return sorted(n for n, text in texts.items() if re.search(named.format(n), text, re.M))
 
 
 def complete_effect(incomplete: str) -> list[str]:

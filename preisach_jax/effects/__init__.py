@@ -23,7 +23,14 @@ def _found() -> tuple[type[Effect], ...]:
                 called = vars(kind).get("name") or vars(kind).get("prefix")
                 if called and isinstance(called, str) and kind.__module__ == module.__name__:
                     kinds.append(kind)
-    return tuple(sorted(kinds, key=lambda kind: kind.rank))
+    kinds.sort(key=lambda kind: kind.rank)
+    by_name = {kind().name: kind for kind in kinds}
+    for name, kind in by_name.items():
+        # It holds both ways, but not every record has a column.
+        for other in () if issubclass(kind, OfColumn) else kind.confused_with:
+            if other in by_name and name not in by_name[other].confused_with:
+                by_name[other].confused_with += (name,)
+    return tuple(kinds)
 
 
 BUILT_IN = _found()

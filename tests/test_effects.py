@@ -386,7 +386,7 @@ def test_a_frequency_response_shows_modes_one_after_the_other(settled):
     rng = np.random.default_rng(2)
     u, time = rng.normal(size=16_000), np.arange(16_000) / 1000
     z = through(u, TWO) - (1.6 * u if settled else 0.0) + rng.normal(0, 0.2, len(u))
-    found = modes_in(time, u, z, 5.0, 400.0, 2, settled=settled)
+    found = modes_in(time, u, z, 5.0, 400.0, 2, static_known=settled)
     assert sorted(m.f_hz for m in found) == pytest.approx([35.0, 110.0], abs=1.5)
     assert all(m.gain > 0 and abs(m.quadrature) < 0.5 * m.gain for m in found)
 

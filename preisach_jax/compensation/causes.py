@@ -114,15 +114,15 @@ class Attempt:
 
 def sentences(model: Model, attempt: Attempt, asked_slew: float) -> list[str]:
     """What an owner must know of a course that cannot be reached, each cause with its advice."""
-    told = list[str]()
+    notes = list[str]()
     if abs(attempt.away) > attempt.good:
-        told.append(_beginning(model, attempt))
+        notes.append(_beginning(model, attempt))
     if attempt.reached.all():
-        return told
+        return notes
     unit, in_unit = model.units.get("output", ""), pretty_unit(model.units.get("input", ""))
     missed, causes = np.abs(attempt.error), attempt.causes()
     row, first = int(np.argmax(missed)), int(np.argmin(attempt.reached))
-    told.insert(
+    notes.insert(
         0,
         f"the wanted output cannot be reached in {int((~attempt.reached).sum()):,} of "
         f"{len(missed):,} rows, first in row {first + 1}, by up to {quantity(missed[row], unit)} "
@@ -147,7 +147,7 @@ def sentences(model: Model, attempt: Attempt, asked_slew: float) -> list[str]:
         Cause.SPEED: fast if names else "no drive comes nearer there",
     }
     counts = {cause: int((causes == cause).sum()) for cause in said}
-    return told + [
+    return notes + [
         f"{text} ({_rows(counts[cause])})" for cause, text in said.items() if counts[cause]
     ]
 
@@ -168,16 +168,16 @@ def _beginning(model: Model, attempt: Attempt) -> str:
     unit, rows = model.units.get("output", ""), attempt.approach
     stroke = float(np.abs(model.weights).sum())
     share = f"{number(100 * abs(attempt.away) / stroke, 2)} % of the stroke"
-    told = (
+    start = (
         f"the course begins {quantity(abs(attempt.away), unit)} ({share}) away from where the "
         f"stage is, {quantity(attempt.wanted[0] - attempt.away, unit)}"
     )
     if attempt.beyond[0]:
-        return f"{told}, and outside the range that the drive reaches"
+        return f"{start}, and outside the range that the drive reaches"
     if not rows:
-        return f"{told}: the drive jumps there in its first row"
+        return f"{start}: the drive jumps there in its first row"
     lasts = quantity(float(attempt.dt[:rows].sum()), "s")
     return (
-        f"{told}: the drive takes {lasts} to get there ({_rows(rows)}); begin the course where the "
-        "stage is"
+        f"{start}: the drive takes {lasts} to get there ({_rows(rows)}); begin the course where "
+        "the stage is"
     )

@@ -121,13 +121,13 @@ class OnlineInverse:
         columns = auxiliary_columns(model.effects)
         self._aux_columns = list(dict.fromkeys(columns))
         with on_processor():
-            self._causal = self._begun(after)
+            self._causal = self._causal_behind(after)
             # Before the steps are traced, which read them: numbers of the model and the rate.
             _ = self._causal.laws, self._share
             start = self._causal.start()
-            begun = (start, _begun(self._causal, start))
+            first = (start, _first_learning(self._causal, start))
             # Compiled here and not at the first sample, which a controller waits for.
-            carried: _Carried = jax.tree.map(_plain, begun)
+            carried: _Carried = jax.tree.map(_plain, first)
             self._state, self._learning = carried
             stroke = float(np.abs(model.weights).sum())
             step = partial(_step, self._causal, self._step_size, self._share, stroke)
@@ -138,7 +138,7 @@ class OnlineInverse:
         self.reached = True
         self._good = max(1.96 * model.rms_validation, 1e-6 * float(np.abs(model.weights).sum()))
 
-    def _begun(self, after: Record | None) -> Causal:
+    def _causal_behind(self, after: Record | None) -> Causal:
         time = np.arange(2) / self._rate
         aux = {
             name: np.full(2, 0.0 if after is None else after.aux[name][-1])
@@ -273,7 +273,7 @@ def _plain(leaf: Array) -> Array:
     return jnp.asarray(np.asarray(leaf))
 
 
-def _begun(causal: Causal, state: CausalState) -> Learning:
+def _first_learning(causal: Causal, state: CausalState) -> Learning:
     """At rest where the hysterons are: what a past has left in the effects is in the increments."""
     states = _through(causal, state)
     late = math.ceil(causal.delay - 1e-9) + 1
@@ -302,7 +302,7 @@ def _learnt(
     """State and learning after an output was measured at the sample before, if it was."""
     state, learning = carried
     output = _late(causal, learning.output)
-    told = jnp.isfinite(reading - output)
+    measured = jnp.isfinite(reading - output)
     behind = _late(causal, learning.line)
     moved = behind - learning.behind
     size = moved @ moved
@@ -312,7 +312,7 @@ def _learnt(
     missed = reading - learning.level - (before + of_start) @ moved
     # Two readings in steps of a converter differ by up to a step of what is there.
     missed = jnp.sign(missed) * jnp.maximum(jnp.abs(missed) - causal.resolution, 0.0)
-    learns = told & jnp.isfinite(missed) & (size >= LEAST_MOVED)
+    learns = measured & jnp.isfinite(missed) & (size >= LEAST_MOVED)
     rise = step_size * jnp.where(learns, missed, 0.0) / jnp.maximum(size, LEAST_MOVED)
     # Both starts share what is learnt: after the first reversals their states are the same.
     after = jnp.where(learns, jnp.clip(before + rise * moved, -of_start, most), before)
@@ -333,7 +333,7 @@ def _learnt(
         # there is learnt.
         follow=state.follow - change @ learning.behind,
     )
-    renews = learns | (told & ~jnp.isfinite(learning.level))
+    renews = learns | (measured & ~jnp.isfinite(learning.level))
     learning = learning._replace(
         output=learning.output + learning.line @ change,
         behind=jnp.where(renews, behind, learning.behind),

@@ -60,7 +60,7 @@ WITHOUT_A_LAW = (
     "it follows no law, and much of what it should explain remains: no effect can be named reliably"
 )
 
-MOST_LEFT_BY_THE_LAWLESS = 0.1
+MOST_LEFT_BY_NONPARAMETRIC = 0.1
 """Unexplained RMS error, over that which a form without a law takes up, beyond which it is no name
 for what was there."""
 
@@ -300,8 +300,8 @@ def _refuted(selection: Selection, fitted: Fitted) -> tuple[int, str] | None:
     for position, name in enumerate(selection.names):
         taken = float(np.std(fitted.planes[0].share_of(name)) * unit)
         # Slow waves follow a part of whatever is slow: of a sensor that jumps, or a wandering gain.
-        lawless = selection.now.chain.effect(name).lawless
-        if lawless and budget.unexplained > MOST_LEFT_BY_THE_LAWLESS * taken:
+        nonparametric = selection.now.chain.effect(name).nonparametric
+        if nonparametric and budget.unexplained > MOST_LEFT_BY_NONPARAMETRIC * taken:
             return position, WITHOUT_A_LAW
     return None
 

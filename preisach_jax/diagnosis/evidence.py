@@ -149,7 +149,9 @@ def by_chance(problem: Problem, point: Point, name: str) -> str:
     spectrum as it is: where it does no more than a shifted one, it says nothing.
     """
     effect = point.chain.effect(name)
-    if not (isinstance(effect, OfColumn) and any(each.lawless for each in point.chain.effects)):
+    if not (
+        isinstance(effect, OfColumn) and any(each.nonparametric for each in point.chain.effects)
+    ):
         return ""
     for signals in _shifted(problem.signals, effect.column):
         other = replace(problem, signals=signals)

@@ -191,7 +191,7 @@ class Effect(eqx.Module):
         return hash(self.name)  # arrays, which an effect may hold, have none
 
     @property
-    def lawless(self) -> bool:
+    def nonparametric(self) -> bool:
         """Whether this form follows no law, and so takes up a part of anything that is like it."""
         return False
 
@@ -634,9 +634,9 @@ def _filled(value: Any, arrays: Any, place: str) -> Any:
     except (TypeError, ValueError):
         given, shapes = [], None
     if shapes != expected or not all(np.isfinite(each).all() for each in given):
-        told = "no lists of finite numbers" if shapes is None else f"arrays of {shapes}"
+        found = "no lists of finite numbers" if shapes is None else f"arrays of {shapes}"
         raise InputError(
-            f"{place} holds {told:.80}, and the effect that was passed arrays of {expected}: pass "
+            f"{place} holds {found:.80}, and the effect that was passed arrays of {expected}: pass "
             "one of the size that was saved"
         )
     others = iter(given)

@@ -112,7 +112,7 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
         bound = replace(self, tau_low_s=survey.step_s / 2.8, tau_high_s=slowest)
         if self.column not in survey.aux:
             return bound
-        return bound.searched_from(survey, survey.aux[self.column], settled=False)
+        return bound.searched_from(survey, survey.aux[self.column], static_known=False)
 
     def variants(self, survey: Survey) -> tuple[Self, ...]:
         plain = self.bound_to(survey)
@@ -122,7 +122,7 @@ class Cross(Modal, OfColumn, AddedEffect):  # pyright: ignore[reportIncompatible
     def enlarged(
         self, survey: Survey, values: Values
     ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
-        found = self.with_mode_from(survey, survey.aux[self.column], values, settled=False)
+        found = self.with_mode_from(survey, survey.aux[self.column], values, static_known=False)
         return None if found is None else (replace(found[0], turned=True), (found[1],))
 
     def state_space(self, dt: Array) -> StateSpace:

@@ -98,7 +98,7 @@ class Drift(AddedEffect):
     )
 
     @property
-    def lawless(self) -> bool:
+    def nonparametric(self) -> bool:
         return self.waves > 0
 
     def coefficients(self) -> tuple[Parameter, ...]:

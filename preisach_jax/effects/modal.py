@@ -143,13 +143,13 @@ class Modal(Effect):
         f_hz, zeta = zip(*self.damped, strict=True)
         return oscillators(stacked(f_hz, dt), stacked(zeta, dt), dt)
 
-    def searched_from(self, survey: Survey, drive: np.ndarray, settled: bool) -> Self:
+    def searched_from(self, survey: Survey, drive: np.ndarray, static_known: bool) -> Self:
         """This effect with starts from the frequency response of what a model leaves to a drive."""
         if len(survey.residual) < 2 or np.ptp(drive) == 0:
             return self
         low, high = _inside(self)
         found = modes_in(
-            survey.time, drive, survey.residual, low, high, self.modes, settled=settled
+            survey.time, drive, survey.residual, low, high, self.modes, static_known=static_known
         )
         if not found or not found[0].gain:
             return self
@@ -158,7 +158,7 @@ class Modal(Effect):
         return replace(self, starts=tuple(x for mode in each for x in mode))
 
     def with_mode_from(
-        self, survey: Survey, drive: np.ndarray, values: Values, settled: bool
+        self, survey: Survey, drive: np.ndarray, values: Values, static_known: bool
     ) -> tuple[Self, dict[str, float]] | None:
         """This effect with a mode more, and natural frequency and damping ratio to start from.
 
@@ -168,7 +168,9 @@ class Modal(Effect):
         if self.modes == MOST_MODES or np.ptp(drive) == 0:
             return None
         low, high = _inside(self)
-        found = modes_in(survey.time, drive, survey.residual, low, high, 1, settled=settled)
+        found = modes_in(
+            survey.time, drive, survey.residual, low, high, 1, static_known=static_known
+        )
         if not found:
             return None
         number = self.modes + 1
@@ -230,7 +232,7 @@ def modes_in(
     low: float,
     high: float,
     count: int,
-    settled: bool,
+    static_known: bool,
 ) -> tuple[Mode, ...]:
     r"""Modes by which one signal follows another, found one after the other.
 
@@ -242,8 +244,8 @@ def modes_in(
         time: (sample,) times in s.
         drive, response: (sample,) input and output of what is between.
         low, high: least and greatest natural frequency, in Hz.
-        settled: whether the response to a slow drive is known, so that of each mode only what it
-            adds to that, \(H - 1\), is looked for.
+        static_known: whether the response to a slow drive is known, so that of each mode only what
+            it adds to that, \(H - 1\), is looked for.
 
     Returns:
         The modes, the strongest first; fewer where the drive has power at fewer frequencies.
@@ -252,7 +254,7 @@ def modes_in(
     inside = (hz >= low) & (hz <= high) & (power > LEAST_POWER * power.max())
     grid = [(float(f), zeta) for f in hz[inside] for zeta in DAMPINGS]
     weight = np.sqrt(power)
-    candidates = _residues(hz, grid, settled) * weight[:, None, None]
+    candidates = _residues(hz, grid, static_known) * weight[:, None, None]
     size = np.maximum(np.sum(np.abs(candidates) ** 2, axis=0), np.finfo(float).tiny)
     goal, found = _split(measured * weight), list[int]()
     left, residues = goal, np.zeros(0)
@@ -270,12 +272,12 @@ def modes_in(
     return tuple(sorted(modes, key=lambda mode: -np.hypot(mode.gain, mode.quadrature) / mode.zeta))
 
 
-def _residues(hz: np.ndarray, modes: list[tuple[float, float]], settled: bool) -> np.ndarray:
+def _residues(hz: np.ndarray, modes: list[tuple[float, float]], static_known: bool) -> np.ndarray:
     """(frequency, mode, 2) responses of modes of unit gain at rest, and their rates over ω."""
     f, zeta = np.array(modes).reshape(-1, 2).T
     ratio = hz[:, None] / f
     response = 1 / (1 - ratio**2 + 2j * zeta * ratio)
-    in_phase = ratio**2 * response if settled else response
+    in_phase = ratio**2 * response if static_known else response
     return np.stack([in_phase, 1j * ratio * response], axis=2)
 
 

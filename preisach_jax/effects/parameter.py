@@ -27,7 +27,7 @@ class Parameter:
             there beside an effect, such as the unknown start of its states.
         open_ended: at which bounds a value is a finding, such as a straight line for a time far
             above the record's: none, `"above"`, or `"both"`; at others an effect is not named.
-        total: the amount in which a limit is told, and what one of this parameter adds to it; by
+        total: the amount in which its limit is given, and what one of this parameter adds to it; by
             default the parameter itself.
 
     Raises:
@@ -147,7 +147,7 @@ def parameter(
         when: whether the effect has the parameter at all, in one of its forms.
         count: how many parameters there are, `NAME_1` and so on, each with a meaning of its own;
             the field then holds a tuple.
-        total: of several, the amount in which a limit is told of them together, and what one of
+        total: of several, the amount in which the limit of all of them is given, and what one of
             each adds to it; by default the first of them.
 
     Returns:
@@ -190,7 +190,7 @@ def time_constant(
 
 @dataclass(frozen=True)
 class Declared:
-    """What `parameter` was told; see there."""
+    """The arguments of `parameter`; see there."""
 
     unit: str | Callable[[Any], str]
     low: float | Callable[[Any], float]

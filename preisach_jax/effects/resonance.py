@@ -121,12 +121,12 @@ class Resonance(Modal, OutputEffect):
 
     def bound_to(self, survey: Survey) -> Resonance:
         bound = replace(self, f_low_hz=2 / survey.duration_s, f_high_hz=0.45 / survey.step_s)
-        return bound.searched_from(survey, survey.input, settled=True)
+        return bound.searched_from(survey, survey.input, static_known=True)
 
     def enlarged(
         self, survey: Survey, values: Values
     ) -> tuple[Self, tuple[dict[str, float], ...]] | None:
-        found = self.with_mode_from(survey, survey.input, values, settled=True)
+        found = self.with_mode_from(survey, survey.input, values, static_known=True)
         if found is None:
             return None
         more, seen = found

@@ -46,7 +46,7 @@ def view(model: Description) -> dict[str, Any]:
     feedback = [part for part in model.at(Place.HYSTERESIS) if part.feeds_back]
     place, filter_numbers = _placed(outputs)
     others, linear_numbers = _placed([part for part in (*inputs, *added) if part.linear])
-    settled = [part for part in outputs if part.linear is None or not part.linear.passes]
+    lagging = [part for part in outputs if part.linear is None or not part.linear.passes]
     aux = [column.identifier for column in model.aux]
     diagonal = np.append(0.0, np.cumsum(model.weights[rows == columns]))
     return {
@@ -83,10 +83,10 @@ def view(model: Description) -> dict[str, Any]:
         "place": place | others,
         "filter_numbers": filter_numbers,
         "linear_numbers": linear_numbers,
-        "passing": [part for part in outputs if part not in settled],
-        "settles": bool(settled),
-        "rings": " and ".join(part.name for part in settled if _rings(part)),
-        "led_output": sum(part.linear.lead for part in settled if part.linear),
+        "passing": [part for part in outputs if part not in lagging],
+        "settles": bool(lagging),
+        "rings": " and ".join(part.name for part in lagging if _rings(part)),
+        "led_output": sum(part.linear.lead for part in lagging if part.linear),
         "led_input": sum(part.linear.lead for part in inputs if part.linear),
         "sensors": model.sensor,
         "added": added,

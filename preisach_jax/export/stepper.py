@@ -80,7 +80,7 @@ def sample_by_sample(model: Description, inputs: np.ndarray) -> np.ndarray:
 
 
 def _first_anew(model: Description, state: State, input_now: Array) -> State:
-    """State behind the first sample, at the speed that the second one tells."""
+    """State behind the first sample, at the speed that the second one gives."""
     path, _ = _driven(model, state, input_now)
     shift = _widening(model, state, path)
     first = jnp.concatenate([state["input"], state["aux"]])
@@ -92,10 +92,10 @@ def _first_anew(model: Description, state: State, input_now: Array) -> State:
 def _taken_in(
     model: Description, state: State, inputs: Array, first_shift: Array
 ) -> tuple[State, Array]:
-    begun = state["started"][0] > 0
+    started = state["started"][0] > 0
     u = jnp.clip(inputs[0], model.input_low, model.input_high)
     path, new = _driven(model, state, u)
-    shift = jnp.where(begun, _widening(model, state, path), first_shift)
+    shift = jnp.where(started, _widening(model, state, path), first_shift)
     h, hysterons = _hysterons(model, state, path, shift)
     new |= hysterons
     now = model.step_s * state["samples"]
@@ -120,7 +120,7 @@ def _taken_in(
         "samples": state["samples"] + 1,
         "input": u[None],
         "aux": inputs[1:],
-        "path": jnp.stack([path, jnp.where(begun, state["path"][0], path)]),
+        "path": jnp.stack([path, jnp.where(started, state["path"][0], path)]),
     }
     return state | new, _read(model, signal)
 
@@ -130,9 +130,9 @@ def _stepped(model: Description, state: State, part: Part, value: Array) -> tupl
     effect: Any = part.effect
     rest = effect.init(value)
     vector, tree_of = ravel_pytree(rest)
-    begun = state["started"][0] > 0
-    own = tree_of(jnp.where(begun, state.get(part.name, vector), vector))
-    after, output = effect.step(own, value, jnp.where(begun, model.step_s, 0.0))
+    started = state["started"][0] > 0
+    own = tree_of(jnp.where(started, state.get(part.name, vector), vector))
+    after, output = effect.step(own, value, jnp.where(started, model.step_s, 0.0))
     return ravel_pytree(after)[0], output
 
 
@@ -146,11 +146,11 @@ def _delayed(model: Description, state: State, part: Part, value: Array) -> tupl
 def _driven(model: Description, state: State, u: Array) -> tuple[Array, State]:
     """What drives the hysterons, and what the effects of the input remember."""
     new: State = {}
-    path, begun = u, state["started"][0] > 0
+    path, started = u, state["started"][0] > 0
     for part in model.at(Place.INPUT):
         if arc := part.numbers.get("arc"):
             rest = jnp.stack([path, path, jnp.zeros(())])
-            last, earlier, bend = jnp.where(begun, state[f"{part.name}.arc"], rest)
+            last, earlier, bend = jnp.where(started, state[f"{part.name}.arc"], rest)
             now = path - 2 * last + earlier
             new[f"{part.name}.arc"] = jnp.stack([path, last, now])
             path = path - arc * limited(jnp.stack([bend, now]))[1]
@@ -159,7 +159,7 @@ def _driven(model: Description, state: State, u: Array) -> tuple[Array, State]:
 
 
 def _widening(model: Description, state: State, path: Array) -> Array:
-    """By how much thresholds move at the speed to a sample, told from that one and those before."""
+    """By how much thresholds move at the speed to a sample, by that one and those before."""
     last, earlier = state["path"]
     total = jnp.zeros(())
     for part in model.at(Place.HYSTERESIS):
@@ -176,14 +176,14 @@ def _widening(model: Description, state: State, path: Array) -> Array:
 def _hysterons(model: Description, state: State, path: Array, shift: Array) -> tuple[Array, State]:
     """Output of the hysterons, and their state; one that agrees with itself if it is fed back."""
     inside = model.chain.at(HysteresisEffect)
-    begun = state["started"][0] > 0
+    started = state["started"][0] > 0
     if not model.chain.feeds_back:
         return _switched(model, state, path, shift)
-    paths = jnp.stack([jnp.where(begun, state["path"][0], path), path])
-    time = jnp.stack([jnp.zeros(()), jnp.where(begun, model.step_s, 0.0)])
+    paths = jnp.stack([jnp.where(started, state["path"][0], path), path])
+    time = jnp.stack([jnp.zeros(()), jnp.where(started, model.step_s, 0.0)])
 
     def moved(output: Array) -> tuple[Array, State]:
-        before = jnp.where(begun, state["h"][0], output)
+        before = jnp.where(started, state["h"][0], output)
         seen, rising = paths, model.polarity * jnp.stack([before, output])
         for effect in inside:
             seen = effect.fed_back(seen, rising, time)

@@ -403,7 +403,7 @@ def drift_deviation(
     for effect in chain.at(AddedEffect):
         count = len(effect.coefficients())
         own, first = coefficients.added[first : first + count], first + count
-        if not effect.of_time_alone or (goes_on and not effect.lawless):
+        if not effect.of_time_alone or (goes_on and not effect.nonparametric):
             continue
         with on_processor():
             along = Signals(jnp.asarray(seen), jnp.zeros(POINTS), {})

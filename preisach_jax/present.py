@@ -503,7 +503,7 @@ def budget_rows(found: Diagnosis) -> list[tuple[str, str, str]]:
 
 
 def form_lines(found: Diagnosis) -> list[str]:
-    """The form that was asked for, sparse or learned: what it would take away, where to look."""
+    """The form that was asked for: what it would take away, where to look."""
     form = found.form
     if form is None:
         return []
@@ -512,11 +512,6 @@ def form_lines(found: Diagnosis) -> list[str]:
         lines.append(f"remainder ≈ {form.formula}")
         lines += form.state_texts
         lines.append(f"where to look: {'; '.join(form.physics)}")
-    if form.learned is not None:
-        lines.append(form.learned.sentence)
-    if form.learned is not None and form.learned.offered:
-        lines += form.learned.state_texts
-        lines.append(f"where to look: {'; '.join(form.learned.where_to_look)}")
     return [*lines, *form.notes]
 
 

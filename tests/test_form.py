@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,12 +15,11 @@ import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.diagnosis.form import LABEL, Dependence, SparseForm, State, Term
 from preisach_jax.diagnosis.freed import FreedTerms
-from preisach_jax.diagnosis.learning import learned
 from preisach_jax.diagnosis.pursuit import sought
 from preisach_jax.diagnosis.terms import library_of
 from preisach_jax.fit import FINAL_ROWS, double_precision, with_regressors
 from preisach_jax.identify import Problem
-from preisach_jax.plot.diagnosis import curves, dependence
+from preisach_jax.plot.diagnosis import dependence
 from preisach_jax.report import write_report
 
 NOISE, RATE_HZ = 0.01, 250
@@ -43,7 +41,6 @@ LAWS = {
     "warming": lambda t, u, v: late(v**2, t, 0.21),
     "power of the rate": lambda t, u, v: np.sign(v) * np.abs(v) ** 1.4,
     # No few terms make it.
-    "wave of the place times the rate": lambda t, u, v: np.sin(6 * (u - 5) / 5) * v,
 }
 
 
@@ -109,18 +106,14 @@ def test_coefficients_are_those_that_were_hidden():
     assert (state.symbol, state.unit) == ("u'", "V/s")
 
 
-def test_neither_form_nor_learned_term_is_offered_where_nothing_is_hidden():
+def test_no_form_is_offered_where_nothing_is_hidden():
     found, _, form = diagnosed(None)
     assert not form.offered
     with double_precision():  # whatever the verdict
         alone = sought(found.final, found.budget.discretisation, 0, 20)
-        term = learned(found.final, found.budget.discretisation, 0, 2)
     assert not alone.offered
     assert alone.why_not
-    assert not term.offered
-    assert term.sentence.startswith("No learned term is offered either: ")
-    none = replace(SparseForm.none(0.1, "um", "it is a test"), learned=term)
-    assert none.to_json() is None
+    assert alone.to_json() is None
 
 
 def test_chance_is_the_same_for_the_same_seed_and_another_for_another():
@@ -207,7 +200,7 @@ def test_json_report_and_texts_say_that_it_is_no_cause(tmp_path):
     content = json.loads(json.dumps(found.to_json()["form"], allow_nan=False))
     assert set(content) == {
         "label", "formula", "terms", "rms_before", "rms_after", "unit", "evidence", "chance",
-        "draws", "where_to_look", "notes", "learned",
+        "draws", "where_to_look", "notes",
     }  # fmt: skip
     assert content["label"] == LABEL == "form, not cause"
     assert set(content["terms"][0]) == {"formula", "coefficient", "rms", "physics", "states"}
@@ -245,64 +238,3 @@ def test_the_command_looks_for_a_form_where_it_is_asked(tmp_path, capsys, monkey
     else:
         assert content["form"]["terms"][0]["formula"] == "u'³"
         assert f"A sparse form ({LABEL}) would lower" in capsys.readouterr().out
-
-
-@pytest.fixture(scope="module")
-def unsparse():
-    return diagnosed("wave of the place times the rate")
-
-
-def test_a_law_of_no_few_terms_is_learned_and_its_error_taken_away(unsparse):
-    found, law, form = unsparse
-    record, term = found.base.record, form.learned
-    assert not form.offered
-    assert term.offered, term.why_not
-    without = pj.Record.from_arrays(record.time, record.input, record.output - law)
-    assert term.rms_after < 2 * pj.fit(without, levels=LEVELS).rms_validation
-    assert term.rms_before == pytest.approx(found.final.rms_validation, rel=0.05)
-    assert term.evidence["gain"] > 0.9
-    assert term.chance < 0.1
-    assert {curve.state.symbol for curve in term.curves[:2]} == {"u", "u'"}
-    assert {state.symbol for state in term.states} == {"u", "h", "u'", "s", "a"}  # and not time
-    assert found.effects == ()
-    assert LABEL in term.sentence
-    with double_precision():
-        again = learned(found.final, found.budget.discretisation, 0, 1)
-    assert again.rms_after == term.rms_after  # of the same seed
-    assert (again.draws, term.draws) == (1, 5)
-
-
-def test_the_curves_have_the_course_of_the_law_and_are_drawn(unsparse):
-    found, law, form = unsparse
-    (curve,) = [each for each in form.learned.curves if each.state.symbol == "u"]
-    assert curve.beside.symbol == "u'"
-    record = found.base.record
-    rate = np.gradient(record.input, record.time)
-    wave = np.sin(6 * (record.input - 5) / 5) * rate
-    expected = (wave @ law / (wave @ wave)) * np.sin(6 * (curve.position - 5) / 5)
-    expected = expected * (curve.beside_high - curve.beside_low)
-    between = curve.high - curve.low
-    assert np.corrcoef(between, expected)[0, 1] > 0.9
-    assert np.polyfit(expected, between, 1)[0] == pytest.approx(1, abs=0.3)
-    assert np.ptp(curve.mean) < 0.5 * np.ptp(curve.high)  # the mean over both directions is flat
-    panels = curves(form.learned).axes
-    assert panels[0].get_ylabel() == "learned term (nm)"
-    for axes, curve in zip(panels, form.learned.curves, strict=True):
-        drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines[1:]]
-        np.testing.assert_allclose(drawn, 1e3 * np.stack([curve.mean, curve.low, curve.high]))
-    with pytest.raises(pj.InputError, match="has no curves to draw"):
-        curves(replace(form.learned, curves=(), why_not="it is a test"))
-
-
-def test_a_learned_term_is_told_in_json_report_and_texts(unsparse, tmp_path):
-    found, _, form = unsparse
-    asked = replace(found, form=form)
-    told = json.loads(json.dumps(asked.to_json()["form"], allow_nan=False))
-    assert (told["label"], told["terms"], told["formula"]) == (LABEL, [], "")
-    assert told["rms_after"] == form.learned.rms_after
-    assert set(told["learned"]) == {"numbers", "states", "curves"}
-    assert form.learned.sentence in asked.summary()
-    assert "where to look: " in asked.summary()
-    assert tmp_path / "form.svg" in write_report(asked, tmp_path)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "A learned term (form, not cause)" in page

@@ -104,8 +104,7 @@ def diagnose(
         bool,
         typer.Option(
             "--explore",
-            help="where no name fits, look for a form of what remains, sparse or else learned: "
-            "a form, not a cause",
+            help="where no name fits, look for a form of what remains: a form, not a cause",
         ),
     ] = False,
     report: Annotated[Path, typer.Option(metavar="DIR", help="folder of the report")] = Path(

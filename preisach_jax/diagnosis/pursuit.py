@@ -16,20 +16,21 @@ import numpy as np
 from preisach_jax.diagnosis.evidence import Evidence, evidence_between
 from preisach_jax.diagnosis.form import Dependence, SparseForm, Term
 from preisach_jax.diagnosis.freed import FreedTerms, refitted
-from preisach_jax.diagnosis.learning import learned
-from preisach_jax.diagnosis.offer import Offer
 from preisach_jax.diagnosis.result import Diagnosis
 from preisach_jax.diagnosis.terms import Listed, library_of
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
+    REFINEMENT,
     Fit,
     Progress,
+    at_levels,
     double_precision,
     in_silence,
     with_regressors,
 )
 from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 
 DRAWS = 40
@@ -37,6 +38,15 @@ DRAWS = 40
 
 MOST_AGAIN, LEAST_FALL = 3, 0.02
 """How often terms of the output are made anew, and relative fall of the held-out error for that."""
+
+LEAST_FORM_GAIN = 0.25
+"""Relative fall of the held-out mean square below which no form is offered."""
+
+WEAK = 0.9
+"""Relative fall of the held-out mean square below which a finer plane must not do as well."""
+
+CONFIRMATION_LEVELS = 50
+"""Finest plane that it is compared with."""
 
 PARTS = 24
 """Parts of equal numbers of rows of the picture."""
@@ -54,9 +64,8 @@ def find_form(
     auxiliary columns.  The density is fitted anew with them.  A form is offered only if it has
     the score of an effect on the held-out blocks, lowers the held-out mean square by a quarter
     at least, takes away more than the discretisation of the plane, does better than a finer plane,
-    and does more than the same search on any of some shifted remainders.  Where none is
-    offered, a small network of these states, other than time, is tried in its place by the same
-    measures (`SparseForm.learned`).  Either is a form, not a cause, and never among the effects.
+    and does more than the same search on any of some shifted remainders.  It is a form, not a
+    cause, and never among the effects.
 
     Arguments:
         found: a diagnosis; of one that leaves nothing unexplained no form is sought.
@@ -91,13 +100,8 @@ def find_form(
     if found.model.chain.mechanics is not None:
         return none("the output drives the hysteresis, and a term would change its path")
     with double_precision():
-        show = progress or in_silence
-        fit, grid = found.final, found.budget.discretisation
-        form = sought(fit, grid, seed, draws, lambda text, done: show(text, done / 2))
-        if form.offered:
-            return form
-        term = learned(fit, grid, seed, draws, lambda text, done: show(text, (1 + done) / 2))
-        return replace(form, learned=term)
+        grid = found.budget.discretisation
+        return sought(found.final, grid, seed, draws, progress or in_silence)
 
 
 def sought(
@@ -124,14 +128,18 @@ def sought(
             none, why_not="no term predicts the record so much better that an effect would be named"
         )
     progress("measuring what chance reaches", 0.6)
-    evidence = trial.evidence.numbers()
-    chance = trial.terms.by_chance(seed, draws, evidence["gain"])
-    measured = replace(none, evidence=evidence, chance=chance, draws=draws)
-    before, after = trial.rms
-    offer = Offer(problem, point, trial.evidence, before, after)
-    against = offer.against(discretisation) or offer.against_chance(chance, draws)
+    evidence = trial.evidence
+    chance = trial.terms.by_chance(seed, draws, evidence.gain)
+    measured = replace(none, evidence=evidence.numbers(), chance=chance, draws=draws)
+    against = _against(trial, evidence, discretisation)
+    if not against and not evidence.gain > chance:
+        against = (
+            f"{_falls(evidence)}, the same search on {draws} shifted remainders by up to "
+            f"{100 * chance:.0f} %"
+        )
     if against:
         return replace(measured, why_not=against)
+    before, after = trial.rms
     told, dependence = _described(trial)
     return replace(measured, terms=told, rms_before=before, rms_after=after, dependence=dependence)
 
@@ -242,6 +250,35 @@ def _tried(problem: Problem, point: Point, terms: FreedTerms) -> _Trial:
         if not now.beats(fewer):
             now = fewer
     return now
+
+
+def _falls(evidence: Evidence) -> str:
+    return f"the best one lowers the held-out mean square by {100 * evidence.gain:.0f} %"
+
+
+def _against(trial: _Trial, evidence: Evidence, discretisation: float) -> str:
+    """Why a form is not offered, whatever chance reaches; empty if nothing speaks against it."""
+    if evidence.against:
+        return evidence.against
+    if not evidence.gain >= LEAST_FORM_GAIN:
+        return f"{_falls(evidence)}, less than {100 * LEAST_FORM_GAIN:.0f} %"
+    problem, point, unit = trial.problem, trial.point, trial.problem.record.output_unit
+    before, after = trial.rms
+    removed = float(np.sqrt(before**2 - after**2))
+    if not removed > discretisation:
+        return (
+            f"the best one takes away {quantity(removed, unit, 3)} RMS, no more than the "
+            f"discretisation of the plane, {quantity(discretisation, unit, 3)}"
+        )
+    levels = point.chain.plane.levels
+    finer = min(round(levels * REFINEMENT), CONFIRMATION_LEVELS)
+    if evidence.gain >= WEAK or finer <= levels:
+        return ""
+    plain = at_levels(problem.reduced(), point, finer).validation_mean_square
+    if (after / problem.unit) ** 2 <= (1 - LEAST_FORM_GAIN) * plain:
+        return ""
+    shown = quantity(float(np.sqrt(plain)) * problem.unit, unit, 3)
+    return f"a plane of {finer} levels leaves {shown} RMS without it: it mends the grid"
 
 
 def _described(trial: _Trial) -> tuple[tuple[Term, ...], Dependence]:

@@ -11,7 +11,7 @@ import jinja2
 
 from preisach_jax import plot
 from preisach_jax.files import check_folder, file_name, is_ours, json_bytes, write_files
-from preisach_jax.plot.diagnosis import curves, dependence, drawn, remainder
+from preisach_jax.plot.diagnosis import dependence, drawn, remainder
 from preisach_jax.plot.style import png, svg
 from preisach_jax.report.content import comparison_page, diagnosis_page, several_page
 
@@ -94,8 +94,6 @@ def write_report(
         figures["remainder"] = remainder(found)
     if found.form is not None and found.form.dependence is not None:
         figures["form"] = dependence(found.form)
-    elif found.form is not None and found.form.learned is not None and found.form.learned.curves:
-        figures["form"] = curves(found.form.learned)
     files = {
         "diagnosis.json": json_bytes(found.to_json()),
         "base.json": json_bytes(found.base.model.to_json()),

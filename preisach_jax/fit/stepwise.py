@@ -304,10 +304,11 @@ def best_start(
     """The best model of a chain, after the first steps from the best starts of an effect."""
     kept: list[Point] = []
     failure: NotFiniteError | None = None
+    rough = problem.rough
     for start in starts:
         values = {**point.values, effect: start}
         try:
-            trial = evaluate(problem, chain, values, point.strength, point)
+            trial = evaluate(rough, chain, values, point.strength, point)
         except NotFiniteError as error:
             failure = error
             continue
@@ -315,8 +316,9 @@ def best_start(
         kept = sorted([*kept, trial], key=lambda each: each.objective)[:most]
     if failure is not None and not kept:
         raise failure
-    refined = (refine(problem, trial, iterations=3) for trial in kept)
-    return min(refined, key=lambda each: each.objective)
+    refined = (refine(rough, trial, iterations=3) for trial in kept)
+    there = (evaluate(problem, chain, each.values, point.strength, point) for each in refined)
+    return min(there, key=lambda each: each.objective)
 
 
 def without_effect(problem: Problem, point: Point, name: str) -> Point:

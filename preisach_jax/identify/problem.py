@@ -70,6 +70,12 @@ WHOLE_CELLS = 100
 reduced basis."""
 
 
+ROUGH_ROWS = 3
+"""One row of so many tells where to begin a search for parameters."""
+
+ROUGH_VECTORS = 64
+"""Vectors of a reduced basis that tell it."""
+
 WORTH_THINNING = 0.75
 """Share of a record's samples from which on thinning it is not worth what it loses."""
 
@@ -283,6 +289,7 @@ class Problem:
         fold: (row,) fold of each of them; the last one is held out.
         reduces: whether models on planes of many cells are solved for in a reduced basis, without
             signs.
+        whole: the problem of which this one has a part of the rows, and of the basis; else None.
     """
 
     record: Record
@@ -292,6 +299,7 @@ class Problem:
     block: np.ndarray
     fold: np.ndarray
     reduces: bool = False
+    whole: Problem | None = None
     cache: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any])
 
     def reduced(self, like: Problem | None = None) -> Problem:
@@ -299,6 +307,19 @@ class Problem:
         known = {} if like is None else like.cache
         kept = {slot: own for slot, own in known.items() if slot[0] in ("basis", "lawful")}
         return replace(self, reduces=True, cache=kept)
+
+    @property
+    def rough(self) -> Problem:
+        """The same record with few of its rows and directions: where to begin, at a quarter of the
+        work."""
+        slot = ("rough",)
+        if slot not in self.cache:
+            few = slice(None, None, ROUGH_ROWS)
+            rows, block, fold = self.rows[few], self.block[few], self.fold[few]
+            self.cache[slot] = replace(
+                self, rows=rows, block=block, fold=fold, whole=self, cache={}
+            )
+        return self.cache[slot]
 
     @staticmethod
     def of(record: Record, limit: int | None = None) -> Problem:
@@ -416,6 +437,8 @@ class Problem:
     def basis(self, chain: Chain, columns: HysteresisColumns | None = None) -> Basis:
         """Directions in which a record decides the density on a plane; found once."""
         slot = ("basis", chain.plane, chain.hysteron)
+        if self.whole is not None:
+            return self.whole.basis(chain).first(ROUGH_VECTORS)
         if slot not in self.cache:
             bare = chain.with_effects(())
             if columns is None:

@@ -345,6 +345,12 @@ class Basis:
         """Number of vectors."""
         return self.cells.shape[1]
 
+    def first(self, count: int) -> Basis:
+        """The vectors that the record decides best."""
+        asked, memory = (each[:count, :count] for each in self.asked)
+        parts = (each[:, :count] for each in (self.cells, self.memory, self.first_run))
+        return Basis(*parts, (asked, memory))
+
     def applied_to(self, hysteresis: HysteresisColumns) -> HysteresisColumns:
         """The combinations along any path, whose groups may differ from those of the basis."""
         groups = [group for group in hysteresis.groups if len(group)]

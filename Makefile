@@ -7,7 +7,7 @@ BIN   := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo app test lint docs bench clean
+.PHONY: help setup demo app test lint docs claims clean
 
 help:
 	@echo "make setup   make .venv with the pinned dependencies and this package"
@@ -16,7 +16,7 @@ help:
 	@echo "make test    run the tests"
 	@echo "make lint    check format, lint and types"
 	@echo "make docs    build the documentation into build/site"
-	@echo "make bench   measure speed"
+	@echo "make claims  repeat all measured figures, and say what no longer holds"
 	@echo "make clean   remove .venv and what the tools left behind"
 
 setup: $(STAMP)
@@ -68,8 +68,8 @@ lint: $(STAMP)
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir build/site
 
-bench: $(STAMP)
-	$(BIN)/python benchmarks/run.py
+claims: $(STAMP)
+	$(BIN)/python benchmarks/claims.py --run
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .jax_cache

@@ -2,7 +2,7 @@
 
     python benchmarks/broken_sensor.py
 
-Prints the table of docs/how-to/online.md: a stage of 9 levels with noise of 1 % of its range, some
+Makes the table of docs/how-to/online.md: a stage of 9 levels with noise of 1 % of its range, some
 nine samples a level; after 120,000 samples the sensor fails for 5,000. Told are the samples from
 its return until the prediction errs as little as if the output had just been missing.
 """
@@ -13,6 +13,7 @@ import math
 
 import jax
 import numpy as np
+from common import write_results
 
 from preisach_jax import AdaptiveFilter, OnlineFilter, Plane, simulate
 
@@ -47,8 +48,8 @@ def wandering() -> np.ndarray:
     return np.append(x, np.maximum(x[-1] - speed * np.arange(1, back + 1), PLANE.low))
 
 
-def samples_to_recover(hysteron: str, options: dict) -> list[str]:
-    """Samples after each fault until the windowed error is that of a lost output."""
+def samples_to_recover(hysteron: str, options: dict) -> list[int]:
+    """Samples after each fault until the windowed error is that of a lost output; -1 for never."""
     weights = np.random.default_rng(1).uniform(0.2, 1.0, PLANE.cells)
     x = wandering()
     z = np.tile(np.asarray(simulate(PLANE, weights / weights.sum(), x, hysteron)), 3)
@@ -63,22 +64,25 @@ def samples_to_recover(hysteron: str, options: dict) -> list[str]:
         online.block(x[BEGIN:end], output)
         return (online.block(x[end:], sound[end:]) - z[end:]).reshape(-1, WINDOW).std(axis=1)
 
-    undisturbed, told = errors(np.full(FAULTY, np.nan)), []
+    undisturbed, samples = errors(np.full(FAULTY, np.nan)), []
     for broken in FAULTS.values():
         found = errors(broken(sound[BEGIN:end], np.random.default_rng(5)))
         late = np.flatnonzero(found > 1.25 * undisturbed + 0.1 * NOISE)
         windows = int(late[-1]) + 1 if len(late) else 0
-        told.append(f"{windows * WINDOW:,}" if windows < len(found) else "never")
-    return told
+        samples.append(windows * WINDOW if windows < len(found) else -1)
+    return samples
 
 
 def main() -> None:
-    """Print a column for each kind of filter, relays and then ramps."""
+    """Measure each kind of filter with relays and with ramps."""
     with jax.enable_x64(True):
-        for name, options in FILTERS.items():
-            both = [samples_to_recover(hysteron, options) for hysteron in ("relay", "ramp")]
-            for fault, relay, ramp in zip(FAULTS, *both, strict=True):
-                print(f"{name:32s}{fault:28s}{relay}, {ramp}", flush=True)
+        rows = [
+            {"fault": fault, "filter": name, "hysteron": hysteron, "samples": samples}
+            for name, options in FILTERS.items()
+            for hysteron in ("relay", "ramp")
+            for fault, samples in zip(FAULTS, samples_to_recover(hysteron, options), strict=True)
+        ]
+    write_results("broken_sensor.json", {"rows": rows})
 
 
 if __name__ == "__main__":

@@ -14,14 +14,15 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from provenance import RESULTS, commit
 
-RESULTS = Path(__file__).parent / "results"
 REPEATS = 9
 
 
 def write_results(name: str, content: dict) -> Path:
-    """Write measured figures with device, versions and date into `benchmarks/results`."""
+    """Write measured figures with commit, device, versions and date among the results."""
     conditions = {
+        "commit": commit(),
         "date": date.today().isoformat(),
         "device": f"{platform.machine()} {jax.devices()[0].device_kind}, {os.cpu_count()} cores, "
         f"{platform.system()}",

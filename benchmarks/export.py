@@ -1,6 +1,6 @@
 """Compare generated C with `Model.predict` on many models, and time it beside `relays.c`.
 
-    python benchmarks/run.py export
+    python benchmarks/export.py
     python benchmarks/export.py --models 100 --samples 1000000 --folder build/export
 
 Models have random weights and up to three random effects each; every fifth has relays, and every

@@ -1,6 +1,6 @@
 """Measure what one sample costs `OnlineInverse`, from Python.
 
-    python benchmarks/run.py inverse
+    python benchmarks/inverse.py
 
 writes `benchmarks/results/inverse.json` with device, versions and date.  A smooth course at 2 kHz
 is followed sample by sample, in double precision, by one thread that is pinned to one core; once by

@@ -1,6 +1,6 @@
 """Measure how long a person waits in the interactive page: first plot, fit, ranking, a brush.
 
-    python benchmarks/run.py page
+    python benchmarks/page.py
 
 drives a Chromium without a window as `tests/test_app_browser.py` does, on stages of 27,000, 100,000
 and a million samples that hide creep and a delay, and writes `benchmarks/results/page.json`.  The

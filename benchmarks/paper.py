@@ -1,4 +1,4 @@
-"""The figures of the documentation's page on the paper: python benchmarks/run.py paper
+"""The figures of the documentation's page on the paper: python benchmarks/paper.py
 
 The sweep of Fig. 8 at full size and the exponents that geometry alone gives, the coefficient of
 proportionality and the norm (31) where the truth is known, exactly and against chance, and how

@@ -1,6 +1,6 @@
 """Measure against what today's differentiable packages do: soft relays, trained with Adam.
 
-    python benchmarks/run.py peers
+    python benchmarks/peers.py
 
 The peer is written here for the purpose, after the way such packages work: N (N+1)/2 relays whose
 switching is smeared by a tanh, so that it has a slope, a dense scan over all samples in float32,

@@ -1,6 +1,6 @@
 """Measure relays from event to event: the model's output and the paper's recursion.
 
-    python benchmarks/run.py relays
+    python benchmarks/relays.py
 
 Beside the package stands, in the same run and on the same core, C (`relays.c`, compiled here with
 -O3 -march=native), whose weights are the same, which is checked.  Ramps, for which there is no

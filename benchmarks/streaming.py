@@ -1,6 +1,6 @@
 """Measure what one sample costs from Python: the online filter, and the jitted step beside it.
 
-    python benchmarks/run.py streaming
+    python benchmarks/streaming.py
 
 writes `benchmarks/results/streaming.json` with device, versions and date.  A Bernoulli ramp at
 2 kHz is fed sample by sample, in double precision, by one thread that is pinned to one core.  The

@@ -1,6 +1,6 @@
 """Measure what a user waits for: a diagnosis and a prediction as whole processes.
 
-    python benchmarks/run.py whole_process
+    python benchmarks/whole_process.py
 
 writes `benchmarks/results/whole_process.json` with device, versions and date.  Whole processes are
 measured from outside, with start-up, report and peak memory; the first run finds no compiled code,

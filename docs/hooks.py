@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,15 @@ for folder in (HERE, HERE.parent, HERE.parent / "benchmarks"):
         sys.path.insert(0, str(folder))
 
 import architecture  # noqa: E402
+import claims  # noqa: E402
 import command_line  # noqa: E402
 import effect_pages  # noqa: E402
 import formulas  # noqa: E402
 import gallery  # noqa: E402
 import measurements  # noqa: E402
+import provenance  # noqa: E402
 import scores  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 
 
@@ -34,7 +38,17 @@ def generated() -> dict[str, str]:
 
 
 def on_config(config: Any) -> Any:
-    """Put one page an effect into the navigation."""
+    """Put one page an effect into the navigation, and say which results are of another version.
+
+    With PREISACH_RELEASE=1 such results end the build.
+    """
+    if others := provenance.outdated():
+        line = f"results of another version of the package: {', '.join(others)}"
+        if os.environ.get("PREISACH_RELEASE") == "1":
+            raise PluginError(
+                f"{line}; make them anew (make claims), or release what they measured"
+            )
+        sys.stderr.write(f"{line}\n")
     for section in config.nav:
         if "Effects" in section:
             section["Effects"] = list(effect_pages.pages())
@@ -52,11 +66,11 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """The code of the built-in effects, at the end of their reference."""
+    """A page without the sentences whose result is not there; the effects' one with their code."""
     del config, files
     if page.file.src_uri == "reference/effects.md":
-        return markdown + effect_pages.reference()
-    return markdown
+        markdown += effect_pages.reference()
+    return claims.without_missing(f"docs/{page.file.src_uri}", markdown)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:

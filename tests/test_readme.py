@@ -1,13 +1,11 @@
 """The Python of the README runs as it is written, in its order."""
 
 import importlib
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-from blind.rates import read_results, summary_of
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -75,19 +73,5 @@ def test_the_commands_named_are_there():
     assert {"diagnose", "predict", "compare", "fit", "simulate", "effects"} <= named <= commands
 
 
-def test_it_is_short_and_shows_figures_of_the_committed_results():
-    text = README.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
-    words = " ".join(text.split())
-    results = README.parent / "benchmarks" / "results"
-    rows = json.loads((results / "whole_process.json").read_text())["diagnose"]
-    none, one, *_, three = (f"{row['wall_s']:.0f} s" for row in rows)
-    assert f"{none} where nothing is missing, {one} with one effect and {three} with three" in words
-    found = summary_of(read_results(results / "blind"))
-    plain, alone, outside = found["adequate"], found["exact"]["single"], found["wrong_name_outside"]
-    named = found["false_alarms"]["diagnose"]["count"]
-    assert f"({found['cases']} stages simulated by independent code)" in words
-    assert f"nothing was named in {plain['of'] - named} of {plain['of']} stages" in words
-    assert f"{plain['count']} of them were called adequate" in words
-    assert f"exactly and alone in {alone['count']} of {alone['of']};" in words
-    assert f"{outside['count']} of {outside['of']} got a name" in words
+def test_it_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 150

@@ -9,7 +9,16 @@ import blind
 import numpy as np
 import pytest
 import world
+from blind import hidden
+from blind.cases import make_cases
+from blind.rates import RIVALS, read_results, summary_of
+from blind.run import run_cases
+from blind.stage import Plays, Stage
+from blind.world import EFFECTS, KNOWN_AS, OUTSIDE
+from scipy.integrate import solve_ivp
 from world import TOP, hidden_record, make_world
+
+import preisach_jax as pj
 
 SHORT: dict[str, Any] = {"duration_s": 6.0, "rate_hz": 1000.0}
 
@@ -67,3 +76,91 @@ def test_the_record_is_the_hysteresis_where_nothing_is_hidden():
     assert rec["truth"]["effect"] is None
     small, large = (hidden_record("drift", 3, size=size, **SHORT)["clean"] for size in (0.5, 2.0))
     np.testing.assert_allclose(large - rec["clean"], 4 * (small - rec["clean"]), atol=1e-9)
+
+
+def bare_stage(slope_um):
+    """A stage without memory whose output goes straight with its input."""
+    return Stage(
+        Plays(*np.array([[0.1], [0.0], [0.0], [1.0], [0.0], [0.0]])), np.zeros(1), slope_um, 0
+    )
+
+
+def test_eddy_currents_of_a_straight_stage_are_a_lag():
+    """h = s v and v = u - k dh/dt make a lag of k s, here against SciPy's integration."""
+    step, slope, k = 1e-4, 20.0, 1e-4
+    t = np.arange(3000) * step
+    x = 0.5 + 0.4 * np.sin(2 * np.pi * 8 * t)
+    found = bare_stage(slope).response_behind_currents(x, k / step)
+    exact = solve_ivp(
+        lambda at, h: (np.interp(at, t, x) - h / slope) / k, (0, t[-1]), [slope * x[0]],
+        t_eval=t, rtol=1e-9, max_step=step,
+    ).y[0]  # fmt: skip
+    assert np.abs(found - exact).max() < 0.02 * np.ptp(exact)
+    assert np.abs(slope * x - exact).max() > 0.04 * np.ptp(exact)
+
+
+def test_a_mass_on_a_spring_that_does_not_yield_is_a_resonance():
+    step, x = 1e-4, np.repeat([0.2, 0.8], [100, 4000])
+    truth = {"f_hz": 20.0, "zeta": 0.1, "share": 0.0, "yields": 0.1}
+    found = hidden.restoring_force(x, truth, 50.0, step)
+    w, t = 2 * np.pi * 20.0, np.arange(4000) * step
+    damped = w * np.sqrt(1 - 0.1**2)
+    rung = np.exp(-0.1 * w * t) * (np.cos(damped * t) + 0.1 * w / damped * np.sin(damped * t))
+    np.testing.assert_allclose(found[100:], 50 * (0.8 - 0.6 * rung), atol=0.7)
+    yielding = hidden.restoring_force(x, truth | {"share": 0.5}, 50.0, step)
+    assert np.abs(yielding - found).max() > 5.0
+
+
+def test_operator_creep_starts_beyond_a_threshold():
+    truth = {"gain": 1.0, "lowest": 0.1, "slowest_s": 1.0}
+    small, large = (
+        hidden.operator_creep(np.repeat([0.0, height], [10, 5000]), truth, 1.0, 1e-3)
+        for height in (0.09, 1.0)
+    )
+    assert np.ptp(small) == 0
+    # Each of 6 dashpots reaches what its threshold leaves of the step.
+    assert large[-1] == pytest.approx(6 * np.mean(1 - np.geomspace(0.1, 0.8, 8)), rel=0.01)
+
+
+def test_a_draw_is_new_in_all_it_hides_and_has_every_effect_under_every_drive():
+    first, second = make_cases("1"), make_cases("2")
+    assert {case.id for case in first}.isdisjoint(case.id for case in second)
+    pairs = [
+        {tuple(case.effects) for case in draw if case.suite == "pairs"} for draw in (first, second)
+    ]
+    assert len(pairs[0] & pairs[1]) < 0.3 * len(pairs[0])
+    assert [case.id for case in make_cases("1", limit=50)] == [case.id for case in first[:50]]
+    names = {kind.partition(":")[0] for kind in pj.effects()}
+    hidden_as = {KNOWN_AS.get(name, name).partition(":")[0] for name in EFFECTS}
+    assert hidden_as == names
+    assert len(OUTSIDE) >= 12
+    for name in (*EFFECTS, *OUTSIDE):
+        drives = [case.excitation for case in first if list(case.effects) == [name]]
+        assert set(drives) == {"rich", "fair", "periodic", "poor"}
+        assert len(drives) >= (10 if name in EFFECTS else 8)
+
+
+def test_what_crashes_counts_as_not_right(tmp_path):
+    cases = make_cases("1", suites=["single"], limit=4)
+    hits = [True, True, False, None]
+
+    def judge(case):
+        row = {"id": case.id, "suite": case.suite, "drawn": list(case.effects), "asked": False,
+               "excitation": case.excitation, "size": 1.0, "hidden": ["creep"], "kin": [],
+               "in_library": ["creep"], "truth": {}, "error": None, "change": 0.1}  # fmt: skip
+        hit = hits[cases.index(case)]
+        if hit is None:
+            return row | {"error": "KeyError"}
+        names = ["creep"] * hit
+        return row | {"verdict": "explained", "effects": names, "families": [names], "limits": [],
+                      "parameters": {}, "rivals": dict.fromkeys(RIVALS), "seconds": 1.0,
+                      "held_out": {"base": 2.0, "final": 1.0, "oracle": 1.0}}  # fmt: skip
+
+    run_cases(cases[:2], tmp_path, 0, judge)
+    run_cases(cases, tmp_path, 0, judge)
+    assert (tmp_path / "starts.txt").read_text().split() == [case.id for case in cases]
+    told = summary_of(read_results(tmp_path))
+    assert (told["exact"]["single"]["count"], told["exact"]["single"]["of"]) == (2, 4)
+    assert told["failed"] == 1
+    with pytest.raises(SystemExit, match="results of draw 1"):
+        run_cases(cases, tmp_path, 0, judge, draw="2")

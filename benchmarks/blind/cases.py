@@ -1,38 +1,33 @@
-"""The cases of the benchmark: what is hidden, how strongly, under which excitation, which seed.
+"""The records of the blind benchmark: what is hidden, how strongly, and under which drive.
 
-A case's seed follows from what the case is, so that filters and longer lists leave it as it was.
-Development seeds are for those who change the library, reporting seeds for figures that are told.
+All of it (combinations, sizes, circumstances, seeds) follows from the name of the draw. Development
+draws are numbered; the draw that is reported bears the name of the commit that it judges, so that
+nobody can have seen one of its records before the code was frozen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
 
 from blind.excitation import KINDS
-from blind.hidden import MACHINES
-from blind.world import EFFECTS, NOTHING, OUTSIDE
+from blind.world import EFFECTS, NOTHING, ON_REQUEST, OUTSIDE
 
-SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-OUTSIDE_SIZES = (0.5, 1.0, 2.0)
-REPEATS = {"single": 10, "pairs": 60, "triples": 30, "beside": 5, "none": 200, "outside": 10}
-"""Cases for each excitation; in `single` and `outside` for each effect and size as well, and in
-`beside` for each effect of machines and each of `PARTNERS`."""
+COUNTS = {"single": 12, "pairs": 60, "triples": 40, "none": 200, "outside": 8}
+"""Records of each suite; of `single` and `outside` for each effect. Drives take turns."""
 
-PARTNERS = ("creep", "drift", "input_lag")
+SPREAD = {"single": 0.6, "pairs": 0.3, "triples": 0.3, "outside": 0.3}
+"""Sizes reach from 10 to the minus this to 10 to this, evenly in their logarithm."""
 
-SEEDS = {"development": (0, 1000), "reporting": (12_000_000_000, 1_000_000_000)}
-"""First seed, and how many; those from 1e6 to 12e9 were drawn for samples of November 2026."""
+ALONE = ("input_quantisation", "output_quantisation", *ON_REQUEST)
+"""Effects of no pair or triple: converters vanish beside others, and what is tried on request only
+takes minutes each."""
 
-ALONE = ("input_quantisation", "output_quantisation", "accommodation", *MACHINES)
-"""Effects that no pair or triple is drawn of: those of converters vanish beside others, and the
-others are drawn as they were before the world knew accommodation and machines."""
-
-COMBINED = tuple(name for name in EFFECTS if name not in ALONE)
-"""Effects that are hidden together."""
+CLASHES = ({"aux", "gain"}, {"resonance", "modes"})
+"""Effects that would share a column or a name."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +35,15 @@ class Case:
     """One record to diagnose.
 
     Attributes:
-        id: says all that tells it from the other cases.
-        suite: a key of `REPEATS`.
-        effects: sizes of the hidden effects by name.
+        id: says all that tells it from the other records of its draw.
+        suite: a key of `COUNTS`.
+        effects: sizes of the hidden effects by name; 1 is nominal.
         excitation: one of `KINDS`.
         seed: of the record.
-        repeat: number among the cases that differ by the seed alone.
+        place: where it stands in its suite, 0 to 1.
         nothing: circumstance that may be mistaken for an effect.
+        asked: whether effects that are tried on request only are asked for.
+        ends: whether it has ended the process before, and is not diagnosed again.
         seconds, rate_hz: length and sampling rate of the record.
     """
 
@@ -55,95 +52,70 @@ class Case:
     effects: Mapping[str, float]
     excitation: str
     seed: int
-    repeat: int
+    place: float
     nothing: str = "plain"
+    asked: bool = False
+    ends: bool = False
     seconds: float = 20.0
     rate_hz: float = 1350.0
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Which cases to run; empty sequences stand for all.
+def make_cases(
+    draw: str,
+    suites: Sequence[str] = (),
+    effects: Sequence[str] = (),
+    excitations: Sequence[str] = (),
+    limit: int | None = None,
+) -> list[Case]:
+    """The records of a draw, of which any first part is an even sample of the whole.
 
-    Attributes:
-        suites, excitations: names.
-        effects: names; only cases that hide at least one of them.
-        sizes: of the hidden effects; 1 is nominal.
-        seeds: a key of `SEEDS`.
-        limit: at most so many cases, spread evenly over those chosen; None for all.
+    Arguments:
+        suites, effects, excitations: only such; an effect: records that hide it.
+        limit: at most so many.
     """
-
-    suites: Sequence[str] = ()
-    effects: Sequence[str] = ()
-    excitations: Sequence[str] = ()
-    sizes: Sequence[float] = ()
-    seeds: str = "development"
-    limit: int | None = None
-
-    def __post_init__(self):
-        for asked, known in (
-            (self.suites, REPEATS),
-            (self.effects, (*EFFECTS, *OUTSIDE)),
-            (self.excitations, KINDS),
-            (self.sizes, SIZES),
-            ((self.seeds,), SEEDS),
-        ):
-            if unknown := [name for name in asked if name not in known]:
-                raise ValueError(f"unknown: {_listed(unknown)}; choose from {_listed(known)}")
-
-    def holds(self, case: Case) -> bool:
-        """Whether a case was asked for."""
-        return (
-            (not self.suites or case.suite in self.suites)
-            and (not self.excitations or case.excitation in self.excitations)
-            and (not self.effects or not set(self.effects).isdisjoint(case.effects))
-            and (not self.sizes or set(case.effects.values()) <= set(self.sizes))
-        )
+    for asked, known in ((suites, COUNTS), (effects, (*EFFECTS, *OUTSIDE)), (excitations, KINDS)):
+        if unknown := sorted(set(asked) - set(known)):
+            raise ValueError(f"unknown: {', '.join(unknown)}; choose from {', '.join(known)}")
+    chosen = [
+        case
+        for case in _all_cases(draw)
+        if (not suites or case.suite in suites)
+        and (not effects or not set(effects).isdisjoint(case.effects))
+        and (not excitations or case.excitation in excitations)
+    ]
+    return sorted(chosen, key=lambda case: (case.place, crc32(case.id.encode())))[:limit]
 
 
-def make_cases(choice: Choice) -> list[Case]:
-    """The chosen cases, in an order in which any first part is an even sample of the whole."""
-    cases = filter(choice.holds, _all_cases(choice.seeds))
-    order = sorted(cases, key=lambda case: (case.repeat / REPEATS[case.suite], _number(case.id)))
-    return order[: choice.limit]
+def _all_cases(draw: str) -> Iterator[Case]:
+    for suite, count in COUNTS.items():
+        each = {"single": EFFECTS, "outside": OUTSIDE}.get(suite, ("",))
+        for turn, name in enumerate(each):
+            for k in range(count):
+                text = f"{draw}/{suite}/{name}/{k}"
+                rng = np.random.default_rng(list(text.encode()))
+                effects = _effects(suite, name, rng)
+                hidden = "+".join(f"{effect}*{size:.2f}" for effect, size in effects.items())
+                nothing = "plain" if effects else NOTHING[k // len(KINDS) % len(NOTHING)]
+                excitation, seed = KINDS[(k + turn) % len(KINDS)], int(rng.integers(2**40))
+                yield Case(
+                    id=f"{suite}/{hidden or nothing}/{excitation}/{seed}",
+                    suite=suite,
+                    effects=effects,
+                    excitation=excitation,
+                    seed=seed,
+                    place=(k + 0.5) / count,
+                    nothing=nothing,
+                    asked=not ON_REQUEST.isdisjoint(effects) or (not effects and k % 5 == 4),
+                )
 
 
-def _all_cases(seeds: str) -> Iterator[Case]:
-    first, count = SEEDS[seeds]
-    for suite, repeats in REPEATS.items():
-        for repeat in range(repeats):
-            for effects, nothing in _contents(suite, repeat):
-                for excitation in KINDS:
-                    hidden = "+".join(f"{name}*{size:g}" for name, size in effects.items())
-                    cell = f"{suite}/{hidden or nothing}/{excitation}"
-                    seed = first + (_number(cell) + repeat) % count
-                    yield Case(
-                        f"{cell}/{repeat}/{seed}", suite, effects, excitation, seed, repeat, nothing
-                    )
-
-
-def _contents(suite: str, repeat: int) -> Iterator[tuple[dict[str, float], str]]:
-    """What is hidden, and under which circumstance, in the cases of one repeat of a suite."""
-    rng = np.random.default_rng([_number(suite), repeat])
+def _effects(suite: str, name: str, rng: np.random.Generator) -> dict[str, float]:
+    """What is hidden, with its sizes."""
     if suite == "none":
-        yield {}, str(rng.choice(NOTHING))
-    elif suite in ("pairs", "triples"):
-        names = rng.choice(COMBINED, 2 if suite == "pairs" else 3, replace=False)
-        yield {str(name): 1.0 for name in names}, "plain"
-    elif suite == "beside":
-        for name in MACHINES:
-            for partner in PARTNERS:
-                yield {name: 1.0, partner: 1.0}, "plain"
-    else:
-        inside = suite == "single"
-        for name in EFFECTS if inside else OUTSIDE:
-            for size in SIZES if inside else OUTSIDE_SIZES:
-                yield {name: size}, "plain"
-
-
-def _listed(things: Iterable[object]) -> str:
-    return ", ".join(map(str, things))
-
-
-def _number(text: str) -> int:
-    return crc32(text.encode())
+        return {}
+    names = [name]
+    while not name and (len(names) < 2 or any(clash <= set(names) for clash in CLASHES)):
+        together = [effect for effect in EFFECTS if effect not in ALONE]
+        names = list(map(str, rng.choice(together, 2 if suite == "pairs" else 3, replace=False)))
+    reach = SPREAD[suite]
+    return {effect: float(10 ** rng.uniform(-reach, reach)) for effect in names}

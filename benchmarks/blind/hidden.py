@@ -249,6 +249,44 @@ MACHINES: dict[str, Callable[..., Truth]] = {
 }
 
 
+# Of fields and of masses: what a diagnosis tries on request only.
+
+
+def _excess_loss(rng, size, scene: Scene) -> Truth:
+    reach = scene.stroke_um * rng.uniform(0.005, 0.02) * size  # at a fast rate
+    return {"c": reach / np.sqrt(scene.fast_v_s)}
+
+
+def _eddy_currents(rng, size, scene: Scene) -> Truth:
+    late = rng.uniform(1e-3, 5e-3) * size  # s, where the loop has its mean slope
+    return {"k": late * scene.span_v / scene.stroke_um}
+
+
+def _operator_creep(rng, size, scene: Scene) -> Truth:
+    return {
+        "gain": scene.stroke_um / scene.span_v * rng.uniform(0.01, 0.03) * size,
+        "lowest": rng.uniform(0.02, 0.1),
+        "slowest_s": rng.uniform(2.0, 20.0),
+    }
+
+
+def _restoring_force(rng, size, scene: Scene) -> Truth:
+    return {
+        "f_hz": 10 ** rng.uniform(np.log10(8), np.log10(40)),
+        "zeta": 10 ** rng.uniform(-1.7, -1.0),
+        "share": min(rng.uniform(0.2, 0.4) * size, 0.8),
+        "yields": rng.uniform(0.05, 0.2),
+    }
+
+
+FIELDS: dict[str, Callable[..., Truth]] = {
+    "excess_loss": _excess_loss,
+    "eddy_currents": _eddy_currents,
+    "operator_creep": _operator_creep,
+    "restoring_force": _restoring_force,
+}
+
+
 # What no effect of the library is: jitter, one-way creep, a spring that stiffens, and the like.
 
 
@@ -293,6 +331,16 @@ def _stiffening(rng, size, scene: Scene) -> Truth:
     }
 
 
+def _self_heating(rng, size, scene: Scene) -> Truth:
+    reach = scene.stroke_um * rng.uniform(0.01, 0.04) * either(rng) * size
+    return {"gain": reach / scene.fast_v_s**2, "tau_s": rng.uniform(0.5, 5.0)}
+
+
+def _coercivity_walk(rng, size, scene: Scene) -> Truth:
+    rms = scene.span_v * rng.uniform(0.005, 0.015) * size
+    return {"rms_v": rms, "walk_seed": int(rng.integers(2**31))}
+
+
 FOREIGN: dict[str, Callable[..., Truth]] = {
     "jitter": _jitter,
     "wandering_hum": _wandering_hum,
@@ -300,9 +348,11 @@ FOREIGN: dict[str, Callable[..., Truth]] = {
     "resets": _resets,
     "shocks": _shocks,
     "stiffening": _stiffening,
+    "self_heating": _self_heating,
+    "coercivity_walk": _coercivity_walk,
 }
 
-STRENGTHS = PLAIN | MACHINES | FOREIGN
+STRENGTHS = PLAIN | MACHINES | FIELDS | FOREIGN
 
 
 # Signals
@@ -561,3 +611,37 @@ def stiffening(h: np.ndarray, truth: Truth, stroke_um: float, step_s: float) -> 
         place += step_s * speed
         out.append(place)
     return np.array(out)
+
+
+def self_heating(rate: np.ndarray, truth: Truth, step_s: float) -> np.ndarray:
+    """What the heat of the losses adds, which leaves the stage slowly, in um."""
+    return truth["gain"] * lag(rate**2, truth["tau_s"], step_s)
+
+
+def operator_creep(u: np.ndarray, truth: Truth, span_v: float, step_s: float) -> np.ndarray:
+    """Creep that small moves do not start, in um: plays behind dashpots."""
+    reach = span_v * np.geomspace(truth["lowest"], 8 * truth["lowest"], 8)[:, None]
+    keep = np.exp(-step_s / np.geomspace(0.02, truth["slowest_s"], 6))
+    place, out = np.full((8, 6), u[0]), np.empty_like(u)
+    for n, now in enumerate(u.tolist()):
+        goal = np.clip(place, now - reach, now + reach)
+        place = goal + (place - goal) * keep
+        out[n] = place.sum()
+    return truth["gain"] * out / 8
+
+
+def restoring_force(x: np.ndarray, truth: Truth, stroke_um: float, step_s: float) -> np.ndarray:
+    """Place in um of a mass on a spring, part of which yields as that of Bouc and Wen does (n = 1).
+
+    The drive is a force, of which 1 bends the spring by the stroke where nothing yields.
+    """
+    w, share, reach = 2 * np.pi * truth["f_hz"], truth["share"], truth["yields"]
+    place, speed, bent, out = float(x[0]), 0.0, 0.0, np.empty_like(x)
+    for n, force in enumerate(x.tolist()):
+        pull = force - (1 - share) * place - share * reach * bent
+        speed += step_s * (w * w * pull - 2 * truth["zeta"] * w * speed)
+        moved = step_s * speed
+        place += moved
+        bent += (moved - 0.5 * (abs(moved) * bent + moved * abs(bent))) / reach
+        out[n] = place
+    return stroke_um * out

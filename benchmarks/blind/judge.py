@@ -25,6 +25,7 @@ def judge(case: Case) -> dict[str, Any]:
         "suite": case.suite,
         "drawn": list(case.effects),
         "excitation": case.excitation,
+        "asked": case.asked,
         "size": next(iter(case.effects.values()), None),
         "hidden": list(made.truth),
         "in_library": [name for name in made.truth if is_known(name, library)],
@@ -37,8 +38,10 @@ def judge(case: Case) -> dict[str, Any]:
         "library": library,
         "error": None,
     }
+    if case.ends:
+        return result | {"error": "the process ended again and again (too little memory?)"}
     try:
-        result |= _said(made, result["in_library"], library)
+        result |= _said(made, result["in_library"], library if case.asked else None)
     except Exception:
         result["error"] = traceback.format_exc(limit=-3)
     return result
@@ -50,11 +53,11 @@ def is_known(name: str, library: list[str]) -> bool:
     return (f"{kind}:COL" if colon else name) in library
 
 
-def _said(made: Measurement, known: list[str], library: list[str]) -> dict[str, Any]:
+def _said(made: Measurement, known: list[str], asked: list[str] | None) -> dict[str, Any]:
     units = {"input": "V", "output": "um"}
     record = pj.Record.from_arrays(made.time, made.input, made.output, aux=made.aux, units=units)
     begin = time.perf_counter()
-    found = pj.diagnose(record)
+    found = pj.diagnose(record, asked)
     seconds = time.perf_counter() - begin
     content = found.to_json()
     shown = ("effect", "quantity", "value", "above", "rms")
@@ -79,7 +82,7 @@ def _said(made: Measurement, known: list[str], library: list[str]) -> dict[str, 
             "oracle": oracle,
         },
         "oracle_is": kind,
-        "rivals": rival_names(found, library),
+        "rivals": rival_names(found),
         "seconds": seconds,
     }
 

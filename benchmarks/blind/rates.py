@@ -16,7 +16,7 @@ Result = dict[str, Any]
 
 FILE = "results.jsonl"
 EXCITATIONS = ("all", "rich", "fair", "periodic", "poor")
-RIVALS = ("forward", "held_out", "correlation", "sparse")
+RIVALS = ("forward", "effective", "held_out", "correlation", "sparse")
 """Simpler ways to name an effect, which `rivals` explains."""
 
 SEVERAL = ("pairs", "triples", "beside")
@@ -39,6 +39,15 @@ ROUNDING = 1e-9
 PRESENT_SINCE = "2026-11-27T06:03"
 """When intervals were last made longer, by what records that were finished before had shown."""
 
+SIZES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Sizes about which cases are counted together."""
+
+CRASHED: Result = {
+    "verdict": "crashed", "effects": [], "families": [], "parameters": {}, "limits": [],
+    "rivals": {}, "held_out": None,
+}  # fmt: skip
+"""What a case that ended in an error says: nothing, which is right nowhere."""
+
 STEEPEST = 12.0
 """Greatest slope of a detection curve per natural logarithm of size, where the data set none."""
 
@@ -60,9 +69,10 @@ def read_results(folder: Path) -> list[Result]:
     path, found = folder / FILE, []
     for line in path.read_bytes().split(b"\n") if path.exists() else []:
         try:
-            found.append(json.loads(line))
+            row = json.loads(line)
         except ValueError:  # empty, or torn
             continue
+        found.append(CRASHED | row if row["error"] else row)
     return found
 
 
@@ -100,11 +110,14 @@ def detection_sizes(size: Sequence[float], found: Sequence[bool]) -> dict[str, f
 
 
 def summary_of(results: Sequence[Result]) -> dict[str, Any]:
-    """Everything that is told of some results, as JSON can hold it; `tables` shows it."""
+    """Everything that is told of some results, as JSON can hold it; `tables` shows it.
+
+    What crashed counts in every share of right ones.
+    """
+    inside = [one for one in results if one["hidden"] and one["in_library"] == one["hidden"]]
+    outside = [one for one in results if one["hidden"] and one["in_library"] != one["hidden"]]
+    nothing = [one for one in results if not one["hidden"]]
     judged = [one for one in results if not one["error"]]
-    inside = [one for one in judged if one["hidden"] and one["in_library"] == one["hidden"]]
-    outside = [one for one in judged if one["hidden"] and one["in_library"] != one["hidden"]]
-    nothing = [one for one in judged if not one["hidden"]]
     single = [one for one in inside if one["suite"] == "single"]
     limited = [one for one in single if size_at_limit(one) is not None]
     estimates = estimates_of(inside)
@@ -112,9 +125,13 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
     return {
         "cases": len(results),
         "failed": len(results) - len(judged),
-        "confusion": confusion(judged),
+        "confusion": confusion(results),
         **_by_suite(suites),
-        "false_alarms": {way: rate(bool(named(one, way)) for one in nothing) for way in WAYS},
+        "several": rate(is_exact(one) for one in inside if one["suite"] in SEVERAL),
+        "false_alarms": {
+            way: rate(bool(named(one, way)) for one in nothing if was_asked(one, way))
+            for way in WAYS
+        },
         "false_alarms_by_circumstance": _by(
             nothing, circumstance, lambda rows: rate(bool(one["effects"]) for one in rows)
         ),
@@ -123,9 +140,16 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
             nothing, circumstance, lambda rows: rate(map(is_adequate, rows))
         ),
         "first_name_right": {
-            way: rate(named(one, way) == one["hidden"][0] for one in single if is_clear(one))
+            way: rate(
+                named(one, way) == one["hidden"][0]
+                for one in single
+                if is_clear(one) and was_asked(one, way)
+            )
             for way in WAYS
         },
+        "found": _found(inside),
+        "outside_adequate": rate(map(is_adequate, outside)),
+        "outside": _by(outside, lambda one: one["hidden"][0], _of_a_kind),
         "wrong_name_outside": rate(map(has_wrong_name, outside)),
         "not_even_kin_outside": rate(
             not {*one["effects"]} <= {*one["hidden"], *one.get("kin", ())} for one in outside
@@ -139,7 +163,11 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "parameters": _by_parameter(estimates),
         "coverage": rate(covers(each) for each in estimates if each.present),
         "over_oracle": _quantiles(
-            [one["held_out"]["final"] / one["held_out"]["oracle"] for one in inside],
+            [
+                one["held_out"]["final"] / one["held_out"]["oracle"]
+                for one in inside
+                if not one["error"]
+            ],
             {"q25": 0.25, "median": 0.5, "q75": 0.75, "p95": 0.95},
         ),
         "seconds": _quantiles([one["seconds"] for one in judged], {"median": 0.5, "p90": 0.9}),
@@ -172,7 +200,12 @@ def named(result: Result, way: str) -> str | None:
     """The effect that the diagnosis, or a rival, names first; None where it names nothing."""
     if way == "diagnose":
         return next(iter(result["effects"]), None)
-    return result["rivals"][way]
+    return result["rivals"].get(way)
+
+
+def was_asked(result: Result, way: str) -> bool:
+    """Whether a way was there when the record was judged."""
+    return way == "diagnose" or way in result["rivals"]
 
 
 def is_clear(result: Result) -> bool:
@@ -193,7 +226,7 @@ def circumstance(result: Result) -> str:
 def is_visible(result: Result) -> bool:
     """Whether the true effects, fitted, lower the held-out error of the plain model."""
     held_out = result["held_out"]
-    return held_out["oracle"] ** 2 < VISIBLE * held_out["base"] ** 2
+    return held_out is None or held_out["oracle"] ** 2 < VISIBLE * held_out["base"] ** 2
 
 
 def is_exact(result: Result) -> bool:
@@ -209,7 +242,9 @@ def is_named_as_far_as_seen(result: Result) -> bool:
     """
     held_out = result["held_out"]
     some = set(result["effects"]) < set(result["hidden"])
-    hardly_less = held_out["oracle"] ** 2 >= VISIBLE * held_out["final"] ** 2
+    hardly_less = (
+        held_out is not None and held_out["oracle"] ** 2 >= VISIBLE * held_out["final"] ** 2
+    )
     return is_exact(result) or (some and hardly_less)
 
 
@@ -311,12 +346,32 @@ def _by_parameter(estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
     return _by(estimates, lambda each: each.parameter, of)
 
 
+def _found(results: Sequence[Result]) -> dict[str, dict[str, float]]:
+    """How often each hidden effect was named, alone or beside others."""
+    hits: dict[str, list[bool]] = {}
+    for one in results:
+        for name in one["hidden"]:
+            hits.setdefault(short(name), []).append(name in one["effects"])
+    return {name: rate(hits[name]) for name in sorted(hits)}
+
+
+def _of_a_kind(rows: Sequence[Result]) -> dict[str, Any]:
+    """What was said of one kind of physics outside, and the most that an *adequate* leaves."""
+    left = [one["held_out"]["final"] / one["noise_um"] for one in rows if is_adequate(one)]
+    return {
+        "adequate": rate(map(is_adequate, rows)),
+        "named": rate(map(has_wrong_name, rows)),
+        "most_left": max(left, default=None),
+    }
+
+
 def _detection(rows: Sequence[Result]) -> dict[str, Any]:
     size = [one["size"] for one in rows]
+    class_of = [min(SIZES, key=lambda level: abs(np.log(level / each))) for each in size]
     found = [one["hidden"][0] in one["effects"] for one in rows]
     by_size = {
-        f"{level:g}": rate(hit for s, hit in zip(size, found, strict=True) if s == level)
-        for level in sorted(set(size))
+        f"{level:g}": rate(hit for s, hit in zip(class_of, found, strict=True) if s == level)
+        for level in sorted(set(class_of))
     }
     limits = [limit for one in rows if (limit := size_at_limit(one)) is not None]
     limit = {"limit": float(np.median(limits)) if limits else np.nan}

@@ -1,10 +1,13 @@
 """Simpler ways to name an effect, judged on the same records, to show what the score is for.
 
-The first two see the joint refits of the effects, the others the residual of the model without
+The first three see the joint refits of the effects, the others the residual of the model without
 effects:
 
 - `forward`: forward selection by the ordinary information criterion, which takes samples as
   independent, on the held-out error;
+- `effective`: the same with as many samples as there would be of independent ones, by the
+  correlation of neighbours in the residual (G. V. Bayley, J. M. Hammersley, J. R. Stat. Soc.
+  Suppl. 8 (1946) 184-197);
 - `held_out`: the greatest fall of the held-out error, if it falls at all;
 - `correlation`: the effect whose simple sign correlates most with the residual, if the ordinary
   information criterion prefers a term for it;
@@ -26,23 +29,28 @@ LEAST_TERM = 0.1  # of a sparse regression, in parts of the residual
 SLOW = 0.05  # part of the record over which the sign of creep forgets
 
 
-def rival_names(found: pj.Diagnosis, library: list[str]) -> dict[str, str | None]:
+def rival_names(found: pj.Diagnosis) -> dict[str, str | None]:
     """The effect that each simpler way names first, None where it names nothing."""
+    library = list(pj.effects())
     first = [trial for trial in found.candidates if trial.step == 0 and "score" in trial.evidence]
     gain = {trial.effect: trial.gain for trial in first}
-    rows = np.count_nonzero(found.base.record.measured)
-    forward = {
-        name: -rows * np.log1p(-min(fall, 0.999)) - TERMS * np.log(rows)
-        for name, fall in gain.items()
-    }
+    rows = int(np.count_nonzero(found.base.record.measured))
     signs, residual = _signs_and_residual(found, library)
+    alike = min(max(float(residual[1:] @ residual[:-1] / (residual @ residual)), 0.0), 0.9999)
     names = (
-        _greatest(forward, 0.0),
+        _greatest(_criterion(gain, rows), 0.0),
+        _greatest(_criterion(gain, rows * (1 - alike) / (1 + alike)), 0.0),
         _greatest(gain, 0.0),
         _greatest(_correlated(signs, residual), 0.0),
         _greatest(_sparse(signs, residual), 0.0),
     )
     return dict(zip(RIVALS, names, strict=True))
+
+
+def _criterion(gain: dict[str, float], rows: float) -> dict[str, float]:
+    """Fall of the ordinary criterion for each effect by its fall of the held-out mean square."""
+    penalty = TERMS * np.log(rows)
+    return {name: -rows * np.log1p(-min(fall, 0.999)) - penalty for name, fall in gain.items()}
 
 
 def _greatest(score: dict[str, float], least: float) -> str | None:

@@ -1,12 +1,14 @@
 """Run the blind benchmark: how often is `preisach_jax.diagnose` right?
 
-    python benchmarks/blind/run.py --out blind                     # all development cases
-    python benchmarks/blind/run.py --out blind --limit 200 --workers 4
-    python benchmarks/blind/run.py --out told --seeds reporting    # for figures that are told
+    python benchmarks/blind/run.py --out build/blind --limit 20      # of the development draw 1
+    python benchmarks/blind/run.py --out build/blind --draw 2 --suite single --effects creep
+    python benchmarks/blind/run.py --out build/told --report         # for figures that are told
 
-Stages that share no code with the package hide effects of known size.  Each finished case is one
-line of OUT/results.jsonl; the same command goes on where it was interrupted, and writes the tables
-and pictures (`tables.py`) of all that is there.
+Stages that share no code with the package hide effects of known size. `--report` draws the records
+by the name of the commit that is checked out, and takes neither a changed tree nor a selection:
+what is told was frozen before it was drawn. Each finished case is one line of OUT/results.jsonl;
+the same command goes on where it was interrupted, and writes the tables and pictures (`tables.py`)
+of all that is there. A case that ends the process three times counts as crashed.
 """
 
 from __future__ import annotations
@@ -16,21 +18,23 @@ import json
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from provenance import commit, git
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from blind.cases import REPEATS, SEEDS, SIZES, Case, Choice, make_cases
+from blind.cases import COUNTS, Case, make_cases
 from blind.rates import FILE, Result, read_results
 from blind.tables import write_tables
 
@@ -47,12 +51,25 @@ ONE_THREAD = {
 CASES_A_WORKER = 40
 """Cases a worker after which all are replaced, so that what they compiled does not pile up."""
 
+STARTS, MOST_STARTS = "starts.txt", 3
+"""File of the cases that were begun, and how often one may be that never comes to an end."""
 
-def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
+
+def run_cases(
+    cases: Sequence[Case], folder: Path, workers: int, judge: Judge, draw: str = "1"
+) -> None:
     """Judge the cases that have no result yet, and append each result to the file as it comes."""
-    done = {result["id"] for result in read_results(folder)}
+    results = read_results(folder)
+    if others := {row.get("draw", "older") for row in results} - {draw}:
+        sys.exit(f"{folder} has results of draw {', '.join(others)}; choose another folder")
+    done = {result["id"] for result in results}
     left = [case for case in cases if case.id not in done]
-    conditions = _conditions()
+    conditions = _conditions() | {"draw": draw}
+    if others := {row["commit"] for row in results} - {conditions["commit"]}:
+        sys.exit(
+            f"{folder} has results of commit {', '.join(others)}, and {conditions['commit']} is "
+            "checked out; a draw is judged by one version: choose another folder"
+        )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / FILE
@@ -61,19 +78,29 @@ def run_cases(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -
         if content and not content.endswith(b"\n"):  # torn: what follows gets a line of its own
             file.write("\n")
         task = progress.add_task("judging", total=len(cases), completed=len(cases) - len(left))
-        for result in _judged(left, workers, judge):
+        for result in _judged(left, workers, partial(_begun, judge, folder / STARTS)):
             now = datetime.now(UTC).isoformat(timespec="seconds")
             file.write(json.dumps(result | conditions | {"finished": now}) + "\n")
             file.flush()
             progress.update(task, advance=1, description=result["id"])
 
 
-def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge) -> None:
+def _begun(judge: Judge, starts: Path, case: Case) -> Result:
+    """Judge a case, and note that it was begun; too often without an end, and it has crashed."""
+    before = starts.read_text().splitlines() if starts.exists() else []
+    if before.count(case.id) >= MOST_STARTS:
+        return judge(replace(case, ends=True))
+    with starts.open("a") as file:
+        file.write(case.id + "\n")
+    return judge(case)
+
+
+def run_or_stop(cases: Sequence[Case], folder: Path, workers: int, judge: Judge, draw: str) -> None:
     """The same for a command: leaves with a word on how to go on if it is interrupted."""
     # Else the workers would outlive this process.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        run_cases(cases, folder, workers, judge)
+        run_cases(cases, folder, workers, judge, draw)
     except KeyboardInterrupt:
         sys.exit("stopped; what was finished is kept, and the same command goes on")
     except BrokenProcessPool:
@@ -113,32 +140,11 @@ def _leave_interrupts_to_the_parent() -> None:
 
 def _conditions() -> dict[str, Any]:
     packages = ("preisach_jax", "jax", "jaxlib", "numpy", "scipy")
-    return {
-        "versions": {package: version(package) for package in packages},
-        "commit": _commit(Path(__file__).parent),
-    }
-
-
-def _commit(folder: Path) -> str:
-    """The commit that is checked out, with a plus sign if the package was changed since."""
-
-    def git(*words: str) -> str:
-        command = ["git", "-C", str(folder), *words]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-    try:
-        changed = git("status", "--porcelain", "--", ":/preisach_jax")
-        return git("rev-parse", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+    return {"versions": {package: version(package) for package in packages}, "commit": commit()}
 
 
 def _names(text: str) -> list[str]:
     return [name for name in text.split(",") if name]
-
-
-def _sizes(text: str) -> list[float]:
-    return [float(size) for size in _names(text)]
 
 
 def _arguments() -> argparse.Namespace:
@@ -147,13 +153,11 @@ def _arguments() -> argparse.Namespace:
         "command goes on."
     )
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--seeds", choices=list(SEEDS), default="development")
-    parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(REPEATS)}")
+    parser.add_argument("--report", action="store_true", help="draw by the commit checked out")
+    parser.add_argument("--draw", default="1", help="number of a development draw")
+    parser.add_argument("--suite", type=_names, default=[], help=f"of {','.join(COUNTS)}")
     parser.add_argument("--effects", type=_names, default=[], help="only cases that hide one")
     parser.add_argument("--excitation", type=_names, default=[], help="of poor,periodic,fair,rich")
-    parser.add_argument(
-        "--size", type=_sizes, default=[], help=f"of {','.join(f'{size:g}' for size in SIZES)}"
-    )
     parser.add_argument("--limit", type=int, help="at most so many cases, spread evenly")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     return parser.parse_args()
@@ -162,16 +166,23 @@ def _arguments() -> argparse.Namespace:
 def main() -> None:
     """Run what the command line asks for, and write the tables."""
     asked = _arguments()
+    draw = asked.draw
+    if asked.report:
+        if asked.suite or asked.effects or asked.excitation or asked.limit is not None:
+            sys.exit("run.py: --report judges the whole draw; leave the selection out")
+        if git("status", "--porcelain", "--", "preisach_jax", "benchmarks/blind") != "":
+            sys.exit("run.py: --report judges a commit; commit what was changed (git status) first")
+        draw = commit()
+    elif not draw.isdigit():
+        sys.exit(f"run.py: --draw is {draw!r}; a development draw is a number, such as --draw 1")
     try:
-        choice = Choice(
-            asked.suite, asked.effects, asked.excitation, asked.size, asked.seeds, asked.limit
-        )
+        cases = make_cases(draw, asked.suite, asked.effects, asked.excitation, asked.limit)
     except ValueError as error:
         sys.exit(f"run.py: {error}")
     os.environ.update(ONE_THREAD)
     from blind.judge import judge  # loads JAX, which must see the environment
 
-    run_or_stop(make_cases(choice), asked.out, asked.workers, judge)
+    run_or_stop(cases, asked.out, asked.workers, judge, draw)
     write_tables(asked.out)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 PLAYS = 400
 CHUNK = 1000  # samples whose curves are computed at once
 SETTLED = 1e-6  # change of the driven input at which the implicit feedback has settled
+CLOSE = 1e-7  # error of the driven input at which the field behind currents is found
 
 
 def _sigmoid(y: np.ndarray) -> np.ndarray:
@@ -119,6 +120,35 @@ class Stage:
                 after = float(moved @ self.weight + self.reversible(driven)[0])
                 change, h = after - h, after
             state, out[n] = moved, h
+        return out
+
+    def response_behind_currents(self, x: np.ndarray, gain: float) -> np.ndarray:
+        """(time,) output h in um behind x - gain (h - h one sample before), gain in 1/um."""
+        if gain == 0:
+            return self.response(x)
+        nothing = np.zeros(1)
+        state = self.plays.curves(x[:1], nothing)[1][0]
+
+        def moved(driven: float) -> tuple[np.ndarray, float]:
+            at = np.array([driven])
+            low, high = self.plays.curves(at, nothing)
+            after = np.maximum(low[0], np.minimum(high[0], state))
+            return after, float(after @ self.weight + self.reversible(at)[0])
+
+        state, h = moved(float(x[0]))
+        inside, out = float(x[0]), np.empty_like(x)
+        for n, goal in enumerate(x.tolist()):
+            # A secant between bounds: what drives the material lies between the last and the goal.
+            (near, far), before = (inside, goal), h
+            off = near - goal
+            for _ in range(60):
+                state_at, h_at = moved(far)
+                wrong = far - goal + gain * (h_at - before)
+                if abs(wrong) < CLOSE or wrong == off:
+                    break
+                near, off, far = far, wrong, far - wrong * (far - near) / (wrong - off)
+            inside, state, h = far, state_at, h_at
+            out[n] = h
         return out
 
 

@@ -79,6 +79,7 @@ def _overall() -> Rows:
             part["admitted_outside"]
         ),
         "95 % intervals of parameters with the truth": lambda part: _rate_cell(part["coverage"]),
+        "outside the library: called adequate": lambda part: _rate_cell(part["outside_adequate"]),
         "outside the library: a name": lambda part: _rate_cell(part["wrong_name_outside"]),
         "outside the library: a name of no kin": lambda part: _rate_cell(
             part["not_even_kin_outside"]
@@ -126,6 +127,14 @@ def _sections() -> tuple[tuple[str, str, str, Cell], ...]:
             _rate_cell,
         ),
         ("Effects that were not named: printed limits that hold", "effect", "limits", _rate_cell),
+        ("Hidden effects that were named, alone or beside others", "effect", "found", _rate_cell),
+        (
+            "Physics outside the library: called adequate (most that this left, over the noise); a "
+            "name was given",
+            "physics",
+            "outside",
+            _outside_cell,
+        ),
     )
 
 
@@ -151,6 +160,12 @@ def _rate_cell(rate: Summary) -> str:
         return ""
     low, high = 100 * rate["low"], 100 * rate["high"]
     return f"{rate['count']}/{rate['of']} = {100 * rate['rate']:.0f} % [{low:.1f}, {high:.1f}]"
+
+
+def _outside_cell(row: Summary) -> str:
+    adequate, given = row["adequate"], row["named"]
+    left = f" ({row['most_left']:.0f})" if row["most_left"] is not None else ""
+    return f"{adequate['count']}/{adequate['of']}{left}; {given['count']}/{given['of']}"
 
 
 def _detection_cell(row: Summary) -> str:

@@ -16,7 +16,7 @@ from scipy import signal
 
 from blind import hidden
 from blind.excitation import HISTORY_S, Drive, make_drive
-from blind.hidden import FOREIGN, LOAD_N, MACHINES, Scene, Truth
+from blind.hidden import FIELDS, FOREIGN, LOAD_N, MACHINES, Scene, Truth
 from blind.stage import Stage, make_stage
 
 EFFECTS = (
@@ -37,7 +37,10 @@ EFFECTS = (
     "output_quantisation",
     "accommodation",
     *MACHINES,
+    *FIELDS,
 )
+ON_REQUEST = frozenset({"moving", *FIELDS})
+"""Effects that a diagnosis tries only where they are asked for by name."""
 OUTSIDE = ("stick_slip", "backlash", "friction", "telegraph", "gain_walk", *FOREIGN)
 NOTHING = ("plain", "converters", "coloured", "ridges", "relays", "decoys")
 LOAD, AXIS, DECOYS = "load_N", "y_V", ("temp_C", "pressure_kPa")
@@ -179,14 +182,28 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
     scene, step = setting.scene, setting.step_s
     rate = np.gradient(u, step)
     x = setting.position(hidden.rounded(u, truth.get("input_quantisation", {}).get("step", 0.0)))
-    if "moving" in truth:
+    if "restoring_force" in truth:
+        h = hidden.restoring_force(x, truth["restoring_force"], scene.stroke_um, step)
+    elif "moving" in truth:
         h = setting.stage.response_with_feedback(x, truth["moving"]["a"] / scene.span_v)
+    elif "eddy_currents" in truth:
+        h = setting.stage.response_behind_currents(
+            x, truth["eddy_currents"]["k"] / scene.span_v / step
+        )
     else:
-        shift, fade = _widened(truth, rate, scene.span_v), None
+        shift, fade = _widened(setting, truth, rate), None
         if "accommodation" in truth:
             travel = np.abs(np.diff(x, prepend=x[0]))
             fade = -np.expm1(-truth["accommodation"]["fade_per_range"] * travel)
         h = setting.stage.response(x, shift, fade)
+    return _behind(setting, truth, h, u, rate)
+
+
+def _behind(
+    setting: Setting, truth: Mapping[str, Truth], h: np.ndarray, u: np.ndarray, rate: np.ndarray
+) -> np.ndarray:
+    """(time,) where the stage goes, in um, when its hysteresis asks for h."""
+    scene, step = setting.scene, setting.step_s
     if "ageing" in truth:
         h = h * hidden.remaining(setting.t, scene.seconds, truth["ageing"])
     if "gain_walk" in truth:
@@ -196,8 +213,22 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
         h = h * hidden.gain(setting.t, scene.seconds, truth["gain"], step)
     if "creep" in truth:
         h = hidden.creep(h, truth["creep"], step)
+    if "operator_creep" in truth:
+        h = h + hidden.operator_creep(u, truth["operator_creep"], scene.span_v, step)
+    if "excess_loss" in truth:
+        h = h + truth["excess_loss"]["c"] * np.sign(rate) * np.sqrt(np.abs(rate))
+    if "self_heating" in truth:
+        h = h + hidden.self_heating(rate, truth["self_heating"], step)
     if "one_way_creep" in truth:
         h = h + hidden.one_way_creep(h, truth["one_way_creep"], step)
+    return _mechanics(setting, truth, h, rate)
+
+
+def _mechanics(
+    setting: Setting, truth: Mapping[str, Truth], h: np.ndarray, rate: np.ndarray
+) -> np.ndarray:
+    """(time,) where what is coupled to the material goes, in um."""
+    step = setting.step_s
     if "stick_slip" in truth:
         h = hidden.stick_slip(h, truth["stick_slip"])
     if "backlash" in truth:
@@ -213,7 +244,7 @@ def _moved(setting: Setting, truth: Mapping[str, Truth], u: np.ndarray) -> np.nd
     return hidden.resonance(h, truth["resonance"], step) if "resonance" in truth else h
 
 
-def _widened(truth: Mapping[str, Truth], rate: np.ndarray, span_v: float) -> np.ndarray | None:
+def _widened(setting: Setting, truth: Mapping[str, Truth], rate: np.ndarray) -> np.ndarray | None:
     """(time,) by how much the thresholds lie further apart, in parts of the drive's range."""
     shifts: list[np.ndarray] = []
     if "rate_dependence" in truth:
@@ -221,7 +252,11 @@ def _widened(truth: Mapping[str, Truth], rate: np.ndarray, span_v: float) -> np.
         shifts.append(law["widening_v"] * (np.abs(rate) / law["at_v_s"]) ** law["exponent"])
     if "log_rate" in truth:
         shifts.append(hidden.log_widening(rate, truth["log_rate"]))
-    return np.sum(shifts, axis=0) / span_v if shifts else None
+    if "coercivity_walk" in truth:
+        walk = truth["coercivity_walk"]
+        path = hidden.slow_walk(setting.t, setting.scene.seconds, walk["walk_seed"])
+        shifts.append(walk["rms_v"] * path)
+    return np.sum(shifts, axis=0) / setting.scene.span_v if shifts else None
 
 
 def _added(setting: Setting, truth: Mapping[str, Truth], z: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ app: $(STAMP)
 	$(BIN)/preisach app
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --durations 20
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check

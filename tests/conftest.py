@@ -16,7 +16,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # fusion emitters and the split of each module into parts, a program compiles in half the time.
 if os.environ["JAX_PLATFORMS"] == "cpu":
     flags = (
-        "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true "
+        "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
         "--xla_cpu_parallel_codegen_split_count=1"
     )
     # XLA ends the process at a flag that it does not know; 0.11 has the emitters for good.
@@ -29,6 +29,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a core of its own
 import jax
 import numpy as np
 import pytest
+from durations import Durations
 from hypothesis import settings
 from matplotlib.figure import Figure
 
@@ -45,6 +46,10 @@ settings.register_profile("tests", deadline=None, derandomize=True, max_examples
 settings.load_profile("tests")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(Durations())
 
 
 def pytest_collection_modifyitems(items):

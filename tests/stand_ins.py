@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,18 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 
 ROWS = 1200
+
+
+@contextmanager
+def client_in_this_process(workers, scheduler):
+    """What `preisach fleet` asks of Dask, in a thread of this process: nothing need be started."""
+    from distributed import Client, as_completed
+
+    address = "127.0.0.1:0"
+    with Client(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=address
+    ) as own:
+        yield own, as_completed()
 
 
 def make_record(rows: int = ROWS, **options: Any) -> Record:

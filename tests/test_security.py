@@ -22,9 +22,10 @@ import jax
 import numpy as np
 import pytest
 from drivable import model_of
+from stand_ins import client_in_this_process
 
 import preisach_jax as pj
-from preisach_jax.cli import main
+from preisach_jax.cli import fleet, main
 from preisach_jax.files import is_ours
 from preisach_jax.report.content import shareable
 
@@ -68,6 +69,7 @@ def outputs(tmp_path_factory):
         run("diagnose", data, *columns, *fixed, "--report", report)
         run("compare", report / "model.json", data, "--report", out / "comparison")
         run("predict", report / "model.json", data, "--out", out / "prediction.csv")
+        patch.setattr(fleet, "_client", client_in_this_process)
         run("fleet", data, *others, *columns, "--fit", "--levels", "4", "--out", out / "fleet")
         sweep = pj.sweep(jax.random.key(0), levels=(3,), noise=(0.1,), seeds=1, samples=1000)
         sweep.save(out / "sweep.npz")

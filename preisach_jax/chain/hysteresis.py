@@ -23,7 +23,7 @@ from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import HysteresisEffect, Signals, Values
-from preisach_jax.operator.plane import Plane, position_on
+from preisach_jax.operator.plane import Plane, position_on, thresholds_reached
 from preisach_jax.operator.states import Paths, fed_back_states
 
 MOST_COLUMNS = 192
@@ -92,8 +92,7 @@ def _plane_columns(
     chain: Chain, course: Drive, initial_memory: str
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
     nothing = np.zeros(chain.plane.cells)
-    bounds = bounds_along(chain.plane, _first(course), chain.hysteron)
-    first_low, first_high = (np.asarray(bound) for bound in bounds)
+    first_low, first_high = _bounds_at_start(chain, course)
     start = nothing if initial_memory == "free" else stated_start(chain, course, initial_memory)
     if not (first_high > first_low).any() or (initial_memory != "free" and not start.any()):
         # The first sample forces all hysterons, or those it leaves open are off.
@@ -189,9 +188,7 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
     Returns:
         (cells,) shares: zero or one, and a half for ramps on the line of demagnetisation.
     """
-    low, high = (
-        np.asarray(bound[0]) for bound in bounds_along(chain.plane, _first(course), chain.hysteron)
-    )
+    low, high = _bounds_at_start(chain, course)
     first, gap = course.rising[0], high - low
     if initial_memory == MIDDLE:
         return np.where(gap > 0, 0.5, 0.0)
@@ -199,11 +196,29 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
     return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
 
 
-def _first(course: Drive) -> Drive:
-    def first(path: Array) -> np.ndarray:
-        return np.asarray(path)[:1]
+def _bounds_at_start(chain: Chain, course: Drive) -> tuple[np.ndarray, np.ndarray]:
+    """States after the first sample from all off and from all on, `(cells,)`: nothing is compiled.
 
-    return jax.tree.map(first, course)
+    What the input of the thresholds α forces, and then one step, as in `hysteron_states`.
+    """
+    plane, unit = chain.plane, chain.plane.scaled()
+
+    def reached(path: Array) -> tuple[np.ndarray, np.ndarray]:
+        first = (np.asarray(path)[0] - plane.low) / (plane.high - plane.low)
+        return thresholds_reached(unit, first, first, chain.hysteron)
+
+    on_alpha, high = reached(course.rising)
+    low = np.minimum(on_alpha, high)
+    if course.falling is None:
+        return low, high
+    on_beta = reached(course.falling)[1]
+    if course.reversible is not None:
+        diagonal = plane.alpha_index == plane.beta_index
+        own_alpha, own_beta = reached(course.reversible)
+        on_alpha = np.where(diagonal, own_alpha, on_alpha)
+        on_beta = np.where(diagonal, own_beta, on_beta)
+    low, high = np.maximum(low, on_alpha), np.maximum(high, on_alpha)
+    return np.minimum(on_beta, low), np.minimum(on_beta, high)
 
 
 def hysteresis_output(

@@ -357,8 +357,8 @@ class AdaptiveFilter(eqx.Module):
             >>> filt = AdaptiveFilter(Plane(levels=4, low=0.0, high=1.0))
             >>> x = np.abs(np.mod(np.linspace(0.0, 9.0, 400), 2.0) - 1.0)
             >>> room = filt.room(x)
-            >>> batch = jax.jit(jax.vmap(lambda x, z: filt.run(x, z, room=room).weights))
-            >>> batch(np.stack([x, x]), np.stack([x, 2.0 * x])).shape
+            >>> run = lambda x, z: filt.run(x, z, room=room, missing=False).weights
+            >>> jax.jit(jax.vmap(run))(np.stack([x, x]), np.stack([x, 2.0 * x])).shape
             (2, 10)
         """
         return room_for(self.plane, as_float(x, "the input x"))

@@ -500,9 +500,7 @@ def _knots(plane: Plane, like: Any) -> tuple[Any, Any, Any]:
     return xp, knots.astype(dtype), xp.clip(number - 0.5, 0.0, used).astype(dtype)
 
 
-def thresholds_reached(
-    plane: Plane, previous: jax.Array, x: jax.Array, hysteron: str
-) -> tuple[jax.Array, jax.Array]:
+def thresholds_reached(plane: Plane, previous: Any, x: Any, hysteron: str) -> tuple[Any, Any]:
     """Tell how far the input has reached each hysteron's two thresholds.
 
     Relay: χ(x - α) and χ(x - β) of (3), (4) in 0/1 form. A rising input reaches a threshold on
@@ -512,16 +510,17 @@ def thresholds_reached(
     Ramp: ρ_i(x) = clip((x - low)/δx - i, 0, 1), a ramp of width δx centred on threshold i.
 
     `previous` is the input one sample before, and `x` itself at the first sample. The result is
-    `(on_alpha, on_beta)`, (cells,) each, in [0, 1].
+    `(on_alpha, on_beta)`, (cells,) each, in [0, 1], of NumPy if `x` is.
     """
+    xp: Any = np if isinstance(x, np.generic) else jnp
     if hysteron == "ramp":
         position = position_on(plane, x)
-        on_alpha = jnp.clip(position - jnp.asarray(plane.alpha_index, x.dtype), 0.0, 1.0)
-        on_beta = jnp.clip(position - jnp.asarray(plane.beta_index, x.dtype), 0.0, 1.0)
+        on_alpha = xp.clip(position - xp.asarray(plane.alpha_index, x.dtype), 0.0, 1.0)
+        on_beta = xp.clip(position - xp.asarray(plane.beta_index, x.dtype), 0.0, 1.0)
         return on_alpha, on_beta
-    alpha, beta = jnp.asarray(plane.alpha, x.dtype), jnp.asarray(plane.beta, x.dtype)
-    on_alpha = jnp.where(x > previous, x >= alpha, x > alpha)
-    on_beta = jnp.where(x < previous, x > beta, x >= beta)
+    alpha, beta = xp.asarray(plane.alpha, x.dtype), xp.asarray(plane.beta, x.dtype)
+    on_alpha = xp.where(x > previous, x >= alpha, x > alpha)
+    on_beta = xp.where(x < previous, x > beta, x >= beta)
     return on_alpha.astype(x.dtype), on_beta.astype(x.dtype)
 
 

@@ -20,7 +20,7 @@ from drivable import (
 from scipy import signal
 
 import preisach_jax as pj
-from preisach_jax.compensation.straight import tracking
+from preisach_jax.compensation.drive import tracking
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.input_quantisation import InputQuantisation
 from preisach_jax.effects.output_quantisation import OutputQuantisation

@@ -21,8 +21,7 @@ from preisach_jax.app.layout import BLOCK, WRAP, Dropper, button, plots, styled
 from preisach_jax.app.upload import table_of
 from preisach_jax.app.views import MOST_DRAWN, NARROW, drawn_figure, limits_of, place_legend, span
 from preisach_jax.compensation import Compensation, compensate
-from preisach_jax.compensation.exchange import drive_csv, wanted_course
-from preisach_jax.compensation.straight import Tracking, tracking
+from preisach_jax.compensation.drive import Tracking, drive_csv, tracking, wanted_course
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
 from preisach_jax.effects.base import auxiliary_columns

@@ -603,7 +603,7 @@ def compensate(
 ) -> dict[str, Any]:
     """Find the input that makes the output follow a wanted course."""
     from preisach_jax.compensation import compensate as run
-    from preisach_jax.compensation.exchange import COLUMNS, drive_csv, wanted_course
+    from preisach_jax.compensation.drive import COLUMNS, drive_csv, wanted_course
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
     from preisach_jax.record import Record

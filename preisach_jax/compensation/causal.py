@@ -20,6 +20,7 @@ from preisach_jax.chain import sensed
 from preisach_jax.chain.driven import all_widen
 from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
+from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
 from preisach_jax.compensation.series import Law, Series
 from preisach_jax.effects.base import (
@@ -35,6 +36,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
+from preisach_jax.record import Record
 
 USUAL_PER_S = 20.0
 """Ranges of the input a second at which it is reckoned over how many samples a speed is taken."""
@@ -95,6 +97,23 @@ class Causal:
     forward: Forward
     step_s: float
     limits: Limits
+
+    @staticmethod
+    def of(model: Model, rate_hz: float, limits: Limits, after: Record | None) -> Causal:
+        """Those of a model behind what was played before."""
+        check_causal(model)
+        time = np.arange(2) / rate_hz
+        aux = {
+            name: np.full(2, 0.0 if after is None else after.aux[name][-1])
+            for name in auxiliary_columns(model.effects)
+        }
+        past = past_of(model, Record.from_arrays(time, 0 * time, 0 * time, aux=aux), after)
+        forward = Forward.of(
+            model,
+            replace(past, time=past.time[:1]),
+            {name: values[:1] for name, values in aux.items()},
+        )
+        return Causal(forward, 1 / rate_hz, limits)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -363,10 +382,7 @@ class Causal:
 
     def before_sensor(self, reading: Array) -> Array:
         """The output at which the sensor reads a value."""
-        for effect, share in reversed(self.forward.sensors):
-            columns = effect.at(self.forward.values[effect.name]).columns(reading[None])
-            reading = reading - (columns @ jnp.asarray(share))[0]
-        return reading
+        return self.forward.before_sensor(reading[None])[0]
 
     def _reading(self, value: Array) -> Array:
         kept: tuple[Effect, ...] = tuple(e for e, _ in self.forward.sensors if not e.converts)

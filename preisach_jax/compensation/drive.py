@@ -1,22 +1,28 @@
-"""The input that makes a stage follow a wanted output."""
+"""The input that makes a stage follow a wanted output, what it is worth, and its files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.compensation.causes import Attempt, sentences
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import Past, past_of
-from preisach_jax.compensation.search import DriveSearch, Limits
+from preisach_jax.compensation.search import DriveSearch, Limits, limited
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.quantity import pretty_unit, quantity
 from preisach_jax.record import Record
+from preisach_jax.record.channels import SAMPLES
+from preisach_jax.record.columns import NO_CLOCK
+from preisach_jax.record.table import Table
 
 GAP_STEPS = 5.0
 """A step this many times the usual one is a gap in the course."""
@@ -105,7 +111,7 @@ def compensate(
     with on_processor():
         past = past_of(model, wanted, after)
         forward = Forward.of(model, past, aux)
-        aim = forward.before_sensor(wanted.output)
+        aim = np.asarray(forward.before_sensor(jnp.asarray(wanted.output)))
         stroke = float(np.abs(model.weights).sum())
         good = max(1.96 * model.rms_validation, REACHED * stroke)
         search = DriveSearch(forward, aim, allowed, good)
@@ -237,3 +243,128 @@ def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.nda
             "the model was identified; the band does not allow for that"
         )
     return notes
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """RMS tracking errors to expect on a course, in the unit of the output.
+
+    Attributes:
+        compensated: with the drive of the inverse.
+        straight: with the affine map that fits that drive best.
+        model: held-out error of the model, which both contain.
+    """
+
+    compensated: float
+    straight: float
+    model: float
+
+
+def tracking(
+    model: Model,
+    wanted: Record,
+    found: Compensation,
+    *,
+    after: Record | None = None,
+    limits: Sequence[float] | None = None,
+    slew: float | None = None,
+) -> Tracking:
+    r"""How well a drive follows its course, and how well a straight line would.
+
+    What the model expects differs from the course by an RMS of \(e\), and the stage from the model
+    by its held-out error \(\sigma\): together \(\sqrt{e^2 + \sigma^2}\).  The affine map
+    \(u = a + b\,z\) is that which fits the drive of the inverse best, within the same limits.
+    """
+    rows = slice(-len(found.time), None)
+    aux = {name: wanted.aux[name] for name in auxiliary_columns(model.effects)}
+    with on_processor():
+        past = past_of(model, wanted, after)
+        dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
+        line = _fitted(found.wanted, found.drive)
+        straight = limited(line, dt, limits_of(model, limits, slew)[0], past.last_input)
+        output = replace(model, band=None).predict(past.record(straight, aux)).output[rows]
+    own = model.rms_validation
+    return Tracking(
+        float(np.hypot(_rms(found.expected - found.wanted), own)),
+        float(np.hypot(_rms(output - found.wanted), own)),
+        own,
+    )
+
+
+def _fitted(wanted: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """The drive as a straight line of the course, by least squares."""
+    centred = wanted - wanted.mean()
+    power = float(centred @ centred)
+    slope = float(centred @ drive) / power if power > 0 else 0.0
+    return drive.mean() + slope * centred
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+COLUMNS = ("t", "u", "z_expected", "z_low", "z_high", "reachable")
+"""Columns of a drive's file."""
+
+
+def drive_csv(found: Compensation) -> bytes:
+    """A drive as the text of its file, one row for each row of the course."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    series = (found.time, found.drive, found.expected, found.low, found.high)
+    reachable = found.reachable.astype(int)
+    writer.writerows(zip(*(values.tolist() for values in (*series, reachable)), strict=True))
+    return text.getvalue().encode()
+
+
+def wanted_course(
+    model: Model,
+    table: Table,
+    name: str,
+    *,
+    time: str | None = None,
+    output: str | None = None,
+    aux: Sequence[str] = (),
+    rate: float | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Record:
+    """The wanted course in a file, as a record whose output it is.
+
+    Arguments:
+        rate: sampling rate in Hz, in place of a column of time.
+        units: units by role or column.
+    """
+    output = output or model.columns["output"]
+    own_time = NO_CLOCK if model.units.get("time") == SAMPLES else model.columns["time"]
+    time = time or (None if rate is not None else own_time)
+    units = dict(units or {})
+    if "output" in units:
+        units["input"] = units.pop("output")
+    else:
+        units.pop("input", None)
+    if time not in (None, NO_CLOCK) and (own := model.units.get("time")):
+        units.setdefault("time", own)
+    names = [*aux, *(column for column in auxiliary_columns(model.effects) if column not in aux)]
+    # A record has an input without holes: of a course that is its output, which goes by that name
+    # in what the reader says of it.
+    try:
+        course = Record.of_table(
+            table,
+            name,
+            time=time,
+            input=output,
+            aux=names,
+            rate=rate,
+            units=units,
+            need_output=False,
+        )
+    except InputError as error:
+        said = str(error).replace("--input", "--output")
+        raise InputError(said.replace("the input must be", "the wanted output must be")) from error
+    if course.torn_row is not None:
+        raise InputError(
+            f"{table.source}: the last row, {course.torn_row}, breaks off; complete or remove it"
+        )
+    channels = {**course.channels, "output": course.channels["input"]}
+    return replace(course, output=course.input, channels=channels)

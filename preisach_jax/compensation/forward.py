@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from preisach_jax.chain import (
     Chain,
@@ -132,13 +133,12 @@ class Forward:
         parts = {name: getattr(course, name)[self.past.count :] for name in vars(course)}
         return Course(**parts)
 
-    def before_sensor(self, reading: np.ndarray) -> np.ndarray:
-        """The output of the rest of the model at which the sensor reads a value."""
-        output = jnp.asarray(reading)
+    def before_sensor(self, reading: Array) -> Array:
+        """(time,) output of the rest of the model at which the sensor reads so."""
         for effect, share in reversed(self.sensors):
-            columns = effect.at(self.values[effect.name]).columns(output)
-            output = output - columns @ jnp.asarray(share)
-        return np.asarray(output)
+            columns = effect.at(self.values[effect.name]).columns(reading)
+            reading = reading - columns @ jnp.asarray(share)
+        return reading
 
     def added(self) -> list[tuple[AddedEffect, np.ndarray]]:
         """The effects that add to the output, with their coefficients."""

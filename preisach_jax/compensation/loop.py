@@ -13,10 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.compensation.causal import Causal, CausalState, check_causal
-from preisach_jax.compensation.forward import Forward
+from preisach_jax.compensation.causal import Causal, CausalState
 from preisach_jax.compensation.online import OnlineInverse
-from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import auxiliary_columns
@@ -96,20 +94,13 @@ def simulated_stage(model: Model, rate_hz: float, after: Record | None = None) -
     Returns:
         The stage.
     """
-    check_causal(model)
-    columns = auxiliary_columns(model.effects)
-    time = np.arange(2) / rate_hz
-    aux = {name: np.zeros(2) if after is None else after.aux[name][-2:] for name in columns}
     with on_processor():
-        past = past_of(model, Record.from_arrays(time, 0 * time, 0 * time, aux=aux), after)
-        past = replace(past, time=past.time[:1])
-        forward = Forward.of(model, past, {name: v[:1] for name, v in aux.items()})
         free = Limits(model.plane.low, model.plane.high, math.inf)
-        causal = Causal(forward, 1 / rate_hz, free)
+        causal = Causal.of(model, rate_hz, free, after)
         state = causal.start()
         step: Callable[[CausalState, Array], tuple[CausalState, Array]] = jax.jit(causal.played)
 
-    return _Played(step, state, columns)
+    return _Played(step, state, auxiliary_columns(model.effects))
 
 
 class _Played:

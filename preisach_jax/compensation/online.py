@@ -6,7 +6,6 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -16,10 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.compensation.causal import Causal, CausalState, check_causal
+from preisach_jax.compensation.causal import Causal, CausalState
 from preisach_jax.compensation.drive import limits_of
-from preisach_jax.compensation.forward import Forward
-from preisach_jax.compensation.past import past_of
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, auxiliary_columns
 from preisach_jax.errors import ContentError, InputError
@@ -117,11 +114,9 @@ class OnlineInverse:
         self._model, self._rate, self._step_size = model, float(rate_hz), float(step_size)
         self._limits, self._follow_s = limits_of(model, limits, slew)[0], float(follow_s)
         model.check_invertible()
-        check_causal(model)
-        columns = auxiliary_columns(model.effects)
-        self._aux_columns = list(dict.fromkeys(columns))
+        self._aux_columns = auxiliary_columns(model.effects)
         with on_processor():
-            self._causal = self._causal_behind(after)
+            self._causal = Causal.of(model, self._rate, self._limits, after)
             # Before the steps are traced, which read them: numbers of the model and the rate.
             _ = self._causal.laws, self._share
             start = self._causal.start()
@@ -137,21 +132,6 @@ class OnlineInverse:
         self.expected = self.drive = math.nan
         self.reached = True
         self._good = max(1.96 * model.rms_validation, 1e-6 * float(np.abs(model.weights).sum()))
-
-    def _causal_behind(self, after: Record | None) -> Causal:
-        time = np.arange(2) / self._rate
-        aux = {
-            name: np.full(2, 0.0 if after is None else after.aux[name][-1])
-            for name in self._aux_columns
-        }
-        one = Record.from_arrays(time, 0 * time, 0 * time, aux=aux)
-        past = past_of(self._model, one, after)
-        past = replace(past, time=past.time[:1])
-        return Causal(
-            Forward.of(self._model, past, {k: v[:1] for k, v in aux.items()}),
-            1 / self._rate,
-            self._limits,
-        )
 
     @cached_property
     def _share(self) -> float:

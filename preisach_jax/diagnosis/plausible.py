@@ -85,8 +85,9 @@ def _more_than_its_past(problem: Problem, point: Point, effect: OutputEffect) ->
     The elements of a creep decay from where an unknown past has left them, whatever their gains:
     with hardly any gain, they are a drift.  Beside a drift, they and it make up for each other.
     """
-    drifts = (each for each in point.chain.at(AddedEffect) if each.of_time_alone)
-    if not effect.bounds_its_past or any(each.name in effect.confused_with for each in drifts):
+    added = [each for each in point.chain.effects if isinstance(each, AddedEffect)]
+    drifts = (each.name for each in added if each.of_time_alone)
+    if not effect.bounds_its_past or any(name in effect.confused_with for name in drifts):
         return ""
     left = float(np.ptp(point.share_of(effect.name))) * problem.unit
     stroke = float(np.abs(point.coefficients().weights).sum())

@@ -39,6 +39,15 @@ def slow_states(plane, x, hysteron):
     return slow_relays(plane, x).astype(float) if hysteron == "relay" else slow_ramps(plane, x)
 
 
+def play(x, width, start=None):
+    """The play operator of half a width, sample by sample, at rest unless it starts elsewhere."""
+    place, course = x[0] if start is None else start, []
+    for value in np.asarray(x).tolist():
+        place = min(max(place, value - width), value + width)
+        course.append(place)
+    return np.array(course)
+
+
 def wandering(plane=PLANE, samples=SAMPLES, seed=1, speed=0.37, high=None):
     """Ramps between random turning points: several samples to a level, so that many switch none."""
     rng, high = np.random.default_rng(seed), plane.high if high is None else high

@@ -5,6 +5,7 @@ import shlex
 
 import numpy as np
 import pytest
+from oracles import play
 
 import preisach_jax as pj
 from preisach_jax.cli import main
@@ -35,13 +36,7 @@ def stage(rows=3000):
     """Input and output of a loop with hysteresis, made by a play of one width and its half."""
     t = np.arange(rows) / RATE
     u = 5 - 5 * np.cos(1.3 * t) * (1 - t / 40)
-    z = np.zeros(rows)
-    for width in (0.5, 1.0):
-        play = 0.0
-        for k, value in enumerate(u):
-            play = min(max(play, value - width), value + width)
-            z[k] += play
-    return t, u, z
+    return t, u, play(u, 0.5, 0.0) + play(u, 1.0, 0.0)
 
 
 @pytest.fixture(scope="module")

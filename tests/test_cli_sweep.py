@@ -1,8 +1,6 @@
 """`preisach sweep` and `preisach figures`: what they write and show, and how they can end."""
 
 import json
-import subprocess
-import sys
 
 import jax
 import numpy as np
@@ -56,36 +54,24 @@ def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
     np.testing.assert_array_equal(Sweep.load(out).noise_part, expected.noise_part)
 
 
-# The second chunk begins, and never ends.
-HANGING = """
-import sys, time
-from preisach_jax.cli import main
-from preisach_jax.paper import sweep as module
-
-genuine = module.sweep
-
-def hang(key, levels, noise, seeds, samples):
-    if seeds == [2, 3]:
-        print("hanging", flush=True)
-        time.sleep(300)
-    return genuine(key, levels, noise, seeds, samples)
-
-module.sweep = hang
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path, capsys):
+def test_what_was_interrupted_goes_on_to_the_same_numbers(expected, tmp_path, capsys, monkeypatch):
     out = tmp_path / "a sweep"
     words = [*WORDS, "--out", str(out)]
-    with subprocess.Popen(
-        [sys.executable, "-c", HANGING, *words], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "hanging\n"
-        process.kill()
+
+    def interrupted(key, levels, noise, seeds, samples):
+        if seeds == [2, 3]:
+            raise KeyboardInterrupt
+        return sweep(key, levels, noise, seeds, samples)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "sweep", interrupted)
+        assert main(words) == 130
+    again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])
+    said = f"preisach: interrupted; {out} keeps what was finished; resume with: {again}\n"
+    assert capsys.readouterr().err.endswith(said)
     first = out / "seeds_0000-0001.npz"
     before = first.stat().st_mtime_ns
+    # As a process that was killed leaves it:
     (out / ".seeds_0002-0003.npz.0a1b2c3d.999999999.part").write_bytes(b"half")
     assert main(words) == 0
     assert first.stat().st_mtime_ns == before
@@ -100,19 +86,6 @@ def test_what_was_killed_goes_on_to_the_same_numbers(expected, tmp_path, capsys)
     message = capsys.readouterr().err
     assert f"{out} holds a sweep with key 0,7 and not 0,6: choose another" in message
     assert "--restart" in message
-
-
-def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "sweep", interrupted)
-    out = str(tmp_path / "a sweep")
-    assert main([*WORDS, "--restart", "--out", out]) == 130
-    again = " ".join(["preisach", *WORDS, "--out", f"'{out}'"])
-    assert capsys.readouterr().err == (
-        f"preisach: interrupted; {out} keeps what was finished; resume with: {again}\n"
-    )
 
 
 @pytest.mark.parametrize(

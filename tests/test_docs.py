@@ -45,15 +45,11 @@ SHORTER = {
     "levels=13": "levels=9",
     "optax.adam(1e-2))": "optax.adam(1e-2), training_steps=400)",
     "relays.run(x, z)": "relays.run(x, z, missing=False)",  # one program in place of two
+    "key(0), levels=(13, 9, 5), seeds=2, samples=20_000": (  # the setting of test_sweep.py
+        "key(7), (5, 3), (0.05, 0.2, 0.5), seeds=2, samples=1000"
+    ),
 }
 """What makes the blocks quicker; nothing else of them is changed."""
-ON_A_PAGE = {
-    "how-to/own-effect.md": {  # the plane of another page with this record, too coarse to be sure
-        "pj.fit(record": "pj.fit(record, levels=9",
-        "== 0.023": "== 0.043",
-        "rate.low > 0": "rate.value > 0",
-    }
-}
 
 
 def marked(page):
@@ -66,7 +62,7 @@ def test_the_python_of_a_page_runs_in_its_order(page, tmp_path, monkeypatch, cap
     names: dict[str, Any] = {"__name__": "page"}
     for number, (block, printed) in enumerate(blocks(page), start=1):
         quick = block
-        for long, short in (SHORTER | ON_A_PAGE.get(name_of(page), {})).items():
+        for long, short in SHORTER.items():
             quick = quick.replace(long, short)
         exec(compile(quick, f"{name_of(page)}, block {number}", "exec"), names)
         said = capsys.readouterr().out

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from found import LEVELS, found, record_of
+from oracles import play
 
 import preisach_jax as pj
 from preisach_jax.record.faults import faults
@@ -11,14 +12,7 @@ TIME = np.arange(6000) / 1000
 PATH = 5 - 5 * np.cos(2 * np.pi * TIME * (0.5 + 0.1 * TIME))
 
 
-def play(half):
-    output, at = np.empty(len(PATH)), PATH[0]
-    for k, u in enumerate(PATH):
-        output[k] = at = min(max(at, u - half), u + half)
-    return output
-
-
-NOISY = play(1) + 0.2 * PATH + np.random.default_rng(0).normal(0, 0.005, len(PATH))
+NOISY = play(PATH, 1.0) + 0.2 * PATH + np.random.default_rng(0).normal(0, 0.005, len(PATH))
 
 
 def faults_of(output):
@@ -79,7 +73,7 @@ def relays():
             np.maximum.accumulate(PATH * (TIME < 2)) + 0.1 * PATH, id="keeps what it has reached"
         ),
         pytest.param(np.round(50 * np.tanh((NOISY - 6) / 1.5)) / 50, id="saturates in steps"),
-        pytest.param(play(2), id="backlash rests where it turns"),
+        pytest.param(play(PATH, 2.0), id="backlash rests where it turns"),
     ],
 )
 def test_what_an_actuator_does_by_itself_is_no_fault(output):

@@ -591,7 +591,7 @@ def test_refused_with_what_leads_on(tmp_path, name):
         pytest.importorskip(needed)
     case = REFUSED[name]
     put(tmp_path / name, case.content)
-    begun = clock.perf_counter()
+    begun = clock.process_time()
     with pytest.raises(pj.InputError) as caught:
         pj.Record.load(tmp_path / name, **case.options)
     message = str(caught.value)
@@ -600,7 +600,7 @@ def test_refused_with_what_leads_on(tmp_path, name):
     assert len(message) < 600
     for words in case.refused:
         assert any(word in message for word in words.split("|")), message
-    assert clock.perf_counter() - begun < 10
+    assert clock.process_time() - begun < 10
 
 
 @pytest.mark.parametrize(

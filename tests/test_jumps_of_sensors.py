@@ -3,6 +3,7 @@ left as it is."""
 
 import numpy as np
 import pytest
+from oracles import play
 
 import preisach_jax as pj
 from preisach_jax.record.joined import by_run, joined
@@ -18,12 +19,7 @@ HEIGHTS = (0.05, -0.04, -0.06, 0.05, 0.03, -0.05)
 
 def plays(path=PATH):
     """A stage of thirty plays of growing width, up to 0.6 of the stroke."""
-    widths = np.linspace(0.0, 1.5, 30)
-    at, output = np.full(30, path[0]), np.empty(len(path))
-    for k, u in enumerate(path):
-        at = np.clip(at, u - widths, u + widths)
-        output[k] = at.mean()
-    return output
+    return np.mean([play(path, width) for width in np.linspace(0.0, 1.5, 30)], axis=0)
 
 
 PLAYS = plays()

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracles import play
 from scipy import signal
 
 import preisach_jax as pj
@@ -44,14 +45,7 @@ def drive(seed, count):
 
 def plays(u, thresholds=(0.4, 0.9, 1.6, 2.5), weight=0.2):
     """A stack of play operators of equal weights, at rest at the first sample."""
-    total = 0.5 * u
-    for threshold in thresholds:
-        state, track = u[0], np.empty(len(u))
-        for k, value in enumerate(u):
-            state = max(value - threshold, min(value + threshold, state))
-            track[k] = state
-        total = total + weight * track
-    return total
+    return 0.5 * u + weight * sum(play(u, threshold) for threshold in thresholds)
 
 
 def test_the_number_of_modes_is_found_saved_and_exported_to_c(tmp_path):

@@ -71,7 +71,8 @@ def outputs(tmp_path_factory):
         run("predict", report / "model.json", data, "--out", out / "prediction.csv")
         patch.setattr(fleet, "_client", client_in_this_process)
         run("fleet", data, *others, *columns, "--fit", "--levels", "4", "--out", out / "fleet")
-        sweep = pj.sweep(jax.random.key(0), levels=(3,), noise=(0.1,), seeds=1, samples=1000)
+        setting: Any = ((5, 3), (0.05, 0.2, 0.5), 2, 1000)  # of which test_sweep.py has the program
+        sweep = pj.sweep(jax.random.key(7), *setting)
         sweep.save(out / "sweep.npz")
         online = pj.OnlineFilter(pj.AdaptiveFilter(pj.Plane(levels=3, low=0.0, high=1.0)))
         online(0.5, 1.0)

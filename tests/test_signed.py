@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import world
+from oracles import play
 
 import preisach_jax as pj
 from preisach_jax.export.description import describe
@@ -18,15 +19,6 @@ from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.plot import density
 
 WIDTH, NOISE = 0.15, 0.002
-
-
-def play(u, radius):
-    """The play operator, sample by sample."""
-    state, course = u[0], []
-    for value in u:
-        state = min(max(state, value - radius), value + radius)
-        course.append(state)
-    return np.array(course)
 
 
 def drive(seed, count=3000):

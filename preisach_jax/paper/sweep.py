@@ -455,9 +455,10 @@ def sweep(
         InputError: a number is out of its range.
 
     Example:
-        >>> found = sweep(jax.random.key(0), levels=(5, 3), noise=(0.1,), seeds=2, samples=2000)
+        >>> settings = {"levels": (5, 3), "noise": (0.05, 0.2, 0.5), "seeds": 2, "samples": 1000}
+        >>> found = sweep(jax.random.key(7), **settings)
         >>> found.weight_error_squared.shape, found.auxiliary_norm().shape
-        ((2, 1, 2), (2,))
+        ((2, 3, 2), (2,))
     """
     key = as_key(key)
     levels, noise, numbers, samples = checked_settings(levels, noise, seeds, samples)

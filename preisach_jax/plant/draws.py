@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError, require_list
-from preisach_jax.plant import machines
 from preisach_jax.plant.stage import RANGE_V
 
 CREEP_DECADES = (-2.0, 1.0)  # of the time constants in s
@@ -24,6 +23,9 @@ class Measurement:
     fastest: float
 
 
+SHORT = {"aux": "aux:load_N", "gain": "gain:temp_C", "cross": "cross:y_V"}
+"""Short names of the effects of a column."""
+
 OF_THE_PLAYS = ("rate_dependence", "log_rate", "moving")
 """Effects that act on the plays of the stage."""
 
@@ -31,7 +33,7 @@ OF_THE_PLAYS = ("rate_dependence", "log_rate", "moving")
 def effect_names(effects: Sequence[str]) -> list[str]:
     """Full names of effects."""
     require_list("effects", effects)
-    names = [machines.SHORT.get(name, name) for name in effects]
+    names = [SHORT.get(name, name) for name in effects]
     for name in names:
         if name not in EFFECTS:
             raise InputError(f"the stage has no effect {name!r}: choose from {', '.join(EFFECTS)}")
@@ -147,6 +149,73 @@ def _draw_grating(
     return {"step_um": float(rng.uniform(0.05, 0.3))}
 
 
+def _draw_viscosity(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
+    """A viscous part, and in half of all cases one that saturates well below the greatest rate."""
+    fastest = measurement.fastest or 1.0
+    saturates = bool(rng.uniform() < 0.5)
+    return {
+        "viscous_um_s_per_V": float(rng.uniform(1.0, 2.0)) * swing / fastest,
+        "saturating_um": saturates * float(rng.uniform(1.0, 2.0)) * swing,
+        "speed_V_per_s": float(rng.uniform(0.02, 0.1)) * fastest,
+        "tau_s": float(rng.uniform(1e-3, 4e-3)),
+    }
+
+
+def _draw_gain(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
+    """Change of the whole loop by a degree."""
+    return {"gain_per_C": float(rng.choice([-1.0, 1.0]) * rng.uniform(0.003, 0.008))}
+
+
+def _draw_cross(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
+    """Leak of another axis of 10 V through a mode that its drive reaches."""
+    return {
+        "gain_um_per_V": float(rng.choice([-1.0, 1.0])) * swing / 20.0,
+        "f_hz": float(rng.uniform(25.0, 70.0)),
+        "zeta": float(rng.uniform(0.03, 0.15)),
+    }
+
+
+def _draw_leakage(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
+    """Time constant of a charge amplifier, of the order of the record."""
+    return {"tau_s": float(measurement.duration_s * 10.0 ** rng.uniform(-0.5, 0.5))}
+
+
+def _draw_log_rate(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
+    """Widening by a decade of the rate, V, and the rate below which there is none, V/s."""
+    return {
+        "coefficient_V": float(rng.uniform(0.004, 0.012) * RANGE_V),
+        "slow_V_per_s": float((measurement.fastest or 1.0) * 10.0 ** rng.uniform(-4.0, -3.0)),
+    }
+
+
+def _draw_body(rng: np.random.Generator, measurement: Measurement, swing: float) -> dict[str, Any]:
+    """A body on two springs, one of which yields, of the stage's stroke over its range."""
+    return {
+        "f_hz": float(rng.uniform(4.0, 8.0)),
+        "zeta": float(0.01 * 3.0 ** rng.uniform()),
+        "share": float(rng.uniform(0.3, 0.6)),
+        "stiffness_V_per_um": RANGE_V / measurement.stroke_um,
+        "beta": float(rng.uniform(0.3, 0.7)),
+        "gamma": float(rng.uniform(-0.2, 0.2)),
+        "yield_um": float(rng.uniform(0.15, 0.3) * measurement.stroke_um),
+    }
+
+
+def _draw_excess(
+    rng: np.random.Generator, measurement: Measurement, swing: float
+) -> dict[str, Any]:
+    """A part that goes with the root of the rate, µm/(V/s)^(1/2)."""
+    return {
+        "coefficient": float(rng.uniform(1.0, 2.0)) * swing / (measurement.fastest or 1.0) ** 0.5
+    }
+
+
 # New effects go to the end: the place is part of the seed.
 _DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, Any]]] = {
     "creep": _draw_creep,
@@ -164,13 +233,13 @@ _DRAWS: dict[str, Callable[[np.random.Generator, Measurement, float], dict[str, 
     "moving": _draw_moving,
     "input_quantisation": _draw_converter,
     "output_quantisation": _draw_grating,
-    "viscosity": lambda rng, made, swing: machines.draw_viscosity(rng, made.fastest, swing),
-    "gain:temp_C": lambda rng, made, swing: machines.draw_gain(rng),
-    "cross:y_V": lambda rng, made, swing: machines.draw_cross(rng, swing),
-    "leakage": lambda rng, made, swing: machines.draw_leakage(rng, made.duration_s),
-    "log_rate": lambda rng, made, swing: machines.draw_log_rate(rng, made.fastest),
-    "restoring_force": lambda rng, made, swing: machines.draw_body(rng, made.stroke_um),
-    "excess_loss": lambda rng, made, swing: machines.draw_excess(rng, made.fastest, swing),
+    "viscosity": _draw_viscosity,
+    "gain:temp_C": _draw_gain,
+    "cross:y_V": _draw_cross,
+    "leakage": _draw_leakage,
+    "log_rate": _draw_log_rate,
+    "restoring_force": _draw_body,
+    "excess_loss": _draw_excess,
 }
 
 EFFECTS = tuple(_DRAWS)

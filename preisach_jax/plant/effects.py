@@ -8,25 +8,31 @@ u is the drive, h the output of the hysteresis, y what it has become up to there
 | `slew_limit` | u' follows u at no more than slew | `slew_V_per_s` |
 | `input_lag` | tau du'/dt = u - u' | `tau_s` |
 | `rate_dependence` | slacks grow by coefficient (rate of u)^exponent | `coefficient`, `exponent` |
+| `log_rate` | slacks grow by c log10(1 + rate of u / slow) | `coefficient_V`, `slow_V_per_s` |
+| `restoring_force` | a body on a spring that yields, in place of the plays | see `swung` |
 | `moving` | u + a h drives the hysteresis | `a_V_per_um` |
+| `gain:temp_C` | h (1 + gain (temp - 20 °C)) | `gain_per_C` |
 | `ageing` | h (1 - loss s(t)), s from 0 to 1 with tau | `loss`, `tau_s` |
 | `creep` | y + Σ_i gain_i lag_i(y) | `gain_per_decade`, `gains`, `tau_s` |
 | `resonance` | y'' + 2 zeta ω y' + ω² y = ω² h, ω = 2π f | `f_hz`, `zeta` |
 | `output_lag` | tau dy/dt = h - y | `tau_s` |
 | `delay` | y(t - delay) | `delay_s` |
+| `viscosity` | + a w + b tanh(w / speed), tau dw/dt = du/dt - w | see `with_forces` |
+| `excess_loss` | + coefficient sgn(du/dt) |du/dt|^(1/2) | `coefficient` |
+| `cross:y_V` | + gain (y behind a mode) | `gain_um_per_V`, `f_hz`, `zeta` |
 | `drift` | + amplitude s(t), s as for ageing | `amplitude_um`, `tau_s` |
 | `hum` | + Σ_n amplitude_n sin(2π n f t + phase_n) | `f_hz`, `amplitude_um`, `phase_rad` |
 | `aux:load_N` | + gain (load - load at the beginning) | `gain_um_per_N`, `tau_s` (0) |
+| `leakage` | dz/dt = dy/dt - z/tau | `tau_s` |
 | `output_nonlinearity` | y bent between the ends of the stroke, see `bend` | `coefficients_um` |
 | `output_quantisation` | z = step ⌊y/step + 1/2⌋, after the noise | `step_um` |
-
-Those of `machines` come with `rate_dependence`, `ageing`, and `drift`; a leakage is the last.
 
 This is also their order. The unit of `coefficient` is V/(V/s)^exponent.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -34,7 +40,6 @@ from typing import Any
 import numpy as np
 import scipy
 
-from preisach_jax.plant import machines
 from preisach_jax.plant.stage import RANGE_V, Stage
 
 Hidden = Mapping[str, Mapping[str, Any]]  # parameters of each hidden effect by its name
@@ -54,7 +59,10 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
     """
     drive = _amplify(hidden, command, step_s)
     rate = np.abs(np.diff(drive, prepend=drive[0])) / step_s
-    widening = machines.log_slack(hidden, rate)  # thermal activation
+    widening: np.ndarray | float = 0.0
+    if "log_rate" in hidden:  # thermal activation
+        law = hidden["log_rate"]
+        widening = law["coefficient_V"] * np.log10(1.0 + rate / law["slow_V_per_s"])
     if "rate_dependence" in hidden:  # domain walls need a greater field to move faster
         loss = hidden["rate_dependence"]
         widening = widening + loss["coefficient"] * rate ** loss["exponent"]
@@ -62,7 +70,7 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
         rounded = round_to(command, hidden["input_quantisation"]["step_V"])
         drive = _amplify(hidden, rounded, step_s)
     if "restoring_force" in hidden:  # the hysteresis is that of the springs, not of the material
-        return machines.swung(hidden["restoring_force"], drive, step_s)
+        return swung(hidden["restoring_force"], drive, step_s)
     if "moving" in hidden:  # strain of its neighbours helps a domain to switch
         return stage.moving_hysteresis(drive, hidden["moving"]["a_V_per_um"], widening)
     return stage.hysteresis(drive, widening)
@@ -76,17 +84,22 @@ def _amplify(hidden: Hidden, drive: np.ndarray, step_s: float) -> np.ndarray:
     return drive
 
 
-def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> np.ndarray:
+def respond(
+    hidden: Hidden, h: np.ndarray, time: np.ndarray, made: Mapping[str, np.ndarray], step_s: float
+) -> np.ndarray:
     """Position of the mechanics, late by the electronics behind its sensor.
 
     Arguments:
         h: (time,) output of the hysteresis, µm, at inner instants.
         time: (time,) s.
+        made: (time,) columns that act on the stage.
 
     Returns:
         (time,) position, µm.
     """
     z = h
+    if "gain:temp_C" in hidden:  # piezoelectric strain goes with the temperature
+        z = z * (1.0 + hidden["gain:temp_C"]["gain_per_C"] * (made["temp_C"] - 20.0))
     if "ageing" in hidden:  # domains lose their poling: all strain shrinks
         z = z * (1.0 - hidden["ageing"]["loss"] * _settling(time, hidden["ageing"]["tau_s"]))
     if "creep" in hidden:  # domains that follow late: Kelvin-Voigt elements in series
@@ -100,6 +113,34 @@ def respond(hidden: Hidden, h: np.ndarray, time: np.ndarray, step_s: float) -> n
     if "delay" in hidden:  # its digital link
         delay_s: float = hidden["delay"]["delay_s"]
         z = np.interp(time - delay_s, time, z)
+    return z
+
+
+def with_forces(
+    hidden: Hidden, z: np.ndarray, drive: np.ndarray, made: Mapping[str, np.ndarray], step_s: float
+) -> np.ndarray:
+    """Position, µm, with what goes with the speed of the drive and what leaks from another axis.
+
+    Arguments:
+        z: (time,) position, µm.
+        drive: (time,) V.
+    """
+    if "viscosity" in hidden:
+        law = hidden["viscosity"]
+        # The semi-implicit rule: half of the lag's pull at either end of a step.
+        ratio = law["tau_s"] / step_s
+        rate = np.diff(drive, prepend=drive[0]) / step_s
+        filtered = scipy.signal.lfilter([1.0], [ratio + 0.5, 0.5 - ratio], rate)
+        speed = np.asarray(filtered)
+        z = z + law["viscous_um_s_per_V"] * speed
+        z = z + law["saturating_um"] * np.tanh(speed / law["speed_V_per_s"])
+    if "excess_loss" in hidden:
+        rate = np.diff(drive, prepend=drive[0]) / step_s
+        z = z + hidden["excess_loss"]["coefficient"] * np.sign(rate) * np.sqrt(np.abs(rate))
+    if "cross:y_V" in hidden:
+        law = hidden["cross:y_V"]
+        axis = made["y_V"] - made["y_V"][0]
+        z = z + law["gain_um_per_V"] * resonate(axis, law["f_hz"], law["zeta"], step_s)
     return z
 
 
@@ -127,6 +168,79 @@ def add_disturbances(
         return z, {}
     load = _load(time, np.random.default_rng([seed, 3]))
     return z + hidden["aux:load_N"]["gain_um_per_N"] * (load - load[0]), {"load_N": load}
+
+
+def leaked(hidden: Hidden, z: np.ndarray, step_s: float) -> np.ndarray:
+    """Reading, µm, of a charge amplifier that begins at rest: z' = y' - z/tau, trapezoidal."""
+    if "leakage" not in hidden:
+        return z
+    half = 0.5 * step_s / hidden["leakage"]["tau_s"]
+    gone = scipy.signal.lfilter([1.0, -1.0], [1.0 + half, half - 1.0], z - z[0])
+    return z[0] + np.asarray(gone)
+
+
+def columns(hidden: Hidden, time: np.ndarray, seed: int) -> dict[str, np.ndarray]:
+    """Courses of a temperature about 20 °C and of another axis, as far as they are asked for.
+
+    Arguments:
+        time: (time,) s.
+
+    Returns:
+        (time,) columns by name.
+    """
+    made: dict[str, np.ndarray] = {}
+    if "gain:temp_C" in hidden:
+        course = _sines(np.random.default_rng([seed, 4]), time, 1.0 / time[-1], 8.0 / time[-1])
+        made["temp_C"] = 20.0 + 5.0 * course
+    if "cross:y_V" in hidden:
+        made["y_V"] = 10.0 * _sines(np.random.default_rng([seed, 5]), time, 0.5, 50.0)
+    return made
+
+
+def _sines(rng: np.random.Generator, time: np.ndarray, low_hz: float, high_hz: float) -> np.ndarray:
+    """Eight sines of random frequency and phase, of greatest size one."""
+    total = np.zeros_like(time)
+    for share in (np.arange(8) + rng.uniform(0.0, 1.0, 8)) / 8:
+        frequency = low_hz * (high_hz / low_hz) ** share
+        total += np.sin(2.0 * np.pi * (frequency * time + rng.uniform()))
+    return total / max(float(np.max(np.abs(total))), 1e-9)
+
+
+def swung(law: Mapping[str, float], force: np.ndarray, step_s: float) -> np.ndarray:
+    """Position of a body on a spring that yields (Bouc-Wen), from rest under the first force.
+
+    z'' = w² (u / K - (1 - share) z - share h) - 2 zeta w z', w = 2π f,
+    h' = z' - |h / yield| (beta |z'| sgn h + gamma z'), by Runge-Kutta steps of fourth order.
+
+    Arguments:
+        force: (time,) V.
+
+    Returns:
+        (time,) position from rest, µm.
+    """
+    w, damping = 2.0 * np.pi * law["f_hz"], 2.0 * law["zeta"]
+    share, beta, gamma, yields = law["share"], law["beta"], law["gamma"], law["yield_um"]
+
+    def slope(z: float, v: float, h: float, pull: float) -> tuple[float, float, float]:
+        rest = w * w * (pull - (1.0 - share) * z - share * h) - damping * w * v
+        bent = beta * abs(v) * (1.0 if h > 0 else -1.0) + gamma * v
+        return v, rest, v - abs(h) / yields * bent
+
+    pulls = ((force - force[0]) / law["stiffness_V_per_um"]).tolist()
+    z = v = h = 0.0
+    path = [0.0]
+    for first, last in itertools.pairwise(pulls):
+        middle, half = 0.5 * (first + last), 0.5 * step_s
+        a = slope(z, v, h, first)
+        b = slope(z + half * a[0], v + half * a[1], h + half * a[2], middle)
+        c = slope(z + half * b[0], v + half * b[1], h + half * b[2], middle)
+        d = slope(z + step_s * c[0], v + step_s * c[1], h + step_s * c[2], last)
+        sixth = step_s / 6.0
+        z += sixth * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+        v += sixth * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        h += sixth * (a[2] + 2 * b[2] + 2 * c[2] + d[2])
+        path.append(z)
+    return np.array(path)
 
 
 def low_pass(x: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:

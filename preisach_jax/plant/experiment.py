@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,15 +12,31 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.plant import machines
-from preisach_jax.plant.columns import save_columns
 from preisach_jax.plant.draws import Measurement, draw_effect, effect_names
-from preisach_jax.plant.effects import add_disturbances, bend, move, respond, round_to
+from preisach_jax.plant.effects import (
+    add_disturbances,
+    bend,
+    columns,
+    leaked,
+    move,
+    respond,
+    round_to,
+    with_forces,
+)
 from preisach_jax.plant.stage import RANGE_V, make_stage
 from preisach_jax.signals import diagnostic_record
 
 ENCODER_STEP_UM = 1.22e-3  # of a common interpolated grating, and of the paper's stage
 INNER_RATE_HZ = 10_000.0  # the stage is integrated at least this often
+
+
+def save_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns, (time,) each, comma-separated under their names, with ten digits."""
+    texts = [[f"{value:.10g}" for value in column.tolist()] for column in columns.values()]
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*texts, strict=True))
 
 
 @dataclass(frozen=True)
@@ -114,12 +131,11 @@ def simulate_stage(
     fine = math.ceil(INNER_RATE_HZ / rate_hz - 1e-9)
     step = 1.0 / (rate_hz * fine)
     time, inner = np.arange(u.size) / rate_hz, np.arange((u.size - 1) * fine + 1) * step
-    course, columns = np.interp(inner, time, u), machines.columns(hidden, inner, int(seed))
-    moved = machines.warmed(hidden, move(stage, hidden, course, step), columns)
-    position = respond(hidden, moved, inner, step)
-    position = machines.with_forces(hidden, position, course, columns, step)
+    course, made = np.interp(inner, time, u), columns(hidden, inner, int(seed))
+    position = respond(hidden, move(stage, hidden, course, step), inner, made, step)
+    position = with_forces(hidden, position, course, made, step)
     position, aux = add_disturbances(hidden, position, inner, int(seed))
-    position, aux = machines.leaked(hidden, position, step), aux | columns
+    position, aux = leaked(hidden, position, step), aux | made
     z = _read(position[::fine], hidden, stroke, int(seed), noise_um, encoder_step_um)
     truth = {
         "effects": names,

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from preisach_jax.errors import InputError, require_list
-from preisach_jax.plant.columns import save_columns
+from preisach_jax.plant.experiment import save_columns
 
 LOSSES = ("gain:temp_C", "eddy_currents", "excess_loss")
 STOPS = 40

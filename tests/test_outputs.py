@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drivable import model_of
+from exported import needs_compiler
 from matplotlib.figure import Figure
 from typer.main import get_command
 
@@ -130,7 +131,11 @@ def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, cap
 
 
 @pytest.mark.parametrize(
-    "name", ["predict", "compensate", "export c", "export fmu", "figures", "look", "simulate"]
+    "name",
+    [
+        *("predict", "compensate", "export c", "figures", "look", "simulate"),
+        pytest.param("export fmu", marks=needs_compiler),
+    ],
 )
 def test_what_a_command_wrote_it_writes_again(name, place):
     words = words_of(name)

@@ -53,7 +53,7 @@ class Law(NamedTuple):
         return self.course * now + rise - self.states @ own - self.before * before
 
 
-class _Linear(NamedTuple):
+class _Matrices(NamedTuple):
     """One sample of the effects: new states A x + B v, and output C x + D v."""
 
     a: np.ndarray
@@ -128,7 +128,7 @@ class Series:
                 kept, found = tried, law
         return found
 
-    def _linear(self) -> _Linear | None:
+    def _linear(self) -> _Matrices | None:
         """The effects as matrices; None where they are not linear."""
         first = tuple(e.at(self.values[e.name]).init(jnp.zeros(())) for e in self.effects)
         rest, states_of = ravel_pytree(first)
@@ -142,10 +142,10 @@ class Series:
         some = 1 + np.arange(len(units)) / len(units)
         if not np.allclose(sample(jnp.asarray(some)), matrix @ some, rtol=1e-6):
             return None
-        return _Linear(matrix[:-1, :-1], matrix[:-1, -1], matrix[-1, :-1], float(matrix[-1, -1]))
+        return _Matrices(matrix[:-1, :-1], matrix[:-1, -1], matrix[-1, :-1], float(matrix[-1, -1]))
 
 
-def _stable_law(linear: _Linear, kept: tuple[int, ...]) -> Law | None:
+def _stable_law(linear: _Matrices, kept: tuple[int, ...]) -> Law | None:
     r"""The lead that looks ahead least, of those for which enough passes and that are stable.
 
     A straight input, \(v_j = v_0 + (j + 1)(v - v_0)\), gives outputs \(y_j = F_j x + g_j v_0 +

@@ -75,7 +75,7 @@ class LeastSquaresResult(NamedTuple):
     state: LeastSquaresState
 
 
-class _Walk(NamedTuple):
+class _EventWalk(NamedTuple):
     """Where a run is between two updates, and the rows that it has written."""
 
     sample: jax.Array
@@ -314,33 +314,35 @@ def _run(
     if state is None:
         state = filt.init(x[0], z[0])
 
-    def to_next_event(state: LeastSquaresState, walk: _Walk) -> _Walk:
+    def to_next_event(state: LeastSquaresState, walk: _EventWalk) -> _EventWalk:
         # The covariance stays outside of this loop, so that a sample costs O(L).
-        def advance(walk: _Walk) -> _Walk:
+        def advance(walk: _EventWalk) -> _EventWalk:
             k = walk.sample
             states, info, is_event = _look(filt, state, walk.states, walk.input, x[k], z[k])
             rows = FilterInfo(
                 *(row.at[k].set(value) for row, value in zip(walk.rows, info, strict=True))
             )
-            return _Walk(k + 1, states, x[k], is_event, rows)
+            return _EventWalk(k + 1, states, x[k], is_event, rows)
 
-        def goes_on(walk: _Walk) -> jax.Array:
+        def goes_on(walk: _EventWalk) -> jax.Array:
             return (walk.sample < x.shape[0]) & ~walk.is_event
 
         begin = walk._replace(is_event=jnp.asarray(False))
         return jax.lax.while_loop(goes_on, advance, begin)
 
-    def at_event(carry: tuple[LeastSquaresState, _Walk]) -> jax.Array:
+    def at_event(carry: tuple[LeastSquaresState, _EventWalk]) -> jax.Array:
         return carry[1].is_event
 
-    def take_event(carry: tuple[LeastSquaresState, _Walk]) -> tuple[LeastSquaresState, _Walk]:
+    def take_event(
+        carry: tuple[LeastSquaresState, _EventWalk],
+    ) -> tuple[LeastSquaresState, _EventWalk]:
         state, walk = carry
         state = dataclasses.replace(state, states=walk.states, input=walk.input)
         state = _update(filt, state, z[walk.sample - 1])
         return state, to_next_event(state, walk)
 
     rows = FilterInfo(*[jnp.zeros(x.shape)] * len(FilterInfo._fields))
-    start = _Walk(jnp.asarray(0), state.states, state.input, jnp.asarray(False), rows)
+    start = _EventWalk(jnp.asarray(0), state.states, state.input, jnp.asarray(False), rows)
     begin = (state, to_next_event(state, start))
     state, walk = jax.lax.while_loop(at_event, take_event, begin)
     state = dataclasses.replace(state, states=walk.states, input=walk.input)

@@ -177,9 +177,9 @@ class OnlineFilter:
         recursion, state = self._recursion, self._state
         if recursion is None:
             recursion = (
-                _Recursion.start(self._filter, x, z)
+                _SampleRecursion.start(self._filter, x, z)
                 if state is None
-                else _Recursion(self._filter, state)
+                else _SampleRecursion(self._filter, state)
             )
         self._rows = recursion.step(x, z, adapt)
         self._recursion, self._state = recursion, None
@@ -326,7 +326,7 @@ def _float_array(values: ArrayLike, name: str) -> np.ndarray:
 # --- single samples, in NumPy ---
 
 
-class _Recursion:
+class _SampleRecursion:
     """`AdaptiveFilter.step` in NumPy, on arrays that are changed in place.
 
     Where the input has moved from one place between levels to another, only those hysterons can
@@ -363,7 +363,7 @@ class _Recursion:
         self._output: float | None = None
 
     @classmethod
-    def start(cls, filt: AdaptiveFilter, x: float, z: float) -> _Recursion:
+    def start(cls, filt: AdaptiveFilter, x: float, z: float) -> _SampleRecursion:
         """Start from saturated low as `AdaptiveFilter.init` does, with nothing to compile."""
         dtype = jnp.result_type(float)
         zeros = np.zeros(filt.plane.cells, dtype)

@@ -136,7 +136,7 @@ class _Carry(NamedTuple):
     numbers: jax.Array
 
 
-class _Rows(NamedTuple):
+class _VisitRows(NamedTuple):
     """The model's output before and after what a visit learns, and what is to be taken from z."""
 
     output: jax.Array
@@ -247,7 +247,7 @@ def _rows_of_passes(
     passes: int, adapt: bool, goes_on: bool, full: bool, gaps: bool, given: Any
 ) -> tuple[jax.Array, ...]:
     """Weights, states, reference and its output at the end; output, error and area in time."""
-    recursion = _Recursion(*given, adapt=adapt, gaps=gaps, goes_on=goes_on, full=full)
+    recursion = _BlockRecursion(*given, adapt=adapt, gaps=gaps, goes_on=goes_on, full=full)
 
     def learnt(_: int, weights: jax.Array) -> jax.Array:
         return recursion.run(weights)[0]
@@ -301,7 +301,7 @@ def _whichever(
     return cast(Any, chosen(gaps, floating, rest))
 
 
-class _Recursion:
+class _BlockRecursion:
     """The recursion over visits, for one output.
 
     Plain runs have a way of their own. Missing outputs, leakage and nonnegative weights take the
@@ -392,9 +392,9 @@ class _Recursion:
             numbers=jnp.stack(numbers),
         )
         base = self.first_z + rise
-        first = jnp.stack(_Rows(output, output, base, base, zero))
+        first = jnp.stack(_VisitRows(output, output, base, base, zero))
         carry, rows = self._scan(self._visit, carry, self.steps, self._multiplied_out)
-        rows = _Rows(*jnp.concatenate([first[jnp.newaxis], rows]).T)
+        rows = _VisitRows(*jnp.concatenate([first[jnp.newaxis], rows]).T)
         numbers = _Numbers(*carry.numbers)
         weights = self.prior + numbers.factor * carry.kept
         ends = self.blocks.states_after(self.plane, start.states)
@@ -561,7 +561,9 @@ class _Recursion:
         switched = jnp.where(learns, squared, 0.0)
         z = jnp.where(renews, step.z, now.z)
         rise = jnp.where(renews, 0.0, rise)
-        rows = _Rows(output, after, base, (step.z if self.every_sample else z) + rise, switched)
+        rows = _VisitRows(
+            output, after, base, (step.z if self.every_sample else z) + rise, switched
+        )
         squared = jnp.where(renews, 0.0, squared) if self.gaps else now.squared
         if self.gaps:
             states = states.at[index].set(on, mode="drop")
@@ -570,7 +572,7 @@ class _Recursion:
         kept = carry.kept.at[index].set(new, mode="drop")
         return _Carry(kept, states, reference, jnp.stack(numbers)), jnp.stack(rows)
 
-    def _rows(self, rows: _Rows) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _rows(self, rows: _VisitRows) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(time,) output, error and how many relays switched, at each sample."""
         done, learns = self.visits.done, self.visits.learns
         # Of a sample that learns, the visit which finds its error; else the last one before it.

@@ -124,6 +124,8 @@ EFFECTS = {
     "drift": (Drift(horizon_s=2.0), {"tau_s": 1.0}, (0.4,)),
     "hum": (Hum(harmonics=1), {"f_hz": 50.0}, (0.05, -0.03)),
     "ageing": (Ageing(horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
+    "ageing_by_path": (Ageing(horizon_s=80.0, by_path=True), {"loss": 0.1, "tau_s": 60.0}, ()),
+    "drift_by_path": (Drift(horizon_s=80.0, by_path=True), {"tau_s": 50.0}, (0.4,)),
     "operator_creep": (OperatorCreep(range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
     "reptation": (Reptation(10.0), {"path": 30.0}, (0.05,) * len(Reptation().coefficients())),
     "viscosity": (Viscosity(), {"tau_s": 0.003}, (2e-3,)),

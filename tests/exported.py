@@ -12,6 +12,7 @@ import pytest
 
 from preisach_jax.chain import Chain, Coefficients
 from preisach_jax.effects import BUILT_IN
+from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import OfColumn, Survey
 from preisach_jax.effects.cross import Cross
@@ -168,6 +169,9 @@ def _estimate(value, unit):
 
 FORMS = {
     "drift_waves": lambda survey: Drift(horizon_s=survey.duration_s, waves=6),
+    "drift_by_path": lambda survey: Drift(horizon_s=90.0, by_path=True),
+    "waves_by_path": lambda survey: Drift(horizon_s=90.0, by_path=True, waves=6),
+    "ageing_by_path": lambda survey: Ageing(horizon_s=90.0, by_path=True),
     "rate_smooth": lambda survey: RateDependence(40.0, HIGH - LOW, False, False),
     "rate_corners": lambda survey: RateDependence(40.0, HIGH - LOW, False, True),
     "rate_corners_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, True),

@@ -34,6 +34,7 @@ def driven(inverse, wanted):
 LED = {
     "creep moving output_nonlinearity": 0.0,
     "ageing eddy_currents": 0.0,
+    "ageing_by_path drift_by_path moving": 0.0,
     "input_lag": 5.0,
     "rate_dependence": 20.0,
 }

@@ -70,7 +70,8 @@ TOGETHER = [
         (0, 0, 0, 0, 0, 0), (1, 0, 0, 1, 1, 0), (0, 1, 1, 0, 0, 1),
     )
 ]  # fmt: skip
-CHAINS = [[], ["output_quantisation", "creep"], ["rate_corners", "moving"]]
+BY_PATH = ["ageing_by_path", "drift_by_path", "reptation"], ["waves_by_path", "moving"]
+CHAINS = [[], *BY_PATH, ["output_quantisation", "creep"], ["rate_corners", "moving"]]
 
 
 def columns(model, samples):

@@ -463,7 +463,8 @@ class Views:
     def _spectrum_figure(self) -> Any:
         _, unit = self._residual_scale(self._step)
         drawn = drawn_figure(
-            "Spectrum of the residual", "frequency (Hz)", with_unit("amplitude", unit),
+            "Spectrum of the residual", f"frequency ({self._record.frequency_unit})",
+            with_unit("amplitude", unit),
             x_axis_type="log", y_axis_type="log", visible=False,
         )  # fmt: skip
         for name, shade, label in (
@@ -478,7 +479,7 @@ class Views:
         time = self._record.time
         begin, end = float(time[0]), float(time[-1])
         return RangeSlider(
-            title="Stretch of time (s)", start=begin, end=end, value=(begin, end),
+            title=f"Stretch of {self._record.time_label}", start=begin, end=end, value=(begin, end),
             step=(end - begin) / 1000, sizing_mode="stretch_width", format="0[.]000",
             stylesheets=[INK, BELOW],
         )  # fmt: skip

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from preisach_jax.effects.base import Signals
 from preisach_jax.record import Record
@@ -36,6 +36,11 @@ class ThinnedSignals(Signals):
 
     whole: Signals
     kept: Int[Array, " time"]
+
+    @property
+    def path(self) -> Float[Array, " time"]:
+        """Path of the input before each sample, with that of the samples between them."""
+        return self.whole.path[self.kept]
 
 
 class JoinedSignals(Signals):

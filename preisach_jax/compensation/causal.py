@@ -56,7 +56,7 @@ class CausalState(NamedTuple):
     """Everything that a sample leaves to the next one.
 
     Attributes:
-        time: s since the origin of the model's effects.
+        time: s since the origin of the model's effects; without a clock, the path of the input.
         weights: (2, levels, levels) those of the operator.
         states: (2, levels, levels) of the hysterons.
         position: of the hysterons' input.
@@ -205,7 +205,7 @@ class Causal:
         ]
         last = chain.polarity * whole.hysteresis[count - 1]
         return CausalState(
-            time[-1],
+            signals.path[count] if self._by_path else time[-1],
             operator.weights,
             states,
             position,
@@ -232,7 +232,15 @@ class Causal:
         return gain
 
     def _at(self, time: Array) -> Signals:
-        return Signals(time[None], jnp.zeros(1), {})
+        return Signals(time[None], jnp.zeros(1), {}, gone=time[None])
+
+    @property
+    def _by_path(self) -> bool:
+        return any(getattr(effect, "by_path", False) for effect in self.forward.chain.effects)
+
+    def _now(self, state: CausalState) -> Array:
+        """The time of the next sample, or the path of the input before it, which is known."""
+        return state.time if self._by_path else state.time + self.step_s
 
     def beside(self, time: Array, aux: tuple[Any, ...]) -> Array:
         """What adds to the output at a time: offset, drift, hum, auxiliary columns, free parts."""
@@ -281,7 +289,7 @@ class Causal:
     ) -> tuple[CausalState, tuple[Array, Array, Array]]:
         """The drive for one more wanted reading; of it, the reading, and what is behind effects."""
         chain, past = self.forward.chain, state
-        plane, time = chain.plane, state.time + self.step_s
+        plane, time = chain.plane, self._now(state)
         unit = (plane.high - plane.low) / plane.levels
         lags = self._aux_after(state, aux)
         before, behind = self.laws
@@ -335,7 +343,7 @@ class Causal:
     ) -> tuple[CausalState, Array]:
         """The state after a drive has been played, and the reading that the model expects."""
         chain = self.forward.chain
-        plane, time = chain.plane, state.time + self.step_s
+        plane, time = chain.plane, self._now(state)
         unit = (plane.high - plane.low) / plane.levels
         operator = replace(self.operator(), weights=state.weights)
         reach = self._slew * self.step_s
@@ -362,7 +370,7 @@ class Causal:
         behind, value = self.after.passed(state.behind, signal)
         reading = self._reading(value + self.beside(time, lags) + state.follow)
         new = state._replace(
-            time=time,
+            time=time + jnp.abs(driven - state.drive) if self._by_path else time,
             states=states,
             position=position,
             path=jnp.stack([*state.path[1:], path]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,6 @@ from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Finding,
 from preisach_jax.diagnosis.search import Search, Whole, candidate
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.wording import notes_on
-from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
 from preisach_jax.fit import (
@@ -27,9 +26,9 @@ from preisach_jax.fit import (
     Added,
     Fit,
     Progress,
-    aux_units,
     checked_levels,
     double_precision,
+    effects_for,
     held_out_rms,
     in_reduced_basis,
     in_silence,
@@ -44,6 +43,7 @@ from preisach_jax.hooks import HOOKS
 from preisach_jax.identify import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
+from preisach_jax.record.joined import as_one
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ class Exploration:
         by_name = {known.name: known for known in self.tried}
         if isinstance(effect, str) and effect in by_name:
             effect = by_name[effect]
-        (new,) = resolve([effect], aux_units(self.record))
+        (new,) = effects_for(self.record, [effect])
         if new.name in self.effects:
             raise InputError(f"the model has the effect {new.name!r} already; add another")
         _check_not_inside(self.fit.model, new)
@@ -336,7 +336,7 @@ def _compared(step: Exploration, effects: tuple[str, ...]) -> list[Candidate]:
 
 
 def explore(
-    record: Record,
+    record: Record | Sequence[Record],
     effects: Iterable[str | Effect] | None = None,
     levels: int | None = None,
     *,
@@ -345,7 +345,7 @@ def explore(
     """Fit the rate-independent model to a record, as the first step of a diagnosis by hand.
 
     Arguments:
-        record: the measurement.
+        record: the measurement; or several of one specimen, each with a memory of its own.
         effects: effects to compare, by name or as objects; by default the library, without those
             that are tried on request, and all auxiliary columns.
         levels: levels N of the plane; by default 25.
@@ -368,6 +368,7 @@ def explore(
         >>> plain.add("drift").fit.rms_validation < plain.fit.rms_validation / 5
         True
     """
+    record = as_one(record, asked_by="explore")
     asked = effects_to_try(record, effects)
     tried = tuple(effect for effect in asked if not effect.inside_mechanics)
     if progress is not None:

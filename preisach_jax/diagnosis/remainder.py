@@ -285,11 +285,11 @@ def _axes(record: Record, rows: np.ndarray) -> list[_Axis]:
     quantities = [
         ("input", unit_u, False, record.input),
         ("output", unit_z, False, record.output),
-        ("rate of the input", f"{unit_u}/s", False, rate),
-        ("logarithm of the speed", f"log10({unit_u}/s)", True, logarithm),
+        ("rate of the input", record.rate_unit, False, rate),
+        ("logarithm of the speed", f"log10({record.rate_unit})", True, logarithm),
         ("direction of the input", "", False, np.sign(rate)),
-        ("time", "s", False, record.time),
-        ("time since the last reversal", "s", True, since),
+        ("time", record.time_unit, False, record.time),
+        ("time since the last reversal", record.time_unit, True, since),
         ("input at the last reversal", unit_u, False, record.input[last]),
         ("path since the last reversal", unit_u, True, way),
     ]

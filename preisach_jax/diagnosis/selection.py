@@ -11,17 +11,16 @@ from preisach_jax.diagnosis.inside import with_mechanics
 from preisach_jax.diagnosis.result import Candidate, Diagnosis
 from preisach_jax.diagnosis.search import Search, Selection, Whole
 from preisach_jax.diagnosis.tolerance import tolerance_of
-from preisach_jax.effects import OF_COLUMNS, library, listed, resolve
+from preisach_jax.effects import OF_COLUMNS, library, listed
 from preisach_jax.effects.base import Effect
-from preisach_jax.errors import InputError
 from preisach_jax.fit import (
     FINAL_ROWS,
     Fit,
     Progress,
     at_levels,
-    aux_units,
     checked_levels,
     double_precision,
+    effects_for,
     freed_of_blemishes,
     in_reduced_basis,
     in_silence,
@@ -133,14 +132,7 @@ def effects_to_try(record: Record, effects: Iterable[str | Effect] | None) -> tu
     for prefix in of_columns:
         each = [f"{prefix}:{column}" for column in record.aux]
         asked += [name for name in each if name not in names]
-    found = resolve(asked, aux_units(record))
-    late = next((e.name for e in found if e.needs_clock and not record.has_clock), None)
-    if late is not None:
-        raise InputError(
-            f"{record.name}: the effect {late!r} needs a clock, and the samples are only "
-            "counted; give the column of time (--time COL) or the sampling rate (--rate HZ)"
-        )
-    return found
+    return effects_for(record, asked)
 
 
 def _diagnosed(

@@ -258,6 +258,10 @@ def library_of(record: Record, output: np.ndarray, kept: np.ndarray) -> Library:
     return found
 
 
+OF_RATES = ("rate", "rate of output", "acceleration")
+"""States that a record without a clock does not have."""
+
+
 def states_of(record: Record, output: np.ndarray, kept: np.ndarray) -> list[Along]:
     """The states of a record, but its columns; those that do not vary are left out."""
     last, time = last_reversal(record.input, None, record.starts), record.time
@@ -279,9 +283,11 @@ def states_of(record: Record, output: np.ndarray, kept: np.ndarray) -> list[Alon
         ("path", "path since the last reversal", "s", u, way, "scaled"),
         ("age", "logarithm of the time since the last reversal, in samples", "a", "",
          np.log10(1 + since / record.step_s), counted),
-        ("time", "time", "t", "s", time, centred),
+        ("time", "time", "t", record.time_unit, time, centred),
         ("turn", "input at the last reversal", "u_r", u, record.input[last], centred),
     ]  # fmt: skip
+    if not record.has_clock:
+        rows = [row for row in rows if row[0] not in OF_RATES]
     found: list[Along] = []
     for kind, name, symbol, unit, values, way_of in rows:
         own = values[kept]

@@ -178,7 +178,7 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
     if not record.has_clock:
         notes.append(
             "The record has no clock: samples are counted, and only effects that need none were "
-            "tried; drift and ageing go by samples, and so by cycles."
+            "tried; drift and ageing go with the path of the input, in its unit."
         )
     notes += [f"{line}." for line in fault_lines(record)]
     turns = len(reversals(record.input, None, record.starts))
@@ -203,11 +203,11 @@ def located(record: Record, residual: np.ndarray) -> str:
     last = last_reversal(record.input, None, record.starts)
     unit_u, unit_z = record.input_unit, record.output_unit
     axes = {
-        "time": (record.time, "s"),
+        "time": (record.time, record.time_unit),
         "input": (record.input, unit_u),
         "output": (record.output, unit_z),
-        "speed of the input": (np.abs(rate), f"{unit_u}/s"),
-        "time since the last reversal": (record.time - record.time[last], "s"),
+        "speed of the input": (np.abs(rate), record.rate_unit),
+        "time since the last reversal": (record.time - record.time[last], record.time_unit),
         "input at the last reversal": (record.input[last], unit_u),
     }
     places: list[tuple[float, str]] = []
@@ -256,10 +256,8 @@ def _band(record: Record, residual: np.ndarray) -> str:
     spectrum = cumulated_periodogram(
         in_sequence(record, residual, longest_lag(record)), record.step_s
     )
-    first, last = (
-        quantity(float(spectrum.frequency_hz[np.searchsorted(spectrum.value, share)]), "Hz", 2)
-        for share in (0.25, 0.75)
-    )
+    ends = spectrum.frequency_hz[np.searchsorted(spectrum.value, (0.25, 0.75))]
+    first, last = (quantity(float(end), record.frequency_unit, 2) for end in ends)
     return f"half of it between {first} and {last}"
 
 

@@ -1,4 +1,4 @@
-"""Ageing: the hysteresis shrinks as time goes by."""
+"""Ageing: the hysteresis shrinks as time goes by, or with the path of the input."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import math
 from dataclasses import replace
 from typing import Any, ClassVar
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from preisach_jax.effects.base import CYCLES, Signals, Survey, WeightEffect
-from preisach_jax.effects.drift import settling, settling_time
+from preisach_jax.effects.drift import bounds_of, settling, settling_time, slow_time
 from preisach_jax.effects.parameter import parameter
 
 
@@ -18,6 +19,7 @@ class Ageing(WeightEffect):
 
     Arguments:
         horizon_s: time in s after which the loss is reached: the length of the record.
+        by_path: whether it goes with the path of the input, in its unit, in place of the time.
 
     Example:
         >>> [p.name for p in Ageing().parameters()]
@@ -33,7 +35,8 @@ class Ageing(WeightEffect):
         "back): the whole loop shrinks towards its lower end, without a change of its shape."
     )
     source: ClassVar[str] = (
-        "D. C. Lupascu, Fatigue in Ferroelectric Ceramics and Related Issues, Springer 2004"
+        "D. C. Lupascu, Fatigue in Ferroelectric Ceramics and Related Issues, Springer 2004; with "
+        "the path: J. L. Chaboche, Int. J. Plast. 5 (1989) 247-302 (accumulated strain)"
     )
     signature: ClassVar[str] = (
         "residual in proportion to the output, of a sign that changes from early to late"
@@ -46,17 +49,18 @@ class Ageing(WeightEffect):
         "its height, drift its place"
     )
     horizon_s: float = 1.0
+    by_path: bool = eqx.field(static=True, default=False)
     loss: float = parameter("1", -0.5, 0.9, meaning="share of the stroke lost over the record")
     tau_s: float = settling_time(
         "time constant; far above the record's length the loss is a straight line"
     )
 
     def bound_to(self, survey: Survey) -> Ageing:
-        return replace(self, horizon_s=survey.duration_s)
+        return replace(self, **bounds_of(survey))
 
     def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
         loss = self.loss / math.expm1(-self.horizon_s / self.tau_s)
-        return {"loss": loss, "per_sample": -step_s / self.tau_s}
+        return {"loss": loss, "rate": -(1.0 if self.by_path else step_s) / self.tau_s}
 
     def factor(self, signals: Signals) -> Float[Array, " time"]:
-        return 1 - self.loss * settling(signals.time, self.tau_s, self.horizon_s)
+        return 1 - self.loss * settling(slow_time(self, signals), self.tau_s, self.horizon_s)

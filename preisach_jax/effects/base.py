@@ -87,6 +87,7 @@ class Survey:
             there is no model yet.
         aux: (sample,) auxiliary columns by name, in their units.
         starts: samples at which another run starts, behind the first one.
+        path: (sample,) path of the input, see `Signals.path`, where samples are only counted.
         cycle_s: time between two passages of a place of the input in one direction, in s, in the
             median; zero where it is not known.
     """
@@ -101,6 +102,7 @@ class Survey:
         default_factory=dict[str, np.ndarray], compare=False, repr=False
     )
     starts: tuple[int, ...] = ()
+    path: np.ndarray = field(default_factory=_nothing, compare=False, repr=False)
     cycle_s: float = 0.0
 
     @property
@@ -111,11 +113,26 @@ class Survey:
 
 
 class Signals(eqx.Module):
-    """What drives a model: time (s), input, and auxiliary columns, each `(time,)`."""
+    """What drives a model: time (s), input, and auxiliary columns, each `(time,)`.
+
+    `gone` is the path of the input where these samples do not hold all of it.
+    """
 
     time: Float[Array, " time"]
     input: Float[Array, " time"]
     aux: dict[str, Float[Array, " time"]]
+    gone: Float[Array, " time"] | None = eqx.field(default=None, kw_only=True)
+
+    @property
+    def path(self) -> Float[Array, " time"]:
+        r"""Path of the input before each sample, \(\sum_{j<k} |u_j - u_{j-1}|\), `(time,)`.
+
+        The move to the sample itself is not in it, so that it is known before the input is.
+        """
+        if self.gone is not None:
+            return self.gone
+        moves = jnp.abs(jnp.diff(self.input, prepend=self.input[:1]))
+        return jnp.cumsum(moves) - moves
 
 
 class Effect(eqx.Module):

@@ -1,4 +1,4 @@
-"""Drift: a slow change of the output that does not depend on the input."""
+"""Drift: a slow change of the output with time, or with the path that the input has gone."""
 
 from __future__ import annotations
 
@@ -26,10 +26,24 @@ def settling(time_s: Array, tau_s: Array | float, horizon_s: float) -> Array:
     return jnp.expm1(-time_s / tau_s) / jnp.expm1(-horizon_s / tau_s)
 
 
+def bounds_of(survey: Survey) -> dict[str, Any]:
+    """The horizon of a slow effect on a record, and whether the path stands for the time there."""
+    counted = len(survey.path) > 0
+    return {
+        "horizon_s": float(survey.path[-1]) if counted else survey.duration_s,
+        "by_path": counted,
+    }
+
+
+def slow_time(effect: Any, signals: Signals) -> Array:
+    """What a slow effect goes with, `(time,)`: the time, or the path of the input."""
+    return signals.path if effect.by_path else signals.time
+
+
 def settling_time(meaning: str, when: Callable[[Any], bool] | None = None) -> Any:
     """The time constant of `settling` as a parameter, around the horizon of an effect."""
     return parameter(
-        "s",
+        lambda own: "{u}" if own.by_path else "s",
         lambda own: own.horizon_s / 30,
         lambda own: own.horizon_s * 30,
         log=True,
@@ -60,6 +74,7 @@ class Drift(AddedEffect):
     Arguments:
         horizon_s: time T in s after which the drift has reached its amplitude: the length of the
             record that is fitted.
+        by_path: whether it goes with the path of the input, in its unit, in place of the time.
         waves: number of waves; zero for an exponential or straight drift.
 
     Example:
@@ -90,7 +105,7 @@ class Drift(AddedEffect):
         "directions: drift shifts all alike, ageing shrinks the loop, creep follows the move"
     )
     horizon_s: float = 1.0
-
+    by_path: bool = eqx.field(static=True, default=False)
     waves: int = eqx.field(static=True, default=0)
     tau_s: float = settling_time(
         "time constant; far above the record's length it is a straight line",
@@ -103,24 +118,24 @@ class Drift(AddedEffect):
 
     def coefficients(self) -> tuple[Parameter, ...]:
         if self.waves:
-            period = 2 * self.horizon_s
+            period, unit = 2 * self.horizon_s, "of the path" if self.by_path else "s"
             return tuple(
                 coefficient(
-                    f"wave_{k}", "{z}", f"amplitude of the wave of period {period / k:.3g} s"
+                    f"wave_{k}", "{z}", f"amplitude of the wave of period {period / k:.3g} {unit}"
                 )
                 for k in range(1, self.waves + 1)
             )
         return (coefficient("amplitude", "{z}", "change over the record"),)
 
     def bound_to(self, survey: Survey) -> Drift:
-        return replace(self, horizon_s=survey.duration_s, waves=0)
+        return replace(self, **bounds_of(survey), waves=0)
 
     def variants(self, survey: Survey) -> tuple[Drift, ...]:
         settled = self.bound_to(survey)
         if len(survey.residual) < LEAST_ROWS:
             return (settled,)
-        signals = Signals(jnp.asarray(survey.time - survey.time[0]), jnp.asarray(survey.input), {})
-        most = np.asarray(replace(settled, waves=WAVES[-1]).columns(signals))
+        when = survey.path if settled.by_path else survey.time - survey.time[0]
+        most = np.asarray(replace(settled, waves=WAVES[-1]).waves_at(jnp.asarray(when)))
         wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
         for waves in self._slower_than_the_drive(survey):
             left = _left(survey.residual, most[:, :waves])
@@ -143,16 +158,22 @@ class Drift(AddedEffect):
         return replace(self, waves=more[0]), ({},)
 
     def sampled(self, step_s: float, amounts: tuple[float, ...]) -> dict[str, Any]:
+        step = 1.0 if self.by_path else step_s
         if self.waves:
-            return {"waves": amounts, "per_sample": step_s / self.horizon_s}
+            return {"waves": amounts, "rate": step / self.horizon_s}
         amplitude = amounts[0] / math.expm1(-self.horizon_s / self.tau_s)
-        return {"amplitude": amplitude, "per_sample": -step_s / self.tau_s}
+        return {"amplitude": amplitude, "rate": -step / self.tau_s}
 
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
+        when = slow_time(self, signals)
         if self.waves:
-            phase = jnp.pi * jnp.clip(signals.time / self.horizon_s, 0.0, 1.0)
-            return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
-        return settling(signals.time, self.tau_s, self.horizon_s)[:, None]
+            return self.waves_at(when)
+        return settling(when, self.tau_s, self.horizon_s)[:, None]
+
+    def waves_at(self, when: Array) -> Float[Array, "time column"]:
+        """The waves of a wander at some times, or paths."""
+        phase = jnp.pi * jnp.clip(when / self.horizon_s, 0.0, 1.0)
+        return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
 
 
 def _left(residual: np.ndarray, columns: np.ndarray) -> float:

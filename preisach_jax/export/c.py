@@ -72,7 +72,9 @@ def view(model: Description) -> dict[str, Any]:
         ),
         "quiet": model.hysteron == "relay" and not model.parts and not model.aux,
         "feedback": feedback,
-        "timed": ", ".join(part.name for part in model.parts if part.effect.of_time_alone),
+        "timed": ", ".join(p.name for p in model.parts if p.effect.of_time_alone)
+        if not model.by_path
+        else "",
         "weighing": model.at(Place.WEIGHTS),
         "maps": [part for part in reversed(model.sensor) if not part.resolution],
         "resolution": sum(part.resolution for part in model.sensor),

@@ -35,6 +35,7 @@ from preisach_jax.model import (
     without_effects,
 )
 from preisach_jax.operator.plane import Plane
+from preisach_jax.record.channels import SAMPLES
 
 MOST_DELAYED = 1_000_000
 """Samples beyond which a delay is refused: they would all have to be kept."""
@@ -165,7 +166,8 @@ class Description:
         polarity: 1 where the output rises with the input, -1 where it falls.
         weights: (cells,) weights in output units, in the order of the plane.
         offset: output with all hysterons off, in output units.
-        step_s: sample interval, in s.
+        step_s: sample interval, in s; 1 where samples are only counted.
+        has_clock: whether they are not.
         parts: the effects, in the order in which a signal passes them.
         input, output: these columns.
         aux: auxiliary columns, in the order of the model.
@@ -185,6 +187,7 @@ class Description:
     weights: np.ndarray
     offset: float
     step_s: float
+    has_clock: bool
     parts: tuple[Part, ...]
     input: Column
     output: Column
@@ -205,6 +208,11 @@ class Description:
         """The part that moves thresholds with the speed of the input, if there is one."""
         inside = self.at(Place.HYSTERESIS)
         return next((p for p in inside if getattr(p.effect, "widens", False)), None)
+
+    @property
+    def by_path(self) -> bool:
+        """Whether slow effects go with the path of the input, as nothing tells the time."""
+        return any(getattr(part.effect, "by_path", False) for part in self.parts)
 
     def at(self, place: Place) -> list[Part]:
         """The parts at a place, in order, without those of the sensor."""
@@ -229,6 +237,12 @@ def describe(
     model = without_effects(model, without)
     if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the sampling rate is {rate_hz} Hz: give a positive number")
+    has_clock = model.units.get("time") != SAMPLES
+    if rate_hz is not None and not has_clock:
+        raise InputError(
+            f"{model.origin.record} has no clock, so that the model counts samples and a rate of "
+            f"{rate_hz:g} Hz changes nothing: leave the rate out"
+        )
     step_s = model.origin.step_s if rate_hz is None else 1 / rate_hz
     own = _own_coefficients(model)
     taken: set[str] = set()
@@ -251,6 +265,7 @@ def describe(
         exactly_summable(weights) if model.chain.hysteron == "relay" else weights,
         model.offset,
         step_s,
+        has_clock,
         parts,
         Column(model.columns["input"], "u", model.units.get("input", "")),
         Column(model.columns["output"], "z", model.units.get("output", "")),

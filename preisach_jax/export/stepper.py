@@ -98,8 +98,10 @@ def _taken_in(
     shift = jnp.where(started, _widening(model, state, path), first_shift)
     h, hysterons = _hysterons(model, state, path, shift)
     new |= hysterons
-    now = model.step_s * state["samples"]
-    signals = Signals(now, u[None], {c.name: inputs[1 + k, None] for k, c in enumerate(model.aux)})
+    now = state["samples"] if model.by_path else model.step_s * state["samples"]
+    aux = {c.name: inputs[1 + k, None] for k, c in enumerate(model.aux)}
+    signals = Signals(now, u[None], aux, gone=now)
+    moved = jnp.where(begun, jnp.abs(u - state["input"]), 0.0)
     signal = h
     for effect in model.chain.at(WeightEffect):
         signal = signal * effect.factor(signals)[0]
@@ -117,7 +119,7 @@ def _taken_in(
         signal = signal + columns @ jnp.asarray(part.amounts)
     new |= {
         "started": jnp.minimum(state["started"] + 1, 2),
-        "samples": state["samples"] + 1,
+        "samples": state["samples"] + (moved if model.by_path else 1),
         "input": u[None],
         "aux": inputs[1:],
         "path": jnp.stack([path, jnp.where(started, state["path"][0], path)]),

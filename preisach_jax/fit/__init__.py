@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.errors import InputError
 from preisach_jax.fit.fitted import (
@@ -28,11 +27,11 @@ from preisach_jax.fit.stepwise import (
     SEARCH_ROWS,
     Progress,
     at_levels,
-    aux_units,
     base_point,
     best_start,
     checked_levels,
     double_precision,
+    effects_for,
     feeds_back,
     held_out_rms,
     in_reduced_basis,
@@ -67,11 +66,11 @@ __all__ = [
     "Schedule",
     "Training",
     "at_levels",
-    "aux_units",
     "base_point",
     "best_start",
     "checked_levels",
     "double_precision",
+    "effects_for",
     "feeds_back",
     "finished",
     "fit",
@@ -143,7 +142,7 @@ def fit(
         True
     """
     record = as_one(record, hold_out, "fit")
-    chosen = resolve(effects, aux_units(record))
+    chosen = effects_for(record, effects)
     for name, values in record.aux.items():
         own = [e.name for e in chosen if isinstance(e, OfColumn) and e.column == name]
         if np.ptp(values) == 0 and own:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from preisach_jax.chain import Chain
 from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.cores import on_processor
+from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect
 from preisach_jax.errors import InputError, NotFiniteError, shown
 from preisach_jax.identify import (
@@ -27,6 +28,7 @@ from preisach_jax.identify import (
     with_strength,
 )
 from preisach_jax.identify.regression import FIRST_STRENGTH
+from preisach_jax.model import check_clock
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 from preisach_jax.record.faults import Fault, faults
@@ -107,9 +109,11 @@ def double_precision() -> Generator[None]:
         yield
 
 
-def aux_units(record: Record) -> dict[str, str]:
-    """Units of a record's auxiliary columns by name."""
-    return {name: record.channels[name].unit for name in record.aux}
+def effects_for(record: Record, asked: Iterable[str | Effect]) -> tuple[Effect, ...]:
+    """Effects from their names, for a record; effects pass as they are."""
+    found = resolve(asked, {name: record.channels[name].unit for name in record.aux})
+    check_clock(found, record)
+    return found
 
 
 def checked_levels(levels: int | None) -> int:

@@ -18,6 +18,7 @@ from preisach_jax.chain.runs import (
     signals_of,
     thinned,
 )
+from preisach_jax.chain.signals import parts_of
 from preisach_jax.effects import BUILT_IN
 from preisach_jax.effects.base import (
     Effect,
@@ -365,7 +366,13 @@ class Problem:
             output=self.record.output[rows],
             residual=point.residual[order] * point.unit,
             aux={name: values[rows] for name, values in self.record.aux.items()},
+            path=np.zeros(0) if self.record.has_clock else self._path[rows],
         )
+
+    @property
+    def _path(self) -> np.ndarray:
+        """(time,) path of the input in each run, see `Signals.path`."""
+        return np.concatenate([np.asarray(part.path) for part in parts_of(self.signals)])
 
     def forms_of(self, effect: Effect, point: Point) -> tuple[Effect, ...]:
         """Forms of an effect to add to a point; they may cost a spectrum."""

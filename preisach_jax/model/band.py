@@ -406,7 +406,8 @@ def drift_deviation(
         if not effect.of_time_alone or (goes_on and not effect.nonparametric):
             continue
         with on_processor():
-            along = Signals(jnp.asarray(seen), jnp.zeros(POINTS), {})
+            path = jnp.linspace(0.0, getattr(effect, "horizon_s", 0.0), POINTS)
+            along = Signals(jnp.asarray(seen), jnp.zeros(POINTS), {}, gone=path)
             course = np.asarray(effect.at(values[effect.name]).columns(along)) @ own
         if goes_on:
             ahead = np.maximum(time - span[1], 0.0)

@@ -324,7 +324,13 @@ class Model:
 
         The memory is the one that the record states, or the middle of what is left open.
         """
-        signals = signals_of(record, self._drift_origin_s(record))
+        origin = self._drift_origin_s(record)
+        signals = signals_of(record, origin)
+        if not record.has_clock and origin < record.time[0]:
+            time, values = self.origin.history
+            before = np.cumsum(np.abs(np.diff(values, prepend=values[0])))
+            gone = float(np.interp(record.time[0], time, before))
+            signals = replace(signals, gone=signals.path + gone)
         weights = self.weights
         if self.chain.hysteron == "relay":
             weights = exactly_summable(weights)
@@ -553,6 +559,7 @@ def _once_more(time: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndar
 def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None:
     """Refuse a record along which a model of these units by role cannot predict."""
     _check_units(units, record)
+    check_clock(chain.effects, record)
     if chain.mechanics:
         return  # the plane is one of displacements, and `_displaced` asks whether they stay on it
     plane = chain.plane
@@ -575,6 +582,16 @@ def check_record(chain: Chain, units: Mapping[str, str], record: Record) -> None
                 f"{record.name}: the model needs the auxiliary column {effect.column!r}; "
                 f"load the record with it (--aux {effect.column})"
             )
+
+
+def check_clock(effects: Iterable[Effect], record: Record) -> None:
+    """Refuse effects that go with times or rates, for a record that only counts samples."""
+    late = next((e.name for e in effects if e.needs_clock and not record.has_clock), None)
+    if late is not None:
+        raise InputError(
+            f"{record.name}: the effect {late!r} needs a clock, and the samples are only "
+            "counted; give the column of time (--time COL) or the sampling rate (--rate HZ)"
+        )
 
 
 def _check_units(units: Mapping[str, str], record: Record) -> None:

@@ -32,14 +32,13 @@ def record_axes(record: Record) -> dict[str, Axis]:
     """What residuals are looked at against, row by row."""
     rate = stats.input_rate(record.time, record.input, record.starts)
     since = stats.time_since_reversal(record.time, record.input, starts=record.starts)
-    per_second = f"{record.input_unit}/s" if record.input_unit else "1/s"
     return {
-        "time": Axis(record.time, "time (s)" if record.has_clock else "sample"),
+        "time": Axis(record.time, record.time_label),
         "input": _axis(record.input, record.input_unit, column_name(record, "input")),
         "output": _axis(record.output, record.output_unit, column_name(record, "output")),
-        "rate": _axis(rate, per_second, f"rate of {column_name(record, 'input')}"),
+        "rate": _axis(rate, record.rate_unit, f"rate of {column_name(record, 'input')}"),
         "since": _axis(
-            since, "s", "time since the input last turned",
+            since, record.time_unit, "time since the input last turned",
             is_logarithmic=bool(since.max() > 100 * record.step_s),
         ),
     }  # fmt: skip

@@ -31,7 +31,7 @@ def first_look(found: Look) -> Figure:
     _course(panels["output"], found, "output", BEFORE)
     panels["input"].sharex(panels["output"])
     panels["input"].tick_params(labelbottom=False)
-    panels["output"].set_xlabel("time (s)" if record.has_clock else "sample")
+    panels["output"].set_xlabel(record.time_label)
     _loop(panels["loop"], found)
     handles, labels = panels["output"].get_legend_handles_labels()
     more, others = panels["input"].get_legend_handles_labels()

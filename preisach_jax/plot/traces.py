@@ -141,7 +141,7 @@ def draw_course(axes: Axes, traces: Traces, rows: slice, what: str) -> None:
         between = record.time[start - 1 : start + 1].mean()
         axes.axvline(between, color="0.45", lw=0.9, ls=":", zorder=1)
     shade_held_out(axes, first_trace(traces), rows)
-    axes.set_xlabel("time (s)")
+    axes.set_xlabel(record.time_label)
     axes.margins(x=0.01)
 
 
@@ -246,7 +246,7 @@ def where_it_errs_most(traces: Traces) -> Figure:
     draw_course(upper, traces, rows, "output")
     draw_course(lower, traces, rows, "residual")
     upper.set_xlabel("")
-    lower.set_xlabel("time (s)")
+    lower.set_xlabel(record_of(traces).time_label)
     add_legend(figure, traces, measured=True)
     return figure
 
@@ -340,7 +340,7 @@ def residual_tests(traces: Traces) -> Figure:
     step = record.step_s
     figure = Figure(figsize=(8.2, 7.2), layout="constrained")
     own, crossed, spectrum = figure.subplots(3, 1)
-    factor, unit = scaled(longest * step, "s")
+    factor, unit = scaled(longest * step, record.time_unit)
     for trace in traces.values():
         values = stats.in_sequence(record, trace.residual, longest)
         shade = colour(trace)
@@ -364,7 +364,7 @@ def residual_tests(traces: Traces) -> Figure:
     crossed.set_xlabel(f"lag ({unit}); at positive lags the residual follows the input")
     spectrum.set_title("Cumulated periodogram of the residual")
     spectrum.set_xscale("log")
-    spectrum.set_xlabel("frequency (Hz)")
+    spectrum.set_xlabel(f"frequency ({record.frequency_unit})")
     spectrum.set_ylabel("share of power")
     for axes in (own, crossed):
         axes.axhline(0, color="0.3", lw=0.7)

@@ -34,18 +34,7 @@ _GAP = 5.0  # a step this many times the usual one is a gap
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """K samples of a record. Values are in the file's own units, time is in seconds.
-
-    Arguments:
-        time: (K,) float64, s, strictly increasing.
-        input: (K,) float64, finite, in the input's unit.
-        output: (K,) float64 in the output's unit, NaN where nothing was measured: such a sample
-            belongs to the history of the input only.
-        aux: auxiliary columns by name, each (K,) float64, finite.
-        channels: name and unit of `"time"`, `"input"`, `"output"` and each auxiliary column.
-        time_values: (K,) float64, the time column as in the file, in the file's unit.
-        faults: stretches of the output that `masked` left out, as `(kind, start, stop)`.
-    """
+    """K samples of a record. Values are in the file's own units, time is in seconds."""
 
     time: np.ndarray
     input: np.ndarray
@@ -116,6 +105,26 @@ class Samples:
     def has_clock(self) -> bool:
         """Whether its times are times; without a clock they count samples."""
         return self.channels["time"].unit != SAMPLES
+
+    @property
+    def time_unit(self) -> str:
+        """Unit in which its times are shown: `s`, or `samples` where they are only counted."""
+        return "s" if self.has_clock else SAMPLES
+
+    @property
+    def time_label(self) -> str:
+        """What stands on an axis of its times."""
+        return "time (s)" if self.has_clock else "sample"
+
+    @property
+    def frequency_unit(self) -> str:
+        """Unit of what is counted in a time: `Hz`, or `1/sample`."""
+        return "Hz" if self.has_clock else "1/sample"
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit in which rates of the input are shown."""
+        return f"{self.input_unit or 1}/{'s' if self.has_clock else 'sample'}"
 
     @property
     def measured(self) -> np.ndarray:
@@ -203,11 +212,7 @@ class Samples:
         )
 
     def without(self, spikes: np.ndarray) -> Self:
-        """The same measurement with some outputs left out, which `spikes` remembers.
-
-        Arguments:
-            spikes: (K,) bool: whose output is not to be used.
-        """
+        """The same measurement with some outputs left out, which `spikes` remembers."""
         if not spikes.any():
             return self
         left_out = {int(row): float(self.output[row]) for row in np.flatnonzero(spikes)}
@@ -235,12 +240,7 @@ class Samples:
         return replace(self, output=_frozen(output), faults=(*self.faults, *faults))
 
     def levelled(self, jumps: np.ndarray) -> Self:
-        """The same measurement without jumps of its output, each taken back to the end of its run.
-
-        Arguments:
-            jumps: (K, 2) by how much the output jumps at each sample, in its unit, mostly 0; and
-                the standard errors of these heights. A known jump is corrected by it.
-        """
+        """The same with jumps of the output taken back: (K, 2) heights and standard errors."""
         heights, errors = jumps.T
         if not heights.any():
             return self
@@ -252,11 +252,7 @@ class Samples:
         return replace(self, output=_frozen(self.output - off), jumps=known)
 
     def bridged(self, spikes: np.ndarray) -> Self:
-        """The same measurement with some inputs replaced by straight lines between the others.
-
-        Arguments:
-            spikes: (K,) bool: whose input is not to be used.
-        """
+        """The same measurement with some inputs replaced by straight lines between the others."""
         if not spikes.any():
             return self
         replaced = {int(row): float(self.input[row]) for row in np.flatnonzero(spikes)}
@@ -272,9 +268,6 @@ class Samples:
         """Digest of the first `n` samples of time and input.
 
         Two records with the same digest of `n` samples begin with the same `n` samples.
-
-        Returns:
-            SHA-256 of the `n` rows (time, input) as little-endian float64.
         """
         if not 0 <= n <= len(self):
             raise InputError(f"n is {n}: give at least 0 and at most {len(self)} samples")

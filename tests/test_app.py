@@ -22,8 +22,10 @@ from bokeh.io.doc import patch_curdoc
 from panel.io.state import set_curdoc
 
 from preisach_jax.app import panels, steps
+from preisach_jax.app.columns import ColumnChoice
 from preisach_jax.app.jobs import Job
 from preisach_jax.app.layout import Dropper
+from preisach_jax.app.opening import Content
 from preisach_jax.app.page import Page
 from preisach_jax.app.panels import failure, ladder, table, told, verdict
 from preisach_jax.app.steps import Click, Walk, exports, packed, repeated, saved, script, unpacked
@@ -72,14 +74,14 @@ class TestUpload:
         names, rows = upload.first_rows()
         assert names == ["t_s", "u_V", "z_um"]
         assert float(rows[3][0]) == pytest.approx(0.06)
-        record = upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
+        (record,) = upload.records({"time": "t_s", "input": "u_V", "output": "z_um"})
         assert record.name == "My stage.csv"
         assert len(record) == 200
         upload = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"))
         assert upload.guess == {"time": "TIME", "input": None, "output": None}
         assert "choose" in upload.question
         choice: ReadOptions = {"time": None, "input": "CH1", "output": "CH2", "rate": 100.0}
-        assert upload.record(choice).step_s == pytest.approx(0.01)
+        assert upload.records(choice)[0].step_s == pytest.approx(0.01)
 
     def test_messages_name_the_file_and_not_where_it_is_kept(self):
         with pytest.raises(pj.InputError, match=r"broken one\.csv, row 3") as caught:
@@ -87,8 +89,51 @@ class TestUpload:
         assert "preisach-app-" not in str(caught.value)
         upload = Upload.of("text.csv", csv() + b"4.1,oops,3\n")
         with pytest.raises(pj.InputError, match=r"text\.csv, column u_V, row 202") as caught:
-            upload.record({"time": "t_s", "input": "u_V", "output": "z_um"})
+            upload.records({"time": "t_s", "input": "u_V", "output": "z_um"})
         assert "preisach-app-" not in str(caught.value)
+
+    def test_tables_are_several_records_or_the_one_that_is_chosen(self, tmp_path, monkeypatch):
+        name, content = "tester.csv", csv() + b"\nTable 2\n" + csv(150)
+        upload, taken = Upload.of(name, content), []
+        choosing = ColumnChoice(upload, taken.append)
+        both = Content.of(upload, choosing.first())
+        assert [len(run) for run in (both.record.stretches, upload.tables)] == [2, 2]
+        assert (both.first.name, len(both.record)) == ("tester.csv, table 1", 350)
+        walk = Walk(pj.explore(both.record, levels=5), (Click("fit", 5),))
+        choosing._table.value = 2
+        assert len(Content.of(upload, taken[-1]).record) == 150
+        again = ColumnChoice(upload, taken.append, unpacked("x", packed(
+            name, content, taken[-1], (), None
+        )).choice)  # fmt: skip
+        assert again.first()["table"] == 2
+        (tmp_path / name).write_bytes(content)
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "repeat.py").write_text(script(name, both.choice, walk.way, walk.step))
+        monkeypatch.setattr("sys.argv", ["repeat.py"])
+        done = runpy.run_path("repeat.py")
+        assert done["step"].fit.rms_validation == walk.step.fit.rms_validation
+
+    def test_where_the_columns_are_a_question_each_pair_is_a_loop_to_press(self):
+        t = np.arange(400) / 100
+        u, z = np.sin(5 * t), np.cos(5 * t)
+        rows = np.column_stack([t, u, z, u + 2 * z**3])
+        content = "".join(",".join(f"{v:.5f}" for v in row) + "\n" for row in rows).encode()
+        upload, taken = Upload.of("plain.csv", content), []
+        choosing = ColumnChoice(upload, taken.append)
+        pairs = choosing._pictures.objects
+        assert choosing.first() is None
+        assert [pair.label for pair in pairs] == ["2 → 3", "2 → 4", "3 → 4"]
+        x, y = np.array(
+            [p.split(",") for p in re.findall(r"[\d.]+,[\d.]+", pairs[0].icon.split("points")[1])],
+            float,
+        ).T  # a circle, on its head in the picture
+        assert np.ptp(np.hypot(x - 36, y - 36)) < 1
+        pairs[2].clicks += 1
+        assert [taken[-1][role] for role in ("time", "input", "output")] == ["1", "3", "4"]
+        assert not choosing._pictures.visible
+        refused = ColumnChoice(Upload.of("t.csv", b"t_s,u_V\n0,1\n1,2\n2,1\n"), taken.append)
+        assert not refused._pictures.objects
+        assert "one signal only" in refused._told.object
 
     def test_what_is_saved_is_what_was_read(self, tmp_path):
         """Not a broken file of the same name, nor what has become of a file since."""
@@ -275,6 +320,7 @@ CHOICE: ReadOptions = {
     "aux": (),
     "rate": None,
     "units": {"input": "V"},
+    "table": None,
 }
 
 

@@ -24,6 +24,8 @@ from preisach_jax.files import json_bytes
 from preisach_jax.fit import Progress
 from preisach_jax.model import Model
 from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.channels import SAMPLES
+from preisach_jax.record.columns import NO_CLOCK
 from preisach_jax.report import write_comparisons
 from preisach_jax.report.content import HEADERS, several_rows, several_sentence
 
@@ -128,6 +130,8 @@ def _record(dropped: Dropped, model: Model) -> Record:
         for role in ("time", "input", "output")
         if model.columns[role] in table.columns
     }
+    if model.units.get("time") == SAMPLES:
+        told["time"] = NO_CLOCK
     units = {role: model.units[role] for role in told if model.units.get(role)}
     options = {**told, "units": units, "aux": tuple(model.columns["aux"])}
     return Record.of_table(table, dropped.name, **cast(ReadOptions, options))

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from preisach_jax.app import panels
 from preisach_jax.app.layout import BLOCK, WRAP, Dropper, button, plots, styled
-from preisach_jax.app.upload import table_of
+from preisach_jax.app.upload import tables_of
 from preisach_jax.app.views import MOST_DRAWN, NARROW, drawn_figure, limits_of, place_legend, span
 from preisach_jax.compensation import Compensation, compensate
 from preisach_jax.compensation.drive import Tracking, drive_csv, tracking, wanted_course
@@ -293,7 +293,7 @@ class Driven:
 def course_of(step: Exploration, course: CourseFile) -> Record:
     """Read a wanted course as `preisach compensate` does."""
     return wanted_course(
-        step.fit.model, table_of(course.name, course.content), course.name,
+        step.fit.model, tables_of(course.name, course.content)[0], course.name,
         time=course.columns.get("time"), output=course.columns.get("output"), units=course.units,
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.fit import Progress
 from preisach_jax.look import Look, columns_of, look
 from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.joined import as_one
 
 
 @dataclass(frozen=True)
@@ -25,13 +26,15 @@ class Content:
 
     Attributes:
         choice: the columns.
-        record: the record in them.
+        record: the record in them; several that were joined.
+        first: the first of them, at which a look is taken.
         curves: what is drawn of it.
         notes: what was assumed when it was read.
     """
 
     choice: ReadOptions
     record: Record
+    first: Record
     curves: Curves
     notes: list[str]
 
@@ -39,8 +42,11 @@ class Content:
     def of(upload: Upload, choice: ReadOptions) -> Content:
         """Read the chosen columns of a file."""
         notes: list[str] = []
-        record = upload.record({**choice, "announce": notes.append})
-        return Content(choice, record, Curves.of(record), notes)
+        records = upload.records({**choice, "announce": notes.append})
+        if all(choice.get(role) == upload.guess[role] for role in ("input", "output")):
+            notes += upload.said
+        record = as_one(records)
+        return Content(choice, record, records[0], Curves.of(record), list(dict.fromkeys(notes)))
 
 
 @dataclass(frozen=True)
@@ -171,7 +177,7 @@ class Opening(Working):
         self._layout.facts.object = panels.doing(panels.LOOKING)
         self._show_pane("Record")
         assert self._upload is not None  # the record is that of an upload
-        self._examine(content.record, self._upload)
+        self._examine(content.first, self._upload)
 
     def _examine(self, record: Record, upload: Upload) -> None:
         """Look at the record, then fit it."""

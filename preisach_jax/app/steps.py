@@ -57,6 +57,8 @@ def without_detours(clicks: Sequence[Click]) -> list[Click]:
 def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Exploration) -> str:
     """The text of a script that repeats the clicks and gives the same numbers."""
     record = step.record
+    digests: Any = [run.sha256 for run in record.runs] or record.sha256
+    read = "[each.sha256 for each in record]" if record.runs else "record.sha256"
     lines = [
         '"""Repeats the steps taken in `preisach app`: python SCRIPT [DATA]."""',
         "",
@@ -66,11 +68,11 @@ def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Explor
         "import preisach_jax as pj",
         "",
         f"data = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent / {name!r}",
-        "record = pj.Record.load(",
+        f"record = pj.Record.load{'_all' if record.runs else ''}(",
         "    data,",
         *(f"    {key}={value!r}," for key, value in choice.items() if value),
         ")",
-        f"if record.sha256 != {record.sha256!r}:",
+        f"if {read} != {digests!r}:",
         '    sys.exit(f"{data} is not the record of these steps: its values differ")',
         "",
     ]
@@ -80,7 +82,7 @@ def script(name: str, choice: ReadOptions, clicks: Sequence[Click], step: Explor
         "",
         "for rung in step.ladder:",
         '    name = " + ".join(("Preisach model", *rung.effects))',
-        "    print(name, rung.rms_validation, record.output_unit)",
+        "    print(name, rung.rms_validation, step.record.output_unit)",
         'step.fit.save("model.json")',
         "",
     ]
@@ -102,7 +104,7 @@ def _lines_of(click: Click) -> list[str]:
 
 
 SUFFIX = ".preisach"
-FORMAT = 1
+FORMAT = 2
 
 MOST_TOLD = 10_000_000
 """Most bytes of what a project says beside its record and its models."""
@@ -186,12 +188,12 @@ _name = Annotated[text, Field(max_length=1000)]
 _column = _name | None
 
 _CONTENT = {
-    "format": whole(1, FORMAT),
+    "format": whole(FORMAT, FORMAT),
     "name": _name,
     "record": _name,
     "choice": {
         "time": _column, "input": _name, "output": _name, "aux": list_of(_name),
-        "rate": number(0.0) | None, "units": table_of(_name) | None,
+        "rate": number(0.0) | None, "units": table_of(_name) | None, "table": whole(1) | None,
     },
     "clicks": Annotated[
         list_of({"what": one_of("fit", "find", "add", "undo"), "levels": whole(2) | None,
@@ -227,6 +229,7 @@ def _project(told: Mapping[str, Any], content: bytes) -> Project:
         {
             "time": choice["time"], "input": choice["input"], "output": choice["output"],
             "aux": tuple(choice["aux"]), "rate": choice["rate"], "units": choice["units"],
+            "table": choice["table"],
         },
         tuple(Click(each["what"], each["levels"], each["effect"]) for each in told["clicks"]),
         tuple(math.nan if error is None else error for error in told["errors"]),

@@ -13,9 +13,16 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import QuestionError, assign_roles, could_be_time, unit_of
+from preisach_jax.record.columns import (
+    QuestionError,
+    all_runs,
+    assign_roles,
+    could_be_time,
+    is_clock,
+    unit_of,
+)
 from preisach_jax.record.readers import BINARY
-from preisach_jax.record.reading import read_table
+from preisach_jax.record.reading import read_tables
 from preisach_jax.record.sampling import on_one_clock
 from preisach_jax.record.table import Table
 
@@ -34,16 +41,20 @@ class Upload:
     Attributes:
         name: what the file was called, as it came.
         content: its bytes, of which all that is said of it is read.
-        table: its columns.
+        tables: its tables that are records of one specimen, as `--table` counts them.
         guess: the column of each role, None where names and units do not tell.
         question: why the guess is not whole; empty if it is.
+        is_open: whether it is a question, and not a refusal.
+        said: what was made of the columns where the guess is whole.
     """
 
     name: str
     content: bytes
-    table: Table
+    tables: tuple[Table, ...]
     guess: Mapping[str, str | None]
     question: str
+    is_open: bool
+    said: tuple[str, ...]
 
     @staticmethod
     def of(name: str, content: bytes) -> Upload:
@@ -53,8 +64,13 @@ class Upload:
                 f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
                 "at most: use the command line, 'preisach diagnose FILE'"
             )
-        table = on_one_clock(table_of(name, content).with_clocks())
-        return Upload(name, content, table, *_guessed(table))
+        tables = tuple(map(on_one_clock, all_runs(tables_of(name, content), {})))
+        return Upload(name, content, tables, *_guessed(tables[0]))
+
+    @property
+    def table(self) -> Table:
+        """The first table, whose columns are those of all."""
+        return self.tables[0]
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -77,20 +93,20 @@ class Upload:
         count = min(PREVIEWED_ROWS, len(self.table.rows))
         return names, [[_cell(self.table.columns[name][k]) for name in names] for k in range(count)]
 
-    def record(self, choice: ReadOptions) -> Record:
-        """The record of the chosen columns."""
-        return Record.of_table(self.table, self.name, **choice)
+    def records(self, choice: ReadOptions) -> list[Record]:
+        """The records of the chosen columns: that of the chosen table, or one of each."""
+        return Record.of_tables(self.tables, self.name, **choice)
 
 
-def table_of(name: str, content: bytes) -> Table:
-    """The columns of a file that came as its bytes; messages call it by its name.
+def tables_of(name: str, content: bytes) -> list[Table]:
+    """The tables of a file that came as its bytes; messages call it by its name.
 
     Readers want a file: it lies in a folder that is new and gone afterwards, and can be no other's.
     """
     with tempfile.TemporaryDirectory(prefix="preisach-app-") as folder:
         path = Path(folder) / harmless_name(name)
         path.write_bytes(content)
-        return read_table(path, name)
+        return read_tables(path, name)
 
 
 _TEXT_ENDINGS = {"csv", "txt", "dat", "tsv", "asc", "lvm", "forc", "frc", "gz", "zip"}
@@ -109,19 +125,22 @@ def harmless_name(name: str) -> str:
     return f"{re.sub(r'[^A-Za-z0-9_-]', '_', stem)[:80] or 'record'}.{ending}"
 
 
-def _guessed(table: Table) -> tuple[dict[str, str | None], str]:
+def _guessed(table: Table) -> tuple[dict[str, str | None], str, bool, tuple[str, ...]]:
+    """The columns by role; why they are not all known, whether that is a question; what is said."""
     try:
         roles = assign_roles(
             table, time=None, input=None, output=None, aux=(), has_rate=False, need_output=True
         )
-        return {"time": roles.time, "input": roles.input, "output": roles.output}, ""
+        guess = {"time": roles.time, "input": roles.input, "output": roles.output}
+        return guess, "", False, roles.said
     except QuestionError:
-        question = "Names and units do not tell which column is which: choose them."
+        question, is_open = "Names and units do not tell which column is which: choose them.", True
     except InputError as refusal:
-        question = str(refusal)
-    times = [name for name in table.columns if could_be_time(table, name)]
+        question, is_open = f"{refusal}.", False
+    is_time = could_be_time if table.named else is_clock
+    times = [name for name in table.columns if is_time(table, name)]
     time = table.roles.get("time") or (times[0] if len(times) == 1 else None)
-    return {"time": time, "input": None, "output": None}, question
+    return {"time": time, "input": None, "output": None}, question, is_open, ()
 
 
 def _cell(value: object) -> str:

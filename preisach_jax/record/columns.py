@@ -172,10 +172,7 @@ def assign_roles(
 ) -> Roles:
     """Give columns their roles: those that are told as told, the others by name, unit or place.
 
-    Arguments:
-        has_rate: whether a sampling rate takes the place of a time column.
-        need_output: whether there must be an output; where not, it is not guessed, and a name that
-            the file does not have means that the output is absent.
+    An output that is not needed is not guessed, and may be absent.
     """
     counted = time == NO_CLOCK and NO_CLOCK not in table.columns
     needs_no_time = has_rate or counted
@@ -290,6 +287,8 @@ def _by_name(
     """The one best choice of columns for the `wanted` roles."""
     usable, refused = _usable(table, used)
     usable = _one_of_each(table, usable, said)
+    if empty := [column for column, why in refused.items() if why == "is empty"]:
+        said.append(f"{table.source}: nothing stands in {shortened(empty)}: left out")
     try:
         found = _by_roles(table, wanted, usable, refused)
     except QuestionError as question:
@@ -530,12 +529,7 @@ def _by_place(
     if "time" in wanted and len(usable) > len(needed):
         clocks = [c for c in usable if rises(table.lenient_numbers(c))]
         found["time"] = clocks[0] if clocks else None
-    left = [c for c in usable if c not in clocks]
-    copies = {
-        c for k, c in enumerate(left)
-        if len(left) > 2 and any(_is_again(table, o, c, _SAME_UNNAMED) for o in left[:k])
-    }  # fmt: skip
-    signals = [c for c in left if c not in copies]
+    signals, copies = _once(table, [c for c in usable if c not in clocks])
     if len(signals) < len(needed):
         raise InputError(
             f"{table.source}: the columns have no names (row {table.rows[0]} is numbers already), "
@@ -550,6 +544,23 @@ def _by_place(
     if aside := len(table.columns) - len(usable) - len(used):
         said.append(f"{table.source}: {aside} columns that are constant or empty were left out")
     return found
+
+
+def _once(table: Table, columns: list[str]) -> tuple[list[str], list[str]]:
+    """Columns without names, each once, and those that are another one once more."""
+    copies = [
+        c for k, c in enumerate(columns)
+        if len(columns) > 2 and any(_is_again(table, o, c, _SAME_UNNAMED) for o in columns[:k])
+    ]  # fmt: skip
+    return [c for c in columns if c not in copies], copies
+
+
+def signals_of(table: Table) -> list[str]:
+    """The columns that may be input or output: of each quantity one, and no clock."""
+    usable, _ = _usable(table, list(table.roles.values()))
+    if not table.named:
+        return _once(table, [c for c in usable if not rises(table.lenient_numbers(c))])[0]
+    return [c for c in _one_of_each(table, usable, []) if _sureness("time", c, table) == 0]
 
 
 def _clock_in_words(found: Mapping[str, str | None]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -127,8 +127,14 @@ class Record(Samples):
             >>> [record.name for record in Record.load_all(path)]
             ['runs.csv, table 1', 'runs.csv, table 2']
         """
-        name = Path(path).name
         tables = all_runs(read_tables(path), options)
+        return cls.of_tables(tables, Path(path).name, **options)
+
+    @classmethod
+    def of_tables(
+        cls, tables: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]
+    ) -> list[Record]:
+        """The records of the tables of a file, or of the one that the option `table` picks."""
         if (number := options.get("table")) is not None:
             tables = [numbered(tables, number)]
         if len(tables) == 1:
@@ -244,19 +250,7 @@ class Record(Samples):
 
     @classmethod
     def of_table(cls, given: Table, name: str, /, **options: Unpack[ReadOptions]) -> Record:
-        """Make a record of the columns of a table; `load` and its like do so with what they read.
-
-        Arguments:
-            given: the columns.
-            name: what reports call the record.
-            options: see `ReadOptions`.
-
-        Returns:
-            The record.
-
-        Raises:
-            InputError: a column cannot be used; the message says where and why.
-        """
+        """Make a record of the columns of a table, as `load` does with what it reads."""
         options = checked(options)
         rate, units = options.get("rate"), options.get("units")
         need_output = options.get("need_output", True)

@@ -32,7 +32,7 @@ def _listed(given: Any, asked_by: str) -> list[Record]:
     records = list(cast(Sequence[Any], given)) if isinstance(given, list | tuple) else [given]
     for one in records:
         if isinstance(one, Record):
-            if one.runs:
+            if one.runs and len(records) > 1:
                 raise InputError(
                     f"{one.name}: this record is made of several; pass the records themselves"
                 )
@@ -188,16 +188,7 @@ class RunErrors:
 def errors_by_run(
     record: Record, residual: np.ndarray, identification: np.ndarray, validation: np.ndarray
 ) -> tuple[RunErrors, ...]:
-    """What a model leaves of each of several records that were joined.
-
-    Arguments:
-        residual: (time,) measured minus predicted output, in output units.
-        identification: (time,) bool: rows that identify.
-        validation: (time,) bool: rows that are held out.
-
-    Returns:
-        One a run; none for a record by itself.
-    """
+    """What a model leaves of each of several records that were joined."""
     found: list[RunErrors] = []
     for run in record.runs:
         left = residual[run.rows]
@@ -267,12 +258,7 @@ def _part(record: Record, run: Run) -> Record:
 
 
 def by_run(record: Record, find: Callable[..., np.ndarray], *along: np.ndarray) -> np.ndarray:
-    """What is found row by row in each run alone.
-
-    Arguments:
-        find: gives an array, (time,) or more, of a record and of what stands along it.
-        along: (time,) arrays along the record.
-    """
+    """What is found row by row in each run alone."""
     if not record.runs:
         return find(record, *along)
     parts = zip(parts_of(record), record.runs, strict=True)

@@ -18,7 +18,9 @@ import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.effects import library
+from preisach_jax.export import export_c
 from preisach_jax.look.prospects import judged_effects, needing_a_clock
+from preisach_jax.plot.axes import record_axes
 from preisach_jax.record.columns import QuestionError
 
 FILES = Path(__file__).parent / "files"
@@ -165,8 +167,53 @@ def test_time_none_counts_samples_and_only_such_effects_are_judged():
     beside = replace(record, aux={"load": record.input}, channels=channels)
     with pytest.raises(pj.InputError, match=r"'cross:load' needs a clock"):
         effects_to_try(beside, ["cross:load"])
+    for refused in (lambda: pj.fit(record, ["creep"]), lambda: pj.explore(record).add("creep")):
+        with pytest.raises(pj.InputError, match=r"'creep' needs a clock.*--rate HZ"):
+            refused()
     with pytest.raises(pj.InputError, match="has no clock, and others have one"):
         pj.fit([record, pj.Record.load(FILES / "vsm_many_fields.dat")])
+
+
+def test_without_a_clock_slow_effects_go_with_the_path_of_the_input(tmp_path):
+    """Cycles of many lengths and heights, with rests, so that the path is not the samples."""
+    cycles = [
+        np.append(height * (1 - np.cos(2 * np.pi * np.arange(count) / count)), np.zeros(rest))
+        for count, height, rest in zip(
+            [40, 160, 80] * 5, [5, 3, 5, 4, 4] * 3, [0, 30, 0, 100, 0] * 3, strict=True
+        )
+    ]
+    u = np.concatenate(cycles)
+    moves = np.abs(np.diff(u, prepend=u[:1]))
+    path = np.cumsum(moves) - moves
+    plane = pj.Plane(levels=9, low=0.0, high=10.0)
+    rng = np.random.default_rng(0)
+    weights = rng.uniform(0.2, 1.0, plane.cells)
+    h = np.asarray(pj.simulate(plane, weights, u, hysteron="ramp"))
+    lost = 0.2 * np.expm1(-path / 60) / np.expm1(-path[-1] / 60)
+    z = h * (1 - lost) + 1e-3 * np.ptp(h) * rng.normal(size=len(u))
+    np.savetxt(
+        tmp_path / "rig.csv", np.stack([u, z], 1), "%.9g", ",", header="u_mm,z_kN", comments=""
+    )
+    record = pj.Record.load(tmp_path / "rig.csv")
+    assert not record.has_clock
+    fitted = pj.fit(record, levels=9, effects=["ageing"])
+    tau = fitted.model.parameters["ageing"]["tau_s"]
+    assert tau.low < 60 < tau.high
+    assert tau.high < 1.1 * tau.low
+    assert tau.unit == "mm"
+    assert record_axes(record)["time"].label == "sample"
+    assert record_axes(record)["since"].label.endswith("(samples)")
+    assert record_axes(record)["rate"].label.endswith("(mm/sample)")
+    fitted.model.save(tmp_path / "model.json")
+    model = pj.Model.load(tmp_path / "model.json")
+    later = model.predict(record.part(1000, len(record)))
+    assert np.abs(later.output - z[1000:]).max() < 0.01 * np.ptp(z)
+    export_c(model, tmp_path / "c")
+    readme = (tmp_path / "c" / "README.md").read_text()
+    assert "no clock" in readme
+    assert " Hz" not in readme
+    with pytest.raises(pj.InputError, match=r"has no clock.*leave the rate out"):
+        export_c(model, tmp_path / "d", rate_hz=100)
 
 
 # --- layouts of instruments -----------------------------------------------------------------------
@@ -509,7 +556,12 @@ ODD = {
     "two rows of names": ("Time,Voltage,Position\nt,U,z\n" + CSV, "row 2, names once more (t,U,z)"),
     "names, names, units": ("Time,Voltage,Position\nt,U,z\ns,V,um\n" + CSV, "names once more"),
     "units twice": ("Time [s],U [V],z [um]\n(s),(V),(um)\n" + CSV, "output z [um]"),
-    "an empty column": ("t,u,gap,z\n" + rows(T, U, "", Z, sep=","), "input u, output z"),
+    "units that disagree": (
+        "t [s],u [V],z [um]\n(ms),(V),(um)\n" + CSV, "says ms where a name says s",
+    ),
+    "empty columns": (
+        "t,u,gap,z,more\n" + rows(T, U, "", Z, "", sep=","), "nothing stands in gap, more"
+    ),
     "remarks below": ("t,u,z\n" + CSV + "End of data\n", "row 242 on (End of data)"),
     "decimal commas in quotes": (
         "t,u,z\n" + rows(T, U, Z, sep=",", decimal=",", quote='"'), "input u, output z",

@@ -11,15 +11,7 @@ _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 def extremes(
     time: np.ndarray, values: np.ndarray, columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least and greatest value in each of many equal stretches of time.
-
-    Arguments:
-        time: (K,) s, increasing.
-        values: (K,) signal, NaN where there is none.
-
-    Returns:
-        (columns,) middle of each stretch, least and greatest value; NaN where there is no sample.
-    """
+    """Least and greatest value in each of many equal stretches of time."""
     edges: np.ndarray = np.linspace(float(time[0]), float(time[-1]), columns + 1)
     there = np.isfinite(values)
     place = np.clip(np.searchsorted(edges, time[there], side="right") - 1, 0, columns - 1)
@@ -33,12 +25,7 @@ def extremes(
 
 
 def braille(time: np.ndarray, values: np.ndarray, width: int, height: int) -> list[str]:
-    """A signal over time as lines of Braille signs, two dots wide and four high each.
-
-    Arguments:
-        time: (K,) s, increasing.
-        values: (K,) signal, NaN where there is none.
-    """
+    """A signal over time as lines of Braille signs, two dots wide and four high each."""
     columns, dots = 2 * width, 4 * height
     _, low, high = extremes(time, values, columns)
     least = float(np.nanmin(low))

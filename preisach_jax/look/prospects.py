@@ -347,11 +347,7 @@ def needing_a_clock() -> tuple[str, ...]:
 
 
 def prospects(found: Excitation, effects: tuple[str, ...] | None = None) -> tuple[Prospect, ...]:
-    """What a record can tell of effects.
-
-    Returns:
-        One for each effect that is known, in the order of the names.
-    """
+    """What a record can tell of effects."""
     record = found.record
     names = [n for n in (judged_effects() if effects is None else effects) if n in _RULES]
     judged = [

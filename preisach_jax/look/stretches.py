@@ -59,12 +59,6 @@ def noise_rms(values: np.ndarray) -> float:
 
     Their variance is \(20 \sigma^2\); the median of their sizes does not see steps and spikes.
     A course that bends within a few samples adds to it, so the value is an upper one.
-
-    Arguments:
-        values: (K,) samples, NaN where there is none.
-
-    Returns:
-        The RMS in the unit of the values; 0 where fewer than 8 samples are there.
     """
     third = np.diff(values, 3)
     third = third[np.isfinite(third)]

@@ -37,13 +37,6 @@ def clock_seconds(cells: np.ndarray) -> tuple[np.ndarray, str] | None:
     first as in `01.03.2024 12:00:00,125`, and `12:00:00.125`, each with AM or PM too.
     Whether the day or the month comes first is told by numbers above 12, else by which order makes
     the record shorter.
-
-    Arguments:
-        cells: (K,) texts, and NaN for empty cells.
-
-    Returns:
-        (K,) seconds; a cell that is no time like the others stays as it is, and then the array
-        holds objects. And what was assumed, `""` if nothing. None if the column holds no times.
     """
     filled = [cell for cell in cells if isinstance(cell, str) and cell.strip()]
     pattern = _pattern(filled[:_LOOKED_AT])

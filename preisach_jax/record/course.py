@@ -18,28 +18,13 @@ OFF_THE_LATTICE = 0.02
 
 
 def input_rate(time: np.ndarray, values: np.ndarray, starts: Sequence[int] = ()) -> np.ndarray:
-    """Rate of a signal by central differences with the actual time steps.
-
-    Arguments:
-        time: (time,) s.
-        values: (time,) signal.
-
-    Returns:
-        (time,) rate, in the signal's unit a second.
-    """
+    """Rate of a signal by central differences with the actual time steps."""
     parts = zip(np.split(values, starts), np.split(time, starts), strict=True)
     return np.concatenate([np.gradient(part, when) for part, when in parts])
 
 
 def last_move(values: np.ndarray) -> np.ndarray:
-    """Direction of the last move of a signal.
-
-    Arguments:
-        values: (time,) signal.
-
-    Returns:
-        (time,) 1 or -1; 1 before the first move.
-    """
+    """Direction of the last move of a signal."""
     step = np.sign(np.diff(values, prepend=values[:1]))
     moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
     return np.where(step[moved] == 0, 1.0, step[moved])
@@ -52,13 +37,6 @@ def reversals(
 
     A turn counts once the signal has come back by more than the dead band, so that noise does not
     turn; where it rests at its extreme, the turn is where it arrived.
-
-    Arguments:
-        values: (time,) signal.
-        dead_band: in the signal's unit; by default 1 % of its range.
-
-    Returns:
-        (turn,) indices, ascending; the ends of the signal are no turns.
     """
     values = np.asarray(values, dtype=float)
     if dead_band is None:
@@ -98,14 +76,7 @@ def _turns(extremes: Sequence[float], places: Sequence[int], dead_band: float) -
 def last_reversal(
     values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
 ) -> np.ndarray:
-    """Sample at which a signal last turned; before its first turn, the first one.
-
-    Arguments:
-        values: (time,) signal.
-
-    Returns:
-        (time,) indices.
-    """
+    """Sample at which a signal last turned; before its first turn, the first one."""
     turns = np.sort(np.concatenate([[0], starts, reversals(values, dead_band, starts)]).astype(int))
     return turns[np.searchsorted(turns, np.arange(len(values)), side="right") - 1]
 
@@ -113,15 +84,7 @@ def last_reversal(
 def time_since_reversal(
     time: np.ndarray, values: np.ndarray, dead_band: float | None = None, starts: Sequence[int] = ()
 ) -> np.ndarray:
-    """Time since a signal last turned; before its first turn, since the start.
-
-    Arguments:
-        time: (time,) s.
-        values: (time,) signal.
-
-    Returns:
-        (time,) s.
-    """
+    """Time since a signal last turned; before its first turn, since the start."""
     return time - time[last_reversal(values, dead_band, starts)]
 
 

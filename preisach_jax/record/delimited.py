@@ -32,7 +32,7 @@ from preisach_jax.record.settings import (
     settings_of,
 )
 from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
-from preisach_jax.record.units import is_unit, plain_unit, units_behind_names
+from preisach_jax.record.units import is_unit, plain_unit, split_unit, units_behind_names
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
 # spaces may stand around any of the others.
@@ -304,6 +304,13 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
                 if unit not in {"", "-"}
             }
             first += 1
+            if other := [
+                n for n, u in units.items() if plain_unit(split_unit(n)[1]) not in ("", u)
+            ]:
+                notes += (
+                    f"{source}: the row of units says {units[other[0]]} where a name says "
+                    f"{split_unit(other[0])[1]} ({other[0]}): those of the row were taken",
+                )
     if named and not units:
         units = units_behind_names(header)
     begin = kept[first] if first < len(kept) else kept[-1] + 1
@@ -542,9 +549,6 @@ def without_groups(
 
     A sign is taken for one of thousands where it cannot be a decimal sign: it stands twice in a
     number, before another sign, or is none of `.` and `,`.
-
-    Returns:
-        The rows, and what was assumed, `""` if nothing.
     """
     sign = _thousands_sign(body, delimiter)
     if sign is None:
@@ -663,12 +667,7 @@ def is_text(head: bytes) -> bool:
 
 
 def decode(content: bytes) -> tuple[str, str]:
-    """The text of a file.
-
-    Returns:
-        The text with `\\n` as line end and without byte-order mark, and what was assumed of its
-        encoding, `""` if nothing.
-    """
+    """The text of a file with `\\n` as line end, and what was assumed of its encoding."""
     assumed = ""
     encoding = _encoding(content[:HEAD_BYTES])
     if encoding is not None:

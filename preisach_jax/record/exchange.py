@@ -25,11 +25,7 @@ _ATTRIBUTE = "preisach_jax"
 
 
 def table_of_frame(frame: pd.DataFrame, source: str) -> tuple[Table, tuple[str, ...]]:
-    """The columns of a data frame, its index among them unless that only counts rows.
-
-    Returns:
-        The table, and the auxiliary columns that `attrs` name.
-    """
+    """The columns of a frame, an index that does not count rows among them; auxiliary ones."""
     import pandas as pd
 
     if not isinstance(frame, pd.DataFrame):
@@ -112,15 +108,7 @@ def name_of_frame(frame: Any) -> str:
 
 
 def table_of_dataset(dataset: xr.Dataset, source: str) -> tuple[Table, tuple[str, ...]]:
-    """The variables of a dataset that lie along its longest dimension.
-
-    Arguments:
-        dataset: its coordinate of that dimension is the time; attributes `units`, and `role` as
-            `dataset_of` wrote it, are heeded.
-
-    Returns:
-        The table, and the variables whose role is `aux`.
-    """
+    """The variables along the longest dimension, whose coordinate is the time; auxiliary ones."""
     if not hasattr(dataset, "data_vars"):
         raise InputError(f"{source}: this is a {type(dataset).__name__}; give an xarray.Dataset")
     lengths = {str(name): size for name, size in dataset.sizes.items()}

@@ -67,9 +67,6 @@ def faults(record: Record) -> tuple[Fault, ...]:
 
     An output that rests by itself, as behind backlash or in a simulation without noise, does so in
     many runs (`MOST_EQUAL`), or goes on from where it was; it has no faults.
-
-    Returns:
-        The faults in the order of their rows.
     """
     output = record.output[record.measured]
     if len(output) < 4 * NEAR or not np.ptp(output):

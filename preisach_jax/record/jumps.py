@@ -94,12 +94,7 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
     output goes, and a model catches up with them: what a sensor is off by stays.  Jumps that were
     taken back before are corrected where this model tells their heights better.
 
-    Arguments:
-        modelled: (time,) output of a model of the record, however bad, in output units.
-
-    Returns:
-        (time, 2) heights of new jumps and corrections of known ones, in output units, and their
-        standard errors; 0 elsewhere.
+    Returns (time, 2) heights of new jumps and corrections of known ones, and their standard errors.
     """
     found = np.zeros((len(record), 2))
     rows = np.flatnonzero(record.measured)
@@ -125,11 +120,7 @@ def jumps(record: Record, modelled: np.ndarray) -> np.ndarray:
 
 
 def wander_rms(record: Record) -> float:
-    """RMS by which the level of a record is open, since the heights of its jumps are.
-
-    Returns:
-        The RMS over all samples in output units; 0 without jumps.
-    """
+    """RMS by which the level of a record is open, since the heights of its jumps are."""
     total = 0.0
     for rows in record.stretches:
         inside = [row for row in record.jumps if rows.start <= row < rows.stop]

@@ -48,10 +48,6 @@ class Jump(NamedTuple):
 
 
 def spans(marked: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
-    """First row of each unbroken span of marked rows, and the row behind its last.
-
-    Arguments:
-        marked: `(time,)`, the rows.
-    """
+    """First row of each unbroken span of marked rows, and the row behind its last."""
     edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -62,11 +62,7 @@ ANSWERED = 3.0
 
 
 def gross_spikes(record: Record) -> np.ndarray:
-    """Where the output leaves its course by more than its range, whatever a model says.
-
-    Returns:
-        (time,) bool: the spikes.
-    """
+    """Where the output leaves its course by more than its range, whatever a model says."""
     rows = np.flatnonzero(record.measured)
     if len(rows) < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)
@@ -82,12 +78,6 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
     there: what comes a few samples late looks like a spike.  Or the output itself steps there by
     more than it does around, and the model does not.  What is frequent, or comes in trains as
     ringing does, is no spike.
-
-    Arguments:
-        modelled: (time,) output of a model of the record, however bad, in output units.
-
-    Returns:
-        (time,) bool: the spikes.
     """
     rows = np.flatnonzero(record.measured)
     if len(rows) < LEAST_ROWS:
@@ -111,9 +101,6 @@ def input_spikes(record: Record) -> np.ndarray:
 
     The output's mean over a spike and just after it is compared with that just before it, beside
     what the course without the spikes lets expect.  If it moved with the spikes, they are pulses.
-
-    Returns:
-        (time,) bool: the spikes.
     """
     if record.measured.sum() < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)

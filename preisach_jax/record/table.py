@@ -84,11 +84,7 @@ class Table:
             )
 
     def numbers(self, column: str, remedy: str) -> np.ndarray:
-        """A column as numbers.
-
-        Returns:
-            (K,) float64, NaN where the cell is empty.
-        """
+        """A column as numbers."""
         values, bad = self._parsed(column)
         if bad.size:
             entry = str(self.columns[column][bad[0]]).strip()
@@ -104,11 +100,7 @@ class Table:
         return values
 
     def from_first(self, column: str) -> np.ndarray:
-        """What numbers are above the first one, without the rounding of great numbers.
-
-        Returns:
-            (K,) float64.
-        """
+        """What numbers are above the first one, without the rounding of great numbers."""
         cells = self.exact.get(column, self.columns[column])
         if cells.dtype != object:
             if cells.dtype.kind in "iu":  # differences of uint64 wrap around to those of int64

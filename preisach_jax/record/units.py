@@ -87,11 +87,7 @@ _LONGEST = 200
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """The quantity and the unit that a column's name holds.
-
-    Returns:
-        The name without its unit, and the unit as it is written there, `""` if there is none.
-    """
+    """A column's name without its unit, and the unit as it is written there, `""` if none."""
     column = column.strip()
     if column.startswith("in ") and column[3:].strip() in _SUFFIXES:
         return "", column[3:].strip()
@@ -160,13 +156,6 @@ def plain_unit(text: str) -> str:
 
 
 def seconds_per(unit: str) -> tuple[float, float] | None:
-    """What one `unit` of time is in seconds.
-
-    Arguments:
-        unit: unit as written in the file; `""` counts as seconds.
-
-    Returns:
-        (multiplier, divisor), to be applied in this order, or None if `unit` is no unit of time.
-    """
+    """Multiplier and divisor that make seconds of a unit of time; None if it is none."""
     unit = unit.strip().lower() or "s"
     return _SECONDS.get(_SPELLINGS.get(unit, unit))

@@ -25,12 +25,7 @@ _REMEDIES = {
 
 
 def read_hdf5(path: Path, source: str) -> Table:
-    """Read the data sets of an HDF5 file; needs the optional package h5py.
-
-    Returns:
-        The table; columns go by their path, as in `run/u`, fields of compound data by `run/u`
-        too.  Units are read from attributes such as `units`, rates from such as `dt` or `fs`.
-    """
+    """Read the data sets of an HDF5 file by their paths, units and rates by their attributes."""
     return _read(path, source, "/")
 
 

@@ -157,11 +157,7 @@ def is_siglent(text: str) -> bool:
 
 
 def read_siglent(text: str, source: str) -> Table:
-    """Read the channels below the settings, by the names and units that the settings give them.
-
-    Returns:
-        The table: the time and the channels, with their units.
-    """
+    """Read the channels below the settings, by the names and units that the settings give them."""
     head = _SIGLENT_HEAD.search(text)
     if head is None:
         raise InputError(
@@ -214,11 +210,7 @@ def is_tds(text: str) -> bool:
 
 
 def read_tds(text: str, source: str) -> Table:
-    """Read time and channel beside the settings.
-
-    Returns:
-        A table of `TIME` and the channel, with their units.
-    """
+    """Read time and channel beside the settings."""
     about: dict[str, str] = {}
     samples: list[str] = []
     begin = len(text) - len(text.lstrip("\n")) + 1

@@ -62,12 +62,7 @@ def _is_npz(names: Sequence[str]) -> bool:
 
 
 def unpack(path: Path, kind: str, folder: Path, source: str) -> tuple[Path, str]:
-    """Unpack the one file that a packed file holds, beside texts and pictures about it.
-
-    Returns:
-        The unpacked file, with the ending that it had before it was packed, and a sentence on
-        what lies beside it, `""` if nothing does.
-    """
+    """Unpack the one file that a packed file holds, and say which texts lie beside it."""
     remedy = "pack it again, or give the file as it was before"
     try:
         if kind == "gzip":

@@ -1,6 +1,10 @@
 """How fast records are read: a hundred megabytes of each kind, and a look at what was read.
 
     python benchmarks/files.py [--megabytes 100]
+    python benchmarks/files.py --layouts
+
+The second opens, with no option, each layout of instruments that the tests know, and the files that
+people keep, and notes what was taken, whether a question was asked, and the seconds of a look.
 
 Each kind is read in a process of its own, so that its greatest memory is its own; the file is in
 the cache of the disk. Beside the time on the wall stands that of the processor, as other programs
@@ -27,6 +31,7 @@ KINDS = (
     "npz", "npy", "mat", "mat73", "h5", "tdms", "parquet", "feather", "xlsx",
 )  # fmt: skip
 ROWS_A_MB = 19_500  # of a CSV of four columns
+TESTS = Path(__file__).parent.parent / "tests"
 NAMES = ("t_s", "u_V", "z_um", "load_N")
 
 
@@ -167,13 +172,50 @@ def measure(kind: str, megabytes: float, first_look: bool) -> dict[str, float | 
 _BINARY = {"npz", "npy", "mat", "mat73", "h5", "tdms", "parquet", "feather"}
 
 
+def layouts() -> None:
+    """Open every layout that the tests have typed or keep, as `preisach look FILE` does."""
+    sys.path.insert(0, str(TESTS))
+    from test_record_layouts import FILES, LAYOUTS
+
+    with tempfile.TemporaryDirectory() as folder:
+        typed = {Path(folder) / name: layout.source for name, layout in LAYOUTS.items()}
+        for path in typed:
+            path.write_text(LAYOUTS[path.name].text, encoding="utf-8")
+        both = typed | dict.fromkeys(sorted(FILES.iterdir()), "kept by people of the field")
+        opened(next(iter(both)))  # what is loaded once
+        rows = [{"file": p.name, "source": source, **opened(p)} for p, source in both.items()]
+    write_results("layouts.json", {"layouts": rows})
+
+
+def opened(path: Path) -> dict[str, object]:
+    """What a look takes of a file, or the question or the refusal in its place, and its seconds."""
+    from preisach_jax import InputError
+    from preisach_jax.look.examination import look_at_file
+    from preisach_jax.record.columns import QuestionError
+
+    begun, found = time.perf_counter(), dict[str, object]()
+    try:
+        seen = look_at_file(path).to_json()
+        found = {role: seen["channels"][role]["column"] for role in ("time", "input", "output")}
+        found |= {"records": len(seen["records"]), "clock": seen["clock"]["kind"]}
+    except QuestionError as question:
+        found["question"] = (question.command or "").replace(str(path), path.name)
+    except InputError as refusal:
+        found["refused"] = str(refusal).removeprefix(f"{path}: ")
+    return found | {"look_s": round(time.perf_counter() - begun, 3)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--megabytes", type=float, default=100.0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--read", type=Path)
     parser.add_argument("--look", action="store_true")
+    parser.add_argument("--layouts", action="store_true")
     words = parser.parse_args()
+    if words.layouts:
+        layouts()
+        return
     if words.read:
         print(json.dumps(read(words.read, words.look)))
         return

@@ -86,6 +86,35 @@ In a real browser, other work going on. {made(content)}
 {table(["file", "MB", "rows", "MB per second of one core"], kinds)}"""
 
 
+def layouts() -> str:
+    """What is taken of each layout that is tried."""
+    content = result("layouts.json")
+    rows = [
+        [f"`{row['file']}`", row["source"], taken(row).replace("|", "\\|"), f"{row['look_s']:.2f}"]
+        for row in content["layouts"]
+    ]
+    asked = sum("question" in row for row in content["layouts"])
+    refused = sum("refused" in row for row in content["layouts"])
+    return f"""## Layouts of files
+
+{len(rows)} small files in layouts of instruments and of people of the field, opened with no option:
+{len(rows) - asked - refused} without a question, {asked} with one, {refused} refused with why.
+{made(content)}
+
+{table(["file", "described in", "taken", "look, s"], rows)}"""
+
+
+def taken(row: Result) -> str:
+    """The columns of a file, or the question or the refusal."""
+    if "question" in row:
+        return f"a question: {row['question']}"
+    if "refused" in row:
+        return f"refused: {row['refused']}"
+    time = "counted samples" if row["clock"] == "none" else row["time"]
+    several = f"; {row['records']} records" if row["records"] > 1 else ""
+    return f"{row['input']} → {row['output']}; {time}{several}"
+
+
 def drive() -> str:
     """Tracking with the inverse model."""
     content = result("drive.json")
@@ -393,7 +422,7 @@ otherwise: on the GPU the same diagnosis did not end in 80 s. {made(content)}
 
 
 SECTIONS: tuple[Callable[[], str], ...] = (
-    diagnoses, page_and_files, drive, exported, controller, operator, streaming, sweep,
+    diagnoses, page_and_files, layouts, drive, exported, controller, operator, streaming, sweep,
     broken_sensor, peers, bands, accelerator,
 )  # fmt: skip
 

@@ -329,6 +329,12 @@ LAYOUTS = {
         "Time:\t12.3\tSec\nTime\tAxial Displacement\tAxial Force\nSec\tmm\tkN\n" + rows(T, U, Z),
         "Time", "Axial Displacement", "Axial Force", ("mm", "kN"),
     ),
+    "mts_german.dat": Layout(
+        "header of Series 793 files that their owners have published",
+        "MTS793|MPT|DEU|1|2|,|.|:|49|1|1|A\n\nDatenerfassung: Zeit\t\t\tZeit:\t10,0\tSek\n"
+        "Zeit\tKolbenweg\tKraft\nSek\tmm\tkN\n" + rows(T, U, Z, decimal=","),
+        "Zeit", "Kolbenweg", "Kraft", ("mm", "kN"),
+    ),
     "mts_testsuite.csv": Layout(
         "TestSuite TW user guide, MTS Systems: export",
         "Crosshead ,Load ,Time \nmm,N,s\n" + rows(U, Z, T, sep=","),

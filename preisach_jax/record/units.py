@@ -61,7 +61,7 @@ TIME_UNITS = "s, ms, us, ns, min, h, d"
 
 # Units as instruments spell them in a row of their own.
 _WORDS = {
-    "second": "s", "seconds": "s", "sec": "s", "sekunden": "s",
+    "second": "s", "seconds": "s", "sec": "s", "sek": "s", "sekunden": "s",
     "volt": "V", "volts": "V", "ampere": "A", "amperes": "A", "amp": "A", "amps": "A",
     "watt": "W", "watts": "W", "newton": "N", "newtons": "N", "meter": "m", "meters": "m",
     "metre": "m", "metres": "m", "tesla": "T", "hertz": "Hz", "celsius": "degC", "kelvin": "K",

@@ -9,6 +9,7 @@ import time
 import zipfile
 from functools import partial
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,13 +97,15 @@ class TestUpload:
         name, content = "tester.csv", csv() + b"\nTable 2\n" + csv(150)
         upload, taken = Upload.of(name, content), []
         choosing = ColumnChoice(upload, taken.append)
-        both = Content.of(upload, choosing.first())
+        choice = choosing.first()
+        assert choice is not None
+        both = Content.of(upload, choice)
         assert [len(run) for run in (both.record.stretches, upload.tables)] == [2, 2]
         assert (both.first.name, len(both.record)) == ("tester.csv, table 1", 350)
         walk = Walk(pj.explore(both.record, levels=5), (Click("fit", 5),))
         choosing._table.value = 2
         assert len(Content.of(upload, taken[-1]).record) == 150
-        again = ColumnChoice(upload, taken.append, unpacked("x", packed(
+        again: Any = ColumnChoice(upload, taken.append, unpacked("x", packed(
             name, content, taken[-1], (), None
         )).choice)  # fmt: skip
         assert again.first()["table"] == 2
@@ -119,7 +122,7 @@ class TestUpload:
         rows = np.column_stack([t, u, z, u + 2 * z**3])
         content = "".join(",".join(f"{v:.5f}" for v in row) + "\n" for row in rows).encode()
         upload, taken = Upload.of("plain.csv", content), []
-        choosing = ColumnChoice(upload, taken.append)
+        choosing: Any = ColumnChoice(upload, taken.append)
         pairs = choosing._pictures.objects
         assert choosing.first() is None
         assert [pair.label for pair in pairs] == ["2 → 3", "2 → 4", "3 → 4"]

@@ -163,7 +163,7 @@ def test_time_none_counts_samples_and_only_such_effects_are_judged():
     assert {"drift", "ageing", "reptation"} < tried
     with pytest.raises(pj.InputError, match=r"'creep' needs a clock.*--rate HZ"):
         pj.diagnose(record, ["creep"])
-    channels = record.channels | {"load": record.channels["input"]}
+    channels = {**record.channels, "load": record.channels["input"]}
     beside = replace(record, aux={"load": record.input}, channels=channels)
     with pytest.raises(pj.InputError, match=r"'cross:load' needs a clock"):
         effects_to_try(beside, ["cross:load"])

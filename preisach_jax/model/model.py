@@ -328,7 +328,7 @@ class Model:
         signals = signals_of(record, origin)
         if not record.has_clock and origin < record.time[0]:
             time, values = self.origin.history
-            before = np.cumsum(np.abs(np.diff(values, prepend=values[0])))
+            before: np.ndarray = np.cumsum(np.abs(np.diff(values, prepend=values[0])))
             gone = float(np.interp(record.time[0], time, before))
             signals = replace(signals, gone=signals.path + gone)
         weights = self.weights

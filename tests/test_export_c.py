@@ -4,6 +4,7 @@ import itertools
 import json
 import subprocess
 from dataclasses import replace
+from importlib import import_module
 
 import jax
 import numpy as np
@@ -408,6 +409,54 @@ def test_what_cannot_be_exported_is_told_in_one_line(tmp_path, capsys):
         assert message in captured.err
         assert captured.err.count("\n") == 1
     assert not (tmp_path / "none").exists()
+
+
+PLAY = """
+import jax.numpy as jnp
+import preisach_jax as pj
+
+class Play(pj.InputEffect):
+    name = "play"
+    gap: float = pj.parameter("{u}", 1e-3, 1.0, log=True)
+
+    def init(self, first):
+        return first
+
+    def step(self, state, value, dt):
+        moved = jnp.clip(state, value - self.gap, value + self.gap)
+        return moved, moved
+
+    def sampled(self, step_s, amounts):
+        return {"gap": self.gap}
+"""
+PLAY_IN_C = """
+{% set remembers, operations, calls = 1, 2, 0 %}
+{% macro fields() %}
+    preisach_real {{ id }};
+{% endmacro %}
+{% macro law() %}
+static real {{ name }}(const preisach_state *s, real value, preisach_effects *next)
+{
+    real last = s->started ? s->effects.{{ id }} : value;
+    next->{{ id }} = limited(last, value - {{ n.gap | real }}, value + {{ n.gap | real }});
+    return next->{{ id }};
+}
+{% endmacro %}
+"""
+
+
+def test_an_effect_of_ones_own_has_its_code_beside_it(tmp_path, monkeypatch):
+    (tmp_path / "module_of_a_play.py").write_text(PLAY)
+    (tmp_path / "play.c.j2").write_text(PLAY_IN_C)
+    monkeypatch.syspath_prepend(tmp_path)
+    play = import_module("module_of_a_play").Play()
+    plain, u = drawn([]), wild(400, 3)
+    chain, values = Chain(plain.plane, (play,)), {"play": {"gap": 0.7}}
+    model = replace(plain, chain=chain, values=values, parameters={"play": {}})
+    expected = predicted(model, u, [])
+    assert np.abs(expected - predicted(plain, u, [])).max() > 0.1
+    found = Compiled(model, tmp_path)(u, [])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.ptp(expected))
 
 
 def test_an_effect_can_be_left_out(tmp_path):

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from common import write_results
+from scipy import stats
 
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.operator.events import switching
@@ -38,10 +39,32 @@ def figure_8(found: Sweep, shown: Proportionality) -> dict:
         "geometry": fit_power_law(1.0 / N**2, 1.0 / (N * np.sqrt(found.cells))).value,
         "error_in_levels": shown.error_in_levels.value,
         "root_cells_in_levels": shown.root_cells_in_levels.value,
-        "by_seed": {"mean": np.mean(by_seed), "deviation": np.std(by_seed, ddof=1)},
+        "by_seed": {
+            "mean": np.mean(by_seed),
+            "deviation": np.std(by_seed, ddof=1),
+            "interval": stats.t.interval(
+                0.95, len(by_seed) - 1, np.mean(by_seed), stats.sem(by_seed)
+            ),
+        },
         "levels": N,
         "auxiliary_norm_by_seed": each,
     }  # fmt: skip
+
+
+def noise_on_the_stage(found: Sweep) -> dict:
+    """What white noise on the stage's own output adds to the norm (31) beside its quantisation."""
+    own, norm, sigma = found.auxiliary_norm(), found.noisy_auxiliary_norm, found.noise_um
+    added = norm[:, -2:] ** 2 - own[:, None] ** 2
+    return {
+        "noise_um": sigma,
+        "auxiliary_norm": norm,
+        "doubled_at_um": [
+            np.exp(np.interp(np.log(2), np.log(each / alone), np.log(sigma)))
+            for each, alone in zip(norm, own, strict=True)
+        ],
+        "exponent_of_the_square": np.diff(np.log(added))[:, 0]
+        / (2 * np.log(sigma[-1] / sigma[-2])),
+    }
 
 
 def known_truth(levels: int, x: np.ndarray) -> dict:
@@ -77,6 +100,7 @@ def main() -> None:
     content = {
         "samples": SAMPLES,
         "draws": DRAWS,
+        "noise_on_the_stage": noise_on_the_stage(found),
         "figure_8": figure_8(found, proportionality(LEVELS, SEEDS, SAMPLES)),
         "figure_9": {
             "levels": nine.levels,

@@ -10,6 +10,7 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import special
 
 from preisach_jax.operator.plane import Plane
 from preisach_jax.paper.numbers import FigureData, report
@@ -40,6 +41,7 @@ class Proportionality(FigureData):
     noise_power_um2: np.ndarray  # (level,) W, eq. (29)
     over_events_um: np.ndarray  # (level,) norm (31), e² averaged over the switching samples
     events_deviation_um: np.ndarray  # its standard deviation between realisations
+    band_events_um: np.ndarray  # (2, level) its 95 % band from realisations
     over_samples_um: np.ndarray  # the same over all samples, e = 0 where nothing switches
     line_power_um2: np.ndarray  # (2,) ends of the fitted lines
     line_events_um: np.ndarray  # fitted power law there
@@ -58,7 +60,7 @@ class Proportionality(FigureData):
         return (
             f"Auxiliary norm (31) of the weight error against the power (29) of the quantisation "
             f"noise, {self.seeds} realisations of {self.record_samples} samples (bars: standard "
-            f"deviation between them), and fitted power laws: exponent "
+            f"deviation between them; band: 95 % by Student's t), and fitted power laws: exponent "
             f"{_with_interval(self.events)} where e² is averaged over the switching samples, "
             f"{_with_interval(self.samples)} over all samples. W falls as N^-2; ⟨e⟩ over "
             f"switching samples falls as N^{e.value:.2f} and √L grows as N^{root.value:.2f}, so "
@@ -89,6 +91,7 @@ def proportionality(
         noise_power_um2=W,
         over_events_um=norms[0],
         events_deviation_um=each.std(axis=1, ddof=min(seeds - 1, 1)),
+        band_events_um=_band_of_seeds(each),
         over_samples_um=norms[1],
         line_power_um2=ends,
         line_events_um=power_law_through(W, norms[0], laws["paper"].value, ends),
@@ -101,6 +104,15 @@ def proportionality(
         seeds=seeds,
         record_samples=samples,
     )
+
+
+def _band_of_seeds(values: np.ndarray) -> np.ndarray:
+    """(2, level) 95 % band of the root mean square of (level, seed) values, by Student's t."""
+    square, seeds = values**2, values.shape[1]
+    reach = special.stdtrit(max(seeds - 1, 1), 0.975) * square.std(axis=1, ddof=min(seeds - 1, 1))
+    middle, reach = square.mean(axis=1), reach / np.sqrt(seeds)
+    # A fall by more than there is is none that a logarithm could show.
+    return np.sqrt([np.maximum(middle - reach, 0.01 * middle), middle + reach])
 
 
 def power_law_through(x: np.ndarray, y: np.ndarray, exponent: float, at: np.ndarray) -> np.ndarray:

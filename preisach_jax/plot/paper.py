@@ -356,6 +356,7 @@ def proportionality(data: paper.Proportionality) -> Figure:
             data.noise_power_um2, values, bars, fmt="o", ms=5, mfc=filled, mec=shade, ecolor=BLACK,
             elinewidth=0.8, label=label, zorder=3,
         )  # fmt: skip
+    axes.fill_between(data.noise_power_um2, *data.band_events_um, color=AFTER, alpha=0.25, lw=0)
     for N, W, norm in zip(data.levels, data.noise_power_um2, data.over_events_um, strict=True):
         axes.annotate(
             f"N = {N}", (W, norm), xytext=(-5, 3), textcoords="offset points", ha="right",

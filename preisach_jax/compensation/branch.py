@@ -103,11 +103,7 @@ def inverse_step(
     widening: Array,
     bounds: BranchBounds,
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """The input that gives a wanted output, or the nearest that the bounds allow.
-
-    Returns:
-        The new state, and position and output.
-    """
+    """The new state, and position and output, nearest to a wanted output within the bounds."""
     states, before = state
     low = jnp.maximum(bounds.low, before - bounds.step)
     high = jnp.minimum(bounds.high, before + bounds.step)
@@ -197,16 +193,7 @@ def inverse(
     widening: Array,
     bounds: BranchBounds,
 ) -> tuple[Array, Array]:
-    """Positions along a wanted output, and the outputs that they give, `(time,)` each.
-
-    Arguments:
-        wanted: (time,) wanted outputs.
-        widening: (time,) by how much thresholds move outward, in positions.
-        bounds: what each sample allows, `(time,)` each.
-
-    Returns:
-        Positions and outputs.
-    """
+    """Positions along a wanted output, and the outputs that they give, all `(time,)`."""
     step = partial(inverse_step, operator)
 
     def advance(

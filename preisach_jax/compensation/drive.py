@@ -329,12 +329,7 @@ def wanted_course(
     rate: float | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Record:
-    """The wanted course in a file, as a record whose output it is.
-
-    Arguments:
-        rate: sampling rate in Hz, in place of a column of time.
-        units: units by role or column.
-    """
+    """The wanted course in a file, as a record whose output it is."""
     output = output or model.columns["output"]
     own_time = NO_CLOCK if model.units.get("time") == SAMPLES else model.columns["time"]
     time = time or (None if rate is not None else own_time)

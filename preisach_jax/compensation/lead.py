@@ -50,11 +50,7 @@ class Lead:
         step_s: float,
         scale: float,
     ) -> Lead:
-        """The inverse of some effects.
-
-        Arguments:
-            step_s: time step, in s.
-        """
+        """The inverse of some effects."""
         if not effects:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()
@@ -67,11 +63,7 @@ class Lead:
 
     @staticmethod
     def through(response: np.ndarray, count: int, samples: int) -> Lead:
-        """The inverse of what answers an impulse so.
-
-        Arguments:
-            response: (time,) response to an impulse of height 1 in the first row.
-        """
+        """The inverse of a (time,) response to an impulse of height 1 in the first row."""
         passed = np.fft.rfft(response, count)
         inverse = (1 + FLOOR**2) * np.conj(passed) / (np.abs(passed) ** 2 + FLOOR**2)
         size = np.abs(response)
@@ -85,11 +77,7 @@ class Lead:
         step_s: float,
         slope: float,
     ) -> Lead:
-        """The inverse of an operator with effects beside it that go with the speed of its input.
-
-        Arguments:
-            step_s: time step, in s.
-        """
+        """The inverse of an operator with effects beside it that go with the speed of its input."""
         if not effects:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()

@@ -328,15 +328,7 @@ class DriveSearch:
 
 
 def limited(drive: np.ndarray, dt: np.ndarray, limits: Limits, last: float) -> np.ndarray:
-    """A drive kept in its limits, and as near to itself as the slew lets it.
-
-    Arguments:
-        drive: (time,) the drive.
-        dt: (time,) time since the row before, in s.
-
-    Returns:
-        (time,) the drive that can be played.
-    """
+    """A drive kept in its limits, and as near to itself as the slew lets it."""
     inside = np.clip(drive, limits.low, limits.high)
     reach = limits.slew * dt
     if np.all(np.abs(np.diff(inside, prepend=last)) <= reach):

@@ -24,11 +24,7 @@ from preisach_jax.model import Model, without_effects
 
 
 def sums_below(weights: np.ndarray, levels: int) -> np.ndarray:
-    """Sums of the weights below each corner of the plane's grid.
-
-    Arguments:
-        weights: (cells,) weights, in the order of the plane.
-    """
+    """Sums of the weights below each corner of the plane's grid."""
     plane = np.zeros((levels + 1, levels + 1))
     rows, columns = np.tril_indices(levels)
     plane[rows + 1, columns + 1] = weights
@@ -136,11 +132,7 @@ def files(
     without: Sequence[str] = (),
     tested: Callable[[Mapping[str, str]], str] = lambda _: "was not run",
 ) -> dict[str, str]:
-    """All files of the C export, by name.
-
-    Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record of the identification.
-    """
+    """All files of the C export, by name."""
     described = describe(model, rate_hz, without)
     content = view(described)
     test = self_test(without_effects(model, without), described)

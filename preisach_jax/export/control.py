@@ -28,9 +28,6 @@ def to_control(
     output the output, and its states those of the hysterons (the lowest and the highest possible
     one, as the start is unknown) and of the effects. Initial states of zero are those before the
     first sample: from them the output is that of `Model.predict` for a record that continues none.
-
-    Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record of the identification.
     """
     try:
         import control

@@ -78,11 +78,7 @@ _ABSENT: dict[str, str] = {
 
 
 def fmu_archive(model: Model, rate_hz: float | None = None, without: Sequence[str] = ()) -> bytes:
-    """The content of an FMU: description, sources and this platform's binary.
-
-    Arguments:
-        rate_hz: sampling rate in Hz; by default that of the record of the identification.
-    """
+    """The content of an FMU: description, sources and this platform's binary."""
     described = describe(model, rate_hz, without)
     texts = _texts(described, model.columns["time"])
     sources_of_it = {name: text for name, text in texts.items() if name.startswith("sources/")}

@@ -56,14 +56,7 @@ def start(model: Description) -> State:
 
 
 def advance(model: Description, state: State, inputs: Array) -> tuple[State, Array]:
-    """Take in one sample.
-
-    Arguments:
-        inputs: (1 + auxiliary columns,) input and auxiliary columns.
-
-    Returns:
-        The state after it, and the output.
-    """
+    """State after a sample, (1 + auxiliary columns,), and the output there."""
     none = jnp.zeros(())
     if any(effect.widens for effect in model.chain.at(HysteresisEffect)):
         second = state["started"][0] == 1

@@ -50,12 +50,6 @@ def move(stage: Stage, hidden: Hidden, command: np.ndarray, step_s: float) -> np
 
     The rate that widens the slacks is du/dt on the way to each instant, of the drive as it arrives
     behind the amplifier but without the steps of the converter, which are quick and small.
-
-    Arguments:
-        command: (time,) V, at inner instants.
-
-    Returns:
-        (time,) position, µm.
     """
     drive = _amplify(hidden, command, step_s)
     rate = np.abs(np.diff(drive, prepend=drive[0])) / step_s
@@ -87,16 +81,7 @@ def _amplify(hidden: Hidden, drive: np.ndarray, step_s: float) -> np.ndarray:
 def respond(
     hidden: Hidden, h: np.ndarray, time: np.ndarray, made: Mapping[str, np.ndarray], step_s: float
 ) -> np.ndarray:
-    """Position of the mechanics, late by the electronics behind its sensor.
-
-    Arguments:
-        h: (time,) output of the hysteresis, µm, at inner instants.
-        time: (time,) s.
-        made: (time,) columns that act on the stage.
-
-    Returns:
-        (time,) position, µm.
-    """
+    """Position of the mechanics, late by the electronics behind its sensor."""
     z = h
     if "gain:temp_C" in hidden:  # piezoelectric strain goes with the temperature
         z = z * (1.0 + hidden["gain:temp_C"]["gain_per_C"] * (made["temp_C"] - 20.0))
@@ -119,12 +104,7 @@ def respond(
 def with_forces(
     hidden: Hidden, z: np.ndarray, drive: np.ndarray, made: Mapping[str, np.ndarray], step_s: float
 ) -> np.ndarray:
-    """Position, µm, with what goes with the speed of the drive and what leaks from another axis.
-
-    Arguments:
-        z: (time,) position, µm.
-        drive: (time,) V.
-    """
+    """Position, µm, with what goes with the speed of the drive and what leaks from another axis."""
     if "viscosity" in hidden:
         law = hidden["viscosity"]
         # The semi-implicit rule: half of the lag's pull at either end of a step.
@@ -147,15 +127,7 @@ def with_forces(
 def add_disturbances(
     hidden: Hidden, z: np.ndarray, time: np.ndarray, seed: int
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Position with what comes without the drive, and the column of the load.
-
-    Arguments:
-        z: (time,) position, µm, at inner instants.
-        time: (time,) s.
-
-    Returns:
-        (time,) position, µm, and the load by its name, if there is one.
-    """
+    """Position with what comes without the drive, and the column of the load."""
     if "drift" in hidden:  # the frame warms up
         drift = hidden["drift"]
         z = z + drift["amplitude_um"] * _settling(time, drift["tau_s"])
@@ -180,14 +152,7 @@ def leaked(hidden: Hidden, z: np.ndarray, step_s: float) -> np.ndarray:
 
 
 def columns(hidden: Hidden, time: np.ndarray, seed: int) -> dict[str, np.ndarray]:
-    """Courses of a temperature about 20 °C and of another axis, as far as they are asked for.
-
-    Arguments:
-        time: (time,) s.
-
-    Returns:
-        (time,) columns by name.
-    """
+    """Courses of a temperature about 20 °C and of another axis, as far as they are asked for."""
     made: dict[str, np.ndarray] = {}
     if "gain:temp_C" in hidden:
         course = _sines(np.random.default_rng([seed, 4]), time, 1.0 / time[-1], 8.0 / time[-1])
@@ -211,12 +176,6 @@ def swung(law: Mapping[str, float], force: np.ndarray, step_s: float) -> np.ndar
 
     z'' = w² (u / K - (1 - share) z - share h) - 2 zeta w z', w = 2π f,
     h' = z' - |h / yield| (beta |z'| sgn h + gamma z'), by Runge-Kutta steps of fourth order.
-
-    Arguments:
-        force: (time,) V.
-
-    Returns:
-        (time,) position from rest, µm.
     """
     w, damping = 2.0 * np.pi * law["f_hz"], 2.0 * law["zeta"]
     share, beta, gamma, yields = law["share"], law["beta"], law["gamma"], law["yield_um"]
@@ -247,12 +206,6 @@ def low_pass(x: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
     """First-order lag by the trapezoidal rule, settled at the first value.
 
     τ y' = x - y, (τ/T + 1/2) y(k) = (τ/T - 1/2) y(k-1) + (x(k) + x(k-1))/2.
-
-    Arguments:
-        x: (time,) signal.
-
-    Returns:
-        (time,) lagged signal.
     """
     ratio = tau_s / step_s
     return scipy.signal.lfilter(
@@ -267,12 +220,6 @@ def resonate(x: np.ndarray, f_hz: float, zeta: float, step_s: float) -> np.ndarr
     """Second-order mode of unit gain at rest, exact for a straight course, settled at first.
 
     y'' + 2 ζ ω y' + ω² y = ω² x, ω = 2π f.
-
-    Arguments:
-        x: (time,) signal.
-
-    Returns:
-        (time,) signal behind the mode.
     """
     omega = 2.0 * math.pi * f_hz
     mode = ([omega**2], [1.0, 2.0 * zeta * omega, omega**2])
@@ -284,13 +231,6 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
     """Follow a signal at no more than a given rate, from its first value.
 
     y(k) = y(k-1) + max(-s T, min(s T, x(k) - y(k-1))).
-
-    Arguments:
-        x: (time,) signal.
-        slew: greatest rate s, in the unit of the signal per s.
-
-    Returns:
-        (time,) limited signal.
     """
     reach, y = slew * step_s, float(x[0])
     limited: list[float] = []
@@ -301,11 +241,7 @@ def limit_rate(x: np.ndarray, slew: float, step_s: float) -> np.ndarray:
 
 
 def round_to(x: np.ndarray, step: float) -> np.ndarray:
-    """Nearest multiple of a step, halves upward.
-
-    Arguments:
-        step: of the converter, in the unit of the signal.
-    """
+    """Nearest multiple of a step, halves upward."""
     return step * np.floor(x / step + 0.5) + 0.0  # no negative zero
 
 

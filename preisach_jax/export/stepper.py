@@ -94,7 +94,7 @@ def _taken_in(
     now = state["samples"] if model.by_path else model.step_s * state["samples"]
     aux = {c.name: inputs[1 + k, None] for k, c in enumerate(model.aux)}
     signals = Signals(now, u[None], aux, gone=now)
-    moved = jnp.where(begun, jnp.abs(u - state["input"]), 0.0)
+    moved = jnp.where(started, jnp.abs(u - state["input"]), 0.0)
     signal = h
     for effect in model.chain.at(WeightEffect):
         signal = signal * effect.factor(signals)[0]

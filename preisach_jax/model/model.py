@@ -328,8 +328,8 @@ class Model:
         signals = signals_of(record, origin)
         if not record.has_clock and origin < record.time[0]:
             time, values = self.origin.history
-            before: np.ndarray = np.cumsum(np.abs(np.diff(values, prepend=values[0])))
-            gone = float(np.interp(record.time[0], time, before))
+            moves: np.ndarray = np.diff(values, prepend=values[0])
+            gone = float(np.interp(record.time[0], time, np.cumsum(np.abs(moves))))
             signals = replace(signals, gone=signals.path + gone)
         weights = self.weights
         if self.chain.hysteron == "relay":

@@ -16,7 +16,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # fusion emitters and the split of each module into parts, a program compiles in half the time.
 if os.environ["JAX_PLATFORMS"] == "cpu":
     flags = (
-        "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
+        "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true "
         "--xla_cpu_parallel_codegen_split_count=1"
     )
     # XLA ends the process at a flag that it does not know; 0.11 has the emitters for good.

@@ -42,6 +42,7 @@ PROGRAMS = {
     "export": "export.py",
     "files": "files.py",
     "inverse": "inverse.py",
+    "layouts": "files.py --layouts",
     "measured": "measured/run.py {records}",
     "page": "page.py",
     "paper": "paper.py",

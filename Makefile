@@ -36,13 +36,13 @@ INSTALL = install="$(BIN)/python -m pip install --quiet --disable-pip-version-ch
 
 $(RUNS): requirements-run.lock pyproject.toml
 	@python=; \
-	for candidate in $(PYTHON) python3 python3.13 python3.12 python3.11 python3.14 python; do \
+	for candidate in $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.14 python); do \
 	  if $$candidate -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1; then \
 	    python=$$candidate; break; \
 	  fi; \
 	done; \
 	if [ -z "$$python" ]; then \
-	  echo "make: no Python 3.11 to 3.14 found; install one, or name it: make PYTHON=/path/to/python3" >&2; \
+	  echo "make: $(if $(PYTHON),$(PYTHON) is no Python 3.11 to 3.14,no Python 3.11 to 3.14 found); install one, or name it: make PYTHON=/path/to/python3" >&2; \
 	  exit 1; \
 	fi; \
 	if ! $$python -c 'import ensurepip, venv' >/dev/null 2>&1; then \

@@ -5,10 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import shutil
 import signal
 import socket
 import sys
 import threading
+import warnings
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -128,6 +130,9 @@ def give_back_what_is_freed() -> bool:
         return False
 
 
+LEAST_FREE_BYTES = 2**26
+"""Room for the programs of some diagnoses."""
+
 MOST_BYTES = 2**29
 """Size of the folder beyond which what was used longest ago is deleted."""
 
@@ -161,22 +166,38 @@ def kept_between_runs() -> Generator[bool]:
         "jax_persistent_cache_min_entry_size_bytes": -1,
     }
     before = {name: getattr(jax.config, name) for name in wanted}
-    if before["jax_compilation_cache_dir"] or not _made(place):
+    if before["jax_compilation_cache_dir"] or why_not_kept():
         yield False
         return
     first = not any(place.iterdir())
     for name, value in wanted.items():
         jax.config.update(name, value)
     try:
-        yield first
+        with warnings.catch_warnings():
+            # Where room runs out, a program is compiled again the next time: no reason for a
+            # warning a program.
+            warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation")
+            yield first
     finally:
         for name, value in before.items():
             jax.config.update(name, value)
 
 
-def _made(place: Path) -> bool:
+def why_not_kept() -> str:
+    """Why nothing that is compiled can be kept; empty if it can, or is kept elsewhere."""
+    import jax
+
+    place = folder()
+    if getattr(jax.config, "jax_compilation_cache_dir"):  # noqa: B009 - it is not typed
+        return ""
     try:
         place.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):
-        return False
-    return os.access(place, os.W_OK)
+        free = shutil.disk_usage(place).free
+    except (OSError, RuntimeError):  # the latter where there is no home
+        free = 0
+    if free >= LEAST_FREE_BYTES and os.access(place, os.W_OK):
+        return ""
+    return (
+        f"Compiled programs cannot be kept in {place} (no room, or not writable): every run "
+        "compiles anew. Set XDG_CACHE_HOME to another folder."
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import logging
 import shlex
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ import typer
 
 from preisach_jax.cli import screen
 from preisach_jax.cli.options import READING, reading
-from preisach_jax.cli.process import kept_between_runs
+from preisach_jax.cli.process import kept_between_runs, why_not_kept
 from preisach_jax.errors import InputError
 
 FIRST_RUN = (
@@ -58,6 +59,8 @@ def command(
                 return
             import jax
 
+            # That a home cannot be written to is said once, below.
+            logging.getLogger("matplotlib").setLevel(logging.ERROR)
             # Identification needs double precision, for the command alone: whoever calls `main`
             # from a program of their own keeps the precision that they have.
             with (
@@ -65,8 +68,8 @@ def command(
                 jax.enable_x64(True),
                 kept_between_runs() as first,
             ):
-                if first and fits:
-                    screen.note(FIRST_RUN)
+                if fits and (said := FIRST_RUN if first else why_not_kept()):
+                    screen.note(said)
                 content = function(*arguments, **named)
                 if content is not None:
                     screen.show_json(content)

@@ -51,6 +51,9 @@ def _lay_out(figure: Figure) -> None:
     """
     engine = figure.get_layout_engine()
     if engine is not None:
+        for axes in figure.axes:
+            for spine in axes.spines.values():  # to be measured, each has all ticks updated again
+                spine.set_in_layout(False)
         engine.execute(figure)
         figure.set_layout_engine("none")
 

@@ -203,7 +203,9 @@ def demo(monkeypatch, tmp_path):
     def run(*named, tamper=False):
         seen = []
 
-        def diagnose(record, progress):
+        def diagnose(record, effects, levels, progress, watch):
+            del levels, watch
+            assert tuple(effects) == demonstration.TRIED
             truth = tmp_path / "out" / "simulated-stage" / "truth.json"
             seen.append((record.name, truth.exists(), sorted(record.aux)))
             if tamper and truth.exists():
@@ -217,7 +219,7 @@ def demo(monkeypatch, tmp_path):
 
         monkeypatch.setattr("preisach_jax.diagnosis.diagnose", diagnose)
         monkeypatch.setattr("preisach_jax.report.write_report", lambda *_, **__: [])
-        monkeypatch.setattr(demonstration, "SECONDS", 6.0)
+        monkeypatch.setattr(demonstration, "_fit_rock", lambda folder: {})
         assert main(["demo", "--out", str(tmp_path / "out"), "--seed", "5"]) == 0
         return seen, json.loads((tmp_path / "out/simulated-stage/truth.json").read_text())
 
@@ -226,10 +228,11 @@ def demo(monkeypatch, tmp_path):
 
 def test_the_demo_shows_two_records_opens_the_truth_last_and_judges(demo, tmp_path, capsys):
     seen, truth = demo("nothing of the sort")
-    assert seen == [("conventional_example.forc", False, []), ("data.csv", True, [])]
+    assert seen == [("beam.csv", False, []), ("data.csv", True, [])]
     shown = capsys.readouterr().out
+    assert shown.count("\u28ff") >= 1  # the loop
     (hidden,) = truth["effects"]
-    assert hidden in demonstration.HIDDEN
+    assert hidden in demonstration.TRIED
     assert (
         f"hidden effect was {hidden}. The verdict was wrong: it names nothing of the sort" in shown
     )
@@ -243,6 +246,13 @@ def test_the_demo_shows_two_records_opens_the_truth_last_and_judges(demo, tmp_pa
     assert f"names other, which it cannot tell from {hidden}" in capsys.readouterr().out
     demo("creep", tamper=True)
     assert "was changed since it was written" in capsys.readouterr().out
+
+
+def test_the_rock_is_fitted_better_where_its_output_moves(tmp_path, capsys):
+    shares = demonstration._fit_rock(tmp_path)
+    assert shares["where_the_output_moves"] < 0.5 * shares["equally_spaced"]
+    assert "<svg" in (tmp_path / "forc.svg").read_text()
+    assert "15 thresholds" in capsys.readouterr().out
 
 
 # Mistakes

@@ -11,6 +11,7 @@ import preisach_jax as pj
 from preisach_jax.cli import main
 from preisach_jax.effects import library
 from preisach_jax.look import look
+from preisach_jax.look.drawing import braille_curve
 from preisach_jax.look.prospects import judged_effects
 from preisach_jax.look.stretches import band_decades, noise_rms, period, repeating_period, rests
 
@@ -182,3 +183,13 @@ def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path,
     assert "--input" in out
     assert main(["look", str(file), "--input", "2", "--output", "3", "-q"]) == 0
     assert capsys.readouterr().out.startswith("shows well:")
+
+
+def test_a_curve_in_signs_lies_where_its_points_do():
+    circle = np.linspace(0, 2 * np.pi, 400)
+    rows = [row.ljust(10, "\u2800") for row in braille_curve(np.cos(circle), np.sin(circle), 10, 5)]
+    lit = {(x, y) for y, row in enumerate(rows) for x, sign in enumerate(row) if sign != "\u2800"}
+    assert {(0, 2), (9, 2), (5, 0), (5, 4)} <= lit
+    assert not lit & {(0, 0), (9, 0), (0, 4), (9, 4), (5, 2)}
+    up = braille_curve(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 2, 1)
+    assert up == ["\u2860\u280a"]

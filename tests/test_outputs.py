@@ -50,7 +50,7 @@ WRITERS = {
     "figures": (["--only", "1", "--out", "f"], ["f/figure_01.pdf", "f/figure_01.png"]),
     "look": ([*RECORD, "--plot", "l.png"], ["l.png"]),
     "simulate": (["--seconds", "3", "--out", "s.csv", "--truth", "t.json"], ["s.csv", "t.json"]),
-    "demo": (["--out", "d"], ["d/simulated-stage/data.csv", "d/reversal-curves/report.html"]),
+    "demo": (["--out", "d"], ["d/simulated-stage/data.csv", "d/reversal-curves/forc.svg"]),
 }  # fmt: skip
 
 
@@ -113,7 +113,7 @@ MINE = (
     b"PK\3\4 torn",
 )
 EACH_KIND = ("r/diagnosis.json", "p.csv", "c/preisach_model.c", "f/stage.fmu", "f/figure_01.pdf",
-             "l.png", "r/density.svg", "r/loop.png", "d/reversal-curves/report.html")  # fmt: skip
+             "l.png", "r/density.svg", "r/loop.png", "d/reversal-curves/forc.svg")  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])

@@ -127,7 +127,9 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool =
     _console().print(drawn)
 
 
-def picture(time: np.ndarray, values: np.ndarray, lines: int) -> None:
+def picture(
+    time: np.ndarray, values: np.ndarray, lines: int, limits: tuple[float, float] | None = None
+) -> None:
     """Print a signal over time as a picture of Braille signs, its ends beside it."""
     if _MANNER.get().as_json or _MANNER.get().quiet:
         return
@@ -135,14 +137,41 @@ def picture(time: np.ndarray, values: np.ndarray, lines: int) -> None:
 
     from preisach_jax.look.drawing import braille
 
-    screen = _console()
     there = values[np.isfinite(values)]
-    width = min(screen.width, _WIDTH) - _MARGIN
-    ends = (f"{there.max():.4g}", f"{there.min():.4g}")
-    for k, line in enumerate(braille(time, values, width, lines)):
-        label = ends[0] if k == 0 else ends[1] if k == lines - 1 else ""
-        screen.print(f"{label:>{_MARGIN - 2}} {line}", soft_wrap=True)
-    first, last = f"{time[0]:.4g} s", f"{time[-1]:.4g} s"
+    low, high = limits or (float(there.min()), float(there.max()))
+    width = _picture_width()
+    ends = (f"{time[0]:.4g} s", f"{time[-1]:.4g} s")
+    _framed(braille(time, values, width, lines, limits), (f"{low:.4g}", f"{high:.4g}"), ends, width)
+
+
+def loop_picture(
+    x: np.ndarray, y: np.ndarray, names: tuple[str, str], lines: int, signs: int
+) -> None:
+    """Print output against input as a picture of Braille signs, its ends beside it."""
+    if _MANNER.get().as_json or _MANNER.get().quiet:
+        return
+    import numpy as np
+
+    from preisach_jax.look.drawing import braille_curve
+
+    there = np.isfinite(x) & np.isfinite(y)
+    x, y = x[there], y[there]
+    width = min(_picture_width(), signs)
+    (left, right), (low, high) = ([f"{side():.3g}" for side in (v.min, v.max)] for v in (x, y))
+    say(f"{' ' * (_MARGIN - 1)}{names[1]}")
+    _framed(braille_curve(x, y, width, lines), (low, high), (left, f"{names[0]} {right}"), width)
+
+
+def _picture_width() -> int:
+    return min(_console().width, _WIDTH) - _MARGIN
+
+
+def _framed(rows: Sequence[str], sides: tuple[str, str], ends: tuple[str, str], width: int) -> None:
+    screen = _console()
+    for k, row in enumerate(rows):
+        label = sides[1] if k == 0 else sides[0] if k == len(rows) - 1 else ""
+        screen.print(f"{label:>{_MARGIN - 2}} {row}", soft_wrap=True)
+    first, last = ends
     screen.print(" " * (_MARGIN - 1) + first + last.rjust(width - len(first)), soft_wrap=True)
 
 
@@ -245,7 +274,10 @@ def _bar() -> Generator[Progress]:
         SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(),
         TimeElapsedColumn(), Left(),
     )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    screen = Console(stderr=True)
+    # What is said meanwhile stands above the bar, unless it goes into a file.
+    above = sys.stdout.isatty()
+    with Progress(*columns, console=screen, transient=True, redirect_stdout=above) as bars:
         task = bars.add_task("starting", total=1.0)
 
         def show(text: str, done: float) -> None:

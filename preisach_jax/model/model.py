@@ -327,9 +327,9 @@ class Model:
         origin = self._drift_origin_s(record)
         signals = signals_of(record, origin)
         if not record.has_clock and origin < record.time[0]:
-            time, values = self.origin.history
-            moves: np.ndarray = np.diff(values, prepend=values[0])
-            gone = float(np.interp(record.time[0], time, np.cumsum(np.abs(moves))))
+            history = self.origin.history
+            moves: np.ndarray = np.abs(np.diff(history[1], prepend=history[1, 0]))
+            gone: np.ndarray = np.interp(record.time[:1], history[0], np.cumsum(moves))
             signals = replace(signals, gone=signals.path + gone)
         weights = self.weights
         if self.chain.hysteron == "relay":

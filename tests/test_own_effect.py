@@ -232,7 +232,11 @@ class Chance(pj.AddedEffect):
 def test_an_effect_that_raises_the_held_out_error_is_told():
     _, record = stage(effect="drift")
     few = pj.Record.from_arrays(
-        record.time[::12], record.input[::6], record.output[::6], units=UNITS, initial_memory="low"
+        record.time[::12],
+        record.input[::12],
+        record.output[::12],
+        units=UNITS,
+        initial_memory="low",
     )
     plain = pj.fit(few, levels=5)
     found = pj.fit(few, ["drift", Chance()], levels=5)

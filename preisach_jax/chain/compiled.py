@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
@@ -22,10 +23,12 @@ from preisach_jax.effects.base import (
     OutputEffect,
     SensorEffect,
     Signals,
+    Stepped,
     Values,
     WeightEffect,
     mistakes_named,
 )
+from preisach_jax.effects.linear import StateSpace, filtered
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import output_after
@@ -44,6 +47,12 @@ SENSOR_ROUNDS = 16
 
 LEAST_SLOPE = 0.05
 """Slope of a sensor's map below which it is taken to fold, where there is no inverse."""
+
+LENGTH_DIGITS = 9
+"""Digits to which the length of a step counts, over the usual one."""
+
+LEAST_LENGTHS = 16
+"""Lengths of steps over which a linear effect is computed at once, at least."""
 
 ROUND_COLUMNS = 64
 """Unit of the number of columns that an effect of the output is compiled for."""
@@ -64,6 +73,16 @@ def as_array(leaf: Any) -> Any:
     return np.asarray(leaf, jnp.result_type(float)) if isinstance(leaf, float) else leaf
 
 
+def is_traced(*given: Any) -> bool:
+    """Whether numbers of some trees are those of a program: known ones need none compiled."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(given))
+
+
+def in_numpy(values: Any) -> Any:
+    """An array in NumPy, unless it is traced."""
+    return values if is_traced(values) else np.asarray(values)
+
+
 def _compiled(
     function: Callable[Concatenate[Kind, Given], Result],
 ) -> Callable[Concatenate[Kind, Given], Result]:
@@ -78,11 +97,45 @@ def _compiled(
     return call
 
 
-@_compiled
 def apply_effect(
     effect: InputEffect | OutputEffect, values: Values, signal: Array, time: Array
 ) -> Array:
+    if _by_state_space(effect) and not is_traced(effect, values, signal, time):
+        return cast(Array, _filtered(effect, values, np.asarray(signal)[:, None], time)[:, 0])
+    return _applied(effect, values, signal, time)
+
+
+@_compiled
+def _applied(
+    effect: InputEffect | OutputEffect, values: Values, signal: Array, time: Array
+) -> Array:
     return _expect(effect, "apply", effect.at(values).apply(signal, time), time.shape)
+
+
+def _by_state_space(effect: InputEffect | OutputEffect) -> bool:
+    """Whether all samples of an effect are those of its state space."""
+    return effect.is_linear and type(effect).apply is Stepped.apply
+
+
+def _filtered(
+    effect: InputEffect | OutputEffect, values: Values, signals: np.ndarray, time: Array
+) -> np.ndarray:
+    """Known `(time, signal)` signals behind a linear effect."""
+    dt = np.diff(np.asarray(time), prepend=np.asarray(time)[:1])
+    usual = float(np.median(dt[1:])) if len(dt) > 1 else 1.0
+    # What the rounding of times does to equal steps is no other length.
+    lengths, step = np.unique(np.round(dt / usual, LENGTH_DIGITS), return_inverse=True)
+    # Few numbers of them, so that few programs are compiled.
+    room = max(LEAST_LENGTHS, 1 << (len(lengths) - 1).bit_length())
+    law = _over_steps(effect, values, np.pad(lengths * usual, (0, room - len(lengths)), "edge"))
+    return filtered(jax.tree.map(np.asarray, law), step, signals)
+
+
+@_compiled
+def _over_steps(effect: InputEffect | OutputEffect, values: Values, dt: ArrayLike) -> StateSpace:
+    """A linear effect over steps of some lengths, `(length,)`."""
+    axes: Any = (0, 0, None, None)
+    return jax.vmap(effect.at(values).state_space, out_axes=StateSpace(*axes))(jnp.asarray(dt))
 
 
 @_compiled
@@ -98,6 +151,8 @@ def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, ti
 def apply_to_columns(
     effect: OutputEffect, values: Values, matrix: np.ndarray, time: Array
 ) -> np.ndarray:
+    if _by_state_space(effect) and not is_traced(effect, values):
+        return _filtered(effect, values, matrix, time)
     count = matrix.shape[1]
     # How many columns the initial memory takes differs from record to record.
     if lacking := -count % ROUND_COLUMNS:
@@ -219,15 +274,15 @@ def states_from_low(plane: Plane, drive: Drive, hysteron: str) -> Array:
     return hysteron_states(plane, drive.rising, "low", hysteron, *others)
 
 
-def operator_along(
-    plane: Plane, drive: Drive, weights: Array, memory: Array, hysteron: str
-) -> Array:
+def operator_along(plane: Plane, drive: Drive, weights: Any, memory: Any, hysteron: str) -> Array:
+    weights, memory = in_numpy(weights), in_numpy(memory)
     if drive.falling is None and hysteron == "ramp":
         # Unknown starts add what they leave open: high less low states, weighed by the memory.
         high = plane.initial_turns("high")
-        from_high = _ramps_along(plane, drive, memory, high)
-        return from_high + _ramps_along(plane, drive, weights - memory, np.zeros_like(high))
-    return _weighted_along(plane, drive, weights, memory, hysteron)
+        from_high = in_numpy(_ramps_along(plane, drive, memory, high))
+        rest = _ramps_along(plane, drive, weights - memory, np.zeros_like(high))
+        return from_high + in_numpy(rest)
+    return in_numpy(_weighted_along(plane, drive, weights, memory, hysteron))
 
 
 @compiled_on_a_plane

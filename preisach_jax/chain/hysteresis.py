@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,6 +17,7 @@ from preisach_jax.chain.compiled import (
     as_arrays,
     bounds_along,
     compiled_on_a_plane,
+    is_traced,
     operator_along,
     states_from_low,
 )
@@ -105,11 +107,18 @@ def _plane_columns(
     return low + start[None, :] * (high - low), (), start
 
 
-@eqx.filter_jit
-def _extremes(course: Drive) -> tuple[jax.Array, jax.Array]:
+def _extremes(course: Drive) -> tuple[Any, Any]:
     """Greatest input so far at the thresholds α, and least one at the thresholds β."""
     falling = course.rising if course.falling is None else course.falling
-    return course.rising[_last_records(course.rising)], falling[_last_records(-falling)]
+    if is_traced(course):
+        return _traced_extremes(course.rising, falling)
+    greatest = np.maximum.accumulate(np.asarray(course.rising))
+    return greatest, np.minimum.accumulate(np.asarray(falling))
+
+
+@eqx.filter_jit
+def _traced_extremes(rising: jax.Array, falling: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return rising[_last_records(rising)], falling[_last_records(-falling)]
 
 
 def _last_records(path: jax.Array) -> jax.Array:
@@ -159,22 +168,32 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
     """
     if not len(first_run):
         return jnp.zeros_like(course.rising)
-    return _switched_output(chain.plane, _extremes(course), jnp.asarray(first_run), chain.hysteron)
+    extremes = _extremes(course)
+    if not is_traced(extremes, first_run):
+        return _switched_output(np, chain.plane, extremes, np.asarray(first_run), chain.hysteron)
+    return _traced_output(chain.plane, extremes, jnp.asarray(first_run), chain.hysteron)
 
 
 @compiled_on_a_plane
-def _switched_output(
+def _traced_output(
     plane: Plane, extremes: tuple[Array, Array], first_run: Array, hysteron: str
 ) -> Array:
+    return _switched_output(jnp, plane, extremes, first_run, hysteron)
+
+
+def _switched_output(
+    xp: Any, plane: Plane, extremes: tuple[Any, Any], first_run: Any, hysteron: str
+) -> Any:
+    """What hysterons of the first run add, by NumPy or JAX."""
     last = plane.levels - 1
 
-    def switched(path: Array, weights: Array) -> Array:
-        whole = jnp.concatenate([jnp.zeros(1), jnp.cumsum(weights)])
+    def switched(path: Any, weights: Any) -> Any:
+        whole = xp.concatenate([xp.zeros(1, weights.dtype), xp.cumsum(weights)])
         position = position_on(plane, path)
         if hysteron == "relay":
-            position = jnp.floor(position + 0.5)
-        position = jnp.clip(position, 0.0, plane.levels)
-        level = jnp.minimum(position.astype(jnp.int32), last)
+            position = xp.floor(position + 0.5)
+        position = xp.clip(position, 0.0, plane.levels)
+        level = xp.minimum(position.astype(np.int32), last)
         return whole[level] + (position - level) * (whole[level + 1] - whole[level])
 
     highest, lowest = extremes
@@ -277,7 +296,7 @@ def _fed_back_operator(
 
 
 def operator_output(chain: Chain, course: Drive, coefficients: Coefficients) -> jax.Array:
-    weights, memory = jnp.asarray(coefficients.weights), jnp.asarray(coefficients.memory)
+    weights, memory = coefficients.weights, coefficients.memory
     return operator_along(chain.plane, course, weights, memory, chain.hysteron)
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,11 +17,11 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.compiled import (
     added_columns_of,
     apply_effect,
-    as_array,
     as_arrays,
     converted_reading,
     factor_of,
     free_response_of,
+    in_numpy,
     reading_of,
 )
 from preisach_jax.chain.description import PLACES, Chain, EffectValues
@@ -59,28 +57,17 @@ def behind_hysteresis(
         hysteresis: (time,) output of the operator.
         in_steps: whether the reading has the steps of a converter.
     """
-    signal = hysteresis
+    signal = in_numpy(hysteresis)
     for factor in gains_of(chain, values, signals):
-        signal = signal * factor
+        signal = signal * in_numpy(factor)
     for effect in chain.at(OutputEffect):
         signal = apply_effect(effect, as_arrays(values[effect.name]), signal, signals.time)
     beside = tuple(columns_beside(chain, values, signals, known or {}).values())
-    ends = np.cumsum([0, *(columns.shape[1] for columns in beside)]).tolist()
-    amounts = tuple(coefficients.added[slice(*pair)] for pair in itertools.pairwise(ends))
-    offset = coefficients.offset
-    offset = offset if isinstance(offset, jax.Array) else as_array(float(offset))
-    signal = _summed(signal, offset, beside, amounts)
+    signal, first = signal + coefficients.offset, 0
+    for own in beside:
+        last = first + own.shape[1]
+        signal, first = signal + in_numpy(own) @ coefficients.added[first:last], last
     return sensed(chain, values, signal, coefficients, in_steps)
-
-
-@eqx.filter_jit
-def _summed(
-    signal: Array, offset: Array, columns: tuple[Array, ...], amounts: tuple[np.ndarray, ...]
-) -> Array:
-    signal = signal + offset
-    for own, amount in zip(columns, amounts, strict=True):
-        signal = signal + own @ amount
-    return signal
 
 
 def sensed(

@@ -42,6 +42,8 @@ MANY = 3
 then, and 100 by differences."""
 
 
+# What is not finite passes in silence, as it does in JAX: who asked for it says so.
+@np.errstate(over="ignore", invalid="ignore")
 def behind_hysteresis(
     chain: Chain,
     values: EffectValues,

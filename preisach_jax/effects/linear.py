@@ -116,6 +116,7 @@ def response(
     return jax.lax.scan(advance, rest, (steps.a, steps.b, signal, rises))[1]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def filtered(law: StateSpace, step: np.ndarray, signals: np.ndarray) -> np.ndarray:
     """`response` of known numbers to many signals: a banded triangular system for each section.
 

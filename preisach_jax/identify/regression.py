@@ -347,9 +347,13 @@ class Basis:
 
     def first(self, count: int) -> Basis:
         """The vectors that the record decides best."""
-        asked, memory = (each[:count, :count] for each in self.asked)
-        parts = (each[:, :count] for each in (self.cells, self.memory, self.first_run))
-        return Basis(*parts, (asked, memory))
+        prior, memory = (each[:count, :count] for each in self.asked)
+        return Basis(
+            self.cells[:, :count],
+            self.memory[:, :count],
+            self.first_run[:, :count],
+            (prior, memory),
+        )
 
     def applied_to(self, hysteresis: HysteresisColumns) -> HysteresisColumns:
         """The combinations along any path, whose groups may differ from those of the basis."""

@@ -69,7 +69,8 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
     head, _, body = done.stdout.partition(b"\n")
     content = json.loads(head)
     if isinstance(content, dict):
-        raise InputError(cast(Any, content)["refusal"])
+        refusal = cast(Any, content)["refusal"]
+        raise InputError(refusal)
     return _unpacked(content, memoryview(body))
 
 

@@ -28,7 +28,7 @@ from preisach_jax.effects.base import (
     WeightEffect,
     mistakes_named,
 )
-from preisach_jax.effects.linear import StateSpace, filtered
+from preisach_jax.effects.linear import StateSpace, filtered, over_steps
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.simulation import output_after
@@ -134,8 +134,7 @@ def _filtered(
 @_compiled
 def _over_steps(effect: InputEffect | OutputEffect, values: Values, dt: ArrayLike) -> StateSpace:
     """A linear effect over steps of some lengths, `(length,)`."""
-    axes: Any = (0, 0, None, None)
-    return jax.vmap(effect.at(values).state_space, out_axes=StateSpace(*axes))(jnp.asarray(dt))
+    return over_steps(effect.at(values).state_space, jnp.asarray(dt))
 
 
 @_compiled

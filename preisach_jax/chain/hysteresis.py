@@ -25,8 +25,8 @@ from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import HysteresisEffect, Signals, Values
-from preisach_jax.operator.plane import Plane, position_on, thresholds_reached
-from preisach_jax.operator.states import Paths, fed_back_states
+from preisach_jax.operator.plane import Plane, hysteron_step, position_on
+from preisach_jax.operator.states import Paths, fed_back_states, step_of_paths
 
 MOST_COLUMNS = 192
 """Columns to which an effect of the output is applied at once: more take memory and no less time
@@ -221,23 +221,16 @@ def _bounds_at_start(chain: Chain, course: Drive) -> tuple[np.ndarray, np.ndarra
     What the input of the thresholds α forces, and then one step, as in `hysteron_states`.
     """
     plane, unit = chain.plane, chain.plane.scaled()
+    width = plane.high - plane.low
+    now: Any = tuple((np.asarray(x)[0] - plane.low) / width for x in course if x is not None)
 
-    def reached(path: Array) -> tuple[np.ndarray, np.ndarray]:
-        first = (np.asarray(path)[0] - plane.low) / (plane.high - plane.low)
-        return thresholds_reached(unit, first, first, chain.hysteron)
+    def after(states: Any) -> Any:
+        states = hysteron_step(unit, states, now[0], now[0], chain.hysteron)
+        several = len(now) > 1
+        return step_of_paths(unit, states, now, now, chain.hysteron) if several else states
 
-    on_alpha, high = reached(course.rising)
-    low = np.minimum(on_alpha, high)
-    if course.falling is None:
-        return low, high
-    on_beta = reached(course.falling)[1]
-    if course.reversible is not None:
-        diagonal = plane.alpha_index == plane.beta_index
-        own_alpha, own_beta = reached(course.reversible)
-        on_alpha = np.where(diagonal, own_alpha, on_alpha)
-        on_beta = np.where(diagonal, own_beta, on_beta)
-    low, high = np.maximum(low, on_alpha), np.maximum(high, on_alpha)
-    return np.minimum(on_beta, low), np.minimum(on_beta, high)
+    off = np.zeros(plane.cells, now[0].dtype)
+    return after(off), after(off + 1)
 
 
 def hysteresis_output(

@@ -86,6 +86,12 @@ _JUMPED = np.array([-1.0, 0.0])
 """b of a mode over no time, in which its output stays."""
 
 
+def over_steps(state_space: Callable[[Array], StateSpace], dt: Array) -> StateSpace:
+    """A linear effect over many steps, `(step,)`: A and b of each, and c and d, which stay."""
+    axes: Any = (0, 0, None, None)
+    return jax.vmap(state_space, out_axes=StateSpace(*axes))(dt)
+
+
 def response(
     state_space: Callable[[Array], StateSpace],
     signal: Float[Array, " time"],
@@ -102,8 +108,7 @@ def response(
         (time, ...) the outputs.
     """
     dt = jnp.diff(time, prepend=time[:1])
-    axes: Any = (0, 0, None, None)  # of c and d, which no step changes, one is enough
-    steps: StateSpace = jax.vmap(state_space, out_axes=StateSpace(*axes))(dt)
+    steps = over_steps(state_space, dt)
     rises = jnp.diff(signal, prepend=signal[:1])
 
     def advance(states: Array, now: tuple[Array, ...]) -> tuple[Array, Array]:

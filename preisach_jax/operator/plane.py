@@ -491,8 +491,7 @@ def _knots(plane: Plane, like: Any) -> tuple[Any, Any, Any]:
     They are the lower limit, the thresholds that there are, and the upper limit.
     """
     own, dtype = plane.own_thresholds, like.dtype
-    known = isinstance(like, np.ndarray | np.generic) and isinstance(own, np.ndarray)
-    xp: Any = np if known else jnp
+    xp = namespace_of(like, own)
     own = xp.asarray(own, dtype)
     used, number = xp.sum(xp.isfinite(own)), xp.arange(plane.levels + 2)
     knots = xp.concatenate([xp.full(1, plane.low, dtype), own, xp.full(1, np.inf, dtype)])
@@ -549,7 +548,13 @@ def hysteron_step(
         [1.0, 0.25, 0.25]
     """
     on_alpha, on_beta = thresholds_reached(plane, previous, x, hysteron)
-    return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
+    xp = namespace_of(states, on_beta)
+    return xp.minimum(on_beta, xp.maximum(states, on_alpha))
+
+
+def namespace_of(*arrays: Any) -> Any:
+    """NumPy where all arrays are its own, else JAX."""
+    return np if all(isinstance(array, np.ndarray | np.generic) for array in arrays) else jnp
 
 
 def flat_index(alpha_index: ArrayLike, beta_index: ArrayLike) -> jax.Array:

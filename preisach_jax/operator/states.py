@@ -22,7 +22,7 @@ from preisach_jax.operator.inputs import (
     require_finite,
     require_hysteron,
 )
-from preisach_jax.operator.plane import Plane, hysteron_step, thresholds_reached
+from preisach_jax.operator.plane import Plane, hysteron_step, namespace_of, thresholds_reached
 
 LIMIT_TOLERANCE = 1e-6
 """Share of the plane's range by which rounding may take an input beyond it."""
@@ -138,12 +138,13 @@ def step_of_paths(
     """`hysteron_step` where thresholds α see the first of several inputs, and β the second."""
     on_alpha, _ = thresholds_reached(plane, previous[0], now[0], hysteron)
     _, on_beta = thresholds_reached(plane, previous[1], now[1], hysteron)
+    xp = namespace_of(states, on_beta)
     if len(now) > 2:
-        diagonal = jnp.asarray(plane.alpha_index == plane.beta_index)
+        diagonal = xp.asarray(plane.alpha_index == plane.beta_index)
         own_alpha, own_beta = thresholds_reached(plane, previous[2], now[2], hysteron)
-        on_alpha = jnp.where(diagonal, own_alpha, on_alpha)
-        on_beta = jnp.where(diagonal, own_beta, on_beta)
-    return jnp.minimum(on_beta, jnp.maximum(states, on_alpha))
+        on_alpha = xp.where(diagonal, own_alpha, on_alpha)
+        on_beta = xp.where(diagonal, own_beta, on_beta)
+    return xp.minimum(on_beta, xp.maximum(states, on_alpha))
 
 
 def _states_of_paths(plane: Plane, paths: Paths, start: jax.Array, hysteron: str) -> jax.Array:

@@ -93,6 +93,16 @@ class Chain(eqx.Module):
         return any(effect.feeds_back for effect in self.at(HysteresisEffect))
 
     @property
+    def widens(self) -> bool:
+        """Whether an effect moves thresholds outward."""
+        return any(effect.widens for effect in self.at(HysteresisEffect))
+
+    @property
+    def by_path(self) -> bool:
+        """Whether slow effects go with the path of the input, as nothing tells the time."""
+        return any(getattr(effect, "by_path", False) for effect in self.effects)
+
+    @property
     def mechanics(self) -> Any:
         """The effect that puts the hysteresis inside mechanics; None where there is none."""
         return next((effect for effect in self.effects if effect.inside_mechanics), None)

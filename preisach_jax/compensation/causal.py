@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.chain import sensed
-from preisach_jax.chain.driven import all_widen
-from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse_step
+from preisach_jax.compensation.branch import BranchBounds, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
 from preisach_jax.compensation.search import Limits
@@ -170,18 +169,6 @@ class Causal:
         values = self.forward.values
         return sum(float(e.at(values[e.name]).resolution) for e, _ in self.forward.sensors)
 
-    def operator(self) -> Operator:
-        """The operator with the model's own weights."""
-        chain, own = self.forward.chain, self.forward.coefficients
-        widens = any(effect.widens for effect in chain.at(HysteresisEffect))
-        return Operator.of(
-            chain.plane,
-            chain.polarity * own.weights,
-            chain.polarity * own.memory,
-            chain.hysteron == "relay",
-            not widens or all_widen(chain),
-        )
-
     def start(self) -> CausalState:
         """The state after the past of `forward`."""
         rest = np.full(1, self.forward.past.last_input)
@@ -189,7 +176,7 @@ class Causal:
         count = self.forward.past.count
         signals = self.forward.signals(rest)
         time, dt = signals.time[:count], jnp.diff(signals.time[:count], prepend=signals.time[:1])
-        operator, chain = self.operator(), self.forward.chain
+        operator, chain = self.forward.operator(), self.forward.chain
         unit = (chain.plane.high - chain.plane.low) / chain.plane.levels
         seen = (whole.seen[:count] - chain.plane.low) / unit
         path = jnp.clip(jnp.asarray(seen), 0.0, chain.plane.levels)
@@ -205,7 +192,7 @@ class Causal:
         ]
         last = chain.polarity * whole.hysteresis[count - 1]
         return CausalState(
-            signals.path[count] if self._by_path else time[-1],
+            signals.path[count] if self.forward.chain.by_path else time[-1],
             operator.weights,
             states,
             position,
@@ -234,13 +221,9 @@ class Causal:
     def _at(self, time: Array) -> Signals:
         return Signals(time[None], jnp.zeros(1), {}, gone=time[None])
 
-    @property
-    def _by_path(self) -> bool:
-        return any(getattr(effect, "by_path", False) for effect in self.forward.chain.effects)
-
     def _now(self, state: CausalState) -> Array:
         """The time of the next sample, or the path of the input before it, which is known."""
-        return state.time if self._by_path else state.time + self.step_s
+        return state.time if self.forward.chain.by_path else state.time + self.step_s
 
     def beside(self, time: Array, aux: tuple[Any, ...]) -> Array:
         """What adds to the output at a time: offset, drift, hum, auxiliary columns, free parts."""
@@ -296,7 +279,7 @@ class Causal:
         aim = self.before_sensor(wanted) - self.beside(time, lags) - state.follow
         signal = behind(state.behind, state.signal, (state.aim, aim))
         gain = self.gain(time)
-        operator = replace(self.operator(), weights=state.weights)
+        operator = replace(self.forward.operator(), weights=state.weights)
 
         def found(width: Array) -> Array:
             target = signal / gain
@@ -345,7 +328,7 @@ class Causal:
         chain = self.forward.chain
         plane, time = chain.plane, self._now(state)
         unit = (plane.high - plane.low) / plane.levels
-        operator = replace(self.operator(), weights=state.weights)
+        operator = replace(self.forward.operator(), weights=state.weights)
         reach = self._slew * self.step_s
         driven = jnp.clip(drive, state.drive - reach, state.drive + reach)
         before, path = self._in_front.passed(state.before, driven)
@@ -370,7 +353,7 @@ class Causal:
         behind, value = self.after.passed(state.behind, signal)
         reading = self._reading(value + self.beside(time, lags) + state.follow)
         new = state._replace(
-            time=time + jnp.abs(driven - state.drive) if self._by_path else time,
+            time=time + jnp.abs(driven - state.drive) if self.forward.chain.by_path else time,
             states=states,
             position=position,
             path=jnp.stack([*state.path[1:], path]),

@@ -227,11 +227,7 @@ def _notes(model: Model, wanted: Record, reachable: np.ndarray, expected: np.nda
     unit, notes = model.units.get("output", ""), list[str]()
     left = [effect.name for effect in model.chain.converters]
     if left:
-        off = (
-            float(np.sqrt(np.mean((expected - wanted.output)[reachable] ** 2)))
-            if reachable.any()
-            else 0.0
-        )
+        off = _rms((expected - wanted.output)[reachable]) if reachable.any() else 0.0
         notes.append(
             f"{' and '.join(left)} cannot be inverted and left out; that means an RMS error of "
             f"{quantity(off, unit)} where the course can be reached"

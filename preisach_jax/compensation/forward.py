@@ -20,6 +20,8 @@ from preisach_jax.chain import (
     first_run_output,
     hysteresis_output,
 )
+from preisach_jax.chain.driven import all_widen
+from preisach_jax.compensation.branch import Operator
 from preisach_jax.compensation.past import Past
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -80,6 +82,17 @@ class Forward:
         """Greatest rate of a drive that passes the effects of the input, in input units per s."""
         acting = (e.at(self.values[e.name]) for e in self.chain.at(InputEffect))
         return min((float(e.greatest_rate) for e in acting), default=math.inf)
+
+    def operator(self) -> Operator:
+        """The operator with the model's own weights, which rises with its input."""
+        chain, own = self.chain, self.coefficients
+        return Operator.of(
+            chain.plane,
+            chain.polarity * own.weights,
+            chain.polarity * own.memory,
+            chain.hysteron == "relay",
+            not chain.widens or all_widen(chain),
+        )
 
     @staticmethod
     def of(model: Model, past: Past, aux: Mapping[str, np.ndarray]) -> Forward:

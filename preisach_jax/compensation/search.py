@@ -18,11 +18,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain.driven import all_widen
-from preisach_jax.compensation.branch import BranchBounds, Operator, follow, inverse
+from preisach_jax.compensation.branch import BranchBounds, follow, inverse
 from preisach_jax.compensation.forward import Course, Forward
 from preisach_jax.compensation.lead import Lead
-from preisach_jax.effects.base import HysteresisEffect, InputEffect, OutputEffect
+from preisach_jax.effects.base import InputEffect, OutputEffect
 
 MOST_PASSES = 24
 """Passes of correction; without a resonance or a lag two or three are usual."""
@@ -87,7 +86,7 @@ class DriveSearch:
         self.limits = limits._replace(slew=min(limits.slew, forward.greatest_rate))
         plane = chain.plane
         self._unit = (plane.high - plane.low) / plane.levels
-        self._widens = any(effect.widens for effect in chain.at(HysteresisEffect))
+        self._widens = chain.widens
         self.dt = np.diff(past.time, prepend=past.time[0] - past.pause_s)
         size, step_s = len(wanted), float(np.median(self.dt))
         behind = chain.at(OutputEffect)
@@ -101,14 +100,7 @@ class DriveSearch:
         self._before = Lead.of(before, forward.values, size, step_s, width)
         self._leads_input = bool(before)
         self._sign = chain.polarity
-        coefficients = forward.coefficients
-        self._operator = Operator.of(
-            plane,
-            self._sign * coefficients.weights,
-            self._sign * coefficients.memory,
-            chain.hysteron == "relay",
-            all_widen(chain) or not self._widens,
-        )
+        self._operator = forward.operator()
 
     def found(self, progress: Callable[[str, float], object] | None = None) -> Found:
         """The best drive of all passes; before each, progress is told."""

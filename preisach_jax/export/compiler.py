@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
+import subprocess  # noqa: TID251
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -212,7 +212,7 @@ class Description:
     @property
     def by_path(self) -> bool:
         """Whether slow effects go with the path of the input, as nothing tells the time."""
-        return any(getattr(part.effect, "by_path", False) for part in self.parts)
+        return self.chain.by_path
 
     def at(self, place: Place) -> list[Part]:
         """The parts at a place, in order, without those of the sensor."""
@@ -321,7 +321,7 @@ def _part(
         linear = Linear.of(law, amounts if isinstance(acting, AddedEffect) else ())
     elif isinstance(acting, OutputEffect) and acting.is_delay:
         numbers = _delayed(acting, step_s)
-    elif (file := piece_of(effect)) is None:
+    elif numbers is not None and (file := piece_of(effect)) is None:
         # What a class of one's own has changed in one of the library, that one's piece of the code
         # does not know.
         numbers = None

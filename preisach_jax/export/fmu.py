@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from preisach_jax.errors import InputError
-from preisach_jax.export.c import environment, sources, view
+from preisach_jax.export.c import sources, view
 from preisach_jax.export.compiler import compiled
 from preisach_jax.export.description import Description, describe
+from preisach_jax.export.template import environment
 from preisach_jax.files import file_name
 from preisach_jax.model import Model
 

@@ -58,7 +58,7 @@ def start(model: Description) -> State:
 def advance(model: Description, state: State, inputs: Array) -> tuple[State, Array]:
     """State after a sample, (1 + auxiliary columns,), and the output there."""
     none = jnp.zeros(())
-    if any(effect.widens for effect in model.chain.at(HysteresisEffect)):
+    if model.chain.widens:
         second = state["started"][0] == 1
         anew: Any = partial(_first_anew, model, input_now=inputs[0])
         state = cast(State, jax.lax.cond(second, anew, dict, state))

@@ -81,9 +81,11 @@ def _compiled(path: Path) -> jinja2.Template:
 
 def piece_of(effect: Effect) -> Path | None:
     """The file of an effect's piece of the C code, if it has one."""
-    module = getattr(sys.modules[type(effect).__module__], "__file__", None)
-    path = Path(module or "").with_name(f"{effect.name}.c.j2") if module else None
-    return path if path is not None and path.is_file() else None
+    module = getattr(sys.modules.get(type(effect).__module__), "__file__", None)
+    if module is None:
+        return None
+    path = Path(module).parent / f"{effect.name}.c.j2"
+    return path if path.is_file() else None
 
 
 def filled(path: Path, content: Mapping[str, Any]) -> Any:

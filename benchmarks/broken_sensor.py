@@ -2,7 +2,7 @@
 
     python benchmarks/broken_sensor.py
 
-Makes the table of docs/how-to/online.md: a stage of 9 levels with noise of 1 % of its range, some
+Makes the table of docs/measurements.py: a stage of 9 levels with noise of 1 % of its range, some
 nine samples a level; after 120,000 samples the sensor fails for 5,000. Told are the samples from
 its return until the prediction errs as little as if the output had just been missing.
 """

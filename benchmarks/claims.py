@@ -100,7 +100,11 @@ def result(name: str, folder: Path) -> Any:
     if name == "blind":
         from blind.rates import read_results, summary_of
 
-        text = json.dumps(summary_of(read_results(folder / "blind")))
+        rows = read_results(folder / "blind")
+        if not rows:
+            raise MissingError(name)
+        summary = summary_of(rows) | {"versions": len({row["commit"] for row in rows})}
+        text = json.dumps(summary)
     else:
         path = folder / f"{name}.json"
         if not path.exists():
@@ -114,7 +118,7 @@ class Names(dict[str, Any]):
 
     def __init__(self, folder: Path):
         super().__init__(
-            vars(math), code=code, default=default, most=most, versions=versions,
+            vars(math), code=code, default=default, most=most,
             left_open=left_open, min=min, max=max, abs=abs,
         )  # fmt: skip
         self.folder = folder
@@ -143,11 +147,6 @@ def most(controller: Result, task: str, of: Callable[[Iterable[int]], int]) -> i
         max(course["most"] for course in row["instructions"][task].values())
         for row in controller["rows"]
     )
-
-
-def versions(name: str) -> int:
-    """How many commits a result is of."""
-    return len(provenance.commits_of(provenance.RESULTS / name))
 
 
 def left_open(share: Result) -> float:
@@ -289,7 +288,7 @@ def without_missing(page: str, text: str, folder: Path = provenance.RESULTS) -> 
             continue
         try:
             for part in source.split(";"):
-                eval(part.strip().lstrip("<>= "), {}, names)
+                valued(part, names)
         except MissingError:
             place = place_of(phrase, text)
             if place:
@@ -315,7 +314,7 @@ def run(only: list[str], out: Path, records: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"PREISACH_RESULTS": str(out.resolve())}
     for name in only or PROGRAMS:
-        if next(out.glob(f"{name}.json"), None):
+        if (out / f"{name}.json").exists():
             print(f"{name}: there already")
             continue
         words = PROGRAMS[name].format(out=out, records=records).split()

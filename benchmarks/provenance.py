@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = Path(os.environ.get("PREISACH_RESULTS", ROOT / "benchmarks" / "results"))
@@ -28,11 +30,21 @@ def commit() -> str:
     return "unknown" if head is None else head + ("+" if changed else "")
 
 
+def rows_of(path: Path) -> Iterator[Any]:
+    """What the lines of a `.jsonl` hold; one that was torn by a sudden end is left out."""
+    for line in path.read_bytes().split(b"\n"):
+        try:
+            row = json.loads(line)
+        except ValueError:  # empty, or torn
+            continue
+        yield row
+
+
 def commits_of(path: Path) -> set[str]:
     """The commits that a result carries: one, or one a line of a `.jsonl`."""
-    text = path.read_text(encoding="utf-8")
-    rows = [json.loads(line) for line in text.splitlines()] if path.suffix == ".jsonl" else []
-    return {row.get("commit", "unknown") for row in rows or [json.loads(text)]}
+    one_a_line = path.suffix == ".jsonl"
+    rows = rows_of(path) if one_a_line else [json.loads(path.read_text(encoding="utf-8"))]
+    return {row.get("commit", "unknown") for row in rows}
 
 
 def outdated() -> dict[str, list[str]] | None:

@@ -16,7 +16,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from scores import RESULTS, table
+from provenance import RESULTS
+from scores import table
 
 import preisach_jax as pj
 from preisach_jax.plot.axes import with_unit

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from scores import RESULTS, table
+from provenance import RESULTS
+from scores import table
 
 Result = dict[str, Any]
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 from blind.cases import make_cases
 from blind.rates import EXCITATIONS, content_of, drawn, is_exact, read_results, short
 from blind.tables import tables_of
+from provenance import RESULTS
 
 from preisach_jax import effects as library
 
-RESULTS = Path(__file__).resolve().parent.parent / "benchmarks" / "results"
 SAMPLE = RESULTS / "blind"
 Result = dict[str, Any]
 

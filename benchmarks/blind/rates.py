@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from provenance import rows_of
 from scipy import stats
 from scipy.optimize import minimize
 
@@ -66,14 +66,9 @@ class Estimate(NamedTuple):
 
 def read_results(folder: Path) -> list[Result]:
     """The finished cases in their order; a line that was torn by a sudden end is left out."""
-    path, found = folder / FILE, []
-    for line in path.read_bytes().split(b"\n") if path.exists() else []:
-        try:
-            row = json.loads(line)
-        except ValueError:  # empty, or torn
-            continue
-        found.append(CRASHED | row if row["error"] else row)
-    return found
+    path = folder / FILE
+    rows = rows_of(path) if path.exists() else ()
+    return [CRASHED | row if row["error"] else row for row in rows]
 
 
 def rate(hits: Iterable[bool]) -> dict[str, float]:

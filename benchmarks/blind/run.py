@@ -72,11 +72,8 @@ def run_cases(
         )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / FILE
-    content = path.read_bytes() if path.exists() else b""
-    with path.open("a") as file, Progress(*columns, TimeRemainingColumn()) as progress:
-        if content and not content.endswith(b"\n"):  # torn: what follows gets a line of its own
-            file.write("\n")
+    with (folder / FILE).open("a") as file, Progress(*columns, TimeRemainingColumn()) as progress:
+        file.write("\n")  # the last line may be torn
         task = progress.add_task("judging", total=len(cases), completed=len(cases) - len(left))
         for result in _judged(left, workers, partial(_begun, judge, folder / STARTS)):
             now = datetime.now(UTC).isoformat(timespec="seconds")

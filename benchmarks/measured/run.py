@@ -11,7 +11,6 @@ device, versions and date; of the other records it keeps what it has.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 import tomllib
@@ -26,6 +25,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from common import RESULTS, write_results
+from provenance import commit
 
 import preisach_jax as pj
 from measured.baselines import BASELINES
@@ -170,14 +170,12 @@ def main() -> None:
         sys.exit(f"there is no expectation of {', '.join(sorted(unknown))}")
     if missing := [each.file for each in asked if not (folder / each.file).is_file()]:
         sys.exit(f"{folder} lacks {', '.join(missing)}")
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
+    now = commit()
     results = RESULTS / "measured.json"
     earlier = json.loads(results.read_text())["records"] if results.is_file() else []
     kept = {record["file"]: record for record in earlier if "outcome" in record}
     for each in asked:
-        kept[each.file] = judged(each, folder) | {"commit": commit}
+        kept[each.file] = judged(each, folder) | {"commit": now}
         done = [kept[one.file] for one in every if one.file in kept]
         write_results("measured.json", {"records": done})
 

@@ -7,8 +7,8 @@ import datetime
 import gzip
 import io
 import json
+import os
 import sys
-import time as clock
 import zipfile
 from dataclasses import dataclass, field
 
@@ -591,7 +591,7 @@ def test_refused_with_what_leads_on(tmp_path, name):
         pytest.importorskip(needed)
     case = REFUSED[name]
     put(tmp_path / name, case.content)
-    begun = clock.process_time()
+    begun = sum(os.times()[:4])  # of the child that reads it as well
     with pytest.raises(pj.InputError) as caught:
         pj.Record.load(tmp_path / name, **case.options)
     message = str(caught.value)
@@ -600,7 +600,7 @@ def test_refused_with_what_leads_on(tmp_path, name):
     assert len(message) < 600
     for words in case.refused:
         assert any(word in message for word in words.split("|")), message
-    assert clock.process_time() - begun < 10
+    assert sum(os.times()[:4]) - begun < 10
 
 
 @pytest.mark.parametrize(

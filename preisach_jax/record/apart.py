@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
+import subprocess  # noqa: TID251
 import sys
 from dataclasses import fields
 from pathlib import Path

@@ -78,7 +78,7 @@ def column_rows(record: Record) -> list[tuple[str, str, str, str, str]]:
     rows: list[tuple[str, str, str, str, str]] = []
     for role, channel in record.channels.items():
         there = values[role]
-        unit = channel.unit if role != "time" or not record.has_clock else "s"
+        unit = record.time_unit if role == "time" else channel.unit
         low, high = (there.min(), there.max()) if there.size else (math.nan, math.nan)
         factor, shown = scaled(max(abs(low), abs(high)), unit)
         least, most = (number(float(factor * end)) for end in (low, high))

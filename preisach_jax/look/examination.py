@@ -107,12 +107,11 @@ def look_at_table(given: Table, name: str, /, **options: Unpack[ReadOptions]) ->
 
 def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -> Look:
     """Look at the first record in a file, or that of the option `table`; see `look_at_table`."""
-    return look_at_tables(read_tables(path), Path(path).name, **options)
+    return look_at_tables(all_runs(read_tables(path), options), Path(path).name, **options)
 
 
-def look_at_tables(tables: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]) -> Look:
-    """Look at one of the records of a file, and list all of them."""
-    parts = all_runs(tables, options)
+def look_at_tables(parts: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]) -> Look:
+    """Look at one of the records of a file, as `all_runs` gives them, and list all of them."""
     found = look_at_table(numbered(parts, options.get("table")), name, **options)
     records = tuple(
         {"name": f"{name}, table {k}" if len(parts) > 1 else name, "rows": part.rows.size,

@@ -177,10 +177,6 @@ def _panel(axes: Axes, relation: Relation, factor: float) -> None:
     axes.set_xlabel(with_unit(relation.quantity, relation.unit))
 
 
-LABEL_WIDTH = 32
-"""Characters of a line below a panel."""
-
-
 @mpl.rc_context(STYLE)
 def dependence(form: SparseForm) -> Figure:
     """The mean remainder over the leading term of a form."""

@@ -32,7 +32,7 @@ from preisach_jax.app.panels import failure, ladder, table, told, verdict
 from preisach_jax.app.steps import Click, Walk, exports, packed, repeated, saved, script, unpacked
 from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
-from preisach_jax.record import ReadOptions
+from preisach_jax.record import ReadOptions, Record
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -115,6 +115,29 @@ class TestUpload:
         monkeypatch.setattr("sys.argv", ["repeat.py"])
         done = runpy.run_path("repeat.py")
         assert done["step"].fit.rms_validation == walk.step.fit.rms_validation
+
+    def test_a_rate_in_place_of_the_time_joins_what_the_time_had_cut(self, tmp_path):
+        run = csv().decode().partition("\n")
+        content = (run[0] + "\n" + 2 * run[2]).encode()
+        upload = Upload.of("runs.csv", content)
+        (tmp_path / "runs.csv").write_bytes(content)
+        by_time: Any = {"time": "t_s", "input": "u_V", "output": "z_um"}
+        for choice, count in ((by_time, 2), ({**by_time, "time": None, "rate": 50.0}, 1)):
+            here, there = upload.records(choice), Record.load_all(tmp_path / "runs.csv", **choice)
+            assert [r.sha256 for r in here] == [r.sha256 for r in there]
+            assert len(here) == count
+
+    def test_two_clocks_are_one_in_the_page_as_from_the_command_line(self, tmp_path):
+        t, u = np.arange(400) / 100, np.sin(np.arange(400) / 9)
+        rows = np.column_stack([t, u, t + 0.004, u**3])
+        text = "t1_s,u_V,t2_s,z_um\n" + "\n".join(",".join(map(repr, map(float, r))) for r in rows)
+        (tmp_path / "two.csv").write_text(text)
+        upload = Upload.of("two.csv", text.encode())
+        choice = ColumnChoice(upload, lambda chosen: None).first()
+        assert choice is not None
+        there = Record.load(tmp_path / "two.csv")
+        assert upload.records(choice)[0].sha256 == there.sha256
+        assert Record.load(tmp_path / "two.csv", **choice).sha256 == there.sha256
 
     def test_where_the_columns_are_a_question_each_pair_is_a_loop_to_press(self):
         t = np.arange(400) / 100

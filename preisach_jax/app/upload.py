@@ -41,7 +41,8 @@ class Upload:
     Attributes:
         name: what the file was called, as it came.
         content: its bytes, of which all that is said of it is read.
-        tables: its tables that are records of one specimen, as `--table` counts them.
+        read: its tables as they were read.
+        tables: what they are cut into where nothing is chosen, as `--table` counts them.
         guess: the column of each role, None where names and units do not tell.
         question: why the guess is not whole; empty if it is.
         is_open: whether it is a question, and not a refusal.
@@ -50,6 +51,7 @@ class Upload:
 
     name: str
     content: bytes
+    read: tuple[Table, ...]
     tables: tuple[Table, ...]
     guess: Mapping[str, str | None]
     question: str
@@ -64,8 +66,9 @@ class Upload:
                 f"{name} has {len(content) / 1e6:.0f} MB; the page takes {MOST_BYTES / 1e6:.0f} MB "
                 "at most: use the command line, 'preisach diagnose FILE'"
             )
-        tables = tuple(map(on_one_clock, all_runs(tables_of(name, content), {})))
-        return Upload(name, content, tables, *_guessed(tables[0]))
+        read = tuple(tables_of(name, content))
+        tables = tuple(map(on_one_clock, all_runs(read, {})))
+        return Upload(name, content, read, tables, *_guessed(tables[0]))
 
     @property
     def table(self) -> Table:
@@ -95,7 +98,7 @@ class Upload:
 
     def records(self, choice: ReadOptions) -> list[Record]:
         """The records of the chosen columns: that of the chosen table, or one of each."""
-        return Record.of_tables(self.tables, self.name, **choice)
+        return Record.of_tables(all_runs(self.read, choice), self.name, **choice)
 
 
 def tables_of(name: str, content: bytes) -> list[Table]:

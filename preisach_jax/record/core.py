@@ -36,7 +36,7 @@ from preisach_jax.record.checks import (
 from preisach_jax.record.columns import ReadOptions, all_runs, assign_roles, checked, numbered
 from preisach_jax.record.reading import read_table, read_tables
 from preisach_jax.record.samples import Samples, without_hysteresis
-from preisach_jax.record.sampling import on_one_clock
+from preisach_jax.record.sampling import MADE_TIME, on_one_clock
 from preisach_jax.record.table import Table
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ class Record(Samples):
         need_output = options.get("need_output", True)
         given.check_rows()
         table = given.with_clocks()
-        if options.get("time") is None and rate is None:
+        if options.get("time") in (None, MADE_TIME) and rate is None:
             table = on_one_clock(table)
         roles = assign_roles(
             table,

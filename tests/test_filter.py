@@ -243,7 +243,7 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
 
     def loss_of(z, initial_weight, tau):
         filt = AdaptiveFilter(PLANE, hysteron, sampling, initial_weight, step_size=0.7)
-        result = filt.run(lagged(tau), z)
+        result = filt.run(lagged(tau), z, missing=True)
         return (result.weights**2).sum() + (result.output**2).sum()
 
     both = jax.jit(jax.value_and_grad(loss_of, (0, 1, 2)))  # one program for all values

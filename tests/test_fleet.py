@@ -25,8 +25,14 @@ def records(dtype=float):
 
 
 @pytest.mark.parametrize(
-    ("options", "passes"),
-    [({"step_size": 0.3}, 3), ({"hysteron": "ramp"}, 2), ({"sampling": "sample"} | OPTIONS, 1)],
+    ("precision", "options", "passes"),
+    [
+        ("float32", {"step_size": 0.3}, 3),
+        ("float64", {"step_size": 0.3}, 3),
+        ("float32", {"hysteron": "ramp"}, 2),
+        ("float64", {"sampling": "sample"} | OPTIONS, 1),
+    ],
+    indirect=["precision"],
 )
 def test_each_record_gives_what_it_gives_alone(precision, tolerance, options, passes):
     inputs, outputs = records(precision)
@@ -50,15 +56,15 @@ def test_each_record_gives_what_it_gives_alone(precision, tolerance, options, pa
 
 def test_a_second_fleet_of_the_shape_compiles_nothing(x64, compilations):
     inputs, outputs = records()
-    run_fleet(AdaptiveFilter(PLANE), inputs, outputs)
-    assert compilations(lambda: run_fleet(AdaptiveFilter(PLANE), inputs, inputs)) == []
+    run_fleet(AdaptiveFilter(PLANE), inputs, outputs, 3)
+    assert compilations(lambda: run_fleet(AdaptiveFilter(PLANE), inputs, inputs, 3)) == []
 
 
 def test_a_fleet_as_two_arrays_and_one_that_never_moves(x64):
     inputs, outputs = records()
-    x, z = (np.stack([row[:120] for row in side]) for side in (inputs, outputs))
+    x, z = (np.stack([np.resize(row, 400) for row in side]) for side in (inputs, outputs))
     x[2] = 5.1
-    found = run_fleet(AdaptiveFilter(PLANE), x, z)
+    found = run_fleet(AdaptiveFilter(PLANE), x, z, 3)
     assert found.weights.shape == (4, PLANE.cells)
     assert found.updates[2] == 0
     assert np.isnan(found.error[2])

@@ -240,10 +240,11 @@ bad_outputs = st.one_of(
 
 
 @pytest.mark.parametrize(("hysteron", "chosen"), [("relay", "none"), ("ramp", "all")])
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(samples=st.lists(st.tuples(bad_inputs, bad_outputs), min_size=30, max_size=30))
 def test_bad_samples_leave_a_sound_state(hysteron, chosen, samples):
     x, z = (np.array(column, np.float32) for column in zip(*samples, strict=True))
+    z[[0, 15]] = np.nan  # in each block an output is missing: one program serves all examples
     filt = AdaptiveFilter(PLANE, hysteron, **OPTIONS[chosen])
     single, blocks = OnlineFilter(filt, saturate=True), OnlineFilter(filt, saturate=True)
     infos = one_by_one(single, x, z)

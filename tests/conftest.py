@@ -12,8 +12,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".jax_cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# Most of the time of a first run is compilation: tests want code soon, not fast code. Not optimised,
-# without the fusion emitters and the split of modules, a program compiles in a third of the time.
+# Most of the time of a first run is compilation: tests want code soon, not fast code. A program
+# compiles in a third of the time if it is not optimised, nor split, and without fusion emitters.
 if os.environ["JAX_PLATFORMS"] == "cpu":
     flags = (
         "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "

@@ -358,6 +358,7 @@ ANYTHING: Any = 5
         (lambda: FILTER.run([0.0, np.nan], [0.0, 1.0]), "x is nan at sample 1"),
         (lambda: FILTER.run([0.0, 1.0], [-np.inf, 1.0]), "z is -inf at sample 0"),
         (lambda: FILTER.run([0.0, 1.0j], [0.0, 1.0]), "input x has the type complex"),
+        (lambda: FILTER.run(np.array(["a"]), REALS), "input x has the type <U1: give real numbers"),
         (lambda: FILTER.run(np.arange(7), REALS), r"x has the type int.*x\.astype\(float\)"),
         (lambda: FILTER.run(REALS, np.arange(7)), r"z has the type int.*z\.astype\(float\)"),
         (lambda: FILTER.run(2 * REALS, REALS), "x is 10 at sample 5, and the plane reaches"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +32,13 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
     usually holds a converter's raw counts.
     """
     require_no_record(name, values)
-    array = jnp.asarray(values)
+    given: Any = values
+    if isinstance(values, np.ndarray):
+        if values.dtype.kind not in "biufc":
+            raise InputError(f"{name} has the type {values.dtype}: give real numbers")
+        # `jnp.asarray` would compile a program for each shape; `device_put` may share memory.
+        given = jax.device_put(cast(Any, np).array(values))
+    array = jnp.asarray(given)
     if jnp.issubdtype(array.dtype, jnp.floating):
         # A Python number is weakly typed; a fixed type saves compiling everything twice.
         return array.astype(array.dtype)

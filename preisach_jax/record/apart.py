@@ -66,12 +66,12 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
         done, cause = None, f"the limit of {10 * seconds} s"
     if done is None or done.returncode:
         raise InputError(f"{source}: reading it as {reader.name} was ended by {cause}; {_REMEDY}")
-    head, _, body = done.stdout.partition(b"\n")
-    content = json.loads(head)
+    end = done.stdout.index(b"\n")
+    content = json.loads(done.stdout[:end])
     if isinstance(content, dict):
         refusal = cast(Any, content)["refusal"]
         raise InputError(refusal)
-    return _unpacked(content, memoryview(body))
+    return _unpacked(content, memoryview(done.stdout)[end + 1 :])
 
 
 def read_here(reader: Reader, path: Path, source: str, sheet: str | None = None) -> list[Table]:

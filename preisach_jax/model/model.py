@@ -254,6 +254,10 @@ class Model:
             return Model._moved_from_rest
         return Model._continue if self.follows_origin(record) else Model._from_middle
 
+    def knows_the_past_of(self, record: Record) -> bool:
+        """Whether what came before a record is known, or stated."""
+        return self._run_of(record) is not Model._from_middle
+
     def _check_start(self, record: Record) -> None:
         first, began = float(record.input[0]), float(self.origin.history[1, 0])
         places = position_on(self.plane, np.array([first, began]))
@@ -608,6 +612,8 @@ def _check_units(units: Mapping[str, str], record: Record) -> None:
 
 def past_sentence(model: Model, record: Record, prediction: Prediction) -> str:
     """Why a band is wider than that of a known past, for how long, and what narrows it."""
+    if model.knows_the_past_of(record):
+        return ""
     known = model.half_width(record)
     added = (prediction.high - prediction.low) / 2 - known
     wide = np.flatnonzero(added > PAST_COUNTS * known)

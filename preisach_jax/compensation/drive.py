@@ -95,9 +95,9 @@ def compensate(
 
     Example:
         >>> import preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
         >>> z = 6 + 2 * np.sin(t[:400])
         >>> course = pj.compensate(model, pj.Record.from_arrays(t[:400], 0 * z, z))
         >>> bool(np.allclose(course.expected, z, atol=1e-6)), bool(course.reachable.all())

@@ -182,9 +182,9 @@ def simulate_loop(
 
     Example:
         >>> import preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
         >>> course = pj.Record.from_arrays(t[:99], 0 * t[:99], 6 + 3 * np.sin(t[:99]))
         >>> errors = pj.simulate_loop(model, course).errors()
         >>> errors["all effects"] < 1e-6 < errors["affine map"]

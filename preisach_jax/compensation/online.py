@@ -85,9 +85,9 @@ class OnlineInverse:
 
     Example:
         >>> import preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
         >>> inverse = OnlineInverse(model, rate_hz=100.0)
         >>> drive = inverse(6.0)
         >>> 3 < drive < 7, round(inverse.expected, 6), inverse.reached

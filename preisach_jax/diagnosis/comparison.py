@@ -146,10 +146,10 @@ def compare(model: Model, record: Record) -> Comparison:
 
     Example:
         >>> import numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
         >>> record = pj.Record.from_arrays(t, u, u**1.1)
-        >>> compare(pj.fit(record, levels=5).model, record).fit_percent > 98
+        >>> compare(pj.fit(record, levels=9).model, record).fit_percent > 98
         True
     """
     record = record.bridged(input_spikes(record)).masked(faults(record))

@@ -117,9 +117,9 @@ def design(
 
     Example:
         >>> import numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
         >>> plan = pj.design([model], noise=0.01)
         >>> plan.excitation, float(plan.input.max()) == model.plane.high
         ('combination', True)

@@ -17,8 +17,9 @@ class ExcessLoss(AddedEffect):
     The rate at a sample is the mean of the intervals on both sides.
 
     Example:
-        >>> t = jnp.arange(4.0)
-        >>> ExcessLoss().columns(Signals(t, 4 * jnp.abs(t - 2), {})).ravel().tolist()
+        >>> import jax, numpy as np
+        >>> t = np.arange(4.0)
+        >>> jax.jit(ExcessLoss().columns)(Signals(t, 4 * np.abs(t - 2), {}))[:, 0].tolist()
         [-2.0, -2.0, 0.0, 2.0]
     """
 

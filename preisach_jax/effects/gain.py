@@ -31,12 +31,12 @@ class Gain(OfColumn, WeightEffect):  # pyright: ignore[reportIncompatibleVariabl
         middle, span: middle and range of the column.
 
     Example:
-        >>> import jax.numpy as jnp
+        >>> import jax, numpy as np
         >>> coil = Gain(column="current_A", unit="A", middle=0.5, span=1.0)
-        >>> current = jnp.array([0.0, 0.5, 1.0])
-        >>> signals = Signals(jnp.arange(3.0), current, {"current_A": current})
+        >>> current = np.array([0.0, 0.5, 1.0])
+        >>> signals = Signals(np.arange(3.0), current, {"current_A": current})
         >>> coil = coil.at({"gain": 1.0, "curvature": 0.0, "tau_s": 1e-3})
-        >>> coil.name, coil.factor(signals).round(1).tolist()
+        >>> coil.name, np.round(jax.jit(coil.factor)(signals), 1).tolist()
         ('gain:current_A', [0.5, 1.0, 1.5])
     """
 

@@ -22,9 +22,9 @@ class Leakage(OutputEffect):
         tau_low_s, tau_high_s: bounds of the search for the time constant, in s.
 
     Example:
-        >>> import jax.numpy as jnp
-        >>> t = jnp.linspace(0.0, 1.0, 101)
-        >>> z = Leakage(tau_s=0.5).apply(jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> import jax, numpy as np
+        >>> t = np.linspace(0.0, 1.0, 101)
+        >>> z = jax.jit(Leakage(tau_s=0.5).apply)(np.where(t > 0.0, 1.0, 0.0), t)
         >>> round(float(z[-1]), 3)  # exp(-2), less half a sample
         0.137
     """

@@ -59,9 +59,9 @@ class OutputLag(FirstOrderLag, OutputEffect):
         of_samples: whether it is a filter of the samples, which is half a sample earlier.
 
     Example:
-        >>> import jax.numpy as jnp
-        >>> t = jnp.arange(5.0)
-        >>> late = t - OutputLag(tau_s=0.125).apply(t, t)
+        >>> import jax, numpy as np
+        >>> t = np.arange(5.0)
+        >>> late = t - np.asarray(jax.jit(OutputLag(tau_s=0.125).apply)(t, t))
         >>> late.round(3).tolist()
         [0.0, 0.125, 0.125, 0.125, 0.125]
     """

@@ -51,9 +51,9 @@ class Resonance(Modal, OutputEffect):
         starts: see `Modal`.
 
     Example:
-        >>> import jax.numpy as jnp
-        >>> t = jnp.linspace(0.0, 1.0, 101)
-        >>> z = Resonance(f_hz=10.0, zeta=0.05).apply(jnp.where(t > 0.0, 1.0, 0.0), t)
+        >>> import jax, numpy as np
+        >>> t = np.linspace(0.0, 1.0, 101)
+        >>> z = jax.jit(Resonance(f_hz=10.0, zeta=0.05).apply)(np.where(t > 0.0, 1.0, 0.0), t)
         >>> round(float(z.max()), 1)
         1.8
     """

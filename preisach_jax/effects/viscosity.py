@@ -31,10 +31,10 @@ class Viscosity(AddedEffect):
         stribeck: whether there is a third part.
 
     Example:
-        >>> import jax.numpy as jnp
-        >>> t = jnp.arange(3.0)
+        >>> import jax, numpy as np
+        >>> t = np.arange(3.0)
         >>> signals = Signals(t, 2 * t, {})
-        >>> Viscosity(tau_s=0.1).columns(signals).round(2).tolist()
+        >>> np.round(jax.jit(Viscosity(tau_s=0.1).columns)(signals), 2).tolist()
         [[0.0], [2.0], [2.0]]
     """
 

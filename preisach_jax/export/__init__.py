@@ -41,9 +41,9 @@ def export_c(
 
     Example:
         >>> import tempfile, numpy as np, preisach_jax as pj
-        >>> t = np.arange(2000) / 100
+        >>> t = np.arange(3000) / 100
         >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+        >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     print(*(path.name for path in export_c(model, folder)))
         preisach_model.h preisach_model.c preisach_test.c Makefile README.md

@@ -167,11 +167,11 @@ class Model:
 
         Example:
             >>> import numpy as np, preisach_jax as pj
-            >>> t = np.arange(2000) / 100
+            >>> t = np.arange(3000) / 100
             >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
             >>> model.predict(pj.Record.from_arrays(t, u, u)).output.shape
-            (2000,)
+            (3000,)
         """
         check_record(self.chain, self.units, record)
         run = self._run_of(record)
@@ -498,9 +498,9 @@ class Model:
 
         Example:
             >>> import numpy as np, preisach_jax as pj
-            >>> t = np.arange(2000) / 100
+            >>> t = np.arange(3000) / 100
             >>> u = 5 - 5 * np.cos(t * (1 + t / 40))
-            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=5).model
+            >>> model = pj.fit(pj.Record.from_arrays(t, u, u**1.1), levels=9).model
             >>> bool(np.all(pj.Model.from_json(model.to_json()).weights == model.weights))
             True
         """

@@ -122,7 +122,8 @@ class TestUpload:
         upload = Upload.of("runs.csv", content)
         (tmp_path / "runs.csv").write_bytes(content)
         by_time: Any = {"time": "t_s", "input": "u_V", "output": "z_um"}
-        for choice, count in ((by_time, 2), ({**by_time, "time": None, "rate": 50.0}, 1)):
+        by_rate: Any = {**by_time, "time": None, "rate": 50.0}
+        for choice, count in ((by_time, 2), (by_rate, 1)):
             here, there = upload.records(choice), Record.load_all(tmp_path / "runs.csv", **choice)
             assert [r.sha256 for r in here] == [r.sha256 for r in there]
             assert len(here) == count
@@ -213,7 +214,7 @@ class TestForm:
 
 class TestScript:
     def test_it_repeats_the_clicks_and_refuses_another_record(self, tmp_path, monkeypatch, capsys):
-        (tmp_path / "stage.csv").write_bytes(csv(400))
+        (tmp_path / "stage.csv").write_bytes(csv(700))
         record = pj.Record.load(tmp_path / "stage.csv")
         now = pj.explore(record, levels=5).add("drift")
         clicks = [
@@ -453,20 +454,3 @@ def test_tabs_that_are_opened_at_once_share_no_model():
     models = [model for tab in tabs for model in tab.models]
     assert len(models) == len(set(models))
     assert all(model.document in tabs for model in models)
-
-
-def test_columns_that_are_known_fold_away_on_a_phone_until_they_are_asked_for(tmp_path):
-    path = tmp_path / "stage.csv"
-    path.write_bytes(csv())
-    page = Page()
-    page._fit = lambda: None
-    chips, fold = page._layout.chips, page._layout.fold
-    assert (chips.css_classes, fold.css_classes) == ([], [])
-    page.open_file(path)
-    while page._look is None:
-        time.sleep(0.02)
-    page._refresh()
-    assert (chips.css_classes, fold.css_classes) == (["folded"], ["known"])
-    page._on_fold(None)
-    assert (chips.css_classes, fold.label) == ([], "Hide columns")
-    page.close()

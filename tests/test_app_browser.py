@@ -20,8 +20,10 @@ FEW = """
 from preisach_jax.diagnosis import selection
 known = selection.library
 selection.library = lambda: {name: known()[name] for name in ("delay", "drift")}
+from preisach_jax.app import layout
+layout.LEVELS["13 levels"] = 9
 """
-"""What the server runs first: it compares two effects, and not all."""
+"""What the server runs first: two effects are compared, on the plane of most tests."""
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +175,7 @@ def test_a_bad_file_is_refused_and_what_is_open_stays(tab, tmp_path):
     evil = "<img src=x onerror=alert(1)>\"'$$\\int$$"
     rows = "".join(f"{k / 100};{k % 40};{(k % 40) ** 2 / 9:.3f}\n" for k in range(400))
     (tmp_path / "evil<b>.csv").write_text(f"t {evil} [s];u {evil} [V];z {evil} [um]\n{rows}")
+    tab.get_by_label("Preisach plane").select_option("13 levels")
     drop(tab, tmp_path / "evil<b>.csv")
     tab.get_by_text("evil<b>.csv").first.wait_for()
     for label, option in (("Time", 1), ("Input", 2), ("Output", 3)):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
+from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -31,6 +32,7 @@ WORLD = {
 }
 
 
+@cache
 def imports():
     """By module, the modules that it imports: inside functions and for annotations as well."""
     paths = {

@@ -59,13 +59,6 @@ def work(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Reports without the drawing of their figures, which takes seconds."""
-    monkeypatch.setattr("preisach_jax.plot.png", lambda figure: b"")
-    monkeypatch.setattr("preisach_jax.plot.svg", lambda figure: "<svg/>")
-
-
 def complaint(capsys, *words):
     """Exit code 2, nothing on stdout, and one line on stderr: the message."""
     assert main([str(word) for word in words]) == 2
@@ -81,7 +74,6 @@ def complaint(capsys, *words):
 # What it does
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_diagnose_writes_a_report_and_says_what_it_found(work, tmp_path, capsys):
     report = tmp_path / "deep" / "report"
     words = ["diagnose", str(work / "stage.csv"), "--effects", "drift", "--aux", "load_N"]
@@ -132,7 +124,7 @@ def test_units_that_were_told_are_remembered(tmp_path):
     assert float(out.read_text(encoding="utf-8").splitlines()[2].split(",")[0]) == 0.01
 
 
-@pytest.mark.usefixtures("x64", "no_pictures")
+@pytest.mark.usefixtures("x64")
 def test_several_models_and_several_records_are_those_of_single_comparisons(work, tmp_path, capsys):
     own, plain, data = work / "model.json", tmp_path / "plain.json", work / "stage.csv"
     columns = stage_columns()

@@ -24,7 +24,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fleet")
     rng, paths = np.random.default_rng(2), []
     for k in range(3):
-        t = np.arange(600) / 100
+        t = np.arange(700) / 100
         u = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
         z = (2 + k) * u + 0.01 * rng.normal(size=len(t))
         cells = [f"{value:.5f}" for value in z]

@@ -167,7 +167,10 @@ def test_time_none_counts_samples_and_only_such_effects_are_judged():
     beside = replace(record, aux={"load": record.input}, channels=channels)
     with pytest.raises(pj.InputError, match=r"'cross:load' needs a clock"):
         effects_to_try(beside, ["cross:load"])
-    for refused in (lambda: pj.fit(record, ["creep"]), lambda: pj.explore(record).add("creep")):
+    for refused in (
+        lambda: pj.fit(record, ["creep"]),
+        lambda: pj.explore(record, levels=5).add("creep"),
+    ):
         with pytest.raises(pj.InputError, match=r"'creep' needs a clock.*--rate HZ"):
             refused()
     with pytest.raises(pj.InputError, match="has no clock, and others have one"):
@@ -438,31 +441,6 @@ LAYOUTS = {
         "published tests of joints", "angle [deg],torque [Nm]\n" + rows(U, Z, sep=","),
         None, "angle [deg]", "torque [Nm]", ("deg", "Nm"),
     ),
-    "chinese.csv": Layout(
-        "exports of test machines in Chinese",
-        "时间(s),位移(mm),荷载(kN)\n" + rows(T, U, Z, sep=","),
-        "时间(s)", "位移(mm)", "荷载(kN)", ("mm", "kN"),
-    ),
-    "japanese.csv": Layout(
-        "exports of test machines in Japanese",
-        "時間[s],変位[mm],荷重[N]\n" + rows(T, U, Z, sep=","),
-        "時間[s]", "変位[mm]", "荷重[N]", ("mm", "N"),
-    ),
-    "russian.csv": Layout(
-        "exports of test machines in Russian",
-        "Время, с;Перемещение, мм;Усилие, кН\n" + rows(T, U, Z, sep=";", decimal=","),
-        "Время, с", "Перемещение, мм", "Усилие, кН", ("mm", "kN"),
-    ),
-    "french.csv": Layout(
-        "exports of test machines in French",
-        "Temps (s);Déplacement (mm);Force (N)\n" + rows(T, U, Z, sep=";", decimal=","),
-        "Temps (s)", "Déplacement (mm)", "Force (N)", ("mm", "N"),
-    ),
-    "spanish.csv": Layout(
-        "exports of test machines in Spanish",
-        "Tiempo (s);Desplazamiento (mm);Fuerza (N)\n" + rows(T, U, Z, sep=";", decimal=","),
-        "Tiempo (s)", "Desplazamiento (mm)", "Fuerza (N)", ("mm", "N"),
-    ),
     "all_zero_time.csv": Layout(
         "loggers whose clock was never set",
         "time_s,u_V,z_um\n" + rows(0 * T, U, Z, sep=","),
@@ -488,6 +466,21 @@ LAYOUTS = {
         "t_s", "u_V", "z_um", ("V", "um"),
     ),
 }  # fmt: skip
+NAMES_ELSEWHERE = {
+    "chinese.csv": ("时间(s),位移(mm),荷载(kN)", "kN"),
+    "japanese.csv": ("時間[s],変位[mm],荷重[N]", "N"),
+    "russian.csv": ("Время, с;Перемещение, мм;Усилие, кН", "kN"),
+    "french.csv": ("Temps (s);Déplacement (mm);Force (N)", "N"),
+    "spanish.csv": ("Tiempo (s);Desplazamiento (mm);Fuerza (N)", "N"),
+}
+for file, (head, force) in NAMES_ELSEWHERE.items():
+    between, point = (";", ",") if ";" in head else (",", ".")
+    time, driven, output = head.split(between)
+    LAYOUTS[file] = Layout(
+        f"exports of test machines in {file.removesuffix('.csv').title()}",
+        f"{head}\n{rows(T, U, Z, sep=between, decimal=point)}",
+        time, driven, output, ("mm", force),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -609,32 +602,11 @@ def test_odd_input_is_refused_with_why(tmp_path, name):
 # --- whatever comes, one line ---------------------------------------------------------------------
 
 NAMES = [
-    "t",
-    "Time [s]",
-    "",
-    "Force (kN)",
-    "Force (kN)",
-    "Weg [mm]",
-    "x",
-    "Status",
-    "µ",
-    "1",
-    "B, mT",
-]
+    "t", "Time [s]", "", "Force (kN)", "Force (kN)", "Weg [mm]", "x", "Status", "µ", "1", "B, mT"
+]  # fmt: skip
 CELLS = [
-    "",
-    "nan",
-    "text",
-    "1,5",
-    "1e9",
-    "-",
-    "0",
-    '"',
-    "12 V",
-    "#",
-    "\ufeff",
-    "2024-01-01 00:00:00",
-]
+    "", "nan", "text", "1,5", "1e9", "-", "0", '"', "12 V", "#", "\ufeff", "2024-01-01 00:00:00"
+]  # fmt: skip
 
 
 @st.composite

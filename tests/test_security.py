@@ -37,7 +37,7 @@ HOSTILE_FILE = "=<img src=x onerror=alert(1)>" + "\udcff" * (sys.platform == "li
 HOSTILE_COLUMNS = ("t [s]", "u<script>alert(2)</script> [<b>V]", "z\"'><svg onload=alert(3)> [um]")
 
 
-def write_record(path, gain=1.0, samples=300):
+def write_record(path, gain=1.0, samples=700):
     """A record whose header holds markup."""
     path.parent.mkdir(parents=True, exist_ok=True)
     t = np.arange(samples) / 100
@@ -70,9 +70,11 @@ def outputs(tmp_path_factory):
         run("compare", report / "model.json", data, "--report", out / "comparison")
         run("predict", report / "model.json", data, "--out", out / "prediction.csv")
         patch.setattr(fleet, "_client", client_in_this_process)
-        run("fleet", data, *others, *columns, "--fit", "--levels", "4", "--out", out / "fleet")
-        setting: Any = ((5, 3), (0.05, 0.2, 0.5), 2, 1000)  # of which test_sweep.py has the program
-        sweep = pj.sweep(jax.random.key(7), *setting)
+        run("fleet", data, *others, *columns, "--fit", "--levels", "5", "--out", out / "fleet")
+        nothing = {name: np.zeros(1) for name in (*pj.Sweep.AXES, "noise_um", "seeds", "key")}
+        times = {"compile_s": 1.0, "run_s": 1.0, "device": jax.devices()[0].device_kind}
+        sweep = pj.Sweep(**nothing, **times, levels=np.ones(1, int), weights=(np.zeros(1),),
+                         samples=1000, first=0, slope=1.0)  # fmt: skip
         sweep.save(out / "sweep.npz")
         online = pj.OnlineFilter(pj.AdaptiveFilter(pj.Plane(levels=3, low=0.0, high=1.0)))
         online(0.5, 1.0)

@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Array
 
 from preisach_jax.chain import sensed
+from preisach_jax.chain.compiled import as_arrays, widening_of
+from preisach_jax.chain.output import gains_of
 from preisach_jax.compensation.branch import BranchBounds, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of
@@ -83,6 +85,11 @@ class CausalState(NamedTuple):
     aim: Array
     aux: tuple[Any, ...]
     follow: Array
+
+
+def plain(leaf: Any) -> Array:
+    """An array as a compiled step gives it back, of no weak type."""
+    return jnp.asarray(np.asarray(leaf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,37 +182,39 @@ class Causal:
         whole = self.forward.whole(rest)
         count = self.forward.past.count
         signals = self.forward.signals(rest)
-        time, dt = signals.time[:count], jnp.diff(signals.time[:count], prepend=signals.time[:1])
+        time = np.asarray(signals.time)[:count]
+        dt = np.diff(time, prepend=time[:1])
         operator, chain = self.forward.operator(), self.forward.chain
         unit = (chain.plane.high - chain.plane.low) / chain.plane.levels
         seen = (whole.seen[:count] - chain.plane.low) / unit
-        path = jnp.clip(jnp.asarray(seen), 0.0, chain.plane.levels)
-        states, position = follow(operator, path, jnp.asarray(whole.widening[:count] / unit))
-        before, _ = self._in_front.ran(signals.input[:count], dt)
-        signal = jnp.asarray(whole.hysteresis[:count])
-        for effect in chain.at(WeightEffect):
-            signal = signal * effect.at(self.forward.values[effect.name]).factor(signals)[:count]
+        path = np.clip(seen, 0.0, chain.plane.levels)
+        states, position = follow(operator, path, whole.widening[:count] / unit)
+        before, _ = self._in_front.ran(np.asarray(signals.input)[:count], dt)
+        signal = whole.hysteresis[:count]
+        for factor in gains_of(chain, self.forward.values, signals):
+            signal = signal * np.asarray(factor)[:count]
         behind, aim = self.after.ran(signal, dt)
         aux = [
-            self._alone(effect).ran(signals.aux[effect.column][:count], dt)[0]
+            self._alone(effect).ran(np.asarray(signals.aux[effect.column])[:count], dt)[0]
             for effect in self._aux
         ]
         last = chain.polarity * whole.hysteresis[count - 1]
-        return CausalState(
-            signals.path[count] if self.forward.chain.by_path else time[-1],
+        state: Any = (
+            np.asarray(signals.path)[count] if self.forward.chain.by_path else time[-1],
             operator.weights,
             states,
             position,
-            jnp.full(self._samples_of_speed, whole.path[count - 1]),
-            jnp.asarray(self.forward.past.last_input),
+            np.full(self._samples_of_speed, whole.path[count - 1]),
+            self.forward.past.last_input,
             before,
-            jnp.full(2, last),
+            np.full(2, last),
             behind,
             signal[-1],
-            aim[-1],
+            np.asarray(aim)[-1],
             tuple(aux),
-            jnp.zeros(()),
+            0.0,
         )
+        return jax.tree.map(plain, CausalState(*state))
 
     def _alone(self, effect: Any) -> Series:
         return Series((effect,), self.forward.values, self.step_s)
@@ -255,10 +264,10 @@ class Causal:
 
     def _widening(self, path: Array) -> Array:
         """Widening at the last of three values of the input, by its speed to there."""
-        time, width = self.step_s * jnp.arange(3.0), jnp.zeros(())
+        time, width = jnp.asarray(self.step_s * np.arange(3.0)), jnp.zeros(())
         for effect in self.forward.chain.at(HysteresisEffect):
-            own = self.forward.values[effect.name]
-            width = width + effect.at(own).widening(path, time)[-1]
+            own = as_arrays(self.forward.values[effect.name])
+            width = width + widening_of(effect, own, path, time)[-1]
         return width
 
     def _seen(self, path: Array, hysteresis: Array) -> Array:
@@ -314,7 +323,7 @@ class Causal:
     def _samples_of_speed(self) -> int:
         plane = self.forward.chain.plane
         move = USUAL_PER_S * (plane.high - plane.low) * self.step_s
-        steep = float(self._widening(move * jnp.arange(3.0))) / move
+        steep = float(self._widening(jnp.asarray(move * np.arange(3.0)))) / move
         return 3 + int(np.ceil(4 * steep))
 
     @property

@@ -20,7 +20,9 @@ from preisach_jax.chain import (
     first_run_output,
     hysteresis_output,
 )
+from preisach_jax.chain.compiled import as_arrays, fed_back_along, sensor_columns_of
 from preisach_jax.chain.driven import all_widen
+from preisach_jax.chain.output import gains_of
 from preisach_jax.compensation.branch import Operator
 from preisach_jax.compensation.past import Past
 from preisach_jax.effects.base import (
@@ -29,7 +31,6 @@ from preisach_jax.effects.base import (
     InputEffect,
     SensorEffect,
     Signals,
-    WeightEffect,
 )
 from preisach_jax.model import Model
 
@@ -149,7 +150,8 @@ class Forward:
     def before_sensor(self, reading: Array) -> Array:
         """(time,) output of the rest of the model at which the sensor reads so."""
         for effect, share in reversed(self.sensors):
-            columns = effect.at(self.values[effect.name]).columns(reading)
+            own = as_arrays(self.values[effect.name])
+            columns = sensor_columns_of(effect, len(share), own, reading)
             reading = reading - columns @ jnp.asarray(share)
         return reading
 
@@ -167,8 +169,8 @@ class Forward:
         """Factor of ageing and its like on the weights in the rows of the drive."""
         signals = self.signals(along)
         factor = np.ones(len(signals.time))
-        for effect in self.chain.at(WeightEffect):
-            factor = factor * np.asarray(effect.at(self.values[effect.name]).factor(signals))
+        for each in gains_of(self.chain, self.values, signals):
+            factor = factor * np.asarray(each)
         return factor[self.past.count :]
 
     def fed_back(self, path: np.ndarray, hysteresis: np.ndarray) -> np.ndarray:
@@ -176,5 +178,5 @@ class Forward:
         time = self.signals(path[self.past.count :]).time
         seen, rising = jnp.asarray(path), jnp.asarray(self.chain.polarity * hysteresis)
         for effect in self.chain.at(HysteresisEffect):
-            seen = effect.at(self.values[effect.name]).fed_back(seen, rising, time)
+            seen = fed_back_along(effect, as_arrays(self.values[effect.name]), seen, rising, time)
         return np.asarray(seen)

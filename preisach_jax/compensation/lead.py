@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
+from preisach_jax.chain.compiled import added_columns_of, apply_effect, as_arrays
 from preisach_jax.effects.base import AddedEffect, InputEffect, OutputEffect, Signals
 
 FLOOR = 0.1
@@ -55,10 +55,10 @@ class Lead:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()
         height = IMPULSE * scale
-        signal = jnp.zeros(count // 2).at[1].set(height)
-        time = step_s * jnp.arange(count // 2)
+        signal: Any = _impulse(count // 2, height)
+        time: Any = step_s * np.arange(count // 2)
         for effect in effects:
-            signal = effect.at(values[effect.name]).apply(signal, time)
+            signal = apply_effect(effect, as_arrays(values[effect.name]), signal, time)
         return Lead.through(np.asarray(signal)[1:] / height, count, samples)
 
     @staticmethod
@@ -81,13 +81,15 @@ class Lead:
         if not effects:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()
-        time = step_s * jnp.arange(count // 2)
-        response = jnp.zeros(count // 2).at[1].set(1.0)
-        signals = Signals(time, IMPULSE * response / slope, {})
+        time: Any = step_s * np.arange(count // 2)
+        response = _impulse(count // 2, 1.0)
+        drive: Any = IMPULSE * response / slope
+        signals = Signals(time, drive, {})
         for effect, share in effects:
-            added = effect.at(values[effect.name]).columns(signals) @ jnp.asarray(share)
-            response = response + added / IMPULSE
-        return Lead.through(np.asarray(response)[1:], count, samples)
+            own = as_arrays(values[effect.name])
+            columns = np.asarray(added_columns_of(effect, len(share), own, signals))
+            response = response + columns @ share / IMPULSE
+        return Lead.through(response[1:], count, samples)
 
     def __call__(self, course: np.ndarray) -> np.ndarray:
         """What must go into the effects for a course to come out, both zero before the first row.
@@ -103,3 +105,9 @@ class Lead:
         fade = fade * fade * (3 - 2 * fade)
         whole = np.concatenate([course, course[-1] * fade])
         return np.fft.irfft(np.fft.rfft(whole) * self.inverse, count)[: self.samples]
+
+
+def _impulse(samples: int, height: float) -> np.ndarray:
+    signal = np.zeros(samples)
+    signal[1] = height
+    return signal

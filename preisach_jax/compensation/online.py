@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.compensation.causal import Causal, CausalState
+from preisach_jax.compensation.causal import Causal, CausalState, plain
 from preisach_jax.compensation.drive import limits_of
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, auxiliary_columns
@@ -120,9 +120,9 @@ class OnlineInverse:
             # Before the steps are traced, which read them: numbers of the model and the rate.
             _ = self._causal.laws, self._share
             start = self._causal.start()
-            first = (start, _first_learning(self._causal, start))
+            first: Learning = jax.jit(partial(_first_learning, self._causal))(start)
             # Compiled here and not at the first sample, which a controller waits for.
-            carried: _Carried = jax.tree.map(_plain, first)
+            carried: _Carried = (start, jax.tree.map(plain, first))
             self._state, self._learning = carried
             stroke = float(np.abs(model.weights).sum())
             step = partial(_step, self._causal, self._step_size, self._share, stroke)
@@ -246,11 +246,6 @@ class OnlineInverse:
                 inverse._state, inverse._learning = jax.tree.map(kept, state)
             inverse.drive, inverse.expected = stored["last"].tolist()
         return inverse
-
-
-def _plain(leaf: Array) -> Array:
-    """An array as the compiled step gives it back, of no weak type."""
-    return jnp.asarray(np.asarray(leaf))
 
 
 def _first_learning(causal: Causal, state: CausalState) -> Learning:

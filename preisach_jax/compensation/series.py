@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from preisach_jax.chain import EffectValues
+from preisach_jax.chain.compiled import as_array, as_arrays
 from preisach_jax.effects.base import Stepped
 
 PASSED = 0.1
@@ -76,16 +78,13 @@ class Series:
 
     def ran(self, signal: Array, dt: Array) -> tuple[States, Array]:
         """States after a signal, `(time,)`, whose time steps are given, and what has come out."""
-        ends: list[Any] = []
-        for effect in self.effects:
-            acting = effect.at(self.values[effect.name])
+        return _ran(*self._numbers, signal, dt)
 
-            def advance(state: Any, now: tuple[Array, Array], e: Any = acting) -> tuple[Any, Array]:
-                return e.step(state, *now)
-
-            end, signal = jax.lax.scan(advance, acting.init(signal[0]), (signal, dt))
-            ends.append(end)
-        return tuple(ends), signal
+    @property
+    def _numbers(self) -> tuple[tuple[Stepped, ...], dict[str, Any]]:
+        """Effects and values as arguments, so that what is compiled for some serves for others."""
+        own = {e.name: as_arrays(self.values[e.name]) for e in self.effects}
+        return jax.tree.map(as_array, self.effects), own
 
     def passed(self, states: States, value: Array) -> tuple[States, Array]:
         """States after one more sample, and what comes out."""
@@ -130,19 +129,47 @@ class Series:
 
     def _linear(self) -> _Matrices | None:
         """The effects as matrices; None where they are not linear."""
-        first = tuple(e.at(self.values[e.name]).init(jnp.zeros(())) for e in self.effects)
-        rest, states_of = ravel_pytree(first)
-
-        def sample(both: Array) -> Array:
-            after, out = self.passed(states_of(both[:-1]), both[-1])
-            return jnp.append(ravel_pytree(after)[0], out)
-
-        units = np.eye(len(rest) + 1)
-        matrix = np.stack([np.asarray(sample(jnp.asarray(unit))) for unit in units], axis=1)
-        some = 1 + np.arange(len(units)) / len(units)
-        if not np.allclose(sample(jnp.asarray(some)), matrix @ some, rtol=1e-6):
+        each = np.asarray(_samples(*self._numbers, np.asarray(self.step_s)))
+        matrix, some = each[:, :-1], _some(len(each))
+        if not np.allclose(each[:, -1], matrix @ some, rtol=1e-6):
             return None
         return _Matrices(matrix[:-1, :-1], matrix[:-1, -1], matrix[-1, :-1], float(matrix[-1, -1]))
+
+
+@eqx.filter_jit
+def _ran(
+    effects: tuple[Stepped, ...], values: EffectValues, signal: Array, dt: Array
+) -> tuple[States, Array]:
+    ends: list[Any] = []
+    for effect in effects:
+        acting = effect.at(values[effect.name])
+
+        def advance(state: Any, now: tuple[Array, Array], e: Any = acting) -> tuple[Any, Array]:
+            return e.step(state, *now)
+
+        end, signal = jax.lax.scan(advance, acting.init(signal[0]), (signal, dt))
+        ends.append(end)
+    return tuple(ends), signal
+
+
+@eqx.filter_jit
+def _samples(effects: tuple[Stepped, ...], values: EffectValues, step_s: Any) -> Array:
+    """States and output after one sample: from each unit of states and input, and from `_some`."""
+    first = tuple(e.at(values[e.name]).init(jnp.zeros(())) for e in effects)
+    rest, states_of = ravel_pytree(first)
+
+    def sample(both: Array) -> Array:
+        series = Series(effects, values, step_s)
+        after, out = series.passed(states_of(both[:-1]), both[-1])
+        return jnp.append(ravel_pytree(after)[0], out)
+
+    size = len(rest) + 1
+    starts = np.vstack([np.eye(size), _some(size)])
+    return jax.vmap(sample, out_axes=1)(jnp.asarray(starts, rest.dtype))
+
+
+def _some(size: int) -> np.ndarray:
+    return 1 + np.arange(size) / size
 
 
 def _stable_law(linear: _Matrices, kept: tuple[int, ...]) -> Law | None:

@@ -25,7 +25,7 @@ from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import HysteresisEffect, Signals, Values
-from preisach_jax.operator.plane import Plane, hysteron_step, position_on, states_at_first
+from preisach_jax.operator.plane import Plane, hysteron_step, position_on
 from preisach_jax.operator.states import Paths, fed_back_states, step_of_paths
 
 MOST_COLUMNS = 192
@@ -211,7 +211,7 @@ def stated_start(chain: Chain, course: Drive, initial_memory: str) -> np.ndarray
     first, gap = np.asarray(course.rising)[0], high - low
     if initial_memory == MIDDLE:
         return np.where(gap > 0, 0.5, 0.0)
-    states = states_at_first(chain.plane, initial_memory, first, chain.hysteron)
+    states = np.asarray(chain.plane.initial_states(initial_memory, first, chain.hysteron))
     return np.where(gap > 0, (states - low) / np.where(gap > 0, gap, 1.0), 0.0)
 
 

@@ -41,7 +41,7 @@ def as_float(values: ArrayLike, name: str) -> jax.Array:
     array = jnp.asarray(given)
     if jnp.issubdtype(array.dtype, jnp.floating):
         # A Python number is weakly typed; a fixed type saves compiling everything twice.
-        return array.astype(array.dtype)
+        return array.astype(array.dtype) if array.weak_type else array
     if not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"{name} has the type {array.dtype}: give real numbers")
     if hasattr(values, "dtype"):

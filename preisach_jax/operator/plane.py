@@ -421,7 +421,23 @@ class Plane(eqx.Module):
             >>> Plane(levels=2, low=0.0, high=2.0).initial_states("demagnetised", 1.0).tolist()
             [1.0, 0.5, 0.0]
         """
-        return states_at_first(self, kind, as_float(x0, "x0"), hysteron)
+        require_hysteron(hysteron)
+        _require_memory(kind)
+        x0 = as_float(x0, "x0")
+        if kind == "low":
+            states = np.zeros(self.cells)
+        elif kind == "high":
+            states = np.ones(self.cells)
+        else:
+            # α + β against low + high, in whole cells: exact.
+            beyond = self.alpha_index + self.beta_index + 1 - self.levels
+            on_the_line = 0.5 if hysteron == "ramp" else 0.0
+            states = np.where(beyond == 0, on_the_line, beyond < 0)
+        if isinstance(x0, Tracer):
+            return hysteron_step(self, jnp.asarray(states, x0.dtype), x0, x0, hysteron)
+        known: Any = np.asarray(x0)[()]  # nothing is compiled for what is known
+        start: Any = np.asarray(states, known.dtype)
+        return jax.device_put(hysteron_step(self, start, known, known, hysteron))
 
     def initial_turns(self, kind: str, hysteron: str = "ramp") -> np.ndarray:
         """Turning points that leave a named initial memory behind, see `initial_states`.
@@ -447,22 +463,6 @@ class Plane(eqx.Module):
         decaying = np.stack([highs, lows], axis=1).ravel()
         kept = {"low": 0, "high": 1, "demagnetised": self.levels + 1}[kind]
         return np.append(0.0, decaying[:kept])
-
-
-def states_at_first(plane: Plane, kind: str, x0: Any, hysteron: str) -> Any:
-    """`Plane.initial_states`, of NumPy if `x0` is."""
-    require_hysteron(hysteron)
-    _require_memory(kind)
-    if kind == "low":
-        states = np.zeros(plane.cells)
-    elif kind == "high":
-        states = np.ones(plane.cells)
-    else:
-        # α + β against low + high, in whole cells: exact.
-        beyond = plane.alpha_index + plane.beta_index + 1 - plane.levels
-        on_the_line = 0.5 if hysteron == "ramp" else 0.0
-        states = np.where(beyond == 0, on_the_line, beyond < 0)
-    return hysteron_step(plane, namespace_of(x0).asarray(states, x0.dtype), x0, x0, hysteron)
 
 
 def position_on(plane: Plane, x: Any) -> Any:

@@ -29,6 +29,9 @@ from preisach_jax.operator.states import as_path, path_and_start, require_plane
 
 FORMS = ("auto", "dense", "event")
 
+LEAST_MOVES = 65
+"""To which fewer are filled up, so that short inputs share what is compiled."""
+
 
 def simulate(
     plane: Plane,
@@ -201,6 +204,7 @@ def output_along_branches(
     # With a known input only the samples that move the level count.
     until = np.cumsum(np.diff(levels, prepend=levels[0]) != 0, dtype=np.int32)
     moves = np.append(levels[0], moves_of(levels)[1]).astype(x.dtype)
+    moves = np.pad(moves, (0, max(LEAST_MOVES - len(moves), 0)), "edge")
     return _output(plane, weights, past, jnp.asarray(moves), jnp.asarray(until))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -112,7 +113,12 @@ def hysteron_states(
     if falling is not None:
         paths = _paths(x, falling, reversible)
         return _states_of_paths(plane, paths, start, hysteron)
+    return _states(plane, x, start, hysteron)
 
+
+# Compiled, so that the next input of this length finds it there.
+@eqx.filter_jit
+def _states(plane: Plane, x: jax.Array, start: jax.Array, hysteron: str) -> jax.Array:
     def advance(
         carry: tuple[jax.Array, jax.Array], value: jax.Array
     ) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
@@ -147,6 +153,7 @@ def step_of_paths(
     return xp.minimum(on_beta, xp.maximum(states, on_alpha))
 
 
+@eqx.filter_jit
 def _states_of_paths(plane: Plane, paths: Paths, start: jax.Array, hysteron: str) -> jax.Array:
     def advance(
         carry: tuple[jax.Array, Paths], now: Paths

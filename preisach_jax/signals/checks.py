@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from preisach_jax.errors import InputError
 
@@ -23,6 +24,11 @@ def index_of(samples: int) -> jax.Array:
 def uniform(key: jax.Array, count: int) -> jax.Array:
     """Numbers in [0, 1); drawn in single precision, so that a key means one signal in both."""
     return jax.random.uniform(as_key(key), (count,), jnp.float32).astype(jnp.result_type(float))
+
+
+def known(drawn: jax.Array) -> tuple[Any, Any]:
+    """NumPy, for which nothing is compiled, and the numbers in it; JAX where they are traced."""
+    return (jnp, drawn) if isinstance(drawn, Tracer) else (np, np.asarray(drawn))
 
 
 def as_key(key: jax.Array) -> jax.Array:

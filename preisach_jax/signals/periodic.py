@@ -139,7 +139,7 @@ def staircase(
     k = index_of(samples)
     # Counted before JAX: a compiled division by a constant may round to the step below.
     stair = np.arange(samples) // max(1, round(hold_s * rate_hz)) % (2 * steps)
-    return low + (high - low) / steps * jnp.asarray(np.minimum(stair, 2 * steps - stair), k.dtype)
+    return jnp.asarray(low + (high - low) / steps * np.minimum(stair, 2 * steps - stair), k.dtype)
 
 
 def chirp(

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.errors import require_positive
-from preisach_jax.signals.checks import ordered, uniform
+from preisach_jax.signals.checks import known, ordered, uniform
 
 # No number is harder to approximate by fractions than the golden section and what ends like it, so
 # that its multiples, wrapped into a range, fall evenly over it and not on a lattice.
@@ -58,13 +58,13 @@ def bernoulli_ramp(
     slope = 2.0 * (high - low) * coin_hz / (5.0 + GOLDEN) if slope is None else slope
     require_positive(slope=slope)
     toss = (np.arange(samples) * coin_hz / rate_hz).astype(int)
-    coins = uniform(key, math.ceil(samples * coin_hz / rate_hz) + 1) < 0.5
+    xp, drawn = known(uniform(key, math.ceil(samples * coin_hz / rate_hz) + 1))
     # Whole numbers, so that a long walk is as exact as a short one.
-    step = jnp.where(coins, 1, -1)[toss]
-    walk = jnp.cumsum(step) - step
+    step = xp.where(drawn < 0.5, 1, -1)[toss]
+    walk = (xp.cumsum(step) - step).astype(drawn.dtype)
     span = high - low
-    place = jnp.mod(walk * (slope / rate_hz), 2.0 * span)
-    return jnp.clip(low + span - jnp.abs(place - span), low, high)
+    place = xp.mod(walk * (slope / rate_hz), 2.0 * span)
+    return jnp.asarray(xp.clip(low + span - xp.abs(place - span), low, high))
 
 
 def random_steps(
@@ -100,5 +100,6 @@ def random_steps(
     require_positive(samples=samples, rate_hz=rate_hz, hold_s=hold_s)
     ordered(low, high)
     hold = max(1, round(hold_s * rate_hz))
-    levels = low + (high - low) * uniform(key, math.ceil(samples / hold))
-    return levels[np.arange(samples) // hold]
+    _, drawn = known(uniform(key, math.ceil(samples / hold)))
+    levels = low + (high - low) * drawn
+    return jnp.asarray(levels[np.arange(samples) // hold])

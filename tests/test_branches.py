@@ -1,5 +1,6 @@
 """Branches between turning points against the states of all hysterons."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,9 +62,10 @@ def test_the_weight_between_two_positions_is_twice_the_everett_function(x64):
     weights = rng.uniform(0, 1, plane.cells)
     upper = np.concatenate([rng.uniform(0, plane.levels, 40), [plane.levels] * 3, [1.5, 1, 0]])
     lower = np.minimum(upper, np.append(rng.uniform(0, plane.levels, 40), [0, 1, 99, 1, 1, 0]))
-    got = weight_between(plane, jnp.asarray(weights), jnp.asarray(upper), jnp.asarray(lower))
+    got = eqx.filter_jit(weight_between)(plane, weights, upper, lower)
     alpha, beta = (plane.low + plane.delta_x * position for position in (upper, lower))
-    np.testing.assert_allclose(got, 2 * plane.everett(weights, alpha, beta), atol=1e-13)
+    everett = jax.jit(plane.everett)(weights, alpha, beta)
+    np.testing.assert_allclose(got, 2 * everett, atol=1e-13)
 
 
 @pytest.mark.parametrize("hysteron", ["relay", "ramp"])

@@ -4,15 +4,15 @@ import os
 import subprocess
 import sys
 
-import jax
 import numpy as np
 import pytest
 from oracles import PLANE, wandering
+from test_sweep import KEY, SETTINGS
 
 import preisach_jax as pj
 from preisach_jax.paper.sweep import Sweep
 
-DEVICES = """
+DEVICES = f"""
 import sys
 import jax
 jax.config.update("jax_num_cpu_devices", 3)
@@ -25,7 +25,7 @@ assert evenly(5) == 6
 where = compiled(lambda _, rows: rows, 0.0, jax.ShapeDtypeStruct((6,), np.float32))
 shards = where(0.0, np.arange(6, dtype=np.float32)).addressable_shards
 assert [len(one.data) for one in shards] == [2, 2, 2]
-pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000).save(sys.argv[1])
+pj.sweep(jax.random.key(7), *{SETTINGS}).save(sys.argv[1])
 x = np.load(sys.argv[2])
 np.save(sys.argv[2], pj.run_fleet(pj.AdaptiveFilter(pj.Plane(5, -2.0, 8.0)), x, 2 * x).weights)
 """
@@ -41,9 +41,10 @@ def test_three_devices_compute_what_one_does(x64, tmp_path):
     environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
     command = [sys.executable, "-W", "error", "-c", DEVICES, *map(str, paths)]
     subprocess.run(command, check=True, env=environment)
-    found, alone = Sweep.load(paths[0]), pj.sweep(jax.random.key(5), (3,), (0.1, 0.4), 4, 1000)
+    found, alone = Sweep.load(paths[0]), pj.sweep(KEY, *SETTINGS)
     for name in found.AXES:
         np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12)
-    np.testing.assert_allclose(found.weights[0], alone.weights[0], rtol=1e-10, atol=1e-12)
-    here = pj.run_fleet(pj.AdaptiveFilter(PLANE), x, 2 * x).weights
+    for one, other in zip(found.weights, alone.weights, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12)
+    here = [pj.AdaptiveFilter(PLANE).run(row, 2 * row).weights for row in x]
     np.testing.assert_allclose(np.load(paths[1]), here, atol=1e-12)

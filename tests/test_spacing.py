@@ -14,7 +14,7 @@ from preisach_jax.operator.plane import Plane
 from preisach_jax.plot.axes import plane_edges, shown_density
 
 THRESHOLDS = LOW + (HIGH - LOW) * np.array([0.05, 0.3, 0.42, 0.47, 0.5, 0.52, 0.57, 0.7, 0.95])
-CHAINS = [[], ["creep", "moving"], ["rate_corners", "moving"], ["rate_smooth_all", "input_lag"]]
+CHAINS = [[], ["creep", "moving"], ["rate_corners"], ["rate_smooth_all", "input_lag"]]
 
 
 def magnet(samples=3000):
@@ -53,34 +53,39 @@ def test_a_smooth_loop_keeps_equal_cells():
     assert pj.fit(pj.Record.from_arrays(t, u, u**1.2), levels=9).model.plane.own_thresholds is None
 
 
+def course():
+    return np.concatenate([wild(300, 2), smooth(100, 3)])
+
+
 def stepped(model, u):
     """What the law gives, sample by sample."""
     return sample_by_sample(describe(model), u[:, None])
 
 
 def test_it_is_the_model_of_equal_cells_behind_a_map_of_the_input():
-    u = np.concatenate([wild(300, 2), smooth(200, 3)])
+    u = course()
     knots = np.concatenate([[LOW], THRESHOLDS, [HIGH]])
     places = np.concatenate([[0.0], np.arange(9) + 0.5, [9.0]])
     expected = predicted(drawn([]), LOW + (HIGH - LOW) * np.interp(u, knots, places) / 9)
     np.testing.assert_allclose(predicted(drawn([], thresholds=THRESHOLDS), u), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("names", CHAINS[:3], ids="+".join)
-def test_effects_act_in_the_unit_of_the_input(names):
-    model, u = drawn(names, thresholds=THRESHOLDS), wild(300, 2)
-    first = int("rate_corners" in names)  # its speed at the first sample is known a sample later
-    np.testing.assert_allclose(stepped(model, u)[first:], predicted(model, u)[first:], atol=1e-12)
+def test_effects_act_in_the_unit_of_the_input_from_sample_to_sample():
+    model, u = drawn(["rate_corners"], thresholds=THRESHOLDS), course()
+    # Its speed at the first sample is known a sample later.
+    np.testing.assert_allclose(stepped(model, u)[1:], predicted(model, u)[1:], atol=1e-12)
 
 
 @needs_compiler
 @pytest.mark.parametrize("names", CHAINS, ids="+".join)
 def test_its_code_is_the_model(names, tmp_path):
-    u = np.concatenate([wild(300, 4), smooth(200, 5)])
+    u, first = course(), int("rate_corners" in names)
     for hysteron in ("ramp", "relay") if names == [] else ("ramp",):
         model = drawn(names, hysteron=hysteron, thresholds=THRESHOLDS)
         compiled = Compiled(model, tmp_path)
-        np.testing.assert_allclose(compiled(u), stepped(model, u), rtol=0, atol=1e-11)
+        # The widening of a smooth input looks ahead in `predict`, and cannot in the code.
+        expected = stepped(model, u) if "rate_smooth_all" in names else predicted(model, u)
+        np.testing.assert_allclose(compiled(u)[first:], expected[first:], rtol=0, atol=1e-11)
     if names in CHAINS[:2]:
         compiled.begin()
         wanted = compiled(smooth(300, 6, LOW + 1, HIGH - 1))
@@ -90,7 +95,7 @@ def test_its_code_is_the_model(names, tmp_path):
         np.testing.assert_allclose(compiled(drive), wanted, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("names", CHAINS[:3], ids="+".join)
+@pytest.mark.parametrize("names", CHAINS[1:3], ids="+".join)
 def test_a_drive_for_a_wanted_output_is_found(names):
     model = drawn(names, thresholds=THRESHOLDS)
     u = smooth(400, 6, LOW + 1, HIGH - 1)

@@ -34,7 +34,7 @@ def first_order(x, tau, t):
     return system_of([1.0], [tau, 1.0], x, t)
 
 
-def finely(rec, parts=20):
+def finely(rec, parts=10):
     """Instants, drive and a selection of the record's: straight between the samples."""
     t = np.linspace(0.0, rec.time[-1], parts * (rec.time.size - 1) + 1)
     return t, np.interp(t, rec.time, rec.input), slice(None, None, parts)

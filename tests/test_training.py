@@ -30,8 +30,13 @@ LEVELS, SAMPLES, NOISE = 9, 1000, 0.01
 ADAM = optax.adam(1e-2)
 
 
+@eqx.filter_jit
+def drawn(key, inputs, width):
+    return eqx.nn.MLP(inputs, "scalar", width, 2, jnp.tanh, key=key)
+
+
 def network(seed, inputs: int | Literal["scalar"] = "scalar", width=8):
-    return eqx.nn.MLP(inputs, "scalar", width, 2, jnp.tanh, key=jax.random.key(seed))
+    return drawn(jax.random.key(seed), inputs, width)
 
 
 def rate_of(signal, time):
@@ -119,19 +124,19 @@ def test_the_gradient_is_that_of_the_objective_with_the_density_solved_for(kind)
         before = projection.output(leaves)
         gradient = jax.jit(jax.grad(lambda now: jnp.mean(projection.projected(now, before) ** 2)))
         flat, tree = jax.tree.flatten(leaves)
-        found = jax.tree.leaves(gradient(leaves))
+        found = [np.asarray(each) for each in jax.tree.leaves(gradient(leaves))]
 
         def objective(array, place, step):
-            moved = [*flat]
-            moved[array] = moved[array].at[place].add(step)
+            moved = [np.array(each) for each in flat]
+            moved[array][place] += step
             effects = with_leaves(point.chain.effects, jax.tree.unflatten(tree, moved))
             chain = point.chain.with_effects(effects)
             strength = point.strength
             return evaluate(problem, chain, point.values, strength, point, TRAINED).objective
 
-        largest = max(float(jnp.abs(each).max()) for each in found)
+        largest = max(np.abs(each).max() for each in found)
         for array in (0, 4):
-            place = np.unravel_index(int(jnp.argmax(jnp.abs(found[array]))), found[array].shape)
+            place = np.unravel_index(np.argmax(np.abs(found[array])), found[array].shape)
             h = 1e-4
             slope = (objective(array, place, h) - objective(array, place, -h)) / (2 * h)
             np.testing.assert_allclose(found[array][place], slope, rtol=5e-3, atol=1e-4 * largest)
@@ -142,7 +147,8 @@ def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
     plain, clean = (pj.fit(each, [Product()], LEVELS) for each in (record, recorded()))
     # Without an optimiser arrays stay as they are.
     assert plain.training is None
-    assert eqx.tree_equal(plain.model.effects[0], Product())
+    for kept, given in zip(*map(jax.tree.leaves, (plain.model.effects[0], Product())), strict=True):
+        np.testing.assert_array_equal(kept, given)
     assert plain.rms_validation > 3 * clean.rms_validation
     assert fitted.rms_validation < 1.6 * clean.rms_validation
     left = record.output - fitted.prediction
@@ -153,7 +159,7 @@ def test_a_hidden_product_is_learned_to_near_the_noise(hidden, fitted):
     # The density takes up functions of the input: what is left of them goes with the rate.
     amount = fitted.model.parameters["product"]["amount"].value
     states = np.stack([(record.input - 5) / 5, rated()], axis=1)
-    learned = amount * np.asarray(jax.vmap(effect.net)(jnp.asarray(states)))
+    learned = amount * np.asarray(jax.jit(lambda rows: jax.vmap(effect.net)(rows))(states))
     basis = np.polynomial.chebyshev.chebvander(states[:, 0], 9)
     beside, own = (
         each - basis @ np.linalg.lstsq(basis, each, rcond=None)[0] for each in (learned, law)

@@ -38,12 +38,8 @@ needs_compiler = pytest.mark.skipif(not GCC, reason="no gcc here")
 RUNNER = """
 #include "preisach_model.h"
 #include <stddef.h>
-size_t size_of_state(void);
 size_t size_of_state(void) { return sizeof(preisach_state); }
-void begin(preisach_state *s);
 void begin(preisach_state *s) { preisach_init(s); }
-void run(preisach_state *s, long n, int kind, const double *u, const double *aux, const double *z,
-         double *out);
 void run(preisach_state *s, long n, int kind, const double *u, const double *aux, const double *z,
          double *out)
 {
@@ -58,7 +54,6 @@ void run(preisach_state *s, long n, int kind, const double *u, const double *aux
                              : (double)preisach_adapt_step(s, value AUX, (preisach_real)z[k]);
     }
 }
-void put_weights(preisach_state *s, const double *w);
 void put_weights(preisach_state *s, const double *w)
 {
     preisach_real own[PREISACH_CELLS];
@@ -66,9 +61,7 @@ void put_weights(preisach_state *s, const double *w)
     for (i = 0; i < PREISACH_CELLS; i++) own[i] = (preisach_real)w[i];
     preisach_set_weights(s, own);
 }
-long refused(const preisach_state *s);
 long refused(const preisach_state *s) { return (long)s->refused; }
-void weights(const preisach_state *s, double *w);
 void weights(const preisach_state *s, double *w)
 {
     int i;
@@ -238,6 +231,13 @@ class Compiled:
         pointers = [each.ctypes.data_as(ctypes.c_void_p) for each in (u, stacked, z, out)]
         self.library.run(self.state, ctypes.c_long(len(u)), kind, *pointers)
         return out
+
+    def again(self, u, aux=()):
+        """Outputs from the beginning, after which the state begins again."""
+        self.begin()
+        outputs = self(u, aux)
+        self.begin()
+        return outputs
 
     def inverse(self, wanted, aux=()):
         return self(wanted, aux, kind=1)

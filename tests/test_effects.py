@@ -6,7 +6,6 @@ import importlib.metadata
 import acting
 import hypothesis.strategies as st
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from acting import applied

@@ -94,17 +94,9 @@ def test_an_output_that_falls_as_the_input_rises(tmp_path):
     compiled, u = Compiled(model, tmp_path), course(3)
     expected = predicted(model, u)
     np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12 * np.ptp(expected))
-    wanted = compiled_again(compiled, smooth(400, 4, LOW + 1, HIGH - 1))
+    wanted = compiled.again(smooth(400, 4, LOW + 1, HIGH - 1))
     drive = compiled.inverse(wanted)
     np.testing.assert_allclose(predicted(model, drive), wanted, rtol=0, atol=1e-12)
-
-
-def compiled_again(compiled, u, aux=()):
-    """Outputs from the beginning, after which the state begins again."""
-    compiled.begin()
-    outputs = compiled(u, aux)
-    compiled.begin()
-    return outputs
 
 
 def test_weights_of_both_signs_are_predicted_and_learnt_and_not_inverted(tmp_path):
@@ -118,7 +110,7 @@ def test_weights_of_both_signs_are_predicted_and_learnt_and_not_inverted(tmp_pat
     # From the model with all signs turned, the readings lead back to weights of both signs.
     other = compiled.with_weights(-own.weights)
     u = wild(2000)
-    readings = compiled_again(compiled, u)
+    readings = compiled.again(u)
     for _ in range(10):
         other.adapt(u, readings)
     assert np.corrcoef(other.weights, own.weights)[0, 1] > 0.5
@@ -138,7 +130,7 @@ def test_a_speed_that_looks_ahead_in_predict_is_causal_here(tmp_path):
     np.testing.assert_allclose(compiled(u), oracle, rtol=0, atol=1e-12)
     slow = smooth(400, 3)
     expected = predicted(model, slow)
-    missed = np.abs(compiled_again(compiled, slow) - expected)[1:]
+    missed = np.abs(compiled.again(slow) - expected)[1:]
     assert missed.max() < 1e-3 * np.ptp(expected)
 
 
@@ -157,7 +149,7 @@ def test_the_inverse_drives_the_model_along_what_is_wanted(tmp_path):
     model = drawn(["drift", "aux:load_N", "ageing", "operator_creep", "output_nonlinearity"])
     compiled = Compiled(model, tmp_path)
     aux = columns(model, 400)
-    wanted = compiled_again(compiled, smooth(400, 3, LOW + 1, HIGH - 1), aux)
+    wanted = compiled.again(smooth(400, 3, LOW + 1, HIGH - 1), aux)
     drive = compiled.inverse(wanted, aux)
     np.testing.assert_allclose(predicted(model, drive, aux), wanted, rtol=0, atol=1e-11)
 
@@ -295,7 +287,7 @@ def test_learning_begun_late_or_broken_off_stays_bounded(tmp_path):
 def test_learnt_weights_are_put_back(tmp_path):
     model = drawn(["output_lag", "moving"])
     compiled, u = Compiled(model, tmp_path), wild(600, 3)
-    z = 1.2 * compiled_again(compiled, u)
+    z = 1.2 * compiled.again(u)
     compiled.adapt(u, z)
     kept = compiled.weights
     own = replace(model.coefficients, weights=kept, memory=0 * kept)
@@ -437,7 +429,7 @@ def test_an_effect_can_be_left_out(tmp_path):
     model, u, aux = drawn(["creep", "aux:load_N", "drift"]), wild(300, 1), [smooth(300, 2)]
     compiled = Compiled(model, tmp_path, without=["creep", "drift"])
     assert "creep" not in compiled.texts["preisach_model.c"].replace("creep is", "")
-    alone = compiled_again(compiled, u, aux)
+    alone = compiled.again(u, aux)
     assert np.abs(alone - compiled(u, [0 * aux[0]])).max() > 1e-4
 
 

@@ -127,12 +127,12 @@ def _filtered(
     lengths, step = np.unique(np.round(dt / usual, LENGTH_DIGITS), return_inverse=True)
     # Few numbers of them, so that few programs are compiled.
     room = max(LEAST_LENGTHS, 1 << (len(lengths) - 1).bit_length())
-    law = _over_steps(effect, values, np.pad(lengths * usual, (0, room - len(lengths)), "edge"))
+    law = law_over_steps(effect, values, np.pad(lengths * usual, (0, room - len(lengths)), "edge"))
     return filtered(jax.tree.map(np.asarray, law), step, signals)
 
 
 @_compiled
-def _over_steps(effect: InputEffect | OutputEffect, values: Values, dt: ArrayLike) -> StateSpace:
+def law_over_steps(effect: InputEffect | OutputEffect, values: Values, dt: ArrayLike) -> StateSpace:
     """A linear effect over steps of some lengths, `(length,)`."""
     return over_steps(effect.at(values).state_space, jnp.asarray(dt))
 

@@ -187,8 +187,8 @@ class Causal:
         operator, chain = self.forward.operator(), self.forward.chain
         unit = (chain.plane.high - chain.plane.low) / chain.plane.levels
         seen = (whole.seen[:count] - chain.plane.low) / unit
-        path = np.clip(seen, 0.0, chain.plane.levels)
-        states, position = follow(operator, path, whole.widening[:count] / unit)
+        path = jnp.asarray(np.clip(seen, 0.0, chain.plane.levels))
+        states, position = follow(operator, path, jnp.asarray(whole.widening[:count] / unit))
         before, _ = self._in_front.ran(np.asarray(signals.input)[:count], dt)
         signal = whole.hysteresis[:count]
         for factor in gains_of(chain, self.forward.values, signals):

@@ -120,9 +120,9 @@ class OnlineInverse:
             # Before the steps are traced, which read them: numbers of the model and the rate.
             _ = self._causal.laws, self._share
             start = self._causal.start()
-            first: Learning = jax.jit(partial(_first_learning, self._causal))(start)
+            begun: Any = jax.jit(partial(_first_learning, self._causal))
             # Compiled here and not at the first sample, which a controller waits for.
-            carried: _Carried = (start, jax.tree.map(plain, first))
+            carried: _Carried = (start, jax.tree.map(plain, begun(start)))
             self._state, self._learning = carried
             stroke = float(np.abs(model.weights).sum())
             step = partial(_step, self._causal, self._step_size, self._share, stroke)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from preisach_jax.chain import EffectValues
@@ -76,7 +77,7 @@ class Series:
     values: EffectValues
     step_s: float
 
-    def ran(self, signal: Array, dt: Array) -> tuple[States, Array]:
+    def ran(self, signal: ArrayLike, dt: ArrayLike) -> tuple[States, Array]:
         """States after a signal, `(time,)`, whose time steps are given, and what has come out."""
         return _ran(*self._numbers, signal, dt)
 
@@ -138,9 +139,9 @@ class Series:
 
 @eqx.filter_jit
 def _ran(
-    effects: tuple[Stepped, ...], values: EffectValues, signal: Array, dt: Array
+    effects: tuple[Stepped, ...], values: EffectValues, signal: ArrayLike, dt: ArrayLike
 ) -> tuple[States, Array]:
-    ends: list[Any] = []
+    signal, dt, ends = jnp.asarray(signal), jnp.asarray(dt), list[Any]()
     for effect in effects:
         acting = effect.at(values[effect.name])
 

@@ -9,10 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from preisach_jax.chain import Chain
+from preisach_jax.chain.compiled import LEAST_LENGTHS, as_arrays, law_over_steps
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -317,7 +318,11 @@ def _part(
     file, linear, numbers = None, None, acting.sampled(step_s, amounts)
     if isinstance(acting, Stepped) and acting.is_linear:
         numbers = numbers or {}
-        law = acting.state_space(jnp.asarray(step_s, float))
+        # Of as many lengths as in a prediction, whose code serves.
+        own, steps = as_arrays(model.values[effect.name]), np.full(LEAST_LENGTHS, step_s)
+        stepped: Any = effect
+        laws: Any = jax.tree.map(np.asarray, law_over_steps(stepped, own, steps))
+        law = laws._replace(a=laws.a[0], b=laws.b[0])
         linear = Linear.of(law, amounts if isinstance(acting, AddedEffect) else ())
     elif isinstance(acting, OutputEffect) and acting.is_delay:
         numbers = _delayed(acting, step_s)

@@ -48,7 +48,8 @@ def start(model: Description) -> State:
         if part.is_delay:
             state[part.name] = np.zeros(part.numbers["whole"] + 1)
         elif isinstance(part.effect, Stepped) and part.effect.is_stepped:
-            size = len(ravel_pytree(part.effect.init(jnp.zeros(())))[0])
+            own = jax.eval_shape(part.effect.init, jnp.zeros(()))
+            size = sum(leaf.size for leaf in jax.tree.leaves(own))
             state |= {part.name: np.zeros(size)} if size else {}
         if part.numbers.get("arc"):
             state[f"{part.name}.arc"] = np.zeros(3)

@@ -433,7 +433,7 @@ class Plane(eqx.Module):
             beyond = self.alpha_index + self.beta_index + 1 - self.levels
             on_the_line = 0.5 if hysteron == "ramp" else 0.0
             states = np.where(beyond == 0, on_the_line, beyond < 0)
-        if isinstance(x0, Tracer):
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((self, x0))):
             return hysteron_step(self, jnp.asarray(states, x0.dtype), x0, x0, hysteron)
         known: Any = np.asarray(x0)[()]  # nothing is compiled for what is known
         start: Any = np.asarray(states, known.dtype)

@@ -28,7 +28,8 @@ def uniform(key: jax.Array, count: int) -> jax.Array:
 
 def known(drawn: jax.Array) -> tuple[Any, Any]:
     """NumPy, for which nothing is compiled, and the numbers in it; JAX where they are traced."""
-    return (jnp, drawn) if isinstance(drawn, Tracer) else (np, np.asarray(drawn))
+    numbers: Any = drawn
+    return (jnp, numbers) if isinstance(numbers, Tracer) else (np, np.asarray(numbers))
 
 
 def as_key(key: jax.Array) -> jax.Array:

@@ -28,8 +28,9 @@ def uniform(key: jax.Array, count: int) -> jax.Array:
 
 def known(drawn: jax.Array) -> tuple[Any, Any]:
     """NumPy, for which nothing is compiled, and the numbers in it; JAX where they are traced."""
-    numbers: Any = drawn
-    return (jnp, numbers) if isinstance(numbers, Tracer) else (np, np.asarray(numbers))
+    if isinstance(drawn, Tracer):
+        return jnp, cast(Any, drawn)
+    return np, np.asarray(drawn)
 
 
 def as_key(key: jax.Array) -> jax.Array:

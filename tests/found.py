@@ -10,18 +10,18 @@ import preisach_jax as pj
 ROWS, RATE_HZ, LEVELS = 3000, 500.0, 9  # of all records and planes, so that little is compiled
 UNITS = {"input": "V", "output": "um"}
 LIKELIEST = {
-    None: ("drift", "creep", "output_lag"),
-    "creep": ("drift", "output_lag"),
-    "input_lag": ("delay", "output_lag"),
-    "delay": ("input_lag", "output_lag"),
-    "drift": ("creep", "ageing"),
-    "ageing": ("drift", "creep"),
-    "aux": ("drift", "creep"),
-    "output_lag": ("input_lag", "delay"),
-    "hum": ("drift", "resonance"),
+    None: ("drift", "creep"),
+    "creep": ("drift",),
+    "input_lag": ("delay",),
+    "delay": ("input_lag",),
+    "drift": ("creep",),
+    "ageing": ("drift",),
+    "aux": ("drift",),
+    "output_lag": ("input_lag",),
+    "hum": ("drift",),
     "stick_slip": ("drift",),  # is in no library
 }
-"""By what is hidden, the effects that are taken for it most easily."""
+"""By what is hidden, what is taken for it most easily; the whole library is tried once beside."""
 
 
 @cache
@@ -47,7 +47,7 @@ def record_of(effect=None, seed=None, **options):
 
 @cache
 def found(effect=None, seed=None, whole_library=False, **options):
-    """The diagnosis of it, by the effect and its likeliest rivals or by the whole library."""
+    """The diagnosis of it, by the effect and its likeliest rival or by the whole library."""
     own = () if effect in (None, "stick_slip") else (made(effect, seed, **options)[1],)
     asked = None if whole_library else (*own, *LIKELIEST[effect])
     return pj.diagnose(record_of(effect, seed, **options), asked, levels=LEVELS)

@@ -17,14 +17,14 @@ from preisach_jax.fit import double_precision
 def test_neither_units_nor_origins_change_verdict_or_fit():
     """The greatest and the least numbers and days, falling, and far origins, in ranges and in s."""
     factors, shifts = (-1e56, 1e-60, 1 / 86_400), (1e2, -1e3, 1e2)
-    plain, still = made_once.found("output_lag"), record_of("output_lag")
+    plain, still = made_once.found("input_lag"), record_of("input_lag")
     record = pj.Record.from_arrays(
         factors[2] * still.time + shifts[2],
         factors[0] * (still.input + shifts[0] * np.ptp(still.input)),
         factors[1] * (still.output + shifts[1] * np.ptp(still.output)),
     )
-    found = pj.diagnose(record, ("output_lag", *LIKELIEST["output_lag"]), levels=LEVELS)
-    assert (found.verdict, found.effects) == (plain.verdict, ("output_lag",))
+    found = pj.diagnose(record, ("input_lag", *LIKELIEST["input_lag"]), levels=LEVELS)
+    assert (found.verdict, found.effects) == (plain.verdict, ("input_lag",))
     fits, expected = ([r.fit_percent for r in each.ladder] for each in (found, plain))
     np.testing.assert_allclose(fits, expected, rtol=0, atol=1e-4)
 

@@ -21,7 +21,7 @@ from preisach_jax.effects.resonance import Resonance
 from preisach_jax.fit import double_precision, in_reduced_basis, plain_model, refit, with_effect
 from preisach_jax.identify import evaluate
 
-OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT = resolve(["output_lag", "input_lag", "creep", "drift"], {})
+INPUT_LAG, CREEP, DRIFT = resolve(["input_lag", "creep", "drift"], {})
 
 LAG_S, SETTLING_S, SETTLED = 0.04, 4.0, 3.0
 
@@ -83,7 +83,7 @@ def late_and_settling():
     u = np.interp(np.arange(count), np.arange(0, count, 40), rng.uniform(0.0, 10.0, count // 40))
     late = u[0] + signal.lsim(([1.0], [LAG_S, 1.0]), u - u[0], time)[1]
     z = plays(late) + SETTLED * (1 - np.exp(-time / SETTLING_S)) + rng.normal(0, 0.01, count)
-    return searched(time, u, z, (OUTPUT_LAG, INPUT_LAG, CREEP, DRIFT))
+    return searched(time, u, z, (INPUT_LAG, CREEP, DRIFT))
 
 
 def test_two_effects_are_told_from_all_that_look_like_them(late_and_settling):

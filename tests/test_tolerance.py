@@ -47,16 +47,16 @@ def test_units_that_differ_in_their_prefix():
 
 
 def test_an_effect_below_the_tolerance_is_told_and_not_named():
-    named, record = found("output_lag"), record_of("output_lag")
+    named, record = found("input_lag"), record_of("input_lag")
     last = named.final.rms_validation
     made = np.sqrt(named.base.rms_validation**2 - last**2)
     assert f"({100 * last / np.ptp(record.output):.2g} % of the stroke)" in named.sentence
-    for share, effects in ((1.5, ()), (0.5, ("output_lag",))):
+    for share, effects in ((3.0, ()), (0.5, ("input_lag",))):
         again = pj.diagnose(
-            record, ["output_lag"], levels=LEVELS, tolerance=f"{share * made:.4f} um"
+            record, ["input_lag"], levels=LEVELS, tolerance=f"{share * made:.4f} um"
         )
         assert again.effects == effects
-        (lag,) = [each for each in again.candidates if each.effect == "output_lag"][:1]
+        (lag,) = [each for each in again.candidates if each.effect == "input_lag"][:1]
         assert lag.accepted == bool(effects)
         if not effects:
             assert again.verdict == "adequate"

@@ -8,7 +8,13 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from preisach_jax.chain.compiled import apply_effect, as_arrays, fed_back_along, widening_of
+from preisach_jax.chain.compiled import (
+    apply_effect,
+    as_arrays,
+    fed_back_along,
+    in_numpy,
+    widening_of,
+)
 from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.chain.signals import Drive, ThinnedSignals
 from preisach_jax.effects.base import HysteresisEffect, InputEffect, Signals
@@ -46,6 +52,7 @@ def drive(
             path = fed_back_along(effect, own, path, rising, signals.time)
     if widened is None:
         return Drive(path)
+    path, widened = in_numpy(path), in_numpy(widened)
     return Drive(path - widened, path + widened, None if all_widen(chain) else path)
 
 

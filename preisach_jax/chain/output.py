@@ -63,12 +63,13 @@ def behind_hysteresis(
     for factor in gains_of(chain, values, signals):
         signal = signal * in_numpy(factor)
     for effect in chain.at(OutputEffect):
-        signal = apply_effect(effect, as_arrays(values[effect.name]), signal, signals.time)
+        own = as_arrays(values[effect.name])
+        signal = in_numpy(apply_effect(effect, own, signal, signals.time))
     beside = tuple(columns_beside(chain, values, signals, known or {}).values())
-    signal, first = signal + coefficients.offset, 0
-    for own in beside:
-        last = first + own.shape[1]
-        signal, first = signal + in_numpy(own) @ coefficients.added[first:last], last
+    signal, first, added = signal + coefficients.offset, 0, in_numpy(coefficients.added)
+    for columns in beside:
+        last = first + columns.shape[1]
+        signal, first = signal + in_numpy(columns) @ added[first:last], last
     return sensed(chain, values, signal, coefficients, in_steps)
 
 
@@ -110,9 +111,9 @@ def columns_beside(
         else:
             own = as_arrays(values[effect.name])
             if effect.name in inside:
-                columns = added_columns_of(effect, count, own, there)
+                columns = in_numpy(added_columns_of(effect, count, own, there))
                 for factor in gains_of(chain, values, signals):
-                    columns = columns * factor[:, None]
+                    columns = columns * in_numpy(factor)[:, None]
             else:
                 columns = added_columns_of(effect, count, own, signals)
             beside[effect.name] = columns

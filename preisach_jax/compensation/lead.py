@@ -55,8 +55,8 @@ class Lead:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()
         height = IMPULSE * scale
-        signal: Any = _impulse(count // 2, height)
         time: Any = step_s * np.arange(count // 2)
+        signal: Any = np.where(np.arange(count // 2) == 1, height, 0.0)
         for effect in effects:
             signal = apply_effect(effect, as_arrays(values[effect.name]), signal, time)
         return Lead.through(np.asarray(signal)[1:] / height, count, samples)
@@ -82,13 +82,12 @@ class Lead:
             return Lead(None, samples)
         count = 1 << max(2 * samples - 1, 64).bit_length()
         time: Any = step_s * np.arange(count // 2)
-        response = _impulse(count // 2, 1.0)
-        drive: Any = IMPULSE * response / slope
-        signals = Signals(time, drive, {})
+        response: Any = np.where(np.arange(count // 2) == 1, 1.0, 0.0)
+        signals = Signals(time, IMPULSE * response / slope, {})
         for effect, share in effects:
             own = as_arrays(values[effect.name])
-            columns = np.asarray(added_columns_of(effect, len(share), own, signals))
-            response = response + columns @ share / IMPULSE
+            added = np.asarray(added_columns_of(effect, len(share), own, signals)) @ share
+            response = response + added / IMPULSE
         return Lead.through(response[1:], count, samples)
 
     def __call__(self, course: np.ndarray) -> np.ndarray:
@@ -105,9 +104,3 @@ class Lead:
         fade = fade * fade * (3 - 2 * fade)
         whole = np.concatenate([course, course[-1] * fade])
         return np.fft.irfft(np.fft.rfft(whole) * self.inverse, count)[: self.samples]
-
-
-def _impulse(samples: int, height: float) -> np.ndarray:
-    signal = np.zeros(samples)
-    signal[1] = height
-    return signal

@@ -135,7 +135,7 @@ class Drift(AddedEffect):
         if len(survey.residual) < LEAST_ROWS:
             return (settled,)
         when = survey.path if settled.by_path else survey.time - survey.time[0]
-        most = np.asarray(replace(settled, waves=WAVES[-1]).waves_at(jnp.asarray(when)))
+        most = replace(settled, waves=WAVES[-1]).waves_at(np, np.asarray(when))
         wander, least = None, float(np.sum((survey.residual - survey.residual.mean()) ** 2))
         for waves in self._slower_than_the_drive(survey):
             left = _left(survey.residual, most[:, :waves])
@@ -167,13 +167,13 @@ class Drift(AddedEffect):
     def columns(self, signals: Signals) -> Float[Array, "time column"]:
         when = slow_time(self, signals)
         if self.waves:
-            return self.waves_at(when)
+            return self.waves_at(jnp, when)
         return settling(when, self.tau_s, self.horizon_s)[:, None]
 
-    def waves_at(self, when: Array) -> Float[Array, "time column"]:
-        """The waves of a wander at some times, or paths."""
-        phase = jnp.pi * jnp.clip(when / self.horizon_s, 0.0, 1.0)
-        return jnp.cos(phase[:, None] * jnp.arange(1, self.waves + 1)[None, :])
+    def waves_at(self, xp: Any, when: Any) -> Any:
+        """(time, column) waves of a wander at some times, or paths, by NumPy or JAX."""
+        phase = xp.pi * xp.clip(when / self.horizon_s, 0.0, 1.0)
+        return xp.cos(phase[:, None] * xp.arange(1, self.waves + 1)[None, :])
 
 
 def _left(residual: np.ndarray, columns: np.ndarray) -> float:

@@ -92,7 +92,8 @@ def _made(
         acting = effect.at({name: each[place] for name, each in own.items()})
         return jax.vmap(partial(law, acting))(jnp.asarray(signals))
 
-    return np.asarray(jax.vmap(along)(jnp.arange(len(INSIDE))))
+    # Compiled: op by op, each of dozens of operations would be compiled by itself.
+    return np.asarray(jax.jit(jax.vmap(along))(jnp.arange(len(INSIDE))))
 
 
 def _differ(found: np.ndarray, expected: np.ndarray) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.signals.checks import checked_lines, index_of, ordered, uniform
@@ -212,7 +214,15 @@ def multisine(
         2.0
     """
     rows = checked_lines(lines, samples)
-    phases = 2.0 * jnp.pi * uniform(key, rows.size)
+    return _of_phases(uniform(key, rows.size), jnp.asarray(rows), samples, centre, amplitude)
+
+
+@partial(jax.jit, static_argnums=2)
+def _of_phases(
+    turns: jax.Array, lines: jax.Array, samples: int, centre: ArrayLike, amplitude: ArrayLike
+) -> jax.Array:
+    """The sum of equal sines whose phases are given in turns; one program for all amplitudes."""
+    phases = 2.0 * jnp.pi * turns
     spectrum = jnp.zeros(samples // 2 + 1, jnp.result_type(phases.dtype, jnp.complex64))
-    wave = jnp.fft.irfft(spectrum.at[rows].set(jnp.exp(1j * phases)), samples)
+    wave = jnp.fft.irfft(spectrum.at[lines].set(jnp.exp(1j * phases)), samples)
     return centre + amplitude * wave / jnp.max(jnp.abs(wave))

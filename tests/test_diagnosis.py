@@ -6,7 +6,6 @@ import found as made_once
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import world
 from found import LEVELS, LIKELIEST, ROWS, UNITS, record_of
 from scipy import signal
 
@@ -73,22 +72,6 @@ def test_an_effect_outside_the_library_is_not_called_adequate():
     assert not found.budget.is_met
     assert "%" in found.located
     assert found.next_experiment is not None
-
-
-def test_a_resonance_and_a_drift_of_like_size_are_both_named():
-    """Either is small beside what the other leaves."""
-    both = ("resonance", "drift")
-    drive = world.excitation("rich", ROWS / 1000, 1000.0, 1)
-    stage = pj.simulate_stage(seed=1, drive=drive, rate_hz=1000.0, effects=both)
-    record = pj.Record.from_arrays(stage.time, stage.input, stage.output)
-    found = pj.diagnose(record, both, levels=LEVELS)
-    assert set(found.effects) == {*both}
-    errors = [rung.rms_validation for rung in found.ladder]
-    assert errors[1] > 0.2 * errors[0]  # the first of them leaves much of the whole
-    assert errors[2] < 0.2 * errors[1]
-    by_name = {finding.effect: finding.parameters for finding in found.findings}
-    truth = stage.truth["parameters"]["resonance"]["f_hz"]
-    assert by_name["resonance"]["f_hz"].value == pytest.approx(truth, rel=0.02)
 
 
 def test_json_holds_what_the_contract_names():

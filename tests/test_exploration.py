@@ -79,4 +79,4 @@ def test_mistakes_are_named(drifted):
     with pytest.raises(pj.InputError, match="has the effect 'drift' already"):
         drifted.add("drift")
     # One that was not compared can be added all the same.
-    assert drifted.add("output_lag").effects == ("drift", "output_lag")
+    assert drifted.add("ageing").effects == ("drift", "ageing")

@@ -107,7 +107,7 @@ def test_no_form_is_offered_where_nothing_is_hidden():
     found, _, form = diagnosed(None)
     assert not form.offered
     with double_precision():  # whatever the verdict
-        alone = sought(found.final, found.budget.discretisation, 0, 20)
+        alone = sought(found.final, found.budget.discretisation, 0, 5)
     assert not alone.offered
     assert alone.why_not
     assert alone.to_json() is None

@@ -145,12 +145,12 @@ def test_noise_and_gaps_have_no_jumps():
 @pytest.mark.parametrize("drift", [0.0, 0.25])
 def test_nothing_is_named_for_jumps_and_a_true_drift_beside_them_is(drift):
     drifting = noisy(PLAYS) + drift * (1 - np.exp(-TIME / 4))
-    found = pj.diagnose(record_of(jumped(drifting)), ["drift"], levels=9)
+    found = pj.diagnose(record_of(jumped(drifting)).part(0, 6000), ["drift"], levels=9)
     assert found.effects == (("drift",) if drift else ())
-    assert len(found.base.record.jumps) == 6
+    assert len(found.base.record.jumps) == 3
     (note,) = [note for note in found.notes if "jumps" in note]
-    assert "6 times" in note
+    assert "3 times" in note
     assert "at sample 5,151" in note
     if not drift:
-        sound = pj.fit(record_of(noisy(PLAYS)), levels=9)
+        sound = pj.fit(record_of(noisy(PLAYS)).part(0, 6000), levels=9)
         assert found.final.rms_validation < 1.3 * sound.rms_validation

@@ -164,7 +164,8 @@ def test_cycles_stay_within_a_run_and_outputs_that_are_missing_are_bridged():
 @pytest.fixture(scope="module", params=["B", "H"])
 def fitted(request):
     made = simulate_magnet(1, seconds=6.0, rate_hz=500.0)
-    return request.param, made, pj.fit(record_of(made, request.param), levels=25)
+    levels = 25 if request.param == "B" else 13
+    return request.param, made, pj.fit(record_of(made, request.param), levels=levels)
 
 
 def test_a_core_is_fitted_in_both_directions(fitted):
@@ -196,9 +197,7 @@ def test_the_band_holds_the_losses_of_another_record(fitted):
 
 
 @pytest.mark.parametrize("hidden", [("excess_loss",), ()])
-def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(
-    hidden, tmp_path, monkeypatch
-):
+def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(hidden, tmp_path):
     made = simulate_magnet(2, seconds=6.0, rate_hz=500.0, effects=hidden)
     found = pj.diagnose(record_of(made), ["excess_loss", "output_lag"], levels=9)
     assert found.effects == hidden
@@ -209,8 +208,6 @@ def test_excess_loss_is_found_where_it_is_hidden_and_not_named_where_it_is_not(
     assert estimate.low <= true <= estimate.high
     assert estimate.value == pytest.approx(true, rel=0.05)
     # The losses are in the file and in the report.
-    monkeypatch.setattr("preisach_jax.plot.png", lambda figure: b"")  # pictures are drawn elsewhere
-    monkeypatch.setattr("preisach_jax.plot.svg", lambda figure: "<svg/>")
     write_report(found, tmp_path)
     saved = json.loads((tmp_path / "diagnosis.json").read_text())["loss"]
     assert (saved["unit"], saved["field"]) == ("J/m3", "output")

@@ -14,7 +14,7 @@ from preisach_jax.diagnosis.wording import sentence
 from preisach_jax.plot.diagnosis import waterfall
 from preisach_jax.present import diagnosis_text, headline
 
-T = np.arange(2400) / 100
+T = np.arange(3000) / 100
 U = 5 - 5 * np.cos(T * (1 + T / 40))
 
 
@@ -31,7 +31,7 @@ def found():
     rng = np.random.default_rng(4)
     return {
         name: pj.diagnose(
-            pj.Record.from_arrays(T, U, z + 2e-3 * rng.normal(size=len(z))), ["drift"], levels=13
+            pj.Record.from_arrays(T, U, z + 2e-3 * rng.normal(size=len(z))), ["drift"], levels=9
         )
         for name, z in STAGES.items()
     }
@@ -68,7 +68,7 @@ def test_no_hysteresis_is_a_sentence_of_its_own(found):
 def test_little_hysteresis_is_said_to_be_little(found):
     rng = np.random.default_rng(5)
     z = STAGES["line"] + 2e-3 * plays(U) + 2e-5 * rng.normal(size=len(U))
-    fit = pj.fit(pj.Record.from_arrays(T, U, z), levels=13)
+    fit = pj.fit(pj.Record.from_arrays(T, U, z), levels=9)
     line, _ = memoryless(fit)
     assert (line.does_as_well, line.does_nearly) == (False, True)
     assert memoryless(found["loop"].base, tolerance=1.0)[0].does_nearly
@@ -110,7 +110,7 @@ def test_a_loop_that_no_held_out_row_passes_is_seen():
     up = np.diff(field, append=field[-1]) > 0
     steps = np.tanh((field - np.where(up, 0.3, -0.3)) / 0.2)
     rng = np.random.default_rng(6)
-    fit = pj.fit(pj.Record.from_arrays(t, field, steps + 6e-3 * rng.normal(size=3000)), levels=13)
+    fit = pj.fit(pj.Record.from_arrays(t, field, steps + 6e-3 * rng.normal(size=3000)), levels=9)
     assert not any(one.does_as_well for one in memoryless(fit))
 
 

@@ -112,22 +112,26 @@ MINE = (
     b"%PDF-1.4\n/Producer (me)\n",
     b"PK\3\4 torn",
 )
-EACH_KIND = ("r/diagnosis.json", "p.csv", "c/preisach_model.c", "f/stage.fmu", "f/figure_01.pdf",
-             "l.png", "r/density.svg", "r/loop.png", "d/reversal-curves/forc.svg")  # fmt: skip
+ENDINGS = "csv json html svg png pdf c h md fmu parquet"
+
+
+@pytest.mark.parametrize("name", [*(f"a.{ending}" for ending in ENDINGS.split()), "Makefile"])
+def test_no_file_of_another_origin_is_taken_for_a_commands(name, tmp_path):
+    for content in MINE:
+        (tmp_path / name).write_bytes(content)
+        assert not is_ours(tmp_path / name)
 
 
 @pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])
 def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, capsys):
     path = place / file
     path.parent.mkdir(parents=True, exist_ok=True)
-    contents = MINE if file in EACH_KIND else MINE[:1]
-    for content in contents:
-        path.write_bytes(content)
-        before = state(place)
-        said = refused(capsys, words_of(name))
-        assert "--force" in said
-        assert file in said
-        assert state(place) == before
+    path.write_bytes(b"mine")
+    before = state(place)
+    said = refused(capsys, words_of(name))
+    assert "--force" in said
+    assert file in said
+    assert state(place) == before
 
 
 @pytest.mark.parametrize(

@@ -177,8 +177,8 @@ def test_what_cannot_be_fitted_is_refused():
         pj.fit(record, effects=("restoring_force",), levels=5)
     with pytest.raises(InputError, match="fitted alone"):
         pj.fit(record, effects=("restoring_force", "creep"), levels=5)
+    both = [record, record_of(other(TIME), other)]
     with pytest.raises(InputError, match="one record"):
-        both = [record, record_of(other(TIME), other)]
         pj.fit(both, effects=("restoring_force",), levels=5)
     with pytest.raises(InputError, match="the law of"):
         RestoringForce(law="dahl")

@@ -89,6 +89,9 @@ def late_and_settling():
 def test_two_effects_are_told_from_all_that_look_like_them(late_and_settling):
     search, found = late_and_settling
     assert set(found.names) == {"input_lag", "drift"}
+    errors = [point.validation_mean_square for point in found.path]
+    assert errors[1] > 0.5 * errors[0]  # either is small beside what the other leaves
+    assert errors[2] < 0.01 * errors[1]
     assert found.now.values["drift"]["tau_s"] == pytest.approx(SETTLING_S, rel=0.05)
     assert found.now.values["input_lag"]["tau_s"] == pytest.approx(LAG_S, rel=0.01)
     # Every effect that is named has all others tried beside the model without it.

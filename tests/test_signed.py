@@ -43,13 +43,13 @@ def butterfly(seed):
 
 @pytest.fixture(scope="module")
 def fitted():
-    return pj.fit(butterfly(1), levels=13)
+    return pj.fit(butterfly(1), levels=9)
 
 
 def test_a_butterfly_is_fitted_to_its_noise_and_the_grid(fitted):
     assert fitted.model.chain.signed
     assert fitted.model.weights.min() < -0.1 * fitted.model.weights.max()
-    assert fitted.rms_validation < 3 * NOISE
+    assert fitted.rms_validation < 5 * NOISE
 
 
 def test_neither_a_bend_nor_a_lag_nor_much_noise_asks_for_both_signs():
@@ -118,11 +118,10 @@ def record_of(made, output, **options):
     )
 
 
-@pytest.mark.parametrize("effect", ["drift", "moving"])
-def test_the_fit_of_the_negative_output_is_the_negative_of_the_fit(effect):
-    made = world.hidden_record(effect if effect != "moving" else None, 11, 6.0, 500.0)
+def test_the_fit_of_the_negative_output_is_the_negative_of_the_fit():
+    made, effects = world.hidden_record("drift", 11, 6.0, 500.0), ("drift", "moving")
     rising, falling = (
-        pj.fit(record_of(made, sign * made["z"], initial_memory="low"), [effect], levels=5)
+        pj.fit(record_of(made, sign * made["z"], initial_memory="low"), effects, levels=5)
         for sign in (1.0, -1.0)
     )
     np.testing.assert_allclose(falling.prediction, -rising.prediction, rtol=1e-9)
@@ -131,12 +130,13 @@ def test_the_fit_of_the_negative_output_is_the_negative_of_the_fit(effect):
     assert "output falls as the input rises" in falling.model._repr_html_()
     bar = density(falling.model).axes[1]
     assert bar.get_ylim()[1] > 0  # the density that is drawn is that of the falling hysterons
-    for name, estimate in rising.model.parameters[effect].items():
-        other = falling.model.parameters[effect][name]
-        expected = np.array([estimate.value, estimate.low, estimate.high])
-        if estimate.unit == "um":  # an amount of output
-            expected = -expected[[0, 2, 1]]
-        np.testing.assert_allclose((other.value, other.low, other.high), expected, rtol=1e-6)
+    for effect in effects:
+        for name, estimate in rising.model.parameters[effect].items():
+            other = falling.model.parameters[effect][name]
+            expected = np.array([estimate.value, estimate.low, estimate.high])
+            if estimate.unit == "um":  # an amount of output
+                expected = -expected[[0, 2, 1]]
+            np.testing.assert_allclose((other.value, other.low, other.high), expected, rtol=1e-6)
     # Another record is predicted from it.
     other = record_of(made | {"x": made["x"][::-1]}, made["z"], initial_memory="low")
     predicted = falling.model.predict(other)

@@ -167,7 +167,8 @@ def first_run_output(chain: Chain, course: Drive, first_run: np.ndarray) -> jax.
         first_run: (2 levels,) weights h of the former, then g of the latter; empty for none.
     """
     if not len(first_run):
-        return (jnp if is_traced(course) else np).zeros_like(course.rising)
+        xp: Any = jnp if is_traced(course) else np
+        return xp.zeros_like(course.rising)
     extremes = _extremes(course)
     if not is_traced(extremes, first_run):
         return _switched_output(np, chain.plane, extremes, np.asarray(first_run), chain.hysteron)

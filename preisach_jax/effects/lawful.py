@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -93,7 +93,7 @@ def _made(
         return jax.vmap(partial(law, acting))(jnp.asarray(signals))
 
     # Compiled: op by op, each of dozens of operations would be compiled by itself.
-    return np.asarray(jax.jit(jax.vmap(along))(jnp.arange(len(INSIDE))))
+    return np.asarray(cast(Any, jax.jit)(jax.vmap(along))(jnp.arange(len(INSIDE))))
 
 
 def _differ(found: np.ndarray, expected: np.ndarray) -> bool:

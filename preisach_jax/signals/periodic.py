@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.signals.checks import checked_lines, index_of, ordered, uniform
@@ -214,12 +214,13 @@ def multisine(
         2.0
     """
     rows = checked_lines(lines, samples)
-    return _of_phases(uniform(key, rows.size), jnp.asarray(rows), samples, centre, amplitude)
+    turns = uniform(key, rows.size)
+    return cast(Any, _of_phases)(turns, jnp.asarray(rows), samples, centre, amplitude)
 
 
 @partial(jax.jit, static_argnums=2)
 def _of_phases(
-    turns: jax.Array, lines: jax.Array, samples: int, centre: ArrayLike, amplitude: ArrayLike
+    turns: jax.Array, lines: jax.Array, samples: int, centre: Any, amplitude: Any
 ) -> jax.Array:
     """The sum of equal sines whose phases are given in turns; one program for all amplitudes."""
     phases = 2.0 * jnp.pi * turns

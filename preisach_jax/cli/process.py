@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -23,10 +24,16 @@ MESSAGE = "preisach: interrupted\n"
 
 _IMPORT = "<frozen importlib._bootstrap>"
 
+SHORTLY_S = 0.01
+
 PATIENCE_S = 0.7
 """Time for which an interruption waits for the interpreter, which compiled code may keep away."""
 
-_noticed = threading.Event()
+AGAIN = 0
+"""Byte by which the thread that waits is asked for an interruption; no signal has the number 0."""
+
+_noticed: list[int] = []
+"""Signals that the interpreter has seen; no event, whose lock a signal in a signal never gets."""
 
 
 def listen() -> None:
@@ -54,7 +61,10 @@ def _watch() -> None:
 
     def wait() -> None:
         while number := seen.recv(1):
-            if number[0] == signal.SIGINT and not _noticed.wait(PATIENCE_S):
+            if number[0] == AGAIN:
+                time.sleep(SHORTLY_S)
+                _signal_main_thread()
+            elif number[0] == signal.SIGINT and not _noticed_soon():
                 leave(INTERRUPTED)
 
     threading.Thread(target=wait, daemon=True, name="interruption").start()
@@ -64,9 +74,16 @@ def _watch() -> None:
 _kept: list[socket.socket] = []
 
 
+def _noticed_soon() -> bool:
+    until = time.monotonic() + PATIENCE_S
+    while not _noticed and time.monotonic() < until:
+        time.sleep(SHORTLY_S)
+    return bool(_noticed)
+
+
 def leave(code: int) -> None:
     """End the process at once, without waiting for threads that compute."""
-    if not _noticed.is_set():
+    if not _noticed:
         sys.stderr.write(MESSAGE)
     sys.stdout.flush()
     sys.stderr.flush()
@@ -80,9 +97,11 @@ def stop_listening() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    del number
-    _noticed.set()
+    _noticed.append(number)
     while frame is not None:
+        if frame.f_code is _raise_again.__code__:  # where it would be lost once more
+            _kept[1].send(bytes([AGAIN]))
+            return
         if frame.f_code.co_filename == _IMPORT:
             sys.stdout.flush()
             sys.stderr.write(MESSAGE)
@@ -95,9 +114,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
     if unraisable.exc_type is KeyboardInterrupt:
         # Not here: this is still inside the callback.
-        again = threading.Timer(0.01, _signal_main_thread)
-        again.daemon = True
-        again.start()
+        _kept[1].send(bytes([AGAIN]))
     else:
         sys.__unraisablehook__(unraisable)
 

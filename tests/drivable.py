@@ -3,7 +3,8 @@
 import numpy as np
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay

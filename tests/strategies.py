@@ -9,7 +9,8 @@ import hypothesis.strategies as st
 import numpy as np
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.creep import Creep

@@ -8,11 +8,14 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.output import response
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.effects.creep import Creep
-from preisach_jax.fit import base_point
-from preisach_jax.identify import Problem
+from preisach_jax.fit.stepwise import base_point
+from preisach_jax.identify.problem import Problem
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record
 

@@ -6,20 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    Drive,
-    drive,
-    driven_path,
-    hysteresis_columns,
-    hysteresis_output,
-    regressors,
-    response,
-    signals_of,
-    stated_start,
-    tangents,
-)
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.driven import drive, driven_path
+from preisach_jax.chain.hysteresis import hysteresis_columns, hysteresis_output, stated_start
+from preisach_jax.chain.matrix import regressors
+from preisach_jax.chain.output import response, tangents
+from preisach_jax.chain.signals import Drive, signals_of
 from preisach_jax.effects import library
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
@@ -28,8 +21,9 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.fit import base_point
-from preisach_jax.identify import Problem, evaluate, linearise, starts_of
+from preisach_jax.fit.stepwise import base_point
+from preisach_jax.identify.gauss_newton import linearise, starts_of
+from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.record import Record

@@ -13,9 +13,10 @@ from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter
-from preisach_jax.fit import at_levels
-from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
+from preisach_jax.fit.stepwise import at_levels
 from preisach_jax.identify.confidence import OF_THE_LAW, estimates, with_model_error
+from preisach_jax.identify.gauss_newton import refine
+from preisach_jax.identify.problem import Problem, evaluate, with_all_rows
 
 SEEDS = 20
 SECONDS, COUNT = 6.0, 400

@@ -10,10 +10,11 @@ from found import LEVELS, LIKELIEST, ROWS, UNITS, record_of
 from scipy import signal
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain
+from preisach_jax.chain.description import Chain
 from preisach_jax.diagnosis.result import VERDICTS
-from preisach_jax.fit import base_point, moved_to, plane_of
-from preisach_jax.identify import Problem, evaluate, refine
+from preisach_jax.fit.stepwise import base_point, moved_to, plane_of
+from preisach_jax.identify.gauss_newton import refine
+from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.report import write_report
 

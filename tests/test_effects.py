@@ -24,7 +24,7 @@ from scipy import signal
 from test_modes import TWO, plays, through
 
 import preisach_jax as pj
-from preisach_jax.chain import PLACES
+from preisach_jax.chain.description import PLACES
 from preisach_jax.effects import BUILT_IN, column_of, library, placeholder, resolve
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import (

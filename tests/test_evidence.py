@@ -11,7 +11,8 @@ from scipy import signal, stats
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import response, signals_of
+from preisach_jax.chain.output import response
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.diagnosis.budget import (
     MOST_LEVELS,
     Floor,
@@ -34,8 +35,9 @@ from preisach_jax.diagnosis.evidence import (
 )
 from preisach_jax.diagnosis.noise import innovation_variance, noise_rms
 from preisach_jax.effects.drift import Drift
-from preisach_jax.fit import at_levels, base_point, finished, on_a_coarser_plane, with_effect
-from preisach_jax.identify import FOLDS, Problem, with_all_rows
+from preisach_jax.fit.fitted import finished
+from preisach_jax.fit.stepwise import at_levels, base_point, on_a_coarser_plane, with_effect
+from preisach_jax.identify.problem import FOLDS, Problem, with_all_rows
 from preisach_jax.identify.regression import solve_nonnegative
 from preisach_jax.operator.plane import Plane
 from preisach_jax.record import Record

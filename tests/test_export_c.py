@@ -22,7 +22,7 @@ from exported import (
     wild,
 )
 
-from preisach_jax.chain import Chain
+from preisach_jax.chain.description import Chain
 from preisach_jax.cli.application import run
 from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.parameter import Parameter

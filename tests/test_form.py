@@ -18,8 +18,9 @@ from preisach_jax.diagnosis.form import LABEL, Dependence, SparseForm, State, Te
 from preisach_jax.diagnosis.freed import FreedTerms
 from preisach_jax.diagnosis.pursuit import sought
 from preisach_jax.diagnosis.terms import library_of
-from preisach_jax.fit import FINAL_ROWS, double_precision, with_regressors
-from preisach_jax.identify import Problem
+from preisach_jax.fit.fitted import FINAL_ROWS, with_regressors
+from preisach_jax.fit.stepwise import double_precision
+from preisach_jax.identify.problem import Problem
 from preisach_jax.plot.diagnosis import dependence
 from preisach_jax.report import write_report
 

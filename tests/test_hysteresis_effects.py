@@ -13,19 +13,13 @@ from scipy import signal
 from scipy.optimize import brentq
 
 import preisach_jax as pj
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    Drive,
-    behind_hysteresis,
-    drive,
-    hysteresis_columns,
-    hysteresis_output,
-    regressors,
-    response,
-    signals_of,
-    tangents,
-)
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.driven import drive
+from preisach_jax.chain.hysteresis import hysteresis_columns, hysteresis_output
+from preisach_jax.chain.matrix import regressors
+from preisach_jax.chain.output import behind_hysteresis, response, tangents
+from preisach_jax.chain.signals import Drive, signals_of
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
@@ -40,9 +34,11 @@ from preisach_jax.effects.rate_dependence import RateDependence
 from preisach_jax.effects.reptation import SHARES as REACHES
 from preisach_jax.effects.reptation import Reptation
 from preisach_jax.effects.speed import SpeedWidening
-from preisach_jax.fit import base_point, double_precision, finished, with_effect
-from preisach_jax.identify import Problem, evaluate, refine, with_all_rows
+from preisach_jax.fit.fitted import finished
+from preisach_jax.fit.stepwise import base_point, double_precision, with_effect
 from preisach_jax.identify.confidence import estimates
+from preisach_jax.identify.gauss_newton import refine
+from preisach_jax.identify.problem import Problem, evaluate, with_all_rows
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, weighted_states

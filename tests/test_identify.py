@@ -12,21 +12,22 @@ from hypothesis import given, settings
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.output import response
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.effects import parameter as declare
 from preisach_jax.effects.base import OutputEffect, Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.fit import best_start
-from preisach_jax.identify import (
+from preisach_jax.fit.stepwise import best_start
+from preisach_jax.identify.gauss_newton import refine, starts_of, stepped
+from preisach_jax.identify.problem import (
     IDENTIFICATION,
     VALIDATION,
     Problem,
     evaluate,
-    refine,
-    starts_of,
-    stepped,
     thinned_rows,
     with_all_rows,
     with_strength,

@@ -7,7 +7,7 @@ from hypothesis import Phase, given, settings
 from strategies import columns, models
 
 import preisach_jax as pj
-from preisach_jax.chain import PLACES
+from preisach_jax.chain.description import PLACES
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import SensorEffect, Survey
 from preisach_jax.effects.cross import Cross

@@ -7,7 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax.chain import Chain, Coefficients, response, signals_of
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.output import response
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.effects.base import AddedEffect, InputEffect, WeightEffect
 from preisach_jax.effects.drift import Drift
@@ -17,7 +20,7 @@ from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.effects.slew_limit import SlewLimit
-from preisach_jax.identify import ALL, Point, Problem, evaluate, with_all_rows
+from preisach_jax.identify.problem import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.identify.regression import normal_equations, penalties
 from preisach_jax.identify.signature import Projection
 from preisach_jax.operator.plane import Plane

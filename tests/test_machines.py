@@ -9,8 +9,9 @@ import world
 from acting import signals
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients, response, tangents
-from preisach_jax.chain.output import columns_beside
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.output import columns_beside, response, tangents
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.input_lag import InputLag

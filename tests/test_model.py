@@ -12,7 +12,8 @@ import world
 from threadpoolctl import threadpool_limits
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import AddedEffect, Survey
@@ -20,8 +21,9 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.parameter import Parameter, parameter
-from preisach_jax.fit import finished, plane_of
-from preisach_jax.identify import Problem, evaluate
+from preisach_jax.fit.fitted import finished
+from preisach_jax.fit.stepwise import plane_of
+from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.model.band import Band, InputMotion, Others, drift_deviation, spread_of
 from preisach_jax.operator.plane import Plane

@@ -12,8 +12,8 @@ from preisach_jax.diagnosis import inside
 from preisach_jax.diagnosis.noise import noise_rms
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.export import export_c
-from preisach_jax.fit import base_point
-from preisach_jax.identify import Problem
+from preisach_jax.fit.stepwise import base_point
+from preisach_jax.identify.problem import Problem
 
 RATE = 1000.0
 TWO = ((35.0, 0.03, 1.0), (110.0, 0.02, 0.6))

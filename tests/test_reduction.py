@@ -4,11 +4,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from preisach_jax.chain import Chain, Coefficients, Drive, coarsened, drive
-from preisach_jax.chain import hysteresis_columns as columns_along
+from preisach_jax.chain.coefficients import Coefficients, coarsened
+from preisach_jax.chain.description import Chain
+from preisach_jax.chain.driven import drive
+from preisach_jax.chain.hysteresis import hysteresis_columns as columns_along
+from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.identify import Problem, evaluate, regression
 from preisach_jax.identify import problem as identified
+from preisach_jax.identify import regression
+from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import state_bounds
 from preisach_jax.record import Record

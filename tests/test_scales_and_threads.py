@@ -11,7 +11,7 @@ from found import LEVELS, LIKELIEST, record_of
 
 import preisach_jax as pj
 from preisach_jax.cores import chosen_device, on_all_cores
-from preisach_jax.fit import double_precision
+from preisach_jax.fit.stepwise import double_precision
 
 
 def test_neither_units_nor_origins_change_verdict_or_fit():
@@ -31,7 +31,7 @@ def test_neither_units_nor_origins_change_verdict_or_fit():
 
 POOLS = """
 from threadpoolctl import threadpool_info
-from preisach_jax.fit import double_precision
+from preisach_jax.fit.stepwise import double_precision
 
 with double_precision():
     import scipy.linalg

@@ -18,8 +18,14 @@ from preisach_jax.effects import resolve
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.resonance import Resonance
-from preisach_jax.fit import double_precision, in_reduced_basis, plain_model, refit, with_effect
-from preisach_jax.identify import evaluate
+from preisach_jax.fit.stepwise import (
+    double_precision,
+    in_reduced_basis,
+    plain_model,
+    refit,
+    with_effect,
+)
+from preisach_jax.identify.problem import evaluate
 
 INPUT_LAG, CREEP, DRIFT = resolve(["input_lag", "creep", "drift"], {})
 

@@ -9,12 +9,13 @@ import world
 from test_hysteron import slow_ramp
 
 import preisach_jax as pj
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.cli import main
 from preisach_jax.diagnosis.noise import innovation_variance
 from preisach_jax.effects.creep import Creep
-from preisach_jax.identify import Problem, evaluate
+from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.plant.stage import make_stage
 from preisach_jax.record.course import input_rate, time_since_reversal
 from preisach_jax.record.joined import joined, parts_of

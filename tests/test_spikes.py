@@ -8,7 +8,7 @@ from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.comparison import compare
-from preisach_jax.fit import double_precision, plain_model
+from preisach_jax.fit.stepwise import double_precision, plain_model
 from preisach_jax.record.spikes import input_spikes, isolated_spikes
 
 T = np.arange(4000) / 1000

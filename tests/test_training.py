@@ -14,16 +14,10 @@ import pytest
 from oracles import play
 
 import preisach_jax as pj
-from preisach_jax.fit import (
-    Schedule,
-    double_precision,
-    in_reduced_basis,
-    plain_model,
-    trained,
-    with_effect,
-)
-from preisach_jax.fit.training import VariableProjection, leaves_of, with_leaves
-from preisach_jax.identify import VALIDATION, Problem, evaluate
+from preisach_jax.fit import Schedule
+from preisach_jax.fit.stepwise import double_precision, in_reduced_basis, plain_model, with_effect
+from preisach_jax.fit.training import VariableProjection, leaves_of, trained, with_leaves
+from preisach_jax.identify.problem import VALIDATION, Problem, evaluate
 
 TRAINED = importlib.import_module("preisach_jax.fit.training").TRAINED
 LEVELS, SAMPLES, NOISE = 9, 1000, 0.01

@@ -9,7 +9,7 @@ from found import LEVELS, ROWS, UNITS
 from test_modes import plays
 
 import preisach_jax as pj
-from preisach_jax.chain import signals_of
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep

@@ -26,7 +26,7 @@ from bokeh.plotting import figure
 
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.diagnosis.exploration import Exploration
-from preisach_jax.fit import double_precision
+from preisach_jax.fit.stepwise import double_precision
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import Plane, position_on
 from preisach_jax.operator.simulation import branch_starts

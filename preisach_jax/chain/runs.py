@@ -17,17 +17,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax import chain as one_run
-from preisach_jax.chain import (
-    MIDDLE,
-    Chain,
-    Coefficients,
-    Columns,
-    EffectValues,
-    HysteresisColumns,
-    ThinnedSignals,
-)
-from preisach_jax.chain.signals import JoinedSignals, parts_of
+from preisach_jax.chain import driven as one_driven
+from preisach_jax.chain import hysteresis as one_hysteresis
+from preisach_jax.chain import matrix as one_matrix
+from preisach_jax.chain import output as one_output
+from preisach_jax.chain import signals as one_signals
+from preisach_jax.chain.coefficients import Coefficients, Columns
+from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
+from preisach_jax.chain.hysteresis import HysteresisColumns
+from preisach_jax.chain.signals import JoinedSignals, ThinnedSignals, parts_of
 from preisach_jax.effects.base import Signals
 from preisach_jax.record import Record
 
@@ -35,7 +33,7 @@ from preisach_jax.record import Record
 def signals_of(record: Record) -> Signals:
     """What of a record drives a model, on the device; time begins with each run."""
     if not record.runs:
-        return one_run.signals_of(record)
+        return one_signals.signals_of(record)
     parts: list[Signals] = []
     last = [run for run in record.runs if not run.held_out][-1]
     stop_s = last.clock_s + float(np.ptp(record.time[last.rows]))
@@ -50,7 +48,7 @@ def signals_of(record: Record) -> Signals:
                 {name: jnp.asarray(values[run.rows]) for name, values in record.aux.items()},
             )
         )
-    whole = one_run.signals_of(record)
+    whole = one_signals.signals_of(record)
     return JoinedSignals(
         whole.time,
         whole.input,
@@ -126,7 +124,7 @@ def _along(
 
 def driven_path(chain: Chain, values: EffectValues, signals: Signals) -> jax.Array:
     """The input behind the effects of the input, `(time,)`."""
-    paths = [one_run.driven_path(chain, values, part) for part in parts_of(signals)]
+    paths = [one_driven.driven_path(chain, values, part) for part in parts_of(signals)]
     return paths[0] if len(paths) == 1 else jnp.concatenate(paths)
 
 
@@ -134,14 +132,14 @@ def hysteresis_output(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
     """Output of the Preisach operator and of the first run of each run, `(time,)`."""
-    return _along(one_run.hysteresis_output, chain, values, signals, coefficients)
+    return _along(one_hysteresis.hysteresis_output, chain, values, signals, coefficients)
 
 
 def response(
     chain: Chain, values: EffectValues, signals: Signals, coefficients: Coefficients
 ) -> jax.Array:
     """The output of a model, `(time,)`."""
-    return _along(one_run.response, chain, values, signals, coefficients)
+    return _along(one_output.response, chain, values, signals, coefficients)
 
 
 def tangents(
@@ -152,7 +150,7 @@ def tangents(
     parameters: list[tuple[str, str]],
 ) -> np.ndarray:
     """Derivatives of the output with respect to nonlinear parameters, `(time, parameters)`."""
-    return _along(one_run.tangents, chain, values, signals, coefficients, parameters)
+    return _along(one_output.tangents, chain, values, signals, coefficients, parameters)
 
 
 def responses(
@@ -164,7 +162,7 @@ def responses(
     many: list[dict[str, float]],
 ) -> np.ndarray:
     """Outputs of a model at several values of one effect's parameters, `(values, time)`."""
-    return _along(one_run.responses, chain, values, signals, coefficients, effect, many, axis=1)
+    return _along(one_output.responses, chain, values, signals, coefficients, effect, many, axis=1)
 
 
 def hysteresis_columns(
@@ -181,9 +179,9 @@ def hysteresis_columns(
     """
 
     def columns(part: Signals, memory: str, own: np.ndarray | None) -> HysteresisColumns:
-        course = one_run.drive(chain, values, part, own)
-        plain = one_run.drive(chain, values, part) if chain.feeds_back else course
-        return one_run.hysteresis_columns(chain, course, memory, plain)
+        course = one_driven.drive(chain, values, part, own)
+        plain = one_driven.drive(chain, values, part) if chain.feeds_back else course
+        return one_hysteresis.hysteresis_columns(chain, course, memory, plain)
 
     if not isinstance(signals, JoinedSignals):
         return columns(signals, initial_memory, output)
@@ -258,7 +256,7 @@ def regressors(
         The columns, `(row, column)`; behind the offset those of single runs, then the others.
     """
     if not isinstance(signals, JoinedSignals):
-        return one_run.regressors(chain, values, signals, hysteresis, rows, measured)
+        return one_matrix.regressors(chain, values, signals, hysteresis, rows, measured)
     differ = _differ(chain)
     amounts = np.array([each.amount for _, each in chain.coefficients], dtype=bool)
     own = [
@@ -273,7 +271,7 @@ def regressors(
             hysteresis, states=hysteresis.states[all_rows], switched=hysteresis.switched[all_rows]
         )
         local = rows[inside] - all_rows.start
-        columns = one_run.regressors(chain, values, part, here, local, measured[inside])
+        columns = one_matrix.regressors(chain, values, part, here, local, measured[inside])
         edge = columns.offset + 1
         if not len(matrix):
             matrix = np.zeros((len(rows), columns.matrix.shape[1] + len(own)))
@@ -307,12 +305,12 @@ def columns_behind(
     fitted, behind the others.
     """
     if not isinstance(signals, JoinedSignals):
-        return one_run.columns_behind(chain, values, signals, rows, measured)
+        return one_matrix.columns_behind(chain, values, signals, rows, measured)
     parts: list[list[np.ndarray]] = []
     for part, all_rows in zip(signals.parts, signals.rows, strict=True):
         inside = (rows >= all_rows.start) & (rows < all_rows.stop)
         local = rows[inside] - all_rows.start
-        parts.append(one_run.columns_behind(chain, values, part, local, measured[inside]))
+        parts.append(one_matrix.columns_behind(chain, values, part, local, measured[inside]))
     found: list[np.ndarray] = []
     start, differ = 0, _differ(chain)
     for own in zip(*parts, strict=True):

@@ -206,8 +206,9 @@ def _fit_rock(folder: Path) -> dict[str, float]:
     from dataclasses import replace
 
     from preisach_jax.files import json_bytes, write_files
-    from preisach_jax.fit import double_precision, fit, held_out_rms, plain_model, plane_of
-    from preisach_jax.identify import evaluate
+    from preisach_jax.fit import fit
+    from preisach_jax.fit.stepwise import double_precision, held_out_rms, plain_model, plane_of
+    from preisach_jax.identify.problem import evaluate
     from preisach_jax.plot.plane import forc_diagram
     from preisach_jax.plot.style import svg
 

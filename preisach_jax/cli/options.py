@@ -173,7 +173,7 @@ def load_all(
 def check_choice(effects: Sequence[str], levels: int | None) -> None:
     """Make sure that there are such effects and levels, before anything is read or shown."""
     from preisach_jax.effects import column_of, resolve
-    from preisach_jax.fit import checked_levels
+    from preisach_jax.fit.stepwise import checked_levels
 
     columns = [column_of(name) for name in effects if column_of(name)]
     resolve(effects, dict.fromkeys(columns, ""))

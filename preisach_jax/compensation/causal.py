@@ -16,9 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.chain import sensed
 from preisach_jax.chain.compiled import as_arrays, widening_of
-from preisach_jax.chain.output import gains_of
+from preisach_jax.chain.output import gains_of, sensed
 from preisach_jax.compensation.branch import BranchBounds, follow, inverse_step
 from preisach_jax.compensation.forward import Forward
 from preisach_jax.compensation.past import past_of

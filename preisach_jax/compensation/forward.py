@@ -10,19 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    EffectValues,
-    behind_hysteresis,
-    drive,
-    driven_path,
-    first_run_output,
-    hysteresis_output,
-)
+from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.compiled import as_arrays, fed_back_along, sensor_columns_of
-from preisach_jax.chain.driven import all_widen
-from preisach_jax.chain.output import gains_of
+from preisach_jax.chain.description import Chain, EffectValues
+from preisach_jax.chain.driven import all_widen, drive, driven_path
+from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output
+from preisach_jax.chain.output import behind_hysteresis, gains_of
 from preisach_jax.compensation.branch import Operator
 from preisach_jax.compensation.past import Past
 from preisach_jax.effects.base import (

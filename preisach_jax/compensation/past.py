@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from preisach_jax.chain import Coefficients
+from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.effects.base import Signals
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model

@@ -13,8 +13,8 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from preisach_jax.chain import EffectValues
 from preisach_jax.chain.compiled import as_array, as_arrays
+from preisach_jax.chain.description import EffectValues
 from preisach_jax.effects.base import Stepped
 
 PASSED = 0.1

@@ -15,9 +15,17 @@ from preisach_jax.diagnosis.noise import (
 )
 from preisach_jax.diagnosis.remainder import is_related
 from preisach_jax.diagnosis.result import NOTABLE, Budget
-from preisach_jax.fit import REFINEMENT, Fit, with_regressors
-from preisach_jax.identify import VALIDATION, Point, Problem, with_all_rows
-from preisach_jax.identify.problem import GRID_ORDER, grid_error_share
+from preisach_jax.fit import Fit
+from preisach_jax.fit.fitted import with_regressors
+from preisach_jax.fit.stepwise import REFINEMENT
+from preisach_jax.identify.problem import (
+    GRID_ORDER,
+    VALIDATION,
+    Point,
+    Problem,
+    grid_error_share,
+    with_all_rows,
+)
 from preisach_jax.operator.plane import Plane, position_on
 from preisach_jax.record import Record
 from preisach_jax.record.course import last_move, lattice_step

@@ -27,19 +27,17 @@ from preisach_jax.diagnosis.wording import (
     sentence,
 )
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import (
-    FINAL_ROWS,
-    Fit,
-    Progress,
+from preisach_jax.fit import Fit, Progress
+from preisach_jax.fit.fitted import FINAL_ROWS, finished
+from preisach_jax.fit.stepwise import (
     at_levels,
-    finished,
     in_silence,
     moved_to,
     on_a_coarser_plane,
     with_signs,
 )
-from preisach_jax.identify import Point, Problem
 from preisach_jax.identify.confidence import with_model_error
+from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.look import look
 from preisach_jax.model import Model
 from preisach_jax.record import Record

@@ -13,14 +13,16 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain import Coefficients, ThinnedSignals, signals_of
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.signals import ThinnedSignals, signals_of
 from preisach_jax.diagnosis.excitation import Bounds, PlannedExcitation, candidates
 from preisach_jax.effects.base import Effect, OfColumn, Survey, auxiliary_columns
 from preisach_jax.errors import InputError, require_positive
 from preisach_jax.escape import printable
 from preisach_jax.files import write_files
-from preisach_jax.fit import COARSE_LEVELS, Progress, base_point, double_precision, with_effect
-from preisach_jax.identify import Problem, thinned_rows, with_all_rows
+from preisach_jax.fit import Progress
+from preisach_jax.fit.stepwise import COARSE_LEVELS, base_point, double_precision, with_effect
+from preisach_jax.identify.problem import Problem, thinned_rows, with_all_rows
 from preisach_jax.model import Model, without_effects
 from preisach_jax.quantity import number, quantity
 from preisach_jax.record import Record

@@ -12,8 +12,7 @@ import numpy as np
 from preisach_jax.chain.signals import each_run
 from preisach_jax.effects.base import OfColumn, Signals
 from preisach_jax.fit import Fit
-from preisach_jax.identify import ALL, VALIDATION, Point, Problem, evaluate
-from preisach_jax.identify.problem import solved
+from preisach_jax.identify.problem import ALL, VALIDATION, Point, Problem, evaluate, solved
 
 STRETCHES = 24
 """Stretches of equal numbers of rows over which predictions are compared: few enough that what is

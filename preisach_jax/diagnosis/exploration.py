@@ -20,12 +20,10 @@ from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.effects.base import Effect
 from preisach_jax.errors import InputError
-from preisach_jax.fit import (
-    FINAL_ROWS,
+from preisach_jax.fit import Added, Fit, Progress
+from preisach_jax.fit.fitted import FINAL_ROWS, on_all_rows
+from preisach_jax.fit.stepwise import (
     SEARCH_ROWS,
-    Added,
-    Fit,
-    Progress,
     checked_levels,
     double_precision,
     effects_for,
@@ -34,13 +32,12 @@ from preisach_jax.fit import (
     in_silence,
     moved_to,
     on_a_coarser_plane,
-    on_all_rows,
     plain_model,
     with_effect,
     with_signs,
 )
 from preisach_jax.hooks import HOOKS
-from preisach_jax.identify import Point, Problem, evaluate
+from preisach_jax.identify.problem import Point, Problem, evaluate
 from preisach_jax.model import Model
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one

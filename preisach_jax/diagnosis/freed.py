@@ -21,7 +21,7 @@ import numpy as np
 
 from preisach_jax.diagnosis.terms import Library, Listed
 from preisach_jax.effects.base import SensorEffect
-from preisach_jax.identify import VALIDATION, Point, Problem, with_strength
+from preisach_jax.identify.problem import VALIDATION, Point, Problem, with_strength
 from preisach_jax.identify.regression import slices_of
 from preisach_jax.identify.signature import Projection
 

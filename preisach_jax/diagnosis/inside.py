@@ -14,7 +14,9 @@ from preisach_jax.diagnosis.result import Candidate, Diagnosis, Finding
 from preisach_jax.diagnosis.search import Selection
 from preisach_jax.diagnosis.wording import notes_on
 from preisach_jax.errors import InputError
-from preisach_jax.fit import Fit, Progress, fit_inside, on_all_rows
+from preisach_jax.fit import Fit, Progress
+from preisach_jax.fit.fitted import on_all_rows
+from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 

@@ -10,8 +10,8 @@ import scipy
 
 from preisach_jax.cores import on_all_cores
 from preisach_jax.effects.base import AddedEffect, Effect, SensorEffect
-from preisach_jax.identify import Point, Problem, with_all_rows
 from preisach_jax.identify.confidence import LEVEL
+from preisach_jax.identify.problem import Point, Problem, with_all_rows
 from preisach_jax.identify.signature import (
     Projection,
     amount_signatures,

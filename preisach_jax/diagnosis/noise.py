@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.look.stretches import repeating_period
 from preisach_jax.record.course import lattice_step
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from preisach_jax.chain import first_run_output
 from preisach_jax.chain.driven import drive
+from preisach_jax.chain.hysteresis import first_run_output
 from preisach_jax.chain.runs import signals_of
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import position_on

@@ -10,7 +10,7 @@ import numpy as np
 from preisach_jax.diagnosis.tellable import InputSurvey, surveyed
 from preisach_jax.effects.base import AddedEffect, Effect, OutputEffect, Parameter
 from preisach_jax.effects.speed import smoothed_rate
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.look.stretches import Period
 from preisach_jax.quantity import quantity
 from preisach_jax.record.course import lattice_step

@@ -19,17 +19,10 @@ from preisach_jax.diagnosis.freed import FreedTerms, refitted
 from preisach_jax.diagnosis.result import Diagnosis
 from preisach_jax.diagnosis.terms import Listed, library_of
 from preisach_jax.errors import InputError
-from preisach_jax.fit import (
-    FINAL_ROWS,
-    REFINEMENT,
-    Fit,
-    Progress,
-    at_levels,
-    double_precision,
-    in_silence,
-    with_regressors,
-)
-from preisach_jax.identify import VALIDATION, Point, Problem
+from preisach_jax.fit import Fit, Progress
+from preisach_jax.fit.fitted import FINAL_ROWS, with_regressors
+from preisach_jax.fit.stepwise import REFINEMENT, at_levels, double_precision, in_silence
+from preisach_jax.identify.problem import VALIDATION, Point, Problem
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
 

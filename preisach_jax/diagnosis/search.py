@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import equinox as eqx
 import numpy as np
 
-from preisach_jax.chain import Chain
+from preisach_jax.chain.description import Chain
 from preisach_jax.cores import on_all_cores
 from preisach_jax.diagnosis.evidence import Evidence, by_chance, gain_of, predicted_errors
 from preisach_jax.diagnosis.noise import noise_rms
@@ -29,8 +29,8 @@ from preisach_jax.effects.base import (
     SensorEffect,
     WeightEffect,
 )
-from preisach_jax.fit import (
-    Progress,
+from preisach_jax.fit import Progress
+from preisach_jax.fit.stepwise import (
     at_levels,
     best_start,
     feeds_back,
@@ -39,7 +39,7 @@ from preisach_jax.fit import (
     roughly_with,
     without_effect,
 )
-from preisach_jax.identify import Point, Problem, evaluate
+from preisach_jax.identify.problem import Point, Problem, evaluate
 from preisach_jax.identify.signature import Projection, changes_of_output
 from preisach_jax.record.jumps import wander_rms
 

@@ -13,21 +13,19 @@ from preisach_jax.diagnosis.search import Search, Selection, Whole
 from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.effects import OF_COLUMNS, library, listed
 from preisach_jax.effects.base import Effect
-from preisach_jax.fit import (
-    FINAL_ROWS,
-    Fit,
-    Progress,
+from preisach_jax.fit import Fit, Progress
+from preisach_jax.fit.fitted import FINAL_ROWS, freed_of_blemishes
+from preisach_jax.fit.stepwise import (
     at_levels,
     checked_levels,
     double_precision,
     effects_for,
-    freed_of_blemishes,
     in_reduced_basis,
     in_silence,
     mended_by,
     plain_model,
 )
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.loss import magnet_of
 from preisach_jax.record import Record
 from preisach_jax.record.joined import as_one

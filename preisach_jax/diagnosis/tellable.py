@@ -13,13 +13,12 @@ from itertools import product
 
 import numpy as np
 
-from preisach_jax.chain import ThinnedSignals
-from preisach_jax.chain.signals import parts_of
+from preisach_jax.chain.signals import ThinnedSignals, parts_of
 from preisach_jax.diagnosis.residuals import reversals
 from preisach_jax.effects.base import CYCLES, RATES, Effect
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.errors import EffectError
-from preisach_jax.identify import Problem
+from preisach_jax.identify.problem import Problem
 from preisach_jax.look.stretches import Period
 
 PLACES = 10

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from preisach_jax.chain import Chain
 from preisach_jax.chain.compiled import LEAST_LENGTHS, as_arrays, law_over_steps
+from preisach_jax.chain.description import Chain
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import (
     AddedEffect,

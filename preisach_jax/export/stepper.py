@@ -15,9 +15,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from preisach_jax.chain import sensed
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.driven import all_widen
+from preisach_jax.chain.output import sensed
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import (
     AddedEffect,

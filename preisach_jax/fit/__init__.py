@@ -11,24 +11,10 @@ import numpy as np
 
 from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.errors import InputError
-from preisach_jax.fit.fitted import (
-    FINAL_ROWS,
-    Added,
-    Fit,
-    finished,
-    freed_of_blemishes,
-    on_all_rows,
-    with_regressors,
-)
+from preisach_jax.fit.fitted import Added, Fit, freed_of_blemishes, on_all_rows
 from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.fit.stepwise import (
-    COARSE_LEVELS,
-    REFINEMENT,
-    SEARCH_ROWS,
     Progress,
-    at_levels,
-    base_point,
-    best_start,
     checked_levels,
     double_precision,
     effects_for,
@@ -36,16 +22,9 @@ from preisach_jax.fit.stepwise import (
     held_out_rms,
     in_reduced_basis,
     in_silence,
-    mended_by,
-    moved_to,
     on_a_coarser_plane,
     plain_model,
-    plane_of,
-    refit,
-    roughly_with,
     with_effect,
-    with_signs,
-    without_effect,
 )
 from preisach_jax.fit.training import Schedule, Training, in_double, trained
 from preisach_jax.identify.confidence import with_model_error
@@ -55,44 +34,7 @@ from preisach_jax.record.joined import as_one
 if TYPE_CHECKING:
     from optax import GradientTransformation
 
-__all__ = [
-    "COARSE_LEVELS",
-    "FINAL_ROWS",
-    "REFINEMENT",
-    "SEARCH_ROWS",
-    "Added",
-    "Fit",
-    "Progress",
-    "Schedule",
-    "Training",
-    "at_levels",
-    "base_point",
-    "best_start",
-    "checked_levels",
-    "double_precision",
-    "effects_for",
-    "feeds_back",
-    "finished",
-    "fit",
-    "fit_inside",
-    "freed_of_blemishes",
-    "held_out_rms",
-    "in_reduced_basis",
-    "in_silence",
-    "mended_by",
-    "moved_to",
-    "on_a_coarser_plane",
-    "on_all_rows",
-    "plain_model",
-    "plane_of",
-    "refit",
-    "roughly_with",
-    "trained",
-    "with_effect",
-    "with_regressors",
-    "with_signs",
-    "without_effect",
-]
+__all__ = ["Added", "Fit", "Progress", "Schedule", "Training", "fit"]
 
 UNTRAINED = 0.2
 """Share of the work that is done until arrays are trained, if any are."""

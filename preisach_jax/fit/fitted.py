@@ -22,7 +22,6 @@ from preisach_jax.fit.stepwise import (
 )
 from preisach_jax.fit.training import Training
 from preisach_jax.hooks import HOOKS
-from preisach_jax.identify import ALL, VALIDATION, Point, Problem, evaluate, stepped, with_all_rows
 from preisach_jax.identify.confidence import (
     Influences,
     estimates,
@@ -31,6 +30,8 @@ from preisach_jax.identify.confidence import (
     other_models,
     with_arcs,
 )
+from preisach_jax.identify.gauss_newton import stepped
+from preisach_jax.identify.problem import ALL, VALIDATION, Point, Problem, evaluate, with_all_rows
 from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.model.band import Band, InputMotion

@@ -15,12 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.effects.restoring_force import BOUC_WEN, PREISACH, RestoringForce
 from preisach_jax.errors import InputError
 from preisach_jax.fit.fitted import FINAL_ROWS, Fit, held_out_rows
 from preisach_jax.fit.stepwise import Progress
-from preisach_jax.identify import Point, Problem
+from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.mechanics import (
     LEAST_SAMPLES,
     Body,

@@ -11,22 +11,14 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from preisach_jax.chain import Chain
+from preisach_jax.chain.description import Chain
 from preisach_jax.chain.runs import response, signals_of
 from preisach_jax.cores import on_processor
 from preisach_jax.effects import resolve
 from preisach_jax.effects.base import Effect, HysteresisEffect, InputEffect
 from preisach_jax.errors import InputError, NotFiniteError, shown
-from preisach_jax.identify import (
-    ALL,
-    VALIDATION,
-    Point,
-    Problem,
-    evaluate,
-    refine,
-    starts_of,
-    with_strength,
-)
+from preisach_jax.identify.gauss_newton import refine, starts_of
+from preisach_jax.identify.problem import ALL, VALIDATION, Point, Problem, evaluate, with_strength
 from preisach_jax.identify.regression import FIRST_STRENGTH
 from preisach_jax.model import check_clock
 from preisach_jax.operator.plane import Plane

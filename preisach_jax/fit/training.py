@@ -25,15 +25,16 @@ import numpy as np
 import scipy
 from jaxtyping import Array, Float
 
-from preisach_jax.chain import Chain
 from preisach_jax.chain.compiled import ROUND_COLUMNS, as_arrays
+from preisach_jax.chain.description import Chain
 from preisach_jax.chain.differentiable import DrivenRun, on_the_unit_plane, output_along
 from preisach_jax.chain.runs import of_run
 from preisach_jax.chain.signals import JoinedSignals, parts_of
 from preisach_jax.effects.base import Effect, Values, is_floating
 from preisach_jax.errors import InputError, NotFiniteError, whole_number
 from preisach_jax.fit.stepwise import Progress, in_silence
-from preisach_jax.identify import IDENTIFICATION, Point, Problem, evaluate, refine, with_strength
+from preisach_jax.identify.gauss_newton import refine
+from preisach_jax.identify.problem import IDENTIFICATION, Point, Problem, evaluate, with_strength
 
 if TYPE_CHECKING:
     from optax import GradientTransformation, GradientTransformationExtraArgs

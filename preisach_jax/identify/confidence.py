@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from preisach_jax.chain import Coefficients, ThinnedSignals
+from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.runs import of_last_run, response
-from preisach_jax.chain.signals import each_run, parts_of
+from preisach_jax.chain.signals import ThinnedSignals, each_run, parts_of
 from preisach_jax.effects.base import Signals
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.identify.gauss_newton import Linearised, linearise

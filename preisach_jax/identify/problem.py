@@ -10,7 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from preisach_jax.chain import Chain, Coefficients, Columns, EffectValues, HysteresisColumns, sensed
+from preisach_jax.chain.coefficients import Coefficients, Columns
+from preisach_jax.chain.description import Chain, EffectValues
+from preisach_jax.chain.hysteresis import HysteresisColumns
+from preisach_jax.chain.output import sensed
 from preisach_jax.chain.runs import (
     hysteresis_columns,
     hysteresis_output,

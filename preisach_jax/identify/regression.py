@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from preisach_jax.chain import HysteresisColumns
+from preisach_jax.chain.hysteresis import HysteresisColumns
 
 # At once, not with its first use: only the threads of a library that is loaded can be limited.
 importlib.import_module("scipy.linalg")

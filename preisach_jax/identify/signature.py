@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from preisach_jax.chain import Chain, Coefficients, coarsened
+from preisach_jax.chain.coefficients import Coefficients, coarsened
+from preisach_jax.chain.description import Chain
 from preisach_jax.chain.runs import columns_behind, driven_path, response, responses, tangents
 from preisach_jax.effects.base import (
     AddedEffect,
@@ -21,7 +22,8 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.effects.parameter import Parameter
 from preisach_jax.errors import NotFiniteError
-from preisach_jax.identify import Point, Problem, linearise, starts_of
+from preisach_jax.identify.gauss_newton import linearise, starts_of
+from preisach_jax.identify.problem import Point, Problem
 
 COARSE_LEVELS = 19
 """Levels of the plane on which the signature of moved thresholds is computed."""

@@ -31,7 +31,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from preisach_jax.chain import Chain, Coefficients, EffectValues
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import AddedEffect, Signals
 from preisach_jax.record import Record

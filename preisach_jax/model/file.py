@@ -11,7 +11,8 @@ from typing import Any, NotRequired
 
 import numpy as np
 
-from preisach_jax.chain import Chain, Coefficients
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain
 from preisach_jax.effects import BUILT_IN, library, listed, placeholder
 from preisach_jax.effects.base import Effect, with_settings
 from preisach_jax.errors import InputError

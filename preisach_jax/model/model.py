@@ -12,18 +12,12 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from preisach_jax.chain import (
-    Chain,
-    Coefficients,
-    behind_hysteresis,
-    drive,
-    first_run_output,
-    hysteresis_output,
-    response,
-    signals_of,
-    stated_start,
-)
-from preisach_jax.chain.description import model_name
+from preisach_jax.chain.coefficients import Coefficients
+from preisach_jax.chain.description import Chain, model_name
+from preisach_jax.chain.driven import drive
+from preisach_jax.chain.hysteresis import first_run_output, hysteresis_output, stated_start
+from preisach_jax.chain.output import behind_hysteresis, response
+from preisach_jax.chain.signals import signals_of
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import Effect, OfColumn, OutputEffect, Signals
 from preisach_jax.errors import InputError, require_list

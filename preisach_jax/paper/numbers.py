@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.frequency import fit_modes, frequency_response, measure_frequency_response
-from preisach_jax.identify import thinned_rows
+from preisach_jax.identify.problem import thinned_rows
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.paper.sweep import RESIDUAL_FROM

@@ -17,7 +17,7 @@ from preisach_jax.diagnosis.residuals import LEVEL, sampling_note
 from preisach_jax.diagnosis.wording import plain
 from preisach_jax.errors import InputError
 from preisach_jax.escape import printable
-from preisach_jax.identify import BLOCKS, FOLDS
+from preisach_jax.identify.problem import BLOCKS, FOLDS
 from preisach_jax.present import (
     budget_rows,
     finding_parameters,

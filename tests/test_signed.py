@@ -82,13 +82,13 @@ def test_its_density_is_drawn_with_its_signs(fitted):
 
 
 def test_a_diagnosis_says_so_and_does_not_try_what_feeds_back():
-    found = pj.diagnose(butterfly(1), ["moving"], levels=9)
+    found = pj.diagnose(butterfly(1), ["moving"], levels=5)
     assert found.effects == ()
     assert any("weights of both signs" in note for note in found.notes)
     (moving,) = [each for each in found.candidates if each.effect == "moving"]
     assert "both signs" in moving.why_not
     with pytest.raises(pj.InputError, match="both signs, beside which moving has no unique output"):
-        pj.fit(butterfly(1), ("moving",), levels=9)
+        pj.fit(butterfly(1), ("moving",), levels=5)
 
 
 def test_what_needs_an_inverse_refuses_a_model_of_both_signs(fitted):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from preisach_jax.diagnosis.tellable import InputSurvey, surveyed
@@ -103,6 +104,9 @@ def _more_than_its_past(problem: Problem, point: Point, effect: OutputEffect) ->
     )
 
 
+_smoothed_rate: Any = jax.jit(smoothed_rate)
+
+
 def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:
     """Whether the speed of an input, smoothed over some time, goes with the input and not with it.
 
@@ -110,8 +114,7 @@ def _goes_with_position(survey: InputSurvey, tau_s: float) -> bool:
     """
     products = np.zeros((3, 3))
     for time, values in survey.runs:
-        signal, times, tau = (jnp.asarray(each) for each in (values, time, tau_s))
-        late = np.asarray(smoothed_rate(signal, times, tau))
+        late = np.asarray(_smoothed_rate(values, time, np.asarray(tau_s)))
         courses = np.stack([late, values, np.gradient(values, time)])
         courses -= courses.mean(axis=1, keepdims=True)
         products += courses @ courses.T

@@ -9,7 +9,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from preisach_jax.chain.coefficients import Coefficients
@@ -362,11 +361,14 @@ class Model:
             return np.zeros(len(record.time))
         with on_processor():
             signals, coefficients = self.unknown_start(record)
-            middle = hysteresis_output(self.chain, self.values, signals, coefficients)
             lowest = replace(coefficients, memory=np.zeros_like(coefficients.weights))
-            gap = jnp.abs(middle - hysteresis_output(self.chain, self.values, signals, lowest))
+            middle, low = (
+                np.asarray(hysteresis_output(self.chain, self.values, signals, each))
+                for each in (coefficients, lowest)
+            )
+            gap = np.abs(middle - low)
             # The operator lies between all hysterons off and all on.
-            most, first = float(np.abs(coefficients.weights).sum()), float(jnp.abs(middle[0]))
+            most, first = float(np.abs(coefficients.weights).sum()), float(np.abs(middle[0]))
             for effect in self.chain.at(OutputEffect):
                 acting = effect.at(self.values[effect.name])
                 gap = gap + acting.past_bound(signals, max(first, most - first))

@@ -25,28 +25,27 @@ LIKELIEST = {
 
 
 @cache
-def made(effect=None, seed=None, size=2.0, noise_um=0.1, **options) -> tuple[dict, Any]:
+def made(effect=None, seed=201, size=2.0, noise_um=0.1, **options) -> tuple[dict, Any]:
     """What the world made, a third longer than what is diagnosed, and its name as an effect."""
-    seed = seed or (207 if effect == "drift" else 201)  # 207: its drift is a straight line
     each = world.hidden_record(
         effect, seed, ROWS / RATE_HZ * 4 / 3, RATE_HZ, size=size, noise_um=noise_um, **options
     )
-    return each, f"aux:{each['truth']['column']}" if effect == "aux" else effect
+    return each, "aux:load_N" if effect == "aux" else effect
 
 
-def whole(effect=None, seed=None, **options):
+def whole(effect=None, seed=201, **options):
     """The record with the quarter that no diagnosis has seen."""
     each, _ = made(effect, seed, **options)
     return pj.Record.from_arrays(each["t"], each["x"], each["z"], aux=each["aux"], units=UNITS)
 
 
-def record_of(effect=None, seed=None, **options):
+def record_of(effect=None, seed=201, **options):
     """The record that is diagnosed."""
     return whole(effect, seed, **options).part(0, ROWS)
 
 
 @cache
-def found(effect=None, seed=None, whole_library=False, **options):
+def found(effect=None, seed=201, whole_library=False, **options):
     """The diagnosis of it, by the effect and its likeliest rival or by the whole library."""
     own = () if effect in (None, "stick_slip") else (made(effect, seed, **options)[1],)
     asked = None if whole_library else (*own, *LIKELIEST[effect])

@@ -100,7 +100,7 @@ def answer(u):
 @pytest.fixture(scope="module")
 def poor():
     """Six seconds at one rate of an actuator that creeps."""
-    return answer(world.excitation("poor", 6.0, RATE_HZ, 2))
+    return answer(world.excitation("poor", 6.0, RATE_HZ, 1))
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_equal_models_are_separated_nowhere_and_their_columns_are_kept_or_varied
     [
         ({"noise": 0.0}, "noise is 0"),
         ({"seconds": float("inf")}, "finite"),
-        ({"seconds": 3.0}, "at least 17.3 s"),
+        ({"seconds": 3.0}, r"at least [\d.]+ s; give more"),
         ({"rate_limit": 0.0}, "rate_limit is 0"),
     ],
 )

@@ -99,9 +99,9 @@ def test_json_holds_what_the_contract_names():
 
 def test_the_interval_of_the_amplitude_holds_the_truth():
     truth = made_once.made("drift")[0]["truth"]
-    assert truth["kind"] == "linear"
+    assert truth["form"] == "linear"
     estimate = made_once.found("drift").findings[0].parameters["amplitude"]
-    assert estimate.low <= truth["amplitude_um"] * 3 / 4 <= estimate.high
+    assert estimate.low <= truth["amplitude"] * 3 / 4 <= estimate.high
 
 
 def test_progress_goes_forward_and_two_threads_find_the_same_as_one(monkeypatch):

@@ -34,9 +34,9 @@ RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
 
 
-def actuator(seconds=6.0, seed=3, excitation=None, noise=0.02, start=0.0, begin=0.0):
+def actuator(seconds=6.0, seed=3, excitation=None, noise=0.02, begin=0.0):
     """A world with nothing hidden: the operator of `seed` along the excitation of another one."""
-    drive = world.excitation("rich", seconds, RATE, excitation or seed, start)
+    drive = world.excitation("rich", seconds, RATE, excitation or seed)
     rng = np.random.default_rng(excitation or seed)
     output = world.make_world(seed).hysteresis(drive) + noise * rng.normal(size=len(drive))
     return Record.from_arrays(
@@ -280,7 +280,7 @@ def test_stated_memory_is_used(plain):
     assert np.all((got.output >= free.low - 1e-6) & (got.output <= free.high + 1e-6))
     # Saturation is the edge of what unknown memory leaves open.
     edge = free.low + plain.half_width(new)
-    np.testing.assert_allclose(got.output, edge, atol=5e-4 * np.ptp(new.input))
+    np.testing.assert_allclose(got.output, edge, atol=1e-3 * np.ptp(new.input))
 
 
 def test_the_band_covers_new_records_of_the_same_world(plain):
@@ -299,7 +299,7 @@ def test_input_beyond_the_plane_is_refused(plain, record):
     with pytest.raises(pj.InputError) as caught:
         plain.predict(without_output(record, input=path))
     message = str(caught.value)
-    for part in ("new.csv", "80.25 V", "sample 124", "2 such samples", "0 to 74.4681 V"):
+    for part in ("new.csv", "80.25 V", "sample 124", "2 such samples", "0 to 75 V"):
         assert part in message, message
     assert "\n" not in message
 

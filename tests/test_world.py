@@ -69,11 +69,11 @@ def test_path_agrees_with_a_sum_of_relays(actuator):
 
 
 def test_the_record_is_the_hysteresis_where_nothing_is_hidden():
-    rec = hidden_record("none", 3, **SHORT)
+    rec = hidden_record(None, 3, **SHORT)
     direct = make_world(3).hysteresis(rec["x"])
-    # The chirp's crests lie between samples of the record, so that memory differs by a trifle.
+    # The multisine's crests lie between samples of the record: memory differs by a trifle.
     np.testing.assert_allclose(rec["clean"], direct, rtol=0, atol=3e-3)
-    assert rec["truth"]["effect"] is None
+    assert rec["truth"] == {}
     small, large = (hidden_record("drift", 3, size=size, **SHORT)["clean"] for size in (0.5, 2.0))
     np.testing.assert_allclose(large - rec["clean"], 4 * (small - rec["clean"]), atol=1e-9)
 

@@ -107,6 +107,8 @@ def test_what_names_do_not_tell_is_asked_once_with_a_command_to_copy(name, capsy
     code, found, _ = looked_at(FILES / name, capsys)
     assert code == 0
     assert all(words in found["question"] for words in ASKED[name])
+    assert main(["look", str(FILES / name)]) == 0
+    assert "--input" in capsys.readouterr().out
     command = found["command"].split()[2:]
     code, found, _ = looked_at(command[0], capsys, *command[1:])
     assert code == 0

@@ -15,13 +15,10 @@ def spoiled(record, shift=0):
     return record.masked([("stuck", 30 + shift, 38 + shift)]).without(spikes)
 
 
-def test_rows_of_one_record_are_counted_from_1():
+def test_rows_of_one_record_are_counted_from_1_and_those_of_joined_ones_are_their_own():
     stuck, spikes = fault_lines(spoiled(Record.from_arrays(TIME, TIME % 7, TIME % 7)))
     assert stuck.endswith("samples 31-38")
     assert spikes.endswith("samples 6, 22")
-
-
-def test_rows_of_joined_records_are_those_of_their_own():
     both = joined([Record.from_arrays(TIME, TIME % k, TIME % k, name=f"{k}.csv") for k in (7, 9)])
     stuck, spikes = fault_lines(spoiled(both, shift=99))
     assert stuck.endswith("samples 31-38 of 9.csv")

@@ -53,12 +53,12 @@ def test_exactly_the_rows_that_were_spoiled_are_found(spoil):
     assert {fault.kind for fault in faults_of(spoiled)} == {spoil.__name__.split("_")[0]}
 
 
-def relays():
+def relays(path, lowest=1.0, highest=8.0, apart=2.0):
     """Twelve relays without noise: the output rests, and jumps the way that it goes."""
     states, output = np.zeros(12), []
-    ups, downs = np.linspace(3, 8, 12), np.linspace(1, 6, 12)
-    for u in PATH:
-        states = np.where(u >= ups, 1.0, np.where(u <= downs, 0.0, states))
+    downs = np.linspace(lowest, highest - apart, 12)
+    for u in path:
+        states = np.where(u >= downs + apart, 1.0, np.where(u <= downs, 0.0, states))
         output.append(states.sum())
     return np.array(output)
 
@@ -67,8 +67,8 @@ def relays():
     "output",
     [
         pytest.param(np.round(NOISY / 0.05) * 0.05, id="a coarse converter"),
-        pytest.param(relays(), id="relays"),
-        pytest.param((relays() > 5).astype(float), id="one relay: jumps of the whole range"),
+        pytest.param(relays(PATH), id="relays"),
+        pytest.param((relays(PATH) > 5).astype(float), id="one relay: jumps of the whole range"),
         pytest.param(
             np.maximum.accumulate(PATH * (TIME < 2)) + 0.1 * PATH, id="keeps what it has reached"
         ),

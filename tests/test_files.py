@@ -35,17 +35,15 @@ class Case:
     told: tuple = ()  # words of what is announced
     step: float = 0.01
     units: tuple = ()
-    tolerance: float = 1e-5
+    tolerance: float = 1e-12
     samples: int = K
 
 
-def rows(*columns, sep=",", end="", decimal=".", form="{:.9g}"):
-    table = np.column_stack(columns)
-    lines = [sep.join(form.format(v).replace(".", decimal) for v in row) + end for row in table]
-    return "\n".join(lines) + "\n"
+def rows(*columns, sep=",", begin="", end="", form="{}"):
+    lines = (sep.join(map(form.format, row)) for row in np.column_stack(columns))
+    return "".join(f"{begin}{line}{end}\n" for line in lines)
 
 
-BY_NUMBER = {"time": "1", "input": "2", "output": "3"}
 CHANNELS = {"input": "CH1", "output": "CH2"}
 SECOND = {"input": "2", "output": "3"}
 
@@ -53,22 +51,12 @@ SECOND = {"input": "2", "output": "3"}
 
 # MSO4000 and DPO4000 Series User Manual, Tektronix: saving waveforms to a spreadsheet file.
 TEKTRONIX_MSO = """Model,MSO4034
-Firmware Version,2.48
 
 Waveform Type,ANALOG,
-Point Format,Y,
-Horizontal Units,s,
-Horizontal Scale,0.1,
-Horizontal Delay,0,
 Sample Interval,0.01,
 Record Length,120,
 Gating,0.0% to 100.0%,
-Probe Attenuation,10,10
 Vertical Units,V,V
-Vertical Offset,0,0
-Vertical Scale,1,1
-Vertical Position,0,0
-,,
 ,,
 Label,,
 TIME,CH1,CH2
@@ -76,21 +64,11 @@ TIME,CH1,CH2
 # TDS1000 and TDS2000 Series User Manual, Tektronix: settings in the first three columns.
 TDS_SETTINGS = """Record Length,1.200000e+02,
 Sample Interval,1.000000e-02,
-Trigger Point,0.000000000000e+00,
-,,
-,,
 ,,
 Source,CH1,
 Vertical Units,V,
 Vertical Scale,5.000000e+00,
-Vertical Offset,0.000000e+00,
 Horizontal Units,s,
-Horizontal Scale,1.000000e-01,
-Pt Fmt,Y,
-Yzero,0.000000e+00,
-Probe Atten,1.000000e+00,
-Model Number,TDS2014,
-Serial Number,C012345,
 Firmware Version,FV:v2.06,""".split("\n")
 
 
@@ -110,22 +88,11 @@ RIGOL_Z = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-6.000000e-01,1.000000
 KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n"
 # Infiniium Oscilloscopes Programmer's Reference, Keysight: CSV and TSV Header Format.
 INFINIIUM = """Revision:,0
-Type:,raw,raw
-Start:,0
 Points:,120,120
-Count:,1,1
-XDispRange:,1.2,1.2
-XDispOrg:,0,0
 XInc:,1.0E-02,1.0E-02
 XOrg:,-6.0E-01,-6.0E-01
-YDispRange:,10,10
-YInc:,1E-3,1E-3
-YOrg:,0,0
 Frame:,DSOX91604A:MY0000
-Date:,01 MAR 2024
 Time:,12:00:00
-Max bandwidth:,1.6E+10
-Min bandwidth:,0
 XUnits:,second,second
 YUnits:,Volt,Volt
 Data:
@@ -143,10 +110,7 @@ PICO = "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n"
 SIGLENT_VALUES = """Record Length,Analog:120
 Sample Interval,Analog:0.01
 Vertical Units,CH1:V,CH2:A
-Vertical Scale,CH1:1.00,CH2:0.50
-Vertical Offset,CH1:0.00,CH2:0.00
 Horizontal Units,s
-Horizontal Scale,0.1
 Model Number,SDS1104X-U
 Source,CH1,CH2
 Second,Value,Value
@@ -155,7 +119,6 @@ Second,Value,Value
 ROHDE = "in s,C1 in V,C2 in V\n"
 # 8807-01 Instruction Manual, Hioki: text file internal format.
 HIOKI = """"COMMENT","8807 MEM DATA"
-"DATE","01-01-1999"
 "TIME","15:26:55"
 "NUM_SIGS",3
 "INTERVAL",1.000E-02
@@ -168,38 +131,36 @@ HIOKI = """"COMMENT","8807 MEM DATA"
 # --- LabVIEW: Specification for the LabVIEW Measurement File (.lvm), National Instruments ---
 
 
-def lvm(columns, x_columns, heads, names, repeat=1):
-    top = [
-        ["LabVIEW Measurement"], ["Writer_Version", "2"], ["Reader_Version", "2"],
-        ["Separator", "Tab"], ["Decimal_Separator", "."], ["Multi_Headings", "Yes"],
-        ["X_Columns", x_columns], ["Time_Pref", "Relative"], ["Operator", "lab"],
-        ["Date", "2024/03/01"], ["Time", "12:00:00.1234567891234"], ["***End_of_Header***"], [],
-    ]  # fmt: skip
-    segments = []
-    for k in range(repeat):
-        stamp = ["Time", *[f"12:00:{2 * k:02d}.123456789123"] * 2]
-        head = [["Channels", "2"], *heads, stamp, ["***End_of_Header***"], names]
-        segments += ["\t".join(line) for line in head] + [columns.rstrip("\n"), ""]
-    return "\n".join(["\t".join([*line, ""]) for line in top] + segments)
+def lvm(columns, x_columns="One", repeat=1):
+    header = f"""LabVIEW Measurement
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t.
+Multi_Headings\tYes
+X_Columns\t{x_columns}
+Time_Pref\tRelative
+***End_of_Header***
 
-
-def heads(step="1.000000E-2", start="0.0000000000000000E+0"):
-    return [
-        ["Samples", str(K), str(K)],
-        ["Date", "2024/03/01", "2024/03/01"],
-        ["Y_Unit_Label", "Volts", "um"],
-        ["X_Dimension", "Time", "Time"],
-        ["X0", start, start],
-        ["Delta_X", step, step],
+"""
+    segments = [
+        f"""Channels\t2
+Samples\t{K}\t{K}
+Date\t2024/03/01\t2024/03/01
+Y_Unit_Label\tVolts\tum
+X_Dimension\tTime\tTime
+X0\t0.0000000000000000E+0\t0.0000000000000000E+0
+Delta_X\t1.000000E-2\t1.000000E-2
+Time\t12:00:{2 * k:02d}.123456789123\t12:00:{2 * k:02d}.123456789123
+***End_of_Header***
+X_Value\tdrive\tsensor\tComment
+{columns}"""
+        for k in range(repeat)
     ]
+    return "\n".join([header + segments[0], *segments[1:]])
 
 
-NAMES = ["X_Value", "drive", "sensor", "Comment"]
-LVM_ONE = lvm(rows(T, U, Z, sep="\t"), "One", heads(), NAMES)
-LVM_NO = lvm(
-    "".join(f"\t{u:.9g}\t{z:.9g}\n" for u, z in zip(U, Z, strict=True)), "No", heads(), NAMES
-)
-LVM_SEGMENTS = lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), "One", heads(), NAMES, repeat=2)
+LVM_NO = lvm(rows(U, Z, sep="\t", begin="\t"), "No")
+LVM_SEGMENTS = lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), repeat=2)
 
 # --- workbooks ---
 
@@ -339,21 +300,15 @@ CSV = "t_s,u_V,z_um\n" + rows(T, U, Z)
 LONG_HEADER = "".join(f"# line {k} of a long protocol\nNote {k}: text\n" for k in range(300))
 
 
-def grouped(values, thousands, decimal):
-    return [f"{v:,.4f}".translate({44: thousands, 46: decimal}) for v in values]
-
-
 def thousands_csv(thousands, decimal, sep, quote=""):
-    columns = [grouped(values, thousands, decimal) for values in (1000 * T, 1000 * U, 1000 * Z)]
-    lines = [sep.join(quote + cell + quote for cell in row) for row in zip(*columns, strict=True)]
-    return sep.join(["t_ms", "u_mV", "z_nm"]) + "\n" + "\n".join(lines) + "\n"
+    signs = {ord(","): thousands, ord("."): decimal, ord("|"): sep}
+    lines = rows(1000 * T, 1000 * U, 1000 * Z, sep="|", form=quote + "{:,.4f}" + quote)
+    return sep.join(["t_ms", "u_mV", "z_nm"]) + "\n" + lines.translate(signs)
 
 
-def with_units(columns, units):
-    return "".join(
-        ",".join(f"{value:.9g} {unit}" for value, unit in zip(row, units, strict=True)) + "\n"
-        for row in zip(*columns, strict=True)
-    )
+def with_units(*columns, units):
+    lines = rows(*columns, sep=" {},", end=" {}")
+    return "".join(line.format(*units.split()) + "\n" for line in lines.splitlines())
 
 
 def twelve_hours():
@@ -363,14 +318,6 @@ def twelve_hours():
     return "Time,u_V,z_um\n" + "".join(
         f"{at:%I:%M:%S}.{at.microsecond // 1000:03d} {at:%p},{u:.9g},{z:.9g}\n"
         for at, u, z in zip(clock, U, Z, strict=True)
-    )
-
-
-def counted(start, factor):
-    """Times as whole counts since 1970."""
-    return "timestamp,u_V,z_um\n" + "".join(
-        f"{start * factor + k * factor // 100},{u:.9g},{z:.9g}\n"
-        for k, (u, z) in enumerate(zip(U, Z, strict=True))
     )
 
 
@@ -399,78 +346,75 @@ OPENED = {
     ),
     "rohde_schwarz.csv": Case(ROHDE + rows(T, U, Z), SECOND, units=("V", "V")),
     "hioki.csv": Case(HIOKI + rows(T, U, Z), SECOND),
-    "labview.lvm": Case(LVM_ONE, {"input": "drive", "output": "sensor"}, units=("V", "um")),
+    "labview.lvm": Case(lvm(rows(T, U, Z, sep="\t")), units=("V", "um")),
     "labview_no_x.lvm": Case(LVM_NO, units=("V", "um")),
-    "labview.tdms": Case(TDMS_ONE, units=("V", "um"), tolerance=1e-12),
+    "labview.tdms": Case(TDMS_ONE, units=("V", "um")),
     "labview_rates.tdms": Case(
         tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z[::2], wave(0.02, "um"))),
         told=("sensor (50 Hz) interpolated", "drive (100 Hz)"), samples=K - 1, tolerance=2e-2,
     ),
-    "stage.xlsx": Case(workbook(("Sheet1", HEADED)), tolerance=1e-12),
-    "protocol.xlsx": Case(workbook(("Tabelle1", UNITS_ROW)), units=("V", "µm"), tolerance=1e-12),
-    "dated.xlsx": Case(workbook(("Sheet1", DATED)), tolerance=1e-12),
+    "stage.xlsx": Case(workbook(("Sheet1", HEADED))),
+    "protocol.xlsx": Case(workbook(("Tabelle1", UNITS_ROW)), units=("V", "µm")),
+    "dated.xlsx": Case(workbook(("Sheet1", DATED))),
     "two_sheets.xlsx": Case(
         workbook(("About", [["Operator", "lab"], ["Rate", 1]]), ("Data", HEADED)),
-        told=("of 2 sheets, 'Data' was read",), tolerance=1e-12,
+        told=("of 2 sheets, 'Data' was read",),
     ),
     "no_time.xlsx": Case(
         workbook(("Sheet1", [["Sample rate [Hz]", 100], ["u_V", "z_um"], *numbers(U, Z)])),
-        told=("Sample rate [Hz]: 10 ms between two rows",), tolerance=1e-12,
+        told=("Sample rate [Hz]: 10 ms between two rows",),
     ),
-    "own_layout.h5": Case(hdf5(own_layout), units=("V", "um"), tolerance=1e-12),
-    "rate.hdf5": Case(hdf5(with_rate), units=("V", "um"), tolerance=1e-12),
-    "version_73.mat": Case(matlab_73, tolerance=1e-12),
+    "own_layout.h5": Case(hdf5(own_layout), units=("V", "um")),
+    "rate.hdf5": Case(hdf5(with_rate), units=("V", "um")),
+    "version_73.mat": Case(matlab_73),
     "structure.mat": Case(
-        matlab(run={"t": T, "u": U, "z": Z}), {"input": "run.u", "output": "run.z"}, tolerance=1e-12
+        matlab(run={"t": T, "u": U, "z": Z}), {"input": "run.u", "output": "run.z"}
     ),
-    "matrix.mat": Case(matlab(data=np.column_stack([T, U, Z])), BY_NUMBER, tolerance=1e-12),
-    "matrix_unasked.mat": Case(
+    "matrix.mat": Case(
         matlab(data=np.column_stack([T, U, Z])), told=("time 1, input 2, output 3",)
     ),
     "two_tables.csv": Case(CSV + "\n# run 2\n" + CSV, told=("of 2 tables the first was read",)),
-    "structured.npy": Case(saved(frame().to_records(index=False)), tolerance=1e-12),
-    "frame.parquet": Case(lambda path: frame().to_parquet(path), tolerance=1e-12),
-    "frame.feather": Case(lambda path: frame().to_feather(path), tolerance=1e-12),
+    "structured.npy": Case(saved(frame().to_records(index=False))),
+    "frame.feather": Case(lambda path: frame().to_feather(path)),
     "plain.csv.gz": Case(gzip.compress(CSV.encode())),
     "plain.zip": Case(zipped(plain__csv=CSV)),
     "long_header.csv": Case(LONG_HEADER + CSV),
     "thousands_english.csv": Case(
-        thousands_csv(ord(","), ord("."), ",", '"'), told=("between groups",), tolerance=1e-1
+        thousands_csv(",", ".", ",", '"'), told=("between groups",), tolerance=1e-1
     ),
     "thousands_german.csv": Case(
-        thousands_csv(ord("."), ord(","), ";"), told=("between groups",), tolerance=1e-1
+        thousands_csv(".", ",", ";"), told=("between groups",), tolerance=1e-1
     ),
     "thousands_swiss.csv": Case(
-        thousands_csv(ord("'"), ord("."), ";"), told=("between groups",), tolerance=1e-1
+        thousands_csv("'", ".", ";"), told=("between groups",), tolerance=1e-1
     ),
     "rate_in_comment.csv": Case(
         "# Sample rate: 0.1 kHz\nu_V,z_um\n" + rows(U, Z), told=("10 ms between two rows",)
     ),
-    "units_row.csv": Case("t,u,z\ns,V,um\n" + rows(T, U, Z), units=("V", "um")),
     "units_beside_numbers.csv": Case(
-        "t,u,z\n" + with_units((1000 * T, U, Z), ("ms", "V", "um")), units=("V", "um"),
+        "t,u,z\n" + with_units(1000 * T, U, Z, units="ms V um"), units=("V", "um"),
         told=("column u read without the V in its cells",),
     ),
     "fortran.dat": Case(
         "t u z\n" + rows(T, U, Z, sep=" ", form="{:.12E}").replace("E", "D"), tolerance=1e-9
     ),
     "twelve_hours.csv": Case(twelve_hours()),
-    "epoch_ms.csv": Case(counted(1_767_225_600, 10**3), told=("taken as ms",)),
+    "epoch_ms.csv": Case(
+        "timestamp,u_V,z_um\n" + rows(1_767_225_600_000 + 1000 * T, U, Z, form="{:.13g}"),
+        told=("taken as ms",),
+    ),
     "tab_separated.xls": Case(
         ("Zeit [s]\tSpannung [V]\tWeg [µm]\n" + rows(T, U, Z, sep="\t")).encode("latin-1"),
         units=("V", "µm"),
     ),
-    "nested.json": Case(json.dumps({"by": "Ada", "run": SIGNALS}), tolerance=1e-12),
-    "lines.jsonl": Case("".join(json.dumps(each) + "\n" for each in SIGNALS), tolerance=1e-12),
+    "nested.json": Case(json.dumps({"by": "Ada", "run": SIGNALS})),
+    "lines.jsonl": Case("".join(json.dumps(each) + "\n" for each in SIGNALS)),
     "with_readme.zip": Case(
         zipped(**{"run.csv": CSV, "README.txt": "by Ada", "loop.png": b"\x89PNG"}),
         told=("run.csv was read, and README.txt, loop.png left aside",),
     ),
     "unequal_rates.csv": Case(
-        "t_s,u_V,z_um\n" + "".join(
-            f"{t:.9g},{u:.9g}," + (f"{z:.9g}" if k % 2 == 0 else "") + "\n"
-            for k, (t, u, z) in enumerate(zip(T, U, Z, strict=True))
-        ),
+        "t_s,u_V,z_um\n" + rows(T, U, np.where(np.arange(K) % 2, np.nan, Z)).replace("nan", "")
     ),
 }  # fmt: skip
 
@@ -528,14 +472,6 @@ BOMB = gzip.compress(b"0,0,0\n" * 20_000_000)
 WIDE = ",".join(f"c{k}" for k in range(1_000_000))
 
 
-def _spoiled(text, row):
-    """A file whose last cell of a row is no number."""
-    lines = text.split("\n")
-    cells = lines[row - 1].rstrip(",").split(",")
-    lines[row - 1] = ",".join([*cells[:-1], "?" + cells[-1]])
-    return "\n".join(lines)
-
-
 REFUSED = {
     "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
     "password.xlsx": Case(protected, refused=("protected by a password", "save it without")),
@@ -560,19 +496,20 @@ REFUSED = {
         refused=("row 20002: 2 field(s)",),
     ),
     "another_unit_in_a_cell.csv": Case(
-        "t,u,z\n" + with_units((T, U, Z), ("s", "V", "um")) + "9 s,5 kV,1 um\n",
+        "t,u,z\n" + with_units(T, U, Z, units="s V um") + "9 s,5 kV,1 um\n",
         refused=("column u, row 122: '5 kV' is not a number",),
     ),
     "rows_are_channels.csv": Case(
-        "\n".join(",".join([name, *map(str, values)]) for name, values in
-                  (("t", T), ("u", U), ("z", Z))) + "\n",
+        "".join(f"{name},{','.join(map(str, values))}\n" for name, values in
+                zip("tuz", (T, U, Z), strict=True)),
         refused=("121 columns and 2 rows", "transpose the table"),
     ),
     "login_page.csv": Case("<!DOCTYPE html><html><body>log in</body></html>\n",
                            refused=("a web page or XML", "save it as CSV")),
     "deep.json": Case("[" * 100_000, refused=("not a readable JSON",)),
     "tds_bad_cell.csv": Case(
-        _spoiled(tds(), 51), {"input": "TIME", "output": "CH1", "rate": 100.0}, refused=("row 51",)
+        tds().replace("  10.00000,", "?,"), {"input": "TIME", "output": "CH1", "rate": 100.0},
+        refused=("row 51",),
     ),
     "picture.npy": Case(saved(np.zeros((50, 50))), refused=("no vectors",)),
     "no_second_header.lvm": Case("LabVIEW Measurement\t\n***End_of_Header***\n1\t2\n",

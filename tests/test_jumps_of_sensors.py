@@ -4,6 +4,7 @@ left as it is."""
 import numpy as np
 import pytest
 from oracles import play
+from test_faults_of_sensors import relays
 
 import preisach_jax as pj
 from preisach_jax.record.joined import by_run, joined
@@ -81,14 +82,8 @@ def test_heights_of_single_and_joined_records_are_corrected_by_a_better_model():
     assert both.jumps == {row + len(TIME): jump for row, jump in second.jumps.items()}
 
 
-def relays():
-    """Twelve relays beside the plays: the output jumps the way that it goes, time and again."""
-    ups, downs, states = np.linspace(4, 7, 12), np.linspace(3, 6, 12), np.zeros(12)
-    total = []
-    for u in PATH:
-        states = np.where(u >= ups, 1.0, np.where(u <= downs, 0.0, states))
-        total.append(states.sum())
-    return PLAYS + 0.05 * np.array(total)
+def relays_beside():
+    return PLAYS + 0.05 * relays(PATH, 3.0, 7.0, 1.0)
 
 
 def dry_friction():
@@ -104,7 +99,7 @@ def stick_slip():
     return np.array(output)
 
 
-@pytest.mark.parametrize("output", [relays, dry_friction, stick_slip])
+@pytest.mark.parametrize("output", [relays_beside, dry_friction, stick_slip])
 def test_a_stage_that_jumps_by_itself_is_left_as_it_is(output):
     smooth = np.convolve(np.pad(output(), 40, mode="edge"), np.ones(81) / 81, mode="valid")
     for modelled in (PLAYS, smooth):

@@ -157,6 +157,8 @@ def test_the_command_shows_columns_reasons_and_a_picture_the_json_the_same_and_t
     assert len(content["input"]["holds"]) == 6
     assert [each["role"] for each in content["columns"]] == ["time", "input", "output"]
     assert figure.read_bytes().startswith(b"\x89PNG")
+    assert main(["look", str(stage_csv), "-q"]) == 0
+    assert capsys.readouterr().out.startswith("shows well:")
 
 
 def test_auxiliary_columns_are_looked_at(tmp_path, capsys):
@@ -169,20 +171,6 @@ def test_auxiliary_columns_are_looked_at(tmp_path, capsys):
     assert [each["role"] for each in columns[:3]] == ["time", "input", "output"]
     named = {each["name"]: each["why"] for each in columns if each["role"] == "aux"}
     assert named == dict.fromkeys(["load_N", "temp_C"], "you named it")
-
-
-def test_where_names_do_not_tell_the_columns_are_shown_and_it_is_asked(tmp_path, capsys):
-    file = tmp_path / "two.csv"
-    t = np.arange(100.0)
-    np.savetxt(
-        file, np.column_stack([t, t % 7, t % 5]), header="t,CH1,CH2", delimiter=",", comments=""
-    )
-    assert main(["look", str(file)]) == 0
-    out = capsys.readouterr().out
-    assert "CH1" in out
-    assert "--input" in out
-    assert main(["look", str(file), "--input", "2", "--output", "3", "-q"]) == 0
-    assert capsys.readouterr().out.startswith("shows well:")
 
 
 def test_a_curve_in_signs_lies_where_its_points_do():

@@ -25,12 +25,9 @@ TIME = np.arange(20) / 1000
 DRIVE = pj.Record.from_arrays(TIME, np.linspace(0, 10, 20), np.zeros(20))
 
 
-def packed_project():
-    choice = {"time": "t", "input": "u", "output": "z", "aux": (), "rate": None, "units": {}}
-    return packed("a.csv", b"t,u,z\n0,0,0\n", choice, (Click("fit", 9),), None)  # pyright: ignore
-
-
-PROJECT = packed_project()
+CHOICE = {"time": "t", "input": "u", "output": "z", "aux": (), "rate": None, "units": {}}
+CSV = b"t,u,z\n0,0,0\n"
+PROJECT = packed("a.csv", CSV, CHOICE, (Click("fit", 9),), None)  # pyright: ignore
 with zipfile.ZipFile(io.BytesIO(PROJECT)) as _archive:
     TOLD = json.loads(_archive.read("project.json"))
 
@@ -45,8 +42,7 @@ def places(value, at=()):
 
 
 def changed(content, place, value):
-    content = copy.deepcopy(content)
-    inside = content
+    inside = content = copy.deepcopy(content)
     for key in place[:-1]:
         inside = inside[key]
     inside[place[-1]] = value
@@ -94,6 +90,6 @@ def test_a_project_with_an_odd_value_is_refused_or_opened(place, value):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("project.json", json.dumps(changed(TOLD, place, value)))
-        archive.writestr("record/a.csv", b"t,u,z\n0,0,0\n")
+        archive.writestr("record/a.csv", CSV)
     with refused_in_one_line_at_most():
         unpacked("x.preisach", file.getvalue())

@@ -17,14 +17,14 @@ from preisach_jax.cli import main
 from preisach_jax.cli.application import build
 from preisach_jax.files import is_ours
 
-RECORD, MODEL, C = ["stage.csv"], ["model.json"], ["preisach_model", "preisach_test"]
+RECORD, MODEL = ["stage.csv"], ["model.json"]
 
 # A command line of each command that writes, and the files that it would write.
 WRITERS = {
     "diagnose": (
         [*RECORD, "--report", "r"],
-        ["r/report.html", "r/diagnosis.json", "r/base.json", "r/model.json", "r/loop.png",
-         "r/form.svg", "r/alternatives/creep.json"],
+        ["r/report.html", "r/diagnosis.json", "r/base.json", "r/model.json", "r/form.svg",
+         "r/alternatives/creep.json"],
     ),
     "fit": ([*RECORD, "--out", "m.json"], ["m.json"]),
     "predict": ([*MODEL, *RECORD, "--out", "p.csv"], ["p.csv"]),
@@ -42,10 +42,7 @@ WRITERS = {
                                   "Makefile", "README.md")],
     ),
     "export fmu": ([*MODEL, "--to", "fmu", "--out", "f"], ["f/stage.fmu"]),
-    "fleet": (
-        [*RECORD, "--out", "f"],
-        ["f/fleet.parquet"],
-    ),
+    "fleet": ([*RECORD, "--out", "f"], ["f/fleet.parquet"]),
     "sweep": (["--out", "s"], ["s/sweep.json"]),
     "figures": (["--only", "1", "--out", "f"], ["f/figure_01.pdf", "f/figure_01.png"]),
     "look": ([*RECORD, "--plot", "l.png"], ["l.png"]),
@@ -94,13 +91,9 @@ def test_every_command_that_writes_takes_force():
         name: {word for each in command.params for word in each.opts}
         for name, command in commands.items()
     }
-    writing = {"--out", "--report", "--plot", "--truth"}
-    assert {name for name, words in options.items() if words & writing} == {
-        name.split()[0] for name in WRITERS
-    }
-    assert {name for name, words in options.items() if "--force" in words} == {
-        name.split()[0] for name in WRITERS
-    }
+    for writing in ({"--out", "--report", "--plot", "--truth"}, {"--force"}):
+        found = {name for name, words in options.items() if words & writing}
+        assert found == {name.split()[0] for name in WRITERS}
 
 
 MINE = (
@@ -115,23 +108,25 @@ MINE = (
 ENDINGS = "csv json html svg png pdf c h md fmu parquet"
 
 
-@pytest.mark.parametrize("name", [*(f"a.{ending}" for ending in ENDINGS.split()), "Makefile"])
-def test_no_file_of_another_origin_is_taken_for_a_commands(name, tmp_path):
-    for content in MINE:
-        (tmp_path / name).write_bytes(content)
-        assert not is_ours(tmp_path / name)
+def test_no_file_of_another_origin_is_taken_for_a_commands(tmp_path):
+    for name in [*(f"a.{ending}" for ending in ENDINGS.split()), "Makefile"]:
+        for content in MINE:
+            (tmp_path / name).write_bytes(content)
+            assert not is_ours(tmp_path / name), (name, content)
 
 
-@pytest.mark.parametrize(("name", "file"), [(n, f) for n, (_, fs) in WRITERS.items() for f in fs])
-def test_what_no_command_wrote_is_refused_before_the_work(name, file, place, capsys):
-    path = place / file
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(b"mine")
-    before = state(place)
-    said = refused(capsys, words_of(name))
-    assert "--force" in said
-    assert file in said
-    assert state(place) == before
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_no_command_wrote_is_refused_before_the_work(name, place, capsys):
+    for file in WRITERS[name][1]:
+        path = place / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"mine")
+        before = state(place)
+        said = refused(capsys, words_of(name))
+        assert "--force" in said
+        assert file in said
+        assert state(place) == before
+        path.unlink()
 
 
 @pytest.mark.parametrize(
@@ -164,19 +159,16 @@ def test_force_replaces_what_is_somebody_elses_and_never_what_is_read(place, cap
     assert main([*words[:-1], "empty.csv", "--quiet"]) == 0
     Path("r").mkdir()
     shutil.copy("model.json", "r/comparison.json")
-    shutil.copy("stage.csv", "f.csv")
+    shutil.copy("model.json", "README.md")
     before = state(place)
     for words in (
         ["predict", "model.json", "stage.csv", "--out", "stage.csv"],
         ["predict", "model.json", "book.xlsx#S", "--out", "book.xlsx"],
         ["compare", "r/comparison.json", "stage.csv", "--report", "r"],
-        ["export", "model.json", "--to", "c", "--out", "."],
+        ["export", "README.md", "--to", "c", "--out", "."],
         ["look", "l.png", "--plot", "l.png"],
         ["diagnose", "model.json", "--report", "."],
     ):
-        if words[0] == "export":
-            shutil.copy("model.json", "README.md")
-            words[1], before = "README.md", state(place)
         assert "this file is read" in refused(capsys, [*words, "--force"])
         assert state(place) == before
 

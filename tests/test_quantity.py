@@ -14,8 +14,7 @@ PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M"
 @given(st.floats(1e-11, 1e8), st.sampled_from(["nV", "uV", "µV", "mV", "V", "kV"]))
 def test_scaling_keeps_the_quantity_and_gives_one_to_three_digits(value, unit):
     factor, shown = scaled(value, unit)
-    given_prefix = unit[:-1].replace("u", "µ")
-    before = value * PREFIXES[given_prefix]
+    before = value * PREFIXES[unit[:-1].replace("u", "µ")]
     after = factor * value * PREFIXES[shown.removesuffix("V")]
     assert after == pytest.approx(before, rel=1e-9)
     if 1e-12 <= before < 1e12:
@@ -25,18 +24,11 @@ def test_scaling_keeps_the_quantity_and_gives_one_to_three_digits(value, unit):
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [
-        (1.234e-5, "A·m²", "12.34 µA·m²"),
-        (0.99999, "um", "1 µm"),
-        (12_000.0, "s", "12000 s"),
-        (0.0, "um", "0 µm"),
-        (-0.002, "V", "-2 mV"),
-        (0.25, "1", "0.25"),
-        (5.0, "min", "5 min"),
-        (0.001, "um/N", "0.001 µm/N"),
-        (math.nan, "um", "unknown"),
-        (math.inf, "s", "∞ s"),
+        (1.234e-5, "A·m²", "12.34 µA·m²"), (0.99999, "um", "1 µm"), (12_000.0, "s", "12000 s"),
+        (0.0, "um", "0 µm"), (-0.002, "V", "-2 mV"), (0.25, "1", "0.25"), (5.0, "min", "5 min"),
+        (0.001, "um/N", "0.001 µm/N"), (math.nan, "um", "unknown"), (math.inf, "s", "∞ s"),
     ],
-)
+)  # fmt: skip
 def test_quantities_read_as_a_person_writes_them(value, unit, text):
     assert quantity(value, unit) == text
 

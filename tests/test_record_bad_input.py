@@ -1,5 +1,6 @@
 """Bad records: each is refused with one line that says where, what and how to mend it."""
 
+import re
 import tracemalloc
 
 import numpy as np
@@ -20,8 +21,8 @@ def rows_of_text():
     return [["t_s", "u_V", "z_um"], *cells]
 
 
-def write(path, rows, delimiter=","):
-    path.write_text("\n".join(delimiter.join(row) for row in rows) + "\n")
+def write(path, rows):
+    path.write_text("\n".join(map(",".join, rows)) + "\n")
     return path
 
 
@@ -39,38 +40,29 @@ def refusal(path, **options):
 COLUMNS = {"time": "t_s", "input": "u_V", "output": "z_um"}
 
 
-# One cell is changed: (column, row of the file, the cell, what the message must hold).
-BAD_CELLS = [
-    (0, 17, "", ["column t_s", "row 17", "empty", "--rate"]),
-    (0, 17, "0.001", ["column t_s", "row 17", "runs backward", "0.001 after 0.14", "--rate"]),
-    (0, 17, "0.140", ["column t_s", "row 17", "repeats", "0.14 after 0.14", "--rate"]),
-    (1, 17, "abc", ["column u_V", "row 17", "'abc'", "not a number", "correct"]),
-    (1, 17, "", ["column u_V", "row 17", "empty or NaN", "fill it in"]),
-    (1, 17, "-inf", ["column u_V", "row 17", "infinite"]),
-    (2, 17, "over", ["column z_um", "row 17", "'over'", "not a number", "leave the cell empty"]),
-    (2, 17, "inf", ["column z_um", "row 17", "inf", "empty"]),
-]
-
-
-@pytest.mark.parametrize(("column", "row", "cell", "expected"), BAD_CELLS)
-def test_a_bad_cell_is_named_with_file_column_and_row(tmp_path, column, row, cell, expected):
+@pytest.mark.parametrize(
+    ("column", "cell", "expected"),
+    [
+        (0, "", ["empty", "--rate"]),
+        (0, "0.001", ["runs backward", "0.001 after 0.09", "--rate"]),
+        (0, "0.090", ["repeats", "0.09 after 0.09", "--rate"]),
+        (1, "abc", ["'abc'", "not a number", "correct"]),
+        (1, "", ["empty or NaN", "fill it in"]),
+        (1, "-inf", ["infinite"]),
+        (2, "over", ["'over'", "not a number", "leave the cell empty"]),
+        (2, "inf", ["inf", "empty"]),
+    ],
+)
+def test_a_bad_cell_is_named_with_file_column_and_row(tmp_path, column, cell, expected):
+    """Whatever comments and blanks stand before its row."""
     rows = rows_of_text()
-    rows[row - 1][column] = cell
+    rows[11][column] = cell
+    rows[3:3] = [[""], ["# a comment"], ["   "], ["% another"]]
+    rows[:0] = [["# made by a logger"]]
     for options in ({}, COLUMNS):  # guessed, named
         message = refusal(write(tmp_path / "stage.csv", rows), **options)
+        assert f"column {['t_s', 'u_V', 'z_um'][column]}, row 17: " in message
         assert all(part in message for part in expected), message
-
-
-def test_rows_are_those_of_the_file_whatever_comments_and_blanks_stand_before(tmp_path):
-    rows = rows_of_text()
-    rows[16][1] = "abc"
-    lines = [",".join(row) for row in rows]
-    lines[3:3] = ["", "# a comment", "   ", "% another"]
-    lines[:0] = ["# made by a logger"]
-    path = tmp_path / "stage.csv"
-    path.write_text("\n".join(lines))
-    expected = next(i for i, line in enumerate(path.read_text().split("\n"), 1) if "abc" in line)
-    assert f"row {expected}:" in refusal(path)
 
 
 def test_a_missing_file_names_one_of_a_similar_name(tmp_path):
@@ -127,13 +119,13 @@ def test_a_text_above_the_limit_is_refused_with_its_size(tmp_path, monkeypatch):
     assert "up to 1,000 are read" in message
 
 
-def test_a_record_among_two_thousand_columns_is_found_and_not_all_are_listed(tmp_path):
-    rows = [[*row, *["7.5"] * 2_000] for row in rows_of_text()]
-    rows[0][3:] = [f"channel_{k}" for k in range(2_000)]
+def test_a_record_among_hundreds_of_columns_is_found_and_not_all_are_listed(tmp_path):
+    rows = [[*row, *["7.5"] * 600] for row in rows_of_text()]
+    rows[0][3:] = [f"channel_{k}" for k in range(600)]
     path = write(tmp_path / "wide.csv", rows)
     record = Record.load(path)
     np.testing.assert_array_equal(record.input, [float(row[1]) for row in rows[1:]])
-    with pytest.raises(InputError, match=r"'volt'.*\(2003 in all\)") as caught:
+    with pytest.raises(InputError, match=r"'volt'.*\(603 in all\)") as caught:
         Record.load(path, input="volt")
     assert len(str(caught.value)) < 1000
 
@@ -196,26 +188,19 @@ def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
 
 
 @pytest.mark.parametrize(
-    ("column", "name", "cell", "expected"),
-    [(1, "u_V", "0.5", "constant (0.5"), (2, "z_um", "", "empty"), (2, "z_um", "7", "constant (7")],
-)
-def test_a_column_that_says_nothing(tmp_path, column, name, cell, expected):
+    ("column", "begin", "cell", "expected"),
+    [
+        (1, 1, "0.5", "u_V.* constant .0.5"), (2, 1, "", "z_um.* empty"),
+        (2, 1, "7", "z_um.* constant .7"),
+        (2, 13, "", "column z_um: 12 measured samples are too few, at least 50"),
+    ],
+)  # fmt: skip
+def test_a_column_that_says_nothing(tmp_path, column, begin, cell, expected):
     rows = rows_of_text()
-    for row in rows[1:]:
+    for row in rows[begin:]:
         row[column] = cell
     for options in ({}, COLUMNS):  # guessed, named
-        message = refusal(write(tmp_path / "stage.csv", rows), **options)
-        assert name in message
-        assert expected in message
-
-
-def test_too_few_samples(tmp_path):
-    message = refusal(write(tmp_path / "stage.csv", rows_of_text()[:13]))
-    assert "column z_um: 12 measured samples are too few, at least 50" in message
-    rows = rows_of_text()
-    for row in rows[13:]:
-        row[2] = ""
-    assert "12 measured samples" in refusal(write(tmp_path / "holes.csv", rows))
+        assert re.search(expected, refusal(write(tmp_path / "stage.csv", rows), **options))
 
 
 # --- options --------------------------------------------------------------------------------------
@@ -231,9 +216,8 @@ def test_too_few_samples(tmp_path):
     ],
 )
 def test_options_that_are_none(tmp_path, options, expected):
-    path = write(tmp_path / "stage.csv", rows_of_text())
     with pytest.raises(InputError, match=expected):
-        Record.load(path, **options)
+        Record.load(write(tmp_path / "stage.csv", rows_of_text()), **options)
 
 
 # --- other formats --------------------------------------------------------------------------------

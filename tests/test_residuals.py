@@ -47,15 +47,12 @@ def test_autocorrelation_is_the_sum_over_pairs_that_are_there():
 
 def test_bands_hold_99_percent_of_white_noise():
     rng = np.random.default_rng(5)
-    shares, crosses = [], []
+    shares = []
     for _ in range(60):
         noise = rng.normal(size=2000)
         noise[300:420] = np.nan
-        slow = np.convolve(rng.normal(size=2199), np.ones(200), "valid")
         shares.append(residuals.autocorrelation(noise, 80).outside)
-        crosses.append(residuals.cross_correlation(noise, slow, 80).outside)
     assert 0.005 < np.mean(shares) < 0.016
-    assert np.mean(crosses) < 0.03
 
 
 def test_cross_correlation_band_widens_where_both_are_slow():
@@ -63,6 +60,7 @@ def test_cross_correlation_band_widens_where_both_are_slow():
     outside = []
     for _ in range(60):
         slow = [np.convolve(rng.normal(size=4049), np.ones(50) / 50, "valid") for _ in range(2)]
+        slow[0][300:420] = np.nan
         found = residuals.cross_correlation(*slow, longest=200)
         outside.append(found.outside)
     assert np.mean(outside) < 0.05

@@ -188,16 +188,15 @@ def test_objects_packed_into_arrays_are_refused_and_not_run(tmp_path):
     harmful = np.array([Payload(ran)] * 50, dtype=object)
     path = tmp_path / "harmful.npz"
     np.savez(path, t=np.arange(50.0), u=harmful, z=harmful, about=harmful)
-    with pytest.raises(pj.InputError):
-        pj.Record.load(path, time="t", input="u", output="z")
-    with pytest.raises(pj.InputError):
-        pj.OnlineFilter.load(path)
-    with pytest.raises(pj.InputError):
-        pj.Sweep.load(path)
     bare = tmp_path / "harmful.json"
     bare.write_bytes(pickle.dumps(Payload(ran)))
-    with pytest.raises(pj.InputError):
-        pj.Model.load(bare)
+    named = {"time": "t", "input": "u", "output": "z"}
+    for load in (
+        lambda: pj.Record.load(path, **named), lambda: pj.OnlineFilter.load(path),
+        lambda: pj.Sweep.load(path), lambda: pj.Model.load(bare),
+    ):  # fmt: skip
+        with pytest.raises(pj.InputError):
+            load()
     assert not ran.exists()
     with np.load(path, allow_pickle=True) as archive:
         assert len(archive["u"]) == 50
@@ -403,10 +402,7 @@ def test_what_continuous_integration_installs_is_pinned():
     assert len(installs) == 4  # uv, what runs, this package, and what tests need
     for line in installs:
         assert "--require-hashes -r requirements" in line or "--no-deps --no-build-iso" in line
-    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert "pip install" not in ci
-    made = {line for line in ci.splitlines() if line.startswith("make ")}
-    assert made == {"make test", "make lint", "make docs"}
+    assert "pip install" not in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links and modes of POSIX")

@@ -16,8 +16,8 @@ EFFECTS = (None, "input_lag", "creep", "hum")
 
 
 def changed(record, **columns):
-    new = {name: getattr(record, name) for name in ("time", "input", "output")} | columns
-    return pj.Record.from_arrays(*new.values(), units=UNITS)
+    new = dict(zip(("time", "input", "output"), record.to_arrays(), strict=True)) | columns
+    return pj.Record.from_arrays(**new, units=UNITS)
 
 
 def spiked(record, seed, height=0.2):

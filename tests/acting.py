@@ -17,47 +17,30 @@ def signals(time, values, aux=None):
     return Signals(jnp.asarray(time, float), jnp.asarray(values, float), columns)
 
 
+def _compiled(method):
+    """What an effect at some values does with some arguments."""
+    run = eqx.filter_jit(lambda effect, values, *given: method(effect.at(values), *given))
+    return lambda effect, values, *given: run(effect, arrays(values), *given)
+
+
 def applied(effect, values, time, course):
     """The effect on a signal."""
-    return _applied(effect, arrays(values), jnp.asarray(course, float), jnp.asarray(time, float))
+    return _applied(effect, values, jnp.asarray(course, float), jnp.asarray(time, float))
 
 
-def columns(effect, values, drives):
-    """The columns of an added effect."""
-    return _columns(effect, arrays(values), drives)
+def _inside(acting, drives):
+    if acting.feeds_back:
+        return acting.fed_back(drives.input, jnp.cos(drives.input), drives.time)
+    return acting.widening(drives.input, drives.time)
 
 
-def factor(effect, values, drives):
-    """The factor of an effect on the weights."""
-    return _factor(effect, arrays(values), drives)
+_applied = _compiled(lambda acting, course, time: acting.apply(course, time))
+columns = _compiled(lambda acting, drives: acting.columns(drives))
+"""The columns of an added effect."""
+factor = _compiled(lambda acting, drives: acting.factor(drives))
+"""The factor of an effect on the weights."""
+inside = _compiled(_inside)
+"""What an effect inside the hysteresis adds to the thresholds, or makes of the path.
 
-
-def inside(effect, values, drives):
-    """What an effect inside the hysteresis adds to the thresholds, or makes of the path.
-
-    What is fed back is the cosine of the path.
-    """
-    return _inside(effect, arrays(values), drives)
-
-
-@eqx.filter_jit
-def _inside(effect, values, drives):
-    acting, path = effect.at(values), drives.input
-    if effect.feeds_back:
-        return acting.fed_back(path, jnp.cos(path), drives.time)
-    return acting.widening(path, drives.time)
-
-
-@eqx.filter_jit
-def _applied(effect, values, course, time):
-    return effect.at(values).apply(course, time)
-
-
-@eqx.filter_jit
-def _columns(effect, values, drives):
-    return effect.at(values).columns(drives)
-
-
-@eqx.filter_jit
-def _factor(effect, values, drives):
-    return effect.at(values).factor(drives)
+What is fed back is the cosine of the path.
+"""

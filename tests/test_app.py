@@ -37,15 +37,12 @@ from preisach_jax.record import ReadOptions, Record
 EVIL = "<img src=x onerror=alert(1)>"
 
 
-def csv(rows=200, header="t_s,u_V,z_um"):
-    t = np.arange(rows) / 50
+def csv(count=200, header="t_s,u_V,z_um"):
+    t = np.arange(count) / 50
     u = 5 - 5 * np.cos(2 * np.pi * t / 1.3) * (1 - t / 20)
-    z = u**1.1 + 0.02 * t
-    return (
-        header.encode()
-        + b"\n"
-        + b"".join(b"%.4f,%.6f,%.6f\n" % row for row in zip(t, u, z, strict=True))
-    )
+    rows = zip(t, u, u**1.1 + 0.02 * t, strict=True)
+    lines = [header, *(f"{a:.4f},{b:.6f},{c:.6f}" for a, b, c in rows)]
+    return "\n".join([*lines, ""]).encode()
 
 
 @pytest.fixture(scope="module")
@@ -248,31 +245,25 @@ class TestScript:
 
 
 class TestJobs:
-    def run(self, work, cancel_at=None):
+    def started(self, work):
         events, done = [], threading.Event()
 
-        def finish(kind):
-            def report(result):
-                events.append((kind, result))
-                done.set()
-
-            return report
+        def ended(*event):
+            events.append(event)
+            done.set()
 
         job = Job(
-            work, hand_over=lambda report: report(), on_done=finish("done"),
-            on_error=finish("error"), on_progress=lambda text, share: events.append((text, share)),
+            work, hand_over=lambda report: report(), on_done=partial(ended, "done"),
+            on_error=partial(ended, "error"), on_progress=lambda *event: events.append(event),
         )  # fmt: skip
         job.start()
-        if cancel_at is not None:
-            cancel_at.wait(60)
-            job.cancel()
         return job, events, done
 
     def test_a_result_its_progress_and_an_error_arrive(self):
-        _, events, done = self.run(lambda progress: progress("half", 0.5) or 42)
+        _, events, done = self.started(lambda progress: progress("half", 0.5) or 42)
         assert done.wait(60)
         assert events == [("half", 0.5), ("done", 42)]
-        _, events, done = self.run(lambda progress: 1 / 0)
+        _, events, done = self.started(lambda progress: 1 / 0)
         assert done.wait(60)
         assert [(kind, type(error)) for kind, error in events] == [("error", ZeroDivisionError)]
 
@@ -288,7 +279,9 @@ class TestJobs:
             finally:
                 ended.set()
 
-        _, events, done = self.run(work, cancel_at=begun)
+        job, events, done = self.started(work)
+        assert begun.wait(60)
+        job.cancel()
         assert ended.wait(60)
         time.sleep(0.05)
         assert not done.is_set()
@@ -341,14 +334,9 @@ def wait_for(page, seconds=120):
 
 
 CHOICE: ReadOptions = {
-    "time": "t_s",
-    "input": "u_V",
-    "output": "z_um",
-    "aux": (),
-    "rate": None,
-    "units": {"input": "V"},
-    "table": None,
-}
+    "time": "t_s", "input": "u_V", "output": "z_um", "aux": (), "rate": None,
+    "units": {"input": "V"}, "table": None,
+}  # fmt: skip
 
 
 class TestProject:

@@ -85,13 +85,11 @@ def test_the_command_gives_the_same_table(step, tmp_path, monkeypatch, capsys):
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_a_line(step, tmp_path, others, told):
-    files = []
-    for name in others:
-        if name.startswith("broken"):
-            files.append(Dropped(name, b'{"format": "preisach_jax model", "levels": '))
-        else:
-            is_model = name.endswith("json")
-            files.append(model_file(step, name, 1.0) if is_model else record_file(name))
+    made = {
+        "m.json": model_file(step, "m.json", 1.0),
+        "broken.csv": Dropped("broken.csv", b'{"format": "preisach_jax model", "levels": '),
+    }
+    files = [made.get(name) or record_file(name) for name in others]
     with pytest.raises(pj.InputError) as caught:
         compared(step, files, quiet)
     assert told in str(caught.value)

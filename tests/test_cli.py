@@ -1,13 +1,14 @@
 """The command line: what it writes and shows, and one clear line for every mistake."""
 
 import csv
-import dataclasses
 import hashlib
 import importlib
 import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from unittest.mock import Mock
 
 import jax
 import numpy as np
@@ -54,6 +55,7 @@ def work(tmp_path_factory):
     """A folder with a record and a model fitted to it by the command line."""
     folder = tmp_path_factory.mktemp("work")
     write_csv(folder / "stage.csv", stage_columns())
+    write_csv(folder / "flawed.csv", stage_columns(), {5: "30,1.5,oops,5"})
     words = ["fit", str(folder / "stage.csv"), "--effects", "aux:load_N", "--levels", "5"]
     assert main([*words, "--out", str(folder / "model.json")]) == 0
     return folder
@@ -188,56 +190,37 @@ def test_the_package_runs_as_a_module_on_a_terminal_without_greek_letters():
 # The demonstration
 
 
-@pytest.fixture
-def demo(monkeypatch, tmp_path):
-    """Run the demo with a diagnosis that names given effects and looks at what is on the disk."""
+def test_the_demo_opens_the_truth_last_and_judges(monkeypatch, tmp_path, capsys):
+    truth, seen = tmp_path / "simulated-stage" / "truth.json", []
 
-    def run(*named, tamper=False):
-        seen = []
+    def diagnose(record, effects, *_, **__):
+        assert effects == demonstration.TRIED
+        seen.append((record.name, truth.exists(), sorted(record.aux)))
+        return make_diagnosis("explained" if record.name == "beam.csv" else "adequate")
 
-        def diagnose(record, effects, levels, progress, watch):
-            del levels, watch
-            assert tuple(effects) == demonstration.TRIED
-            truth = tmp_path / "out" / "simulated-stage" / "truth.json"
-            seen.append((record.name, truth.exists(), sorted(record.aux)))
-            if tamper and truth.exists():
-                truth.write_text("{}")
-            progress("looking", 0.5)
-            found = make_diagnosis("explained" if named else "adequate")
-            if not named:
-                return found
-            finding = dataclasses.replace(found.findings[0], effect=named[0], family=named)
-            return make_diagnosis("explained", findings=(finding,))
-
-        monkeypatch.setattr("preisach_jax.diagnosis.diagnose", diagnose)
-        monkeypatch.setattr("preisach_jax.report.write_report", lambda *_, **__: [])
-        monkeypatch.setattr(demonstration, "_fit_rock", lambda folder: {})
-        assert main(["demo", "--out", str(tmp_path / "out"), "--seed", "5"]) == 0
-        return seen, json.loads((tmp_path / "out/simulated-stage/truth.json").read_text())
-
-    return run
-
-
-def test_the_demo_shows_two_records_opens_the_truth_last_and_judges(demo, tmp_path, capsys):
-    seen, truth = demo("nothing of the sort")
+    monkeypatch.setattr("preisach_jax.diagnosis.diagnose", diagnose)
+    monkeypatch.setattr("preisach_jax.report.write_report", lambda *_, **__: [])
+    monkeypatch.setattr(demonstration, "_fit_rock", lambda folder: {})
+    assert main(["demo", "--out", str(tmp_path), "--seed", "5"]) == 0
     assert seen == [("beam.csv", False, []), ("data.csv", True, [])]
     shown = capsys.readouterr().out
-    assert shown.count("\u28ff") >= 1  # the loop
-    (hidden,) = truth["effects"]
+    assert "\u28ff" in shown  # the loop
+    assert "The same loop with the force 54 ms later" in shown
+    seal = hashlib.sha256(truth.read_bytes()).hexdigest()
+    assert f"SHA-256 {seal[:16]}" in shown
+    (hidden,) = json.loads(truth.read_text())["effects"]
     assert hidden in demonstration.TRIED
-    assert (
-        f"hidden effect was {hidden}. The verdict was wrong: it names nothing of the sort" in shown
-    )
-    content = (tmp_path / "out" / "simulated-stage" / "truth.json").read_bytes()
-    assert f"SHA-256 {hashlib.sha256(content).hexdigest()[:16]}" in shown
-    demo()
-    assert "wrong: it names nothing." in capsys.readouterr().out
-    demo(hidden)
-    assert f"hidden effect was {hidden}. The verdict was right." in capsys.readouterr().out
-    demo("other", hidden)
-    assert f"names other, which it cannot tell from {hidden}" in capsys.readouterr().out
-    demo("creep", tamper=True)
-    assert "was changed since it was written" in capsys.readouterr().out
+    assert f"hidden effect was {hidden}. The verdict was wrong: it names nothing." in shown
+    first = make_diagnosis().findings[0]
+    for family, said in (
+        ((hidden,), "was right."),
+        (("other", hidden), f"names other, which it cannot tell from {hidden}"),
+        (("other",), "wrong: it names other first"),
+    ):
+        found = make_diagnosis(findings=(replace(first, effect=family[0], family=family),))
+        assert said in demonstration._judge(found, truth, seal)
+    truth.write_text("{}")
+    assert "was changed since it was written" in demonstration._judge(found, truth, seal)
 
 
 def test_the_rock_is_fitted_better_where_its_output_moves(tmp_path, capsys):
@@ -250,15 +233,6 @@ def test_the_rock_is_fitted_better_where_its_output_moves(tmp_path, capsys):
 # Mistakes
 
 
-def test_a_flawed_record_is_told_with_the_place_and_no_report_begins(tmp_path, capsys):
-    data = write_csv(tmp_path / "flawed.csv", stage_columns(), {5: "30,1.5,oops,5"})
-    told = ["--time", "t_ms", "--input", "u_V", "--output", "z_um"]
-    message = complaint(capsys, "diagnose", data, *told, "--report", tmp_path / "report")
-    for fragment in ("flawed.csv", "column z_um", "row 5", "oops"):
-        assert fragment in message
-    assert [path.name for path in tmp_path.iterdir()] == ["flawed.csv"]
-
-
 STAGE = "stage.csv"
 
 
@@ -267,6 +241,8 @@ STAGE = "stage.csv"
     [
         (["diagnose"], ["Missing argument 'DATA...'", "preisach diagnose --help"]),
         (["diagnose", "stag.csv"], ["stag.csv", "there is no such file", "stage.csv"]),
+        (["diagnose", "flawed.csv"], ["flawed.csv", "column z_um", "row 5", "oops"]),
+        (["diagnose", STAGE, "-q", "--tolerance", "0.1"], ["'0.1' has no unit"]),
         (["diagnose", STAGE, "--input", "u_v"], ["'u_v'", "u_V", "--input"]),
         (["diagnose", STAGE, "--effects", "crep"], ["'crep'", "did you mean 'creep'"]),
         (["diagnose", STAGE, "--levels", "1"], ["levels is 1"]),
@@ -296,13 +272,6 @@ def test_mistakes_are_one_line_and_leave_nothing_behind(
 # Failures and interruptions
 
 
-def fails_with(error):
-    def effects_library():
-        raise error
-
-    return effects_library
-
-
 @pytest.mark.parametrize(
     ("error", "code", "fragment"),
     [
@@ -315,7 +284,7 @@ def fails_with(error):
     ],
 )
 def test_how_things_end(error, code, fragment, monkeypatch, capsys):
-    monkeypatch.setattr(EFFECTS, "library", fails_with(error))
+    monkeypatch.setattr(EFFECTS, "library", Mock(side_effect=error))
     assert main(["effects"]) == code
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1

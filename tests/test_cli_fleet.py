@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from stand_ins import client_in_this_process
+from test_cli import write_csv
 
 import preisach_jax as pj
 from preisach_jax.cli import fleet, main
@@ -22,17 +23,12 @@ pytest.importorskip("pyarrow")
 def files(tmp_path_factory):
     """Three stages that follow their input with different gains; the second one loses samples."""
     folder = tmp_path_factory.mktemp("fleet")
-    rng, paths = np.random.default_rng(2), []
+    rng, t = np.random.default_rng(2), np.arange(700) / 100
+    u, paths = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t), []
     for k in range(3):
-        t = np.arange(700) / 100
-        u = 5 + 5 * np.sin(2 * t) * np.cos(0.37 * t)
         z = (2 + k) * u + 0.01 * rng.normal(size=len(t))
-        cells = [f"{value:.5f}" for value in z]
-        if k == 1:
-            cells[100:110] = [""] * 10
-        rows = [f"{a:.2f},{b:.5f},{c}" for a, b, c in zip(t, u, cells, strict=True)]
-        paths.append(folder / f"stage{k}.csv")
-        paths[-1].write_text("\n".join(["t_s,u_V,z_um", *rows]) + "\n")
+        z[100:110] = np.nan if k == 1 else z[100:110]
+        paths.append(write_csv(folder / f"stage{k}.csv", {"t_s": t, "u_V": u, "z_um": z}))
     return paths
 
 

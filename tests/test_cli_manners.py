@@ -3,7 +3,6 @@
 import functools
 import io
 import json
-import os
 import shlex
 import signal
 import subprocess
@@ -19,25 +18,13 @@ from preisach_jax.cli import main, screen
 from preisach_jax.cli.application import build
 from preisach_jax.effects import library
 
-COMMAND = [sys.executable, "-c", "import sys; from preisach_jax.cli import main; sys.exit(main())"]
 COMMANDS = sorted(get_command(build()).commands)  # pyright: ignore[reportAttributeAccessIssue]
 
 
-@pytest.fixture(scope="module")
-def work(tmp_path_factory):
-    """A folder with a record, and a model of it."""
-    folder = tmp_path_factory.mktemp("manners")
-    write_csv(folder / "stage.csv", stage_columns())
-    words = ["fit", str(folder / "stage.csv"), "--levels", "5", "--out", str(folder / "model.json")]
-    assert main([*words, "--quiet"]) == 0
-    return folder
-
-
 @pytest.fixture
-def inside(work, tmp_path, monkeypatch):
-    """The test runs in a folder that holds the record and the model."""
-    for name in ("stage.csv", "model.json"):
-        (tmp_path / name).write_bytes((work / name).read_bytes())
+def inside(tmp_path, monkeypatch):
+    """The test runs in a folder that holds a record."""
+    write_csv(tmp_path / "stage.csv", stage_columns())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -85,14 +72,16 @@ def test_json_of_results_is_that_of_their_files_and_quiet_leaves_the_verdict(cap
     assert main([*words, "-q"]) == 0
     expected = ": ".join([found["verdict"], ", ".join(found["effects"])]).removesuffix(": ")
     assert capsys.readouterr() == (f"{expected}\n", "")
-    fitted, beside = document(capsys, "fit", "stage.csv", "--levels", "5", "--out", "again.json")
-    assert fitted == content("again.json") == content("model.json")
+    fitted, beside = document(capsys, "fit", "stage.csv", "--levels", "5", "--out", "model.json")
+    assert fitted == content("model.json")
     assert "700 rows" in beside
     compared, _ = document(capsys, "compare", "model.json", "stage.csv", "--report", "compared")
     assert compared == content("compared/comparison.json")
     assert document(capsys, "predict", "model.json", "stage.csv", "--out", "p.csv")[0] == {
         "files": ["p.csv"], "columns": ["t", "z_pred", "z_low", "z_high"], "rows": 700,
     }  # fmt: skip
+    assert main(["predict", "model.json", "stage.csv", "--out", "p.csv", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
 
 
 def test_json_of_the_library_holds_every_effect_with_its_parameters(capsys, monkeypatch):
@@ -116,10 +105,8 @@ def test_json_of_the_library_holds_every_effect_with_its_parameters(capsys, monk
 
 @pytest.mark.usefixtures("inside")
 def test_quiet_writes_files_and_shows_nothing(capsys):
-    assert main(["predict", "model.json", "stage.csv", "--out", "p.csv", "-q"]) == 0
     assert main(["simulate", "--seconds", "3", "--out", "s.csv", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
-    assert Path("p.csv").exists()
     assert Path("s.csv").exists()
     # It hides no mistake, and does not silence the next command.
     assert main(["fit", "none.csv", "--out", "m.json", "-q", "--json"]) == 2
@@ -174,9 +161,9 @@ def test_the_time_left_of_a_diagnosis_fits_short_and_long_searches(course):
 def test_an_interruption_is_one_line_and_leaves_nothing(when, inside):
     # A shell that started the tests in the background would have them ignore SIGINT.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    heed += "from preisach_jax.cli import screen; screen._SPARSE_S = 0; "
+    heed += "from preisach_jax.cli import main, screen; screen._SPARSE_S = 0; exit(main())"
     process = subprocess.Popen(
-        [sys.executable, "-c", heed + COMMAND[-1], "diagnose", "stage.csv", "--levels", "5"],
+        [sys.executable, "-c", heed, "diagnose", "stage.csv", "--levels", "5"],
         cwd=inside, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stderr is not None
@@ -191,7 +178,7 @@ def test_an_interruption_is_one_line_and_leaves_nothing(when, inside):
     lines = [line for line in err.splitlines() if not line.startswith("[")]
     assert lines == ["preisach: interrupted"]
     assert process.returncode == 130
-    assert sorted(path.name for path in inside.iterdir()) == ["model.json", "stage.csv"]
+    assert sorted(path.name for path in inside.iterdir()) == ["stage.csv"]
 
 
 @pytest.mark.parametrize("also_in", ["", "_raise_again", "_interrupt"])
@@ -227,20 +214,22 @@ def test_an_interruption_that_a_callback_swallows_comes_again(also_in):
 # Completion
 
 
-def complete(line):
-    words = line.split(" ")
-    environment = {
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(words) - 1),
-        "_PREISACH_COMPLETE": "complete_bash",
-    }
-    done = subprocess.run(
-        COMMAND, env=os.environ | environment, capture_output=True, text=True, check=True
-    )
-    return done.stdout.split()
+@pytest.fixture
+def complete(monkeypatch, capsys):
+    """What a shell is told when it asks for what goes on from a line."""
+
+    def answer(line):
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
+        monkeypatch.setenv("_PREISACH_COMPLETE", "complete_bash")
+        with pytest.raises(SystemExit):
+            main([])
+        return capsys.readouterr().out.split()
+
+    return answer
 
 
-def test_commands_and_effects_are_completed_and_files_left_to_the_shell():
+def test_commands_and_effects_are_completed_and_files_left_to_the_shell(complete):
     assert {"diagnose", "design", "demo"} <= set(complete("preisach d"))
     assert complete("preisach fit s.csv --effects creep,d") == ["creep,delay", "creep,drift"]
     assert complete("preisach diagnose sta") == []

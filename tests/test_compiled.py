@@ -26,30 +26,25 @@ def nothing_asked(monkeypatch, tmp_path):
     jax.config.update("jax_compilation_cache_dir", before)
 
 
-def test_the_first_run_is_told_from_the_next_and_nothing_stays_configured(nothing_asked):
-    with kept_between_runs() as first:
-        assert first
-        assert asked_for() == str(folder())
-        (folder() / "compiled").touch()
-    with kept_between_runs() as first:
-        assert not first
-    assert asked_for() is None
-
-
-def test_a_folder_that_was_asked_for_is_left_alone(nothing_asked):
+def test_compiled_code_is_kept_unless_a_folder_was_asked_for_or_none_can_be_made(
+    nothing_asked, monkeypatch
+):
     asked = str(nothing_asked / "mine")
     jax.config.update("jax_compilation_cache_dir", asked)
     with kept_between_runs() as first:
-        assert not first
-        assert asked_for() == asked
+        assert (first, asked_for()) == (False, asked)
     assert not folder().exists()
-
-
-def test_where_nothing_can_be_written_nothing_is_kept(nothing_asked, monkeypatch):
-    monkeypatch.setattr(process, "_user_cache", lambda: nothing_asked / "file" / "below")
-    (nothing_asked / "file").touch()
+    jax.config.update("jax_compilation_cache_dir", None)
+    with kept_between_runs() as first:
+        assert (first, asked_for()) == (True, str(folder()))
+        (folder() / "compiled").touch()
+    assert asked_for() is None
     with kept_between_runs() as first:
         assert not first
+    (nothing_asked / "file").touch()
+    monkeypatch.setattr(process, "_user_cache", lambda: nothing_asked / "file" / "below")
+    with kept_between_runs() as first:
+        assert (first, asked_for()) == (False, None)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -1,7 +1,5 @@
 """The diagnosis on simulated stages with a hidden effect, made by code that it does not share."""
 
-import json
-
 import found as made_once
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +9,6 @@ from scipy import signal
 
 import preisach_jax as pj
 from preisach_jax.chain.description import Chain
-from preisach_jax.diagnosis.result import VERDICTS
 from preisach_jax.fit.stepwise import base_point, moved_to, plane_of
 from preisach_jax.identify.gauss_newton import refine
 from preisach_jax.identify.problem import Problem, evaluate
@@ -73,35 +70,6 @@ def test_an_effect_outside_the_library_is_not_called_adequate():
     assert not found.budget.is_met
     assert "%" in found.located
     assert found.next_experiment is not None
-
-
-def test_json_holds_what_the_contract_names():
-    found = made_once.found("drift")
-    content = json.loads(json.dumps(found.to_json()))
-    assert content["verdict"] in VERDICTS
-    assert content["effects"] == ["drift"]
-    assert set(content["budget"]) == {
-        "noise", "input_quantisation", "output_quantisation", "discretisation", "memory",
-        "unexplained", "unit",
-    }  # fmt: skip
-    (finding,) = content["findings"]
-    assert finding["rms_after"] < finding["rms_before"]
-    assert set(finding["parameters"]["amplitude"]) == {"value", "low", "high", "unit"}
-    assert finding["parameters"]["amplitude"]["unit"] == "um"
-    assert [rung["effects"] for rung in content["ladder"]] == [[], ["drift"]]
-    assert {"rms_identification", "rms_validation", "max_abs_validation", "fit_percent"} <= set(
-        content["ladder"][0]
-    )
-    for candidate in content["candidates"]:
-        assert {"effect", "gain", "evidence", "accepted", "why_not"} <= set(candidate)
-        assert candidate["accepted"] or candidate["why_not"]
-
-
-def test_the_interval_of_the_amplitude_holds_the_truth():
-    truth = made_once.made("drift")[0]["truth"]
-    assert truth["form"] == "linear"
-    estimate = made_once.found("drift").findings[0].parameters["amplitude"]
-    assert estimate.low <= truth["amplitude"] * 3 / 4 <= estimate.high
 
 
 def test_progress_goes_forward_and_two_threads_find_the_same_as_one(monkeypatch):

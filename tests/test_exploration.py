@@ -22,13 +22,6 @@ def plain(record):
     return pj.explore(record, TRIED, levels=9)
 
 
-def test_the_first_step_is_the_plain_fit(record, plain):
-    fit = pj.fit(record, levels=9)
-    assert plain.effects == ()
-    assert plain.before is None
-    np.testing.assert_array_equal(plain.fit.prediction, fit.prediction)
-
-
 @pytest.fixture(scope="module")
 def drifted(plain):
     return plain.add("drift")
@@ -36,7 +29,8 @@ def drifted(plain):
 
 def test_an_added_effect_lowers_the_error_and_the_way_back_is_whole(record, plain, drifted):
     assert drifted.effects == ("drift",)
-    assert drifted.before is plain
+    assert (plain.effects, plain.before, drifted.before) == ((), None, plain)
+    np.testing.assert_array_equal(plain.fit.prediction, pj.fit(record, levels=9).prediction)
     assert [rung.effects for rung in drifted.ladder] == [(), ("drift",)]
     before, after = (rung.rms_validation for rung in drifted.ladder)
     fit = drifted.fit

@@ -1,6 +1,5 @@
 """Notebooks run, name nothing that the package lacks, and are stored with their outputs."""
 
-import ast
 import importlib
 import re
 from pathlib import Path
@@ -23,20 +22,15 @@ def test_a_notebook_is_stored_as_it_was_run_and_what_it_names_is_there(path):
     assert any("image/png" in out.get("data", {}) for cell in cells for out in cell.outputs)
     text = path.read_text(encoding="utf-8")
     assert not re.search(r'"/(home|root|tmp|work)/', text), "a path of one machine"
-    lines = "\n".join(cell.source for cell in cells).splitlines()
-    modules, named = {}, []
-    for node in ast.walk(ast.parse("\n".join(line for line in lines if line[:1] != "%"))):
-        match node:
-            case ast.Import(names):
-                modules |= {a.asname or a.name: a.name for a in names if "preisach_jax" in a.name}
-            case ast.ImportFrom(str(module), names) if module.startswith("preisach_jax"):
-                named += [(module, alias.name) for alias in names]
-            case ast.Attribute(ast.Name(name), attribute):
-                named.append((name, attribute))
-            case _:
-                pass
-    named = [(modules.get(name, name), attribute) for name, attribute in named]
-    named = [(module, each) for module, each in named if module.startswith("preisach_jax")]
+    source = "\n".join(cell.source for cell in cells)
+    modules = dict(re.findall(r"^import (preisach_jax\S*) as (\w+)$", source, re.M))
+    named = [
+        (module, each)
+        for module, name in modules.items()
+        for each in re.findall(rf"\b{name}\.([A-Za-z]\w*)", source)
+    ]
+    for module, names in re.findall(r"^from (preisach_jax\S*) import (.*)$", source, re.M):
+        named += [(module, each.partition(" as ")[0]) for each in names.split(", ")]
     assert len(named) >= 5
     for module, each in named:
         if not hasattr(importlib.import_module(module), each):

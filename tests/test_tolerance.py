@@ -5,7 +5,6 @@ import pytest
 from found import LEVELS, found, record_of
 
 import preisach_jax as pj
-from preisach_jax.cli import main
 from preisach_jax.diagnosis.tolerance import tolerance_of
 from preisach_jax.quantity import in_unit
 
@@ -62,14 +61,3 @@ def test_an_effect_below_the_tolerance_is_told_and_not_named():
             assert again.verdict == "adequate"
             assert "within the tolerance" in again.sentence
             assert "within the tolerance" in lag.why_not
-
-
-def test_on_the_command_line_a_tolerance_without_unit_is_a_users_mistake(tmp_path, capsys):
-    rows = np.stack([SMALL.time, SMALL.input, SMALL.output], axis=1)
-    file, report = tmp_path / "stage.csv", tmp_path / "report"
-    np.savetxt(file, rows, delimiter=",", header="t_s,u_V,z_um", comments="")
-    assert main(["diagnose", str(file), "--report", str(report), "--tolerance", "0.1"]) == 2
-    error = capsys.readouterr().err
-    assert "has no unit" in error
-    assert "Traceback" not in error
-    assert not (report / "diagnosis.json").exists()

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from found import LEVELS, LIKELIEST, ROWS, UNITS, record_of
+from oracles import play
 from scipy import signal
 
 import preisach_jax as pj
@@ -178,10 +179,7 @@ def test_a_creep_in_growing_loops_is_not_taken_for_a_lag(share):
     time = np.arange(ROWS) / 187.5
     amplitude = 0.15 + 0.85 * time / time[-1]
     drive = 50 * amplitude * (1 - np.cos(2 * np.pi * (0.6 * time + 0.05 * time**2)))
-    radii, play, stroke = np.geomspace(1, 40, 30), np.zeros(30), np.empty(ROWS)
-    for k, u in enumerate(drive):
-        play = np.clip(play, u - radii, u + radii)
-        stroke[k] = 0.5 * u + 0.02 * play.sum()
+    stroke = 0.5 * drive + 0.02 * sum(play(drive, r, 0.0) for r in np.geomspace(1, 40, 30))
     output = stroke + 0.008 * np.random.default_rng(203).normal(size=ROWS)
     for tau in (0.3, 3.0):
         keep = np.exp(-1 / 187.5 / tau)

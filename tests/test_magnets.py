@@ -37,14 +37,11 @@ def record_of(made, driven="B"):
 
 def pair(h, b, unit_h, unit_b, swapped=False, name_h="H"):
     """A record of a field and an induction whose columns have names."""
-    values, units = [h, b], {"input": unit_h, "output": unit_b}
-    if swapped:
-        values, units = [b, h], {"input": unit_b, "output": unit_h}
-    record = pj.Record.from_arrays(TIME, *values, units=units)
+    (x, unit_x), (y, unit_y) = [(h, unit_h), (b, unit_b)][:: -1 if swapped else 1]
+    record = pj.Record.from_arrays(TIME, x, y, units={"input": unit_x, "output": unit_y})
     role = "output" if swapped else "input"
-    channels = dict(record.channels)
-    channels[role] = replace(channels[role], name=name_h)
-    return replace(record, channels=channels)
+    named = replace(record.channels[role], name=name_h)
+    return replace(record, channels={**record.channels, role: named})
 
 
 # --- against closed forms ---

@@ -1,13 +1,15 @@
 """A record is walked through the formulas of the method page, beside what the diagnosis says.
 
 Everything here is NumPy and SciPy: hysterons one by one, folds, regularised least squares, score,
-noise and verdict. From the package comes the matrix of the prior alone, which test_regression has.
+noise and verdict. From the package come the order of the cells and the matrix of the prior, which
+test_regression has.
 """
 
 import json
 
 import numpy as np
 import pytest
+from oracles import slow_ramps
 from scipy.optimize import lsq_linear
 
 import preisach_jax as pj
@@ -39,15 +41,8 @@ def made(drift):
 
 
 def hysterons(x):
-    """(row, cell) ramps that follow eq. (1) from the lower end on, over the range of the input."""
-    place = LEVELS * (x - x.min()) / np.ptp(x)
-    a, b = np.tril_indices(LEVELS)
-    state, rows = np.zeros(len(a)), []
-    for now in place:
-        rising, falling = np.clip(now - a, 0, 1), np.clip(now - b, 0, 1)
-        state = np.minimum(falling, np.maximum(state, rising))
-        rows.append(state)
-    return np.array(rows)
+    """(row, cell) ramps from the lower end on, over the range of the input."""
+    return slow_ramps(pj.Plane(LEVELS, x.min(), x.max()), x)
 
 
 def folds():

@@ -155,19 +155,15 @@ def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
             check(tmp_path / "new")
 
 
-class Linear:
+def line(offset, sha256="that of another record") -> Any:
     """A model that predicts a fixed line, with a band of one unit."""
 
-    rms_validation = 0.5
-    effects = ()
-    origin = SimpleNamespace(sha256="that of another record")
-
-    def __init__(self, offset):
-        self.offset = offset
-
-    def predict(self, record):
-        output = 0.6 * record.input + self.offset
+    def predict(record):
+        output = 0.6 * record.input + offset
         return Prediction(record.time, output, output - 1, output + 1)
+
+    origin = SimpleNamespace(sha256=sha256)
+    return SimpleNamespace(rms_validation=0.5, effects=(), origin=origin, predict=predict)
 
 
 def test_a_comparison_measures_what_the_model_leaves():
@@ -179,7 +175,7 @@ def test_a_comparison_measures_what_the_model_leaves():
     output[100:200] = np.nan
     record = make_record().from_arrays(time, drive, output, units={"output": "um"})
     noise = noise[record.measured]
-    fair = compare(Linear(0.0), record)  # pyright: ignore[reportArgumentType]
+    fair = compare(line(0.0), record)
     assert fair.rms == pytest.approx(np.sqrt(np.mean(noise**2)))
     assert fair.max_abs == pytest.approx(np.max(np.abs(noise)))
     stroke = 0.6 * drive[record.measured] + noise
@@ -190,10 +186,9 @@ def test_a_comparison_measures_what_the_model_leaves():
     assert fair.tests.autocorrelation_outside < 0.05
     assert fair.tests.periodogram_deviation < fair.tests.periodogram_band
     assert "as well as the record" in comparison_sentence(fair)
-    biased = compare(Linear(3.0), record)  # pyright: ignore[reportArgumentType]
+    biased = compare(line(3.0), record)
     assert biased.tests.bias == pytest.approx(fair.tests.bias - 3.0)
     assert biased.tests.inside_band < 0.05
     assert "6.1 times" in comparison_sentence(biased)
-    known: Any = Linear(0.0)
-    known.origin = SimpleNamespace(sha256=record.sha256)
-    assert "no independent test" in comparison_sentence(compare(known, record))
+    known = compare(line(0.0, record.sha256), record)
+    assert "no independent test" in comparison_sentence(known)

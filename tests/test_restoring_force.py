@@ -16,6 +16,10 @@ from preisach_jax.report import write_comparison, write_report
 
 RATE = 250.0
 MASS, DAMPING, SPRING, HYSTERETIC, BETA, GAMMA = 2.0, 4.0, 5e3, 5e3, 0.6, -0.3
+OF_THE_BODY = {
+    "stiffness": SPRING + HYSTERETIC,
+    "f_hz": np.sqrt((SPRING + HYSTERETIC) / MASS) / (2 * np.pi),
+}
 YIELDS = 0.01
 NOISE = 2e-5
 ROWS = 1200
@@ -30,6 +34,9 @@ def multisine(count, seed=0, low=2.0, high=25.0, rms=20.0):
     phase = rng.uniform(0, 2 * np.pi, len(lines))
     size = rms * np.sqrt(2 / len(lines))
     return lambda t: size * np.cos(2 * np.pi * np.multiply.outer(t, lines) + phase).sum(axis=-1)
+
+
+FORCE = multisine(ROWS)
 
 
 def bouc_wen(time, force):
@@ -77,38 +84,22 @@ def record_of(output, force):
 
 
 @pytest.fixture(scope="module")
-def moved():
-    """A force and what it moves, as SciPy says."""
-    force = multisine(ROWS)
-    return force, bouc_wen(TIME, force)
-
-
-@pytest.fixture(scope="module")
-def body(moved):
-    force, place = moved
-    record = record_of(place, force)
+def body():
+    record = record_of(bouc_wen(TIME, FORCE), FORCE)
     return record, pj.fit(record, effects=(RestoringForce(law=BOUC_WEN),), levels=5)
 
 
 # --- the motion ---
 
 
-def test_the_motion_is_that_of_scipy(x64, moved):
-    force, expected = moved
-    stiffness = SPRING + HYSTERETIC
-    values = {
-        "f_hz": np.sqrt(stiffness / MASS) / (2 * np.pi),
-        "zeta": DAMPING / (2 * np.sqrt(stiffness * MASS)),
-        "share": HYSTERETIC / stiffness,
-        "stiffness": stiffness,
-        "beta": BETA,
-        "gamma": GAMMA,
-        "n": 1.0,
-    }
+def test_the_motion_is_that_of_scipy(x64):
+    expected = bouc_wen(TIME, FORCE)
+    values = OF_THE_BODY | {"share": 0.5, "beta": BETA, "gamma": GAMMA, "n": 1.0}
+    values["zeta"] = DAMPING / (2 * np.sqrt(values["stiffness"] * MASS))
     effect = RestoringForce(law=BOUC_WEN, range_z=YIELDS)
     plane = Plane(5, -0.1, 0.1)
     own = body_of(effect, values, plane, np.zeros(plane.cells))
-    got, _ = along(own, at_rest(effect, plane), TIME, force(TIME), values["f_hz"])
+    got, _ = along(own, at_rest(effect, plane), TIME, FORCE(TIME), values["f_hz"])
     assert np.abs(got - expected).max() < 1e-4 * np.ptp(expected)
 
 
@@ -119,9 +110,8 @@ def test_a_bouc_wen_law_is_found_down_to_the_noise(body):
     record, fit = body
     assert fit.rms_validation < 1.1 * NOISE
     found = fit.model.values["restoring_force"]
-    stiffness = SPRING + HYSTERETIC
-    assert found["stiffness"] == pytest.approx(stiffness, rel=0.02)
-    assert found["f_hz"] == pytest.approx(np.sqrt(stiffness / MASS) / (2 * np.pi), rel=0.01)
+    assert found["stiffness"] == pytest.approx(OF_THE_BODY["stiffness"], rel=0.02)
+    assert found["f_hz"] == pytest.approx(OF_THE_BODY["f_hz"], rel=0.01)
     assert found["share"] == pytest.approx(0.5, abs=0.05)
     # The law is measured in half the range of the record.
     scale = YIELDS / (np.ptp(record.output) / 2)
@@ -142,8 +132,7 @@ def test_new_records_are_predicted_from_rest_and_in_the_steady_state(body):
 
 
 def test_an_operator_takes_what_closed_loops_leave():
-    force = multisine(ROWS)
-    record = record_of(plays(TIME, force), force)
+    record = record_of(plays(TIME, FORCE), FORCE)
     fit = pj.fit(record, effects=(RestoringForce(law=PREISACH),), levels=5)
     late = [np.pad(record.input, (k, 0))[:ROWS] for k in range(100)]
     of_linear = np.linalg.lstsq(np.transpose(late), record.output, rcond=None)[0] @ late
@@ -171,15 +160,14 @@ def test_a_saved_model_predicts_the_same_and_what_it_cannot_do_is_refused(body, 
 
 
 def test_what_cannot_be_fitted_is_refused():
-    force, other = multisine(ROWS), multisine(ROWS, seed=5)
-    record = record_of(force(TIME) ** 3, force)
-    with pytest.raises(InputError, match="no mass on a spring"):
-        pj.fit(record, effects=("restoring_force",), levels=5)
-    with pytest.raises(InputError, match="fitted alone"):
-        pj.fit(record, effects=("restoring_force", "creep"), levels=5)
-    both = [record, record_of(other(TIME), other)]
-    with pytest.raises(InputError, match="one record"):
-        pj.fit(both, effects=("restoring_force",), levels=5)
+    record = record_of(FORCE(TIME) ** 3, FORCE)
+    for records, effects, says in (
+        (record, ("restoring_force",), "no mass on a spring"),
+        (record, ("restoring_force", "creep"), "fitted alone"),
+        ([record, record_of(FORCE(TIME), FORCE)], ("restoring_force",), "one record"),
+    ):
+        with pytest.raises(InputError, match=says):
+            pj.fit(records, effects=effects, levels=5)
     with pytest.raises(InputError, match="the law of"):
         RestoringForce(law="dahl")
 

@@ -181,6 +181,9 @@ def test_it_is_named_where_it_is_hidden_and_reported(body, tmp_path):
     assert found.effects == ("restoring_force",)
     assert found.verdict == "explained"
     assert [rung.effects for rung in found.ladder] == [(), ("restoring_force",)]
+    (finding,) = found.findings
+    fallen = 1 - (finding.rms_after / finding.rms_before) ** 2
+    assert finding.evidence["gain"] == pytest.approx(fallen, abs=0.01)
     write_report(found, tmp_path / "report")
     assert "restoring_force" in (tmp_path / "report" / "report.html").read_text()
     # The plane of a displacement has no axes of the input to be drawn on.

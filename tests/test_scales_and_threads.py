@@ -16,7 +16,7 @@ from preisach_jax.fit.stepwise import double_precision
 
 def test_neither_units_nor_origins_change_verdict_or_fit():
     """The greatest and the least numbers and days, falling, and far origins, in ranges and in s."""
-    factors, shifts = (-1e56, 1e-60, 1 / 86_400), (1e2, -1e3, 1e2)
+    factors, shifts = (1e56, -1e-60, 1 / 86_400), (1e2, -1e3, 1e2)
     plain, still = made_once.found("input_lag"), record_of("input_lag")
     record = pj.Record.from_arrays(
         factors[2] * still.time + shifts[2],

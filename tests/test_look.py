@@ -1,6 +1,7 @@
 """The first look at a record: what is planted in it is found, and what it cannot tell is said."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -83,6 +84,9 @@ def test_planted_spikes_stuck_and_clipped_stretches_are_found():
     assert any(abs(each.begin_s - 3.1) < 0.01 for each in found.stuck)
     assert len(found.clipped) == 5
     assert all(each.level == pytest.approx(top) for each in found.clipped)
+    shown = dict(found.rows())
+    assert re.fullmatch(r"for .* from 3.1 s on at .*", shown["output sticks"])
+    assert shown["output clipped"].endswith("the longest of 5 stretches")
 
 
 def test_the_peaks_of_a_fast_course_are_no_spikes():

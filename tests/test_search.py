@@ -1,5 +1,7 @@
 """The search: terms and effects that help only together, rivals, columns by chance, failures."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -15,7 +17,14 @@ from preisach_jax.diagnosis.search import Search, Whole
 from preisach_jax.effects import resolve
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.drift import Drift
-from preisach_jax.fit.stepwise import double_precision, in_reduced_basis, plain_model, with_effect
+from preisach_jax.effects.resonance import Resonance
+from preisach_jax.fit.stepwise import (
+    double_precision,
+    in_reduced_basis,
+    plain_model,
+    refit,
+    with_effect,
+)
 from preisach_jax.identify.problem import evaluate
 
 INPUT_LAG, CREEP, DRIFT = resolve(["input_lag", "creep", "drift"], {})
@@ -59,6 +68,17 @@ def test_a_lag_and_a_mode_more_are_found_where_neither_helps_alone(two_modes_beh
     assert found.now.validation_mean_square < 0.05 * found.path[1].validation_mean_square
     accepted = [(row.effect, row.step) for row in found.candidates if row.accepted]
     assert accepted == [(name, step) for step, name in enumerate(found.names)]
+
+
+def test_a_needless_mode_is_left_out(two_modes_behind_a_lag):
+    search, _ = two_modes_behind_a_lag
+    point = search.filled(search.met[()])
+    two = replace(Resonance().bound_to(search.problem.survey), modes=2)
+    one = with_effect(search.problem, point, Resonance())
+    values = {**one.values["resonance"], "f_2_hz": 300.0, "zeta_2": 0.4, "gain_2": 1e-3}
+    chain = point.chain.with_effects((two,))
+    rich = evaluate(search.problem, chain, {"resonance": values}, one.strength, one)
+    assert not search._stands(Whole.of(search.problem, refit(search.problem, rich)))
 
 
 @pytest.fixture(scope="module")

@@ -172,6 +172,7 @@ def test_the_picture_has_what_the_form_holds():
     assert axes.get_ylabel() == "mean remainder (nm)"
     assert LABEL in axes.get_title(loc="left")
     points, line = (np.asarray(each.get_ydata(), dtype=float) for each in axes.lines[1:3])
+    assert form.dependence is not None
     np.testing.assert_allclose(points, 1e3 * form.dependence.remainder)
     np.testing.assert_allclose(line, 1e3 * form.dependence.form)
 

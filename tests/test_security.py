@@ -190,11 +190,12 @@ def test_objects_packed_into_arrays_are_refused_and_not_run(tmp_path):
     np.savez(path, t=np.arange(50.0), u=harmful, z=harmful, about=harmful)
     bare = tmp_path / "harmful.json"
     bare.write_bytes(pickle.dumps(Payload(ran)))
-    named = {"time": "t", "input": "u", "output": "z"}
     for load in (
-        lambda: pj.Record.load(path, **named), lambda: pj.OnlineFilter.load(path),
-        lambda: pj.Sweep.load(path), lambda: pj.Model.load(bare),
-    ):  # fmt: skip
+        lambda: pj.Record.load(path, time="t", input="u", output="z"),
+        lambda: pj.OnlineFilter.load(path),
+        lambda: pj.Sweep.load(path),
+        lambda: pj.Model.load(bare),
+    ):
         with pytest.raises(pj.InputError):
             load()
     assert not ran.exists()

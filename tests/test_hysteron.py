@@ -46,12 +46,6 @@ def follow(x, initial, hysteron, dtype="float64"):
         return np.asarray(states_of(np.asarray(x, dtype), np.asarray(initial, dtype), hysteron))
 
 
-def follow_short(path, initial, dtype):
-    """Relay states along up to four samples, compiled once: what fills them up is cut off."""
-    filled = np.append(path, np.zeros(4 - len(path)))
-    return follow(filled, initial, "relay", dtype)[: len(path)]
-
-
 def slow_relay(x, alpha, beta, on):
     """One relay, as the text around eq. (1)-(4) tells it."""
     states = []
@@ -82,45 +76,6 @@ def slow_ramp(x, alpha, beta, width, state):
             state = down
         states.append(state)
     return np.array(states)
-
-
-@pytest.mark.parametrize(
-    ("path", "initial", "expected"),
-    [
-        # α = 2.5, β = 1.5: the input comes to rest exactly on α and on β, from both sides.
-        ([0.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 1.5, 1.5, 1.5], 1, 0),
-        ([0.0, 1.5, 1.5, 1.5], 1, 0),
-        # It turns back exactly on the threshold: the switch has happened.
-        ([0.0, 2.5, 2.0], 0, 1),
-        ([4.0, 1.5, 2.0], 1, 0),
-        # Between the thresholds it remembers.
-        ([0.0, 2.0], 1, 0),
-        ([4.0, 2.0], 0, 1),
-        # Rule (1): at the first sample only an input beyond a threshold decides.
-        ([2.5, 2.5], 0, 0),
-        ([2.5], 1, 1),
-        ([1.5], 0, 0),
-        ([1.5, 1.5], 1, 1),
-        ([2.625], 0, 1),
-        ([1.375], 1, 0),
-    ],
-)
-def test_relay_with_the_input_exactly_on_its_thresholds(path, initial, expected):
-    cell = 2 * 3 // 2 + 1
-    for dtype in ("float32", "float64"):
-        assert follow_short(path, np.full(10, initial), dtype)[-1, cell] == expected
-
-
-def test_diagonal_relay_switches_both_ways_on_its_one_threshold(precision):
-    for path, expected in (
-        ([0.0, 1.5, 1.5], 1),
-        ([4.0, 1.5, 1.5], 0),
-        ([0.0, 1.5, 1.625, 1.5], 0),
-        ([4.0, 1.5, 1.375, 1.5], 1),
-    ):
-        assert follow_short(path, np.zeros(10), precision)[-1, 2] == expected  # α = β = 1.5
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -180,7 +135,7 @@ def test_gradient_is_finite_on_resting_and_saturated_paths(x64):
         assert np.isfinite(jax.jit(jax.grad(total))(path)).all()
 
 
-COUNTS, ONES = np.array([0, 3, 1]), np.ones(2)
+ONES = np.ones(2)
 
 
 @pytest.mark.parametrize(
@@ -191,14 +146,9 @@ COUNTS, ONES = np.array([0, 3, 1]), np.ones(2)
         ((ONES, np.zeros(3)), r"\(3,\).*\(10,\)"),
         ((ONES, np.zeros(10, int)), r"as in initial_states\.astype\(float\)"),
         (([[0.0, 1.0]],), r"\(1, 2\)"),
-        (([],), r"\(0,\)"),
-        (([0.0, 1.0j],), "complex"),
         (([False, True],), "bool"),
-        ((COUNTS,), r"x has the type int64: convert it first, as in x\.astype\(float\)"),
-        (([0.0, 4.25, 2.0],), r"x is 4\.25 at sample 1, and the plane reaches from 0\.0 to 4\.0:"),
-        (([-0.5, 1.0],), r"x is -0\.5 at sample 0, .* clip the input"),
+        (([-0.5, 1.0],), r"x is -0\.5 at sample 0, and the plane reaches .* clip the input"),
         (([0.0, np.nan],), "x is nan at sample 1: give finite numbers"),
-        (([0.0, np.inf],), "x is inf at sample 1"),
     ],
 )
 def test_a_mistake_is_named_with_its_value(arguments, message):

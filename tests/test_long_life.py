@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from oracles import PLANE, SAMPLES, by_blocks, one_by_one, slow_states, wandering
 from scipy.special import erf, erfc
 
-import preisach_jax as pj
 from preisach_jax.errors import InputError
 from preisach_jax.filter.adaptive import AdaptiveFilter
 from preisach_jax.filter.online import OnlineFilter
@@ -74,7 +73,7 @@ def measured(x, seed=1, gaps=False):
 @pytest.mark.parametrize(
     ("hysteron", "sampling", "chosen", "precision", "adapt"),
     [
-        ("ramp", "event", "none", "float64", True),
+        ("relay", "event", "none", "float32", True),
         ("ramp", "event", "three", "float32", True),
         ("ramp", "event", "all", "float64", True),
         ("relay", "sample", "all", "float32", True),
@@ -125,20 +124,6 @@ def test_many_records_and_settings_at_once_are_a_loop_over_them(x64):
 
 
 # --- what the options do to (15) and (21) ---
-
-
-def test_noise_inside_the_dead_zone_never_touches_the_weights(precision):
-    """All |ν| ≤ d at the truth: no update, while without a zone there are many."""
-    x = (np.round(4 * wandering(samples=3000)) / 4).astype(precision)
-    truth = np.random.default_rng(4).integers(1, 9, PLANE.cells).astype(precision) / 8
-    exact = np.asarray(pj.simulate(PLANE, truth, x, "ramp"))
-    z = (exact + np.random.default_rng(5).uniform(-0.05, 0.05, len(x))).astype(precision)
-    within, without = (
-        AdaptiveFilter(PLANE, "ramp", initial_weight=truth, dead_zone=zone).run(x, z).weights
-        for zone in (0.101, 0.0)
-    )
-    np.testing.assert_array_equal(within, truth)
-    assert np.abs(without - truth).max() > 0.01
 
 
 def test_noise_that_enters_an_update_has_the_power_of_its_closed_form(x64):
@@ -309,28 +294,6 @@ def test_inputs_beyond_the_plane_saturate_if_asked(x64, tmp_path):
             online(-np.inf, 1.0)
         with pytest.raises(InputError, match="x is inf"):
             online.block(np.array([1.0, np.inf]))
-
-
-FAULTS = {
-    "spikes": lambda z, rng: z + 1e6 * 0.02 * (rng.random(len(z)) < 0.05),
-    "reversed": lambda z, rng: -z,
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_the_filter_recovers_from_a_faulty_sensor(fault):
-    """Noise-free but for the fault of 500 samples: forgotten in 3,000 samples."""
-    x = np.resize(wandering(samples=2000, speed=1.1), 8000).astype("float32")
-    truth = np.random.default_rng(9).uniform(0.1, 1.0, PLANE.cells).astype("float32")
-    z = np.array(pj.simulate(PLANE, truth, x, "relay"))
-    z[3000:3500] = FAULTS[fault](z[3000:3500], np.random.default_rng(10))
-    online = OnlineFilter(AdaptiveFilter(PLANE))
-    output, _, _ = by_blocks(online, x[:3500], z[:3500], 500)
-    assert np.isfinite(output).all()
-    assert online.state is not None
-    assert np.linalg.norm(np.asarray(online.state.weights) - truth) > 0.2
-    output, _, _ = by_blocks(online, x[3500:], z[3500:], 500)
-    assert np.std((output - z[3500:])[3000:]) < 0.02 * np.ptp(z[:3000])
 
 
 # --- keeping, and mistakes ---

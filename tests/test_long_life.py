@@ -1,6 +1,5 @@
 """The adaptive filter over long times: its options, what it keeps, and a sensor that fails."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -10,13 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from oracles import PLANE, SAMPLES, by_blocks, one_by_one, slow_states, wandering
-from scipy.special import erf, erfc
 
-from preisach_jax.errors import InputError
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.online import OnlineFilter
+from preisach_jax import AdaptiveFilter, InputError, OnlineFilter, Plane
 from preisach_jax.operator.inputs import HYSTERONS
-from preisach_jax.operator.plane import Plane
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {},
@@ -123,66 +118,13 @@ def test_many_records_and_settings_at_once_are_a_loop_over_them(x64):
     assert np.abs(np.diff(loop, axis=0)).max(axis=1).min() > 1e-3
 
 
-# --- what the options do to (15) and (21) ---
-
-
-def test_noise_that_enters_an_update_has_the_power_of_its_closed_form(x64):
-    """From the truth an update adds μ²⟨ê²⟩/A: of Gaussian ν outside a zone, and cut off."""
-    sigma, mu, draws = 0.3, 0.7, 50_000
-    nu = sigma * np.sqrt(2) * np.random.default_rng(6).standard_normal(draws)
-    deviation = sigma * np.sqrt(2)
-    truth = np.linspace(0.1, 1.0, PLANE.cells)
-
-    def gained(filt):
-        state = filt.init(-2.0, 0.0)
-        exact = filt.step(state, 1.1, np.nan)[1].output
-        following, info = jax.vmap(lambda n: filt.step(state, 1.1, exact + n))(nu)
-        area = np.max(np.asarray(info.switched))
-        return np.sum((np.asarray(following.weights) - truth) ** 2, axis=1) * area / mu**2
-
-    filt = AdaptiveFilter(PLANE, initial_weight=truth, step_size=mu)
-    t = 0.5 / (deviation * np.sqrt(2))
-    tail = erfc(t) + 2 * t * np.exp(-(t**2)) / np.sqrt(np.pi)
-    inside = erf(t) - 2 * t * np.exp(-(t**2)) / np.sqrt(np.pi)
-    expected = {
-        (None, None): deviation**2,
-        (0.5, None): deviation**2 * tail,
-        (None, 0.5): deviation**2 * inside + 0.25 * erfc(t),
-    }
-    for (zone, limit), power in expected.items():
-        found = gained(dataclasses.replace(filt, dead_zone=zone, error_limit=limit))
-        margin = 5 * found.std() / np.sqrt(draws)
-        assert found.mean() == pytest.approx(power, abs=margin)
-        assert margin < 0.04 * deviation**2
-
-
-def test_leakage_leaves_the_bias_and_the_variance_of_its_closed_forms(x64):
-    """One relay: the bias is λ/(λ+μ) of the prior's error, the variance 2μ²σ²/(λ+μ)."""
-    plane = Plane(levels=2, low=0.0, high=2.0)  # of which the input moves the lowest relay alone
-    samples, truth, prior = 50_000, 3.0, 1.0
-    x = np.tile([0.0, 1.0], samples // 2)
-    noise = np.random.default_rng(8).normal(0, 0.1, samples)
-
-    @jax.jit
-    def errors(mu, leakage, z):
-        filt = AdaptiveFilter(plane, initial_weight=prior, step_size=mu, leakage=leakage)
-
-        def advance(state, sample):
-            state, _ = filt.step(state, *sample)
-            return state, state.weights[0] - truth
-
-        return jax.lax.scan(advance, filt.init(x[0], z[0]), (x, z))[1]
-
+def test_leakage_leaves_the_bias_of_its_closed_form(x64):
+    """Of a relay that switches again and again λ/(λ+μ) of the prior's error remains."""
+    x = np.tile([0.0, 1.0], 500)  # which moves the lowest relay alone
     for mu, leakage in ((0.05, 0.02), (1.0, 0.25), (0.05, 0.0)):
-        exact = np.asarray(errors(mu, leakage, truth * x))
-        bias = leakage / (leakage + mu) * (prior - truth)
-        assert exact[-1] == pytest.approx(bias, abs=1e-12)
-        noisy = np.asarray(errors(mu, leakage, truth * x + noise))[2000:]
-        # With the correlation length 1/(λ+μ), so many of the samples are independent.
-        margin = 5 * np.sqrt(2 / (len(noisy) * (leakage + mu) / 2))
-        variance = 2 * mu**2 * 0.1**2 / (leakage + mu)
-        assert noisy.var() == pytest.approx(variance, rel=margin)
-        assert margin < 0.25
+        plane, options = Plane(levels=2, low=0.0, high=2.0), {"step_size": mu, "leakage": leakage}
+        found = AdaptiveFilter(plane, initial_weight=1.0, **options).run(x, 3.0 * x).weights[0]
+        assert float(found) - 3.0 == pytest.approx(-2.0 * leakage / (leakage + mu), abs=1e-12)
 
 
 # --- what is kept does not age ---
@@ -191,7 +133,7 @@ def test_leakage_leaves_the_bias_and_the_variance_of_its_closed_forms(x64):
 def test_blocks_of_any_length_share_what_is_compiled(compilations):
     filt = AdaptiveFilter(Plane(levels=3, low=-2.0, high=8.0), "ramp")
     x, z = wandering(samples=1100), measured(wandering(samples=1100))
-    online, single = OnlineFilter(filt), OnlineFilter(filt)
+    online = OnlineFilter(filt)
     online.block(x[:130], z[:130])
     online.block(x[130:260], z[130:260])
 
@@ -200,12 +142,8 @@ def test_blocks_of_any_length_share_what_is_compiled(compilations):
         for size in (129, 131, 140, 133, 144, 137):
             online.block(x[begin : begin + size], z[begin : begin + size])
             begin += size
-        return begin
 
     assert not compilations(blocks)
-    one_by_one(single, x[: 260 + 814], z[: 260 + 814])
-    for name, wanted in vars(single.state).items():
-        np.testing.assert_allclose(getattr(online.state, name), wanted, atol=1e-4, err_msg=name)
 
 
 def test_a_record_that_indices_cannot_reach_is_refused():

@@ -7,10 +7,9 @@ import pytest
 from exported import HIGH, LOW, Compiled, drawn, needs_compiler, predicted, smooth, wild
 
 import preisach_jax as pj
-from preisach_jax.errors import InputError
+from preisach_jax import InputError, Plane
 from preisach_jax.export.description import describe
 from preisach_jax.export.stepper import sample_by_sample
-from preisach_jax.operator.plane import Plane
 from preisach_jax.plot.axes import plane_edges, shown_density
 
 THRESHOLDS = LOW + (HIGH - LOW) * np.array([0.05, 0.3, 0.42, 0.47, 0.5, 0.52, 0.57, 0.7, 0.95])
@@ -60,20 +59,6 @@ def course():
 def stepped(model, u):
     """What the law gives, sample by sample."""
     return sample_by_sample(describe(model), u[:, None])
-
-
-def test_it_is_the_model_of_equal_cells_behind_a_map_of_the_input():
-    u = course()
-    knots = np.concatenate([[LOW], THRESHOLDS, [HIGH]])
-    places = np.concatenate([[0.0], np.arange(9) + 0.5, [9.0]])
-    expected = predicted(drawn([]), LOW + (HIGH - LOW) * np.interp(u, knots, places) / 9)
-    np.testing.assert_allclose(predicted(drawn([], thresholds=THRESHOLDS), u), expected, atol=1e-12)
-
-
-def test_effects_act_in_the_unit_of_the_input_from_sample_to_sample():
-    model, u = drawn(["rate_corners"], thresholds=THRESHOLDS), course()
-    # Its speed at the first sample is known a sample later.
-    np.testing.assert_allclose(stepped(model, u)[1:], predicted(model, u)[1:], atol=1e-12)
 
 
 @needs_compiler

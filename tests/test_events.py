@@ -35,21 +35,18 @@ def paths(seed):
 relays = jax.jit(lambda plane, x: hysteron_states(plane, x, "low", "relay"))
 
 
-def check_events(plane, x):
-    """The events switch what the relays' states say, no more, no less, and in order."""
-    states = np.asarray(relays(plane, x)).astype(int)
-    moves = np.diff(states, axis=0, prepend=states[:1])
-    found = switching(plane, x)
-    np.testing.assert_array_equal([e.sample for e in found], np.flatnonzero(moves.any(axis=1)))
-    for event in found:
-        np.testing.assert_array_equal(np.sort(event.cells), np.flatnonzero(moves[event.sample]))
-        assert np.all(moves[event.sample][event.cells] == event.sign)
-
-
 @pytest.mark.parametrize("plane", [PLANE, UNEQUAL], ids=["equal", "unequal"])
 def test_events_switch_what_the_relays_switch(precision, plane):
+    """No more, no less, and in order."""
     for x in paths(1).values():
-        check_events(plane, x.astype(precision))
+        states = np.asarray(relays(plane, x.astype(precision))).astype(int)
+        moves = np.diff(states, axis=0, prepend=states[:1])
+        found = switching(plane, x.astype(precision))
+        np.testing.assert_array_equal([e.sample for e in found], np.flatnonzero(moves.any(axis=1)))
+        for event in found:
+            switched = np.flatnonzero(moves[event.sample])
+            np.testing.assert_array_equal(np.sort(event.cells), switched)
+            assert np.all(moves[event.sample][event.cells] == event.sign)
 
 
 def test_a_resting_input_has_no_event():

@@ -11,13 +11,17 @@ import numpy as np
 import pytest
 from oracles import PLANE, SAMPLES, slow_states, wandering
 
-from preisach_jax.errors import InputError, PrecisionWarning
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.least_squares import RecursiveLeastSquares
-from preisach_jax.filter.online import OnlineFilter
+from preisach_jax import (
+    AdaptiveFilter,
+    InputError,
+    OnlineFilter,
+    Plane,
+    PrecisionWarning,
+    RecursiveLeastSquares,
+    simulate,
+)
 from preisach_jax.operator.inputs import HYSTERONS
-from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.simulation import simulate
+from preisach_jax.theory import next_squared_error
 
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
 
@@ -93,6 +97,9 @@ def test_error_identity_holds_at_every_step_with_noise(
             expected += (
                 rate**2 * nu**2 - rate * (2 - rate) * total**2 + 2 * rate * (1 - rate) * nu * total
             ) / area
+            if rate == 1.0:
+                found = float(next_squared_error(np.sum(before[k] ** 2), total, area, nu))
+                assert found == pytest.approx(expected, rel=tolerance)
             allowed /= min(area, 1.0)  # a small move multiplies the rounding of the states
         assert np.sum(after[k] ** 2) == pytest.approx(expected, rel=tolerance, abs=allowed)
         if info.switched[k] or sampling == "sample":
@@ -128,13 +135,16 @@ def test_a_file_that_is_no_saved_filter_is_refused(tmp_path):
             OnlineFilter.load(path)
 
 
-@pytest.mark.parametrize(("hysteron", "sampling"), [("relay", "event"), ("ramp", "sample")])
-def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64):
+@pytest.mark.parametrize(
+    ("hysteron", "sampling", "gaps"),
+    [("relay", "event", [0, 7, 20]), ("relay", "event", []), ("ramp", "sample", [0, 7, 20])],
+)
+def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, gaps, x64):
     """To outputs, initial weights, a lag upstream and the step size; missing ones leave no NaN."""
     x = np.repeat(wandering(samples=25, speed=1.1), 2)
     x[30:] = np.minimum(x[30:], 5.7)  # at samples at which nothing switches, A is zero
     z = np.sin(x) + x
-    z[[0, 7, 20]] = np.nan
+    z[gaps] = np.nan
     start, tau = true_weights(), 0.4
 
     def lagged(tau):
@@ -146,7 +156,7 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
 
     def loss_of(z, initial_weight, tau, step_size):
         filt = AdaptiveFilter(PLANE, hysteron, sampling, initial_weight, step_size)
-        result = filt.run(lagged(tau), z, missing=True)
+        result = filt.run(lagged(tau), z, missing=bool(gaps))
         return (result.weights**2).sum() + (result.output**2).sum()
 
     both = jax.jit(jax.value_and_grad(loss_of, (0, 1, 2, 3)))  # one program for all values
@@ -231,12 +241,9 @@ def test_each_pass_starts_from_the_first_memory_and_the_last_weights(x64):
         ({"initial_weight": np.zeros(4)}, r"\(4,\).*\(15,\)"),
         ({"initial_weight": "x"}, r"initial_weight is 'x': give one number or \(15,\)"),
         ({"step_size": 0.0}, r"step_size is 0\.0: give a number between 0 and 2"),
-        ({"step_size": 2}, "step_size is 2: "),
         ({"step_size": np.ones(3)}, r"step_size has the shape \(3,\)"),
         ({"step_size": "x"}, "step_size is 'x': give one number"),
-        ({"step_size": 0.5j}, "step_size is 0.5j: give one number"),
         ({"dead_zone": -0.1}, r"dead_zone is -0\.1: give a number of at least 0"),
-        ({"dead_zone": np.nan}, "dead_zone is nan"),
         ({"error_limit": 0.0}, r"error_limit is 0\.0: give a number above 0"),
         ({"leakage": 1.0}, r"leakage is 1\.0: give a number from 0 to 1, 1 excluded"),
         ({"leakage": 0.5, "step_size": 1.5}, "make their sum less than 2"),
@@ -260,17 +267,14 @@ ANYTHING: Any = 5
     [
         (lambda: FILTER.run([0.0, 1.0, 2.0], [0.0, 1.0]), r"\(3,\).*\(2,\)"),
         (lambda: FILTER.run([], []), r"\(0,\)"),
-        (lambda: FILTER.run([0.0, np.nan], [0.0, 1.0]), "x is nan at sample 1"),
         (lambda: FILTER.run([0.0, 1.0], [-np.inf, 1.0]), "z is -inf at sample 0"),
         (lambda: FILTER.run([0.0, 1.0j], [0.0, 1.0]), "input x has the type complex"),
         (lambda: FILTER.run(np.array(["a"]), REALS), "input x has the type <U1: give real numbers"),
         (lambda: FILTER.run(np.arange(7), REALS), r"x has the type int.*x\.astype\(float\)"),
-        (lambda: FILTER.run(REALS, np.arange(7)), r"z has the type int.*z\.astype\(float\)"),
         (lambda: FILTER.run(2 * REALS, REALS), "x is 10 at sample 5, and the plane reaches"),
         (lambda: FILTER.run(REALS, REALS, AdaptiveFilter(OTHER).init(0, 0)), r"\(6,\).*\(15,\)"),
         (lambda: FILTER.run(REALS, REALS, ANYTHING), "the state is int: give a FilterState"),
         (lambda: FILTER.run(REALS, REALS, passes=0), "passes is 0: give a whole number"),
-        (lambda: FILTER.run(REALS, REALS, passes=1.5), "passes is 1.5"),
         (lambda: FILTER.init(np.inf, 0.0), "x is inf"),
         (lambda: FILTER.init(-2.5, 0.0), r"x is -2\.5, and the plane reaches"),
         (lambda: AdaptiveFilter(ANYTHING), r"the plane is 5: give a Plane, as in Plane\(levels="),

@@ -56,11 +56,6 @@ def course():
     return np.concatenate([wild(300, 2), smooth(100, 3)])
 
 
-def stepped(model, u):
-    """What the law gives, sample by sample."""
-    return sample_by_sample(describe(model), u[:, None])
-
-
 @needs_compiler
 @pytest.mark.parametrize("names", CHAINS, ids="+".join)
 def test_its_code_is_the_model(names, tmp_path):
@@ -69,7 +64,8 @@ def test_its_code_is_the_model(names, tmp_path):
         model = drawn(names, hysteron=hysteron, thresholds=THRESHOLDS)
         compiled = Compiled(model, tmp_path)
         # The widening of a smooth input looks ahead in `predict`, and cannot in the code.
-        expected = stepped(model, u) if "rate_smooth_all" in names else predicted(model, u)
+        ahead = "rate_smooth_all" in names
+        expected = sample_by_sample(describe(model), u[:, None]) if ahead else predicted(model, u)
         np.testing.assert_allclose(compiled(u)[first:], expected[first:], rtol=0, atol=1e-11)
     if names in CHAINS[:2]:
         wanted = compiled.again(smooth(300, 6, LOW + 1, HIGH - 1))

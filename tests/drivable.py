@@ -1,27 +1,11 @@
 """Models with given numbers, and courses for them, that tests of compensation share."""
 
 import numpy as np
+from exported import KINDS, model_with
 
 import preisach_jax as pj
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.delay import Delay
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.eddy_currents import EddyCurrents
-from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.moving import Moving
-from preisach_jax.effects.operator_creep import OperatorCreep
-from preisach_jax.effects.output_lag import OutputLag
-from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.rate_dependence import RateDependence
-from preisach_jax.effects.reptation import Reptation
-from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.slew_limit import SlewLimit
-from preisach_jax.effects.viscosity import Viscosity
-from preisach_jax.model import Model, Origin, ParameterEstimate
 from preisach_jax.operator.plane import Plane
 
 RATE = 1000.0
@@ -49,35 +33,11 @@ def model_of(*effects, hysteron="ramp", sign=1, record=None, memory=0.0):
     kinds = tuple(effect for effect, _, _ in effects)
     chain = Chain(PLANE, kinds, hysteron, sign)
     values = {effect.name: own for effect, own, _ in effects}
-    added = {effect.name: list(own) for effect, _, own in effects}
+    own = {effect.name: own for effect, _, own in effects}
+    added = [x for name in dict.fromkeys(name for name, _ in chain.coefficients) for x in own[name]]
+    coefficients = Coefficients(weights, memory * weights, 1.5, np.array(added))
     record = played() if record is None else record
-    parameters = {
-        effect.name: {
-            name: ParameterEstimate(value, value, value, "")
-            for name, value in (*own.items(), *coefficients_of(effect, added[effect.name]))
-        }
-        for effect, own, _ in effects
-    }
-    order = list(dict.fromkeys(effect for effect, _ in chain.coefficients))
-    return Model(
-        chain,
-        values,
-        Coefficients(
-            weights, memory * weights, 1.5, np.array([x for name in order for x in added[name]])
-        ),
-        parameters,
-        np.ones(PLANE.cells, bool),
-        {"time": "t_s", "input": "u_V", "output": "z_um", "aux": sorted(record.aux)},
-        {"time": "s"} | UNITS,
-        Origin.of(record),
-        GOOD,
-    )
-
-
-def coefficients_of(effect, values):
-    return zip(
-        [each.name for each in getattr(effect, "coefficients", tuple)()], values, strict=True
-    )
+    return model_with(chain, values, coefficients, record, ("t_s", "u_V", "z_um"), GOOD)
 
 
 def resting_output(model, **aux):
@@ -109,26 +69,34 @@ def course(model, seconds=1.0, height=5.0, begin=None, **aux):
 
 
 EFFECTS = {
-    "creep": (Creep(tau_s=(0.05, 0.5)), {"c_1": 0.05, "c_2": 0.08}, (0.1, -0.2)),
-    "input_lag": (InputLag(), {"tau_s": 0.004}, ()),
-    "output_lag": (OutputLag(), {"tau_s": 0.004}, ()),
-    "delay": (Delay(), {"delay_s": 0.0033}, ()),
-    "resonance": (Resonance(), {"f_hz": 90.0, "zeta": 0.03}, ()),
-    "slew_limit": (SlewLimit(), {"slew": 500.0}, ()),
+    "creep": (KINDS["creep"](tau_s=(0.05, 0.5)), {"c_1": 0.05, "c_2": 0.08}, (0.1, -0.2)),
+    "input_lag": (KINDS["input_lag"](), {"tau_s": 0.004}, ()),
+    "output_lag": (KINDS["output_lag"](), {"tau_s": 0.004}, ()),
+    "delay": (KINDS["delay"](), {"delay_s": 0.0033}, ()),
+    "resonance": (KINDS["resonance"](), {"f_hz": 90.0, "zeta": 0.03}, ()),
+    "slew_limit": (KINDS["slew_limit"](), {"slew": 500.0}, ()),
     "rate_dependence": (
-        RateDependence(reference_per_s=100.0, range_u=10.0),
+        KINDS["rate_dependence"](reference_per_s=100.0, range_u=10.0),
         {"coefficient": 0.15, "exponent": 0.9},
         (),
     ),
-    "moving": (Moving(low_u=0.0, range_u=10.0, range_z=20.0), {"a": 0.1}, ()),
-    "eddy_currents": (EddyCurrents(range_u=10.0, speed_z=100.0), {"k": 0.004}, ()),
-    "drift": (Drift(horizon_s=2.0), {"tau_s": 1.0}, (0.4,)),
-    "hum": (Hum(harmonics=1), {"f_hz": 50.0}, (0.05, -0.03)),
-    "ageing": (Ageing(horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
-    "ageing_by_path": (Ageing(horizon_s=80.0, by_path=True), {"loss": 0.1, "tau_s": 60.0}, ()),
-    "drift_by_path": (Drift(horizon_s=80.0, by_path=True), {"tau_s": 50.0}, (0.4,)),
-    "operator_creep": (OperatorCreep(range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
-    "reptation": (Reptation(10.0), {"path": 30.0}, (0.05,) * len(Reptation().coefficients())),
-    "viscosity": (Viscosity(), {"tau_s": 0.003}, (2e-3,)),
-    "output_nonlinearity": (OutputNonlinearity(1.5, 20.0), {}, (0.3, -0.2)),
+    "moving": (KINDS["moving"](low_u=0.0, range_u=10.0, range_z=20.0), {"a": 0.1}, ()),
+    "eddy_currents": (KINDS["eddy_currents"](range_u=10.0, speed_z=100.0), {"k": 0.004}, ()),
+    "drift": (KINDS["drift"](horizon_s=2.0), {"tau_s": 1.0}, (0.4,)),
+    "hum": (KINDS["hum"](harmonics=1), {"f_hz": 50.0}, (0.05, -0.03)),
+    "ageing": (KINDS["ageing"](horizon_s=2.0), {"loss": 0.03, "tau_s": 2.0}, ()),
+    "ageing_by_path": (
+        KINDS["ageing"](horizon_s=80.0, by_path=True),
+        {"loss": 0.1, "tau_s": 60.0},
+        (),
+    ),
+    "drift_by_path": (KINDS["drift"](horizon_s=80.0, by_path=True), {"tau_s": 50.0}, (0.4,)),
+    "operator_creep": (KINDS["operator_creep"](range_u=10.0), {}, (0.05, 0.01, 0.0) * 3),
+    "reptation": (
+        KINDS["reptation"](10.0),
+        {"path": 30.0},
+        (0.05,) * len(KINDS["reptation"]().coefficients()),
+    ),
+    "viscosity": (KINDS["viscosity"](), {"tau_s": 0.003}, (2e-3,)),
+    "output_nonlinearity": (KINDS["output_nonlinearity"](1.5, 20.0), {}, (0.3, -0.2)),
 }

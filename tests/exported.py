@@ -6,29 +6,21 @@ import itertools
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from preisach_jax import Model, ParameterEstimate, Plane, Record, Survey
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
 from preisach_jax.effects import BUILT_IN
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import OfColumn, Survey
-from preisach_jax.effects.cross import Cross
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.output_lag import OutputLag
-from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.rate_dependence import RateDependence
-from preisach_jax.effects.resonance import Resonance
+from preisach_jax.effects.base import OfColumn
 from preisach_jax.export.c import sources
 from preisach_jax.export.description import describe
-from preisach_jax.model import Model, Origin, ParameterEstimate
-from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.model import Origin
 
+KINDS: dict[str, Any] = {kind().name: kind for kind in BUILT_IN}
 STEP_S = 1 / 512  # so that times and their differences are exact
 LOW, HIGH = -2.0, 8.0
 NUMBERS = itertools.count()
@@ -127,14 +119,8 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1, thresholds=None)
             own["delay_s"] = float(rng.uniform(0.3, 6.3)) * STEP_S
         if effect.name == "slew_limit":
             own["slew"] = 0.3 * getattr(effect, "slew_high")  # noqa: B009
-        if effect.name == "resonance":
-            own |= {"f_hz": 40.0, "zeta": 0.05}
-            if "gain_2" in own:
-                own |= {"f_2_hz": 90.0, "zeta_2": 0.1, "gain_2": -0.3}
-        if effect.name == "input_quantisation":
-            own["step"] = 0.13
-        if effect.name == "rate_dependence":
-            own["coefficient"] = 0.3
+        usual = USUAL.get(effect.name, {})
+        own |= {name: value for name, value in usual.items() if name in own}
     weights = polarity * rng.uniform(0.0, 0.1, plane.cells)
     added = []
     for _, parameter in chain.coefficients:
@@ -142,48 +128,55 @@ def drawn(names, seed=0, levels=9, hysteron="ramp", polarity=1, thresholds=None)
         added.append(rng.uniform(-size, size) if parameter.amount else 5.0)
     aux = [effect.column for effect in effects if isinstance(effect, OfColumn)]
     record = Record.from_arrays(time, u, z, aux={name: smooth(len(u), 7) for name in aux})
-    parameters = {effect.name: {} for effect in effects}
-    for effect in effects:
-        for parameter in effect.parameters():
-            value = values[effect.name][parameter.name]
-            parameters[effect.name][parameter.name] = _estimate(value, parameter.unit)
-    for (name, parameter), value in zip(chain.coefficients, added, strict=True):
-        parameters[name][parameter.name] = _estimate(value, parameter.unit)
-    return Model(
-        chain, values, Coefficients(weights, 0.3 * weights, 0.25, np.array(added)), parameters,
-        np.ones(plane.cells, bool),
-        {"time": "t", "input": "u", "output": "z", "aux": aux},
-        {"input": "V", "output": "um"}, Origin.of(record), 0.01,
-    )  # fmt: skip
+    numbers = Coefficients(weights, 0.3 * weights, 0.25, np.array(added))
+    return model_with(chain, values, numbers, record, ("t", "u", "z"), 0.01)
 
 
-def _estimate(value, unit):
-    return ParameterEstimate(float(value), -np.inf, np.inf, unit)
+def model_with(chain, values, coefficients, record, names, error):
+    """A model of given numbers, for a record whose columns have these names."""
+    found = [(e.name, p, values[e.name][p.name]) for e in chain.effects for p in e.parameters()]
+    added = zip(chain.coefficients, coefficients.added, strict=True)
+    found += [(*of, value) for of, value in added]
+    parameters = {effect.name: {} for effect in chain.effects}
+    for effect, parameter, value in found:
+        estimate = ParameterEstimate(*(float(value),) * 3, parameter.unit)
+        parameters[effect][parameter.name] = estimate
+    columns = dict(zip(("time", "input", "output"), names, strict=True)) | {"aux": [*record.aux]}
+    units = {"time": "s", "input": "V", "output": "um"}
+    visited = np.ones(chain.plane.cells, bool)
+    origin = Origin.of(record)
+    return Model(chain, values, coefficients, parameters, visited, columns, units, origin, error)
 
 
+USUAL = {
+    "resonance": {"f_hz": 40.0, "zeta": 0.05, "f_2_hz": 90.0, "zeta_2": 0.1, "gain_2": -0.3},
+    "input_quantisation": {"step": 0.13},
+    "rate_dependence": {"coefficient": 0.3},
+}
 FORMS = {
-    "drift_waves": lambda survey: Drift(horizon_s=survey.duration_s, waves=6),
-    "drift_by_path": lambda survey: Drift(horizon_s=90.0, by_path=True),
-    "waves_by_path": lambda survey: Drift(horizon_s=90.0, by_path=True, waves=6),
-    "ageing_by_path": lambda survey: Ageing(horizon_s=90.0, by_path=True),
-    "rate_smooth": lambda survey: RateDependence(40.0, HIGH - LOW, False, False),
-    "rate_corners": lambda survey: RateDependence(40.0, HIGH - LOW, False, True),
-    "rate_corners_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, True),
-    "rate_smooth_all": lambda survey: RateDependence(40.0, HIGH - LOW, True, False),
-    "ripples": lambda survey: OutputNonlinearity(0.25, 4.0, 24),
-    "input_filter": lambda survey: InputLag(STEP_S / 4, 1.0, of_samples=True),
-    "output_filter": lambda survey: OutputLag(STEP_S / 4, 1.0, of_samples=True),
-    "two_modes": lambda survey: Resonance(f_low_hz=1.0, f_high_hz=200.0, modes=2),
-    "cross:y_V": lambda survey: Cross("y_V", "V", STEP_S / 2.8, 0.1, modes=2, turned=True),
-    "aux:load_N": lambda survey: Auxiliary("load_N", "N", STEP_S / 10, 1.0),
+    "drift_waves": lambda survey: KINDS["drift"](horizon_s=survey.duration_s, waves=6),
+    "drift_by_path": lambda survey: KINDS["drift"](horizon_s=90.0, by_path=True),
+    "waves_by_path": lambda survey: KINDS["drift"](horizon_s=90.0, by_path=True, waves=6),
+    "ageing_by_path": lambda survey: KINDS["ageing"](horizon_s=90.0, by_path=True),
+    "rate_smooth": lambda survey: KINDS["rate_dependence"](40.0, HIGH - LOW, False, False),
+    "rate_corners": lambda survey: KINDS["rate_dependence"](40.0, HIGH - LOW, False, True),
+    "rate_corners_all": lambda survey: KINDS["rate_dependence"](40.0, HIGH - LOW, True, True),
+    "rate_smooth_all": lambda survey: KINDS["rate_dependence"](40.0, HIGH - LOW, True, False),
+    "ripples": lambda survey: KINDS["output_nonlinearity"](0.25, 4.0, 24),
+    "input_filter": lambda survey: KINDS["input_lag"](STEP_S / 4, 1.0, of_samples=True),
+    "output_filter": lambda survey: KINDS["output_lag"](STEP_S / 4, 1.0, of_samples=True),
+    "two_modes": lambda survey: KINDS["resonance"](f_low_hz=1.0, f_high_hz=200.0, modes=2),
+    "cross:y_V": lambda survey: KINDS["cross:COL"](
+        "y_V", "V", STEP_S / 2.8, 0.1, modes=2, turned=True
+    ),
+    "aux:load_N": lambda survey: KINDS["aux:COL"]("load_N", "N", STEP_S / 10, 1.0),
 }
 
 
 def _bound(name, survey):
     if name in FORMS:
         return FORMS[name](survey)
-    kinds = {kind().name: kind for kind in BUILT_IN}
-    return kinds[name]().bound_to(survey)
+    return KINDS[name]().bound_to(survey)
 
 
 class Compiled:

@@ -23,18 +23,13 @@ def expected():
     return merge([sweep(jax.random.key(7), *settings, seeds, 1000) for seeds in CHUNKS])
 
 
-def shown_table(text, first):
-    """Cells of the rows below the header that begins with a word, as far as the next empty line."""
-    lines = text.splitlines()
-    begin = next(k for k, line in enumerate(lines) if line.startswith(first))
-    return [line.split() for line in lines[begin + 2 : lines.index("", begin)]]
-
-
 def test_sweep_shows_and_writes_what_it_found(expected, tmp_path, capsys):
     out = tmp_path / "new" / "sweep"
     assert main([*WORDS, "--out", str(out)]) == 0
     shown = capsys.readouterr().out
-    rows = shown_table(shown, "N ")
+    lines = shown.splitlines()
+    header = next(k for k, line in enumerate(lines) if line.startswith("N "))
+    rows = [line.split() for line in lines[header + 2 : header + 4]]
     assert [row[:2] for row in rows] == [["5", "15"], ["3", "6"]]
     columns = (expected.delta_x, expected.noise_power, expected.mean_output_error(),
                expected.auxiliary_norm(), expected.coefficient)  # fmt: skip

@@ -17,6 +17,7 @@ from drivable import (
     reading_of,
     resting_output,
 )
+from oracles import slow_ramps
 from scipy import signal
 
 import preisach_jax as pj
@@ -29,20 +30,6 @@ from preisach_jax.quantity import quantity
 
 REACHED = 1.96 * GOOD
 TOGETHER = ("creep", "input_lag", "drift", "resonance", "output_nonlinearity")
-
-
-def slow_ramps(path, weights):
-    """Output of ramps that were off, each followed by itself in Python's own arithmetic."""
-    width = PLANE.delta_x
-    states = [0.0] * PLANE.cells
-    output = []
-    for x in np.asarray(path).tolist():
-        for k, (i, j) in enumerate(zip(PLANE.alpha_index, PLANE.beta_index, strict=True)):
-            rises = min(max(x / width - i, 0.0), 1.0)
-            falls = min(max(x / width - j, 0.0), 1.0)
-            states[k] = min(falls, max(states[k], rises))
-        output.append(sum(w * y for w, y in zip(weights.tolist(), states, strict=True)))
-    return np.array(output)
 
 
 @pytest.mark.parametrize(("sign", "memory"), [(1, 0.4), (-1, 0.0)])
@@ -61,7 +48,7 @@ def test_the_operator_is_inverted_to_rounding_along_any_course(sign, memory):
     assert np.ptp(found.drive[100:150]) < 1e-12
     if memory == 0.0:
         whole = np.concatenate([model.origin.history[1], found.drive[:30]])
-        given = slow_ramps(whole, model.weights)[-30:]
+        given = (slow_ramps(PLANE, whole) @ model.weights)[-30:]
         np.testing.assert_allclose(1.5 + given, z[:30], atol=1e-10)
 
 

@@ -157,26 +157,21 @@ def test_readings_of_another_stage_leave_the_weights_in_bounds():
     assert inverse.weights.max() <= model.weights.sum()
 
 
-def test_a_bad_sample_is_refused_and_the_state_is_as_before():
+def test_bad_samples_and_options_are_refused_and_the_state_is_as_before():
     inverse, other = of_hysteresis(), of_hysteresis()
     with pytest.raises(pj.InputError, match="wanted output is nan"):
         inverse(math.nan)
     with pytest.raises(pj.InputError, match="measured output is inf"):
         inverse(5.0, math.inf)
     assert inverse(5.0) == other(5.0)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+    options: Any
+    for options, message in (
         ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"rate_hz": RATE, "step_size": 2.0}, "step_size is 2"),
         ({"rate_hz": RATE, "limits": (2.0, 1.0)}, "lower one first"),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(pj.InputError, match=message):
-        pj.OnlineInverse(model_of(), **options)
+    ):
+        with pytest.raises(pj.InputError, match=message):
+            pj.OnlineInverse(model_of(), **options)
 
 
 def test_an_auxiliary_column_is_asked_for_by_name():

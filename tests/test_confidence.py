@@ -8,11 +8,10 @@ import test_identify
 from scipy import signal
 from test_identify import LEVELS, simulated
 
+from preisach_jax import AddedEffect, Parameter
 from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.parameter import Parameter
 from preisach_jax.fit.stepwise import at_levels
 from preisach_jax.identify.confidence import OF_THE_LAW, estimates, with_model_error
 from preisach_jax.identify.gauss_newton import refine
@@ -104,22 +103,21 @@ def test_intervals_grow_by_what_another_grid_tells_of_this_one():
     problem, point, found = identified(record, output + noise_of(1), chain, values)
     coarser = refine(problem, with_all_rows(at_levels(problem, point, LEVELS - 2)))
     wider = with_model_error(found, point, coarser)
-    before, after = found["input_lag"]["tau_s"], wider["input_lag"]["tau_s"]
     ratio = coarser.values["input_lag"]["tau_s"] / point.values["input_lag"]["tau_s"]
-    assert ratio != pytest.approx(1.0, abs=1e-4)
-    assert after.value == before.value
-    # An error that falls with the cell is so many times the change between the planes.
-    times = (LEVELS - 2) / 2
+    change = coarser.coefficients().added[0] - point.coefficients().added[0]
+    times = (LEVELS - 2) / 2  # that change, where an error falls with the cell
     # The time constant is searched by its logarithm.
-    for ends in ("low", "high"):
-        was, now = (abs(np.log(getattr(own, ends) / own.value)) for own in (before, after))
-        assert now == pytest.approx(OF_THE_LAW * np.hypot(was, times * np.log(ratio)), rel=1e-9)
-    change = abs(coarser.coefficients().added[0] - point.coefficients().added[0])
-    before, after = found["slope"]["per_record"], wider["slope"]["per_record"]
-    assert change > 1e-4
-    for ends in ("low", "high"):
-        was, now = (abs(getattr(own, ends) - own.value) for own in (before, after))
-        assert now == pytest.approx(OF_THE_LAW * np.hypot(was, times * change), rel=1e-9)
+    for effect, name, scale, moved in (
+        ("input_lag", "tau_s", np.log, np.log(ratio)),
+        ("slope", "per_record", float, change),
+    ):
+        before, after = found[effect][name], wider[effect][name]
+        assert abs(moved) > 1e-4
+        assert after.value == before.value
+        for ends in ("low", "high"):
+            was, now = (scale(getattr(own, ends)) - scale(own.value) for own in (before, after))
+            expected = OF_THE_LAW * np.hypot(was, times * moved)
+            assert abs(now) == pytest.approx(expected, rel=1e-9)
     # A form of fewer numbers was fitted to all rows.
     fewer = {"input_lag": found["input_lag"], "slope": {}}
     assert with_model_error(fewer, point, coarser) == {"input_lag": wider["input_lag"], "slope": {}}

@@ -24,30 +24,29 @@ from scipy import signal
 from test_modes import TWO, plays, through
 
 import preisach_jax as pj
-from preisach_jax.chain.description import PLACES
-from preisach_jax.effects import BUILT_IN, column_of, library, placeholder, resolve
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import (
+from preisach_jax import (
     AddedEffect,
     HysteresisEffect,
+    InputError,
+    Parameter,
     SensorEffect,
     Survey,
     WeightEffect,
 )
+from preisach_jax.chain.description import PLACES
+from preisach_jax.effects import BUILT_IN, column_of, library, placeholder, resolve
+from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.modal import MOST_MODES, modes_in
+from preisach_jax.effects.modal import MOST_MODES
 from preisach_jax.effects.output_lag import OutputLag
 from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.parameter import Parameter, log_grid
 from preisach_jax.effects.resonance import Resonance
 from preisach_jax.effects.slew_limit import SlewLimit
-from preisach_jax.effects.spectrum import strongest_lines
-from preisach_jax.errors import InputError
 
 
 def output_of(effect, values, time, course):
@@ -100,18 +99,6 @@ def test_a_filter_of_samples_is_that_of_scipy(x64, kind, tau):
     expected = signal.lfilter([share], [1.0, share - 1.0], values, zi=start)[0]
     got = applied(kind(of_samples=True), {"tau_s": tau}, TICK * np.arange(COUNT), values)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
-
-
-def test_a_lag_follows_what_bends_and_a_delay_cuts_it_by_a_chord(x64):
-    time = np.linspace(0.0, 1.0, 1001)
-    w, settled = 2 * np.pi * 15, time > 0.2
-    chord = (w / 1000) ** 2 / 8  # by which straight lines between the samples miss a sinusoid
-    u = np.sin(w * time)
-    late = applied(Delay(), {"delay_s": 0.01237}, time, u)[settled]
-    np.testing.assert_allclose(late, np.sin(w * (time - 0.01237))[settled], rtol=0, atol=chord)
-    lagged = applied(InputLag(), {"tau_s": 0.0026}, time, u)
-    exact = np.imag(np.exp(1j * w * time) / (1 + 1j * w * 0.0026))
-    np.testing.assert_allclose(lagged[settled], exact[settled], rtol=0, atol=0.15 * chord)
 
 
 def test_resonance_follows_a_ramp_after_a_long_gap(x64):
@@ -261,14 +248,6 @@ def test_a_parameter_needs_bounds(options, says):
         Parameter("tau_s", "s", **options)
 
 
-@given(st.floats(1e-6, 1.0), st.floats(1.5, 1e6), st.floats(0.5, 4))
-def test_log_grid_is_even_from_end_to_end(low, ratio, per_decade):
-    grid = np.array(log_grid(low, low * ratio, per_decade))
-    assert grid[[0, -1]] == pytest.approx([low, low * ratio])
-    np.testing.assert_allclose(np.diff(np.log(grid)), np.log(ratio) / (len(grid) - 1), rtol=1e-6)
-    assert len(grid) - 1 == max(1, round(per_decade * np.log10(ratio)))
-
-
 class Own(Delay):
     name = "own"
 
@@ -306,17 +285,6 @@ def test_what_cannot_be_had_is_named(asked, says):
 
 
 # --- lines in a spectrum, and hum ---
-
-
-def test_lines_are_separate_and_ordered_and_noise_has_none():
-    rng = np.random.default_rng(5)
-    x = np.sort(rng.permutation(20_000)[:4000]) * 1e-3
-    noise, slow = rng.normal(size=4000), 50 * np.cos(2 * np.pi * 0.11 * x) + 20 * x
-    assert strongest_lines(x, noise, 0.5, 450.0, 2.5e-4, count=3) == []
-    assert strongest_lines(x, 0 * x, 0.5, 450.0, 2.5e-4, count=3) == []
-    values = noise + slow + 3 * np.sin(2 * np.pi * 211.03 * x) + np.sin(2 * np.pi * 30.4 * x)
-    found = strongest_lines(x, values, 0.5, 450.0, 2.5e-4, count=3)
-    assert found == pytest.approx([211.03, 30.4], abs=2e-3)
 
 
 def humming(f, amplitude=0.1, rate=1000.0, seconds=12.0, rows=4000, more=(), height=0.0):
@@ -370,16 +338,6 @@ def test_hum_and_its_harmonics_stay_below_half_the_sampling_rate():
 
 
 # --- modes ---
-
-
-@pytest.mark.parametrize("settled", [False, True])
-def test_a_frequency_response_shows_modes_one_after_the_other(settled):
-    rng = np.random.default_rng(2)
-    u, time = rng.normal(size=16_000), np.arange(16_000) / 1000
-    z = through(u, TWO) - (1.6 * u if settled else 0.0) + rng.normal(0, 0.2, len(u))
-    found = modes_in(time, u, z, 5.0, 400.0, 2, static_known=settled)
-    assert sorted(m.f_hz for m in found) == pytest.approx([35.0, 110.0], abs=1.5)
-    assert all(m.gain > 0 and abs(m.quadrature) < 0.5 * m.gain for m in found)
 
 
 def test_no_effect_has_more_than_the_most_modes():

@@ -9,43 +9,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import PLANE, SAMPLES, slow_relays, slow_states, wandering
+from oracles import PLANE, SAMPLES, slow_states, wandering
 
-from preisach_jax.errors import InputError, PrecisionWarning
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.least_squares import RecursiveLeastSquares
-from preisach_jax.filter.online import OnlineFilter
+from preisach_jax import (
+    AdaptiveFilter,
+    InputError,
+    OnlineFilter,
+    Plane,
+    PrecisionWarning,
+    RecursiveLeastSquares,
+    simulate,
+)
 from preisach_jax.operator.inputs import HYSTERONS
-from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.simulation import simulate
+from preisach_jax.theory import next_squared_error
 
 both_kinds = pytest.mark.parametrize("hysteron", HYSTERONS)
-both_samplings = pytest.mark.parametrize("sampling", ["event", "sample"])
 
 
 def true_weights(plane=PLANE, dtype="float64", seed=0):
     return np.random.default_rng(seed).uniform(0.1, 1.0, plane.cells).astype(dtype)
-
-
-def slow_filter(plane, x, z, sampling, weight=1e-9):
-    """The recursion with sets, eq. (6)-(8), (10)-(12); weights before each sample, e and A."""
-    relays = slow_relays(plane, x).astype(bool)
-    weights, reference = np.full(plane.cells, weight), z[0]
-    errors, areas, outputs = [], [], []
-    for k, now in enumerate(relays):
-        last = relays[max(k - 1, 0)]
-        switched_on, switched_off = now & ~last, last & ~now
-        area = switched_on.sum() + switched_off.sum()
-        error = z[k] - reference - weights[now].sum() + weights[last].sum()
-        outputs.append(weights[now].sum())
-        errors.append(error)
-        areas.append(area)
-        if area:
-            weights[switched_on] += error / area
-            weights[switched_off] -= error / area
-        if area or sampling == "sample":
-            reference = z[k]
-    return weights, np.array(outputs), np.array(errors), np.array(areas)
 
 
 @jax.jit
@@ -66,44 +48,6 @@ def differences(function, point, step):
     """Central finite differences of `function` in each direction from `point`."""
     moves = step * np.eye(point.size)
     return np.array([function(point + m) - function(point - m) for m in moves]) / (2 * step)
-
-
-def test_output_is_the_weight_of_the_relays_that_are_on(precision, tolerance):
-    x, weights = wandering().astype(precision), true_weights(dtype=precision)
-    relays = slow_relays(PLANE, x)
-    z = np.asarray(simulate(PLANE, weights, x, "relay"))
-    assert z.dtype == precision
-    expected = [weights[row == 1].sum() for row in relays]  # (6)
-    np.testing.assert_allclose(z, expected, rtol=tolerance, atol=tolerance)
-    # (5) with states of ±1 is another quantity: twice as large, less a constant.
-    signed = (2 * relays - 1) @ weights
-    np.testing.assert_allclose(signed, 2 * z - weights.sum(), atol=weights.sum() * tolerance)
-
-
-@both_samplings
-def test_relay_filter_matches_the_recursion_with_sets(sampling, precision, tolerance):
-    x = wandering().astype(precision)
-    z = (3 * np.sin(x) + x).astype(precision)
-    weights, outputs, errors, areas = slow_filter(PLANE, x, z, sampling)
-    result = AdaptiveFilter(PLANE, "relay", sampling).run(x, z)
-    assert {a.dtype.name for a in result[:4]} == {precision}
-    np.testing.assert_array_equal(result.switched, areas)
-    np.testing.assert_allclose(result.error, errors, atol=20 * tolerance)
-    np.testing.assert_allclose(result.output, outputs, atol=20 * tolerance)
-    np.testing.assert_allclose(result.weights, weights, atol=20 * tolerance)
-
-
-def test_error_is_the_signed_sum_of_the_weight_errors(precision, tolerance):
-    """Eq. (7), to rounding, at every sample of a noise-free truth on the grid."""
-    x, truth = wandering().astype(precision), true_weights(dtype=precision)
-    relays = slow_relays(PLANE, x)
-    z = (relays @ truth).astype(precision)
-    weights, info = trajectory(AdaptiveFilter(PLANE), x, z)
-    before = np.vstack([np.full(PLANE.cells, 1e-9), weights[:-1]])
-    s = np.diff(relays, axis=0, prepend=relays[:1])
-    expected = np.sum(s * (truth - before), axis=1)
-    assert np.abs(expected).max() > 1
-    np.testing.assert_allclose(info.error, expected, atol=2 * tolerance)
 
 
 @both_kinds
@@ -130,7 +74,7 @@ def test_weight_error_falls_exponentially_without_noise(hysteron, x64):
 def test_error_identity_holds_at_every_step_with_noise(
     hysteron, sampling, step_size, precision, tolerance
 ):
-    """Eq. (15), ‖E(k+1)‖² = ‖E(k)‖² - (ΣE)²/A + ν²/A, and its form for any step size.
+    """Eq. (7), e = ΣE + ν; (15), ‖E(k+1)‖² = ‖E(k)‖² - (ΣE)²/A + ν²/A, and for any step size.
 
     The truth is on the grid; for ramps A is sᵀs.
     """
@@ -149,56 +93,18 @@ def test_error_identity_holds_at_every_step_with_noise(
             s = states[k] - states[reference]
             area, total, nu = s @ s, s @ before[k], noise[k] - noise[reference]
             assert float(info.switched[k]) == pytest.approx(area, abs=tolerance)
+            assert float(info.error[k]) == pytest.approx(nu - total, abs=5 * tolerance)
             expected += (
                 rate**2 * nu**2 - rate * (2 - rate) * total**2 + 2 * rate * (1 - rate) * nu * total
             ) / area
+            if rate == 1.0:
+                found = float(next_squared_error(np.sum(before[k] ** 2), total, area, nu))
+                assert found == pytest.approx(expected, rel=tolerance)
             allowed /= min(area, 1.0)  # a small move multiplies the rounding of the states
         assert np.sum(after[k] ** 2) == pytest.approx(expected, rel=tolerance, abs=allowed)
         if info.switched[k] or sampling == "sample":
             reference = k
     assert np.count_nonzero(info.switched) > 30
-
-
-def smooth_stage(x):
-    """A piezo-like stage that is no grid: a spring and forty plays (Prandtl-Ishlinskii)."""
-    radii = np.linspace(1.0, 30.0, 40)
-    gains = 0.01 + 0.015 * np.exp(-radii / 8)
-    plays = np.zeros_like(radii)
-    output = []
-    for now in x:
-        plays = np.clip(plays, now - radii, now + radii)
-        output.append(0.9 * now + gains @ plays)
-    return np.array(output)
-
-
-def test_raw_differences_lose_the_movement_between_switches(x64):
-    """Sampled once a level the weights sum to the stroke; sampled raw, to a small part of it."""
-    coins = np.random.default_rng(13).choice([-1, 1], size=60).repeat(200)
-    travel = np.cumsum(coins * 0.0941)  # about 22 samples a level, 800 the whole range
-    x = 75 * (1 - np.abs(1 - np.mod(travel / 75, 2)))
-    z = smooth_stage(x)
-    plane = Plane(levels=37, low=0.0, high=75.0)
-    total = {
-        sampling: float(AdaptiveFilter(plane, "relay", sampling).run(x, z).weights.sum())
-        for sampling in ("event", "sample")
-    }
-    # The missing tenth is what relays do not see: half a level at each end and turning point.
-    assert total["event"] == pytest.approx(np.ptp(z), rel=0.12)
-    assert total["sample"] < 0.1 * np.ptp(z)
-
-
-@both_kinds
-def test_an_input_at_rest_or_trembling_inside_a_cell_changes_nothing(hysteron, precision):
-    """No update where A = 0, however much the output wanders."""
-    x = np.append(wandering()[:-2], [3.8, 4.0]).astype(precision)
-    filt, rng = AdaptiveFilter(PLANE, hysteron), np.random.default_rng(19)
-    moved = filt.run(x, np.sin(x))
-    noise = rng.normal(size=SAMPLES).astype(precision)
-    for tremor in (0.0, 0.1):
-        quiet = (4.0 + rng.uniform(-tremor, tremor, SAMPLES)).astype(precision)
-        rested = filt.run(quiet, noise, moved.state)
-        np.testing.assert_array_equal(rested.weights, moved.weights)
-        assert not np.any(rested.switched)
 
 
 def test_an_online_filter_without_state_is_saved_and_starts_afresh(tmp_path):
@@ -219,19 +125,26 @@ def test_a_file_that_is_no_saved_filter_is_refused(tmp_path):
     with pytest.raises(ValueError, match="format 99"):
         OnlineFilter.load(path)
     np.savez(path, other=np.zeros(3))
-    for content in (path.read_bytes(), b"", b"no archive", b"PK\x03\x04 half"):
+    other = path.read_bytes()
+    OnlineFilter(AdaptiveFilter(PLANE)).save(path)
+    whole = path.read_bytes()
+    cut = [whole[:size] for size in range(0, len(whole), 211)]
+    for content in (other, b"no archive", *cut):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=r"broken\.npz cannot be read"):
             OnlineFilter.load(path)
 
 
-@pytest.mark.parametrize(("hysteron", "sampling"), [("relay", "event"), ("ramp", "sample")])
-def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64):
-    """To outputs, initial weights and an effect upstream, a lag; what is missing leaves no NaN."""
+@pytest.mark.parametrize(
+    ("hysteron", "sampling", "gaps"),
+    [("relay", "event", [0, 7, 20]), ("relay", "event", []), ("ramp", "sample", [0, 7, 20])],
+)
+def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, gaps, x64):
+    """To outputs, initial weights, a lag upstream and the step size; missing ones leave no NaN."""
     x = np.repeat(wandering(samples=25, speed=1.1), 2)
     x[30:] = np.minimum(x[30:], 5.7)  # at samples at which nothing switches, A is zero
     z = np.sin(x) + x
-    z[[0, 7, 20]] = np.nan
+    z[gaps] = np.nan
     start, tau = true_weights(), 0.4
 
     def lagged(tau):
@@ -241,17 +154,17 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
 
         return jax.lax.scan(advance, jnp.asarray(x[0]), x)[1]
 
-    def loss_of(z, initial_weight, tau):
-        filt = AdaptiveFilter(PLANE, hysteron, sampling, initial_weight, step_size=0.7)
-        result = filt.run(lagged(tau), z, missing=True)
+    def loss_of(z, initial_weight, tau, step_size):
+        filt = AdaptiveFilter(PLANE, hysteron, sampling, initial_weight, step_size)
+        result = filt.run(lagged(tau), z, missing=bool(gaps))
         return (result.weights**2).sum() + (result.output**2).sum()
 
-    both = jax.jit(jax.value_and_grad(loss_of, (0, 1, 2)))  # one program for all values
+    both = jax.jit(jax.value_and_grad(loss_of, (0, 1, 2, 3)))  # one program for all values
 
-    def loss(z, initial_weight, tau):
-        return float(both(z, initial_weight, tau)[0])
+    def loss(z, initial_weight, tau, step_size=0.7):
+        return float(both(z, initial_weight, tau, step_size)[0])
 
-    by_output, by_start, by_tau = both(z, start, tau)[1]
+    by_output, by_start, by_tau, by_step = both(z, start, tau, 0.7)[1]
     assert np.all(np.asarray(by_output)[np.isnan(z)] == 0)
     assert np.abs(by_output).max() > 0.1
     # The loss is quadratic in the first two, so that central differences are exact.
@@ -262,6 +175,8 @@ def test_gradient_through_the_filter_is_finite_and_right(hysteron, sampling, x64
     numeric = (loss(z, start, tau + 1e-6) - loss(z, start, tau - 1e-6)) / 2e-6
     assert float(by_tau) == pytest.approx(numeric, rel=1e-5)
     assert (abs(float(by_tau)) > 1e-2) == (hysteron == "ramp")
+    numeric = (loss(z, start, tau, 0.7 + 1e-6) - loss(z, start, tau, 0.7 - 1e-6)) / 2e-6
+    assert float(by_step) == pytest.approx(numeric, rel=1e-5)
 
 
 class OfARecord:
@@ -326,12 +241,9 @@ def test_each_pass_starts_from_the_first_memory_and_the_last_weights(x64):
         ({"initial_weight": np.zeros(4)}, r"\(4,\).*\(15,\)"),
         ({"initial_weight": "x"}, r"initial_weight is 'x': give one number or \(15,\)"),
         ({"step_size": 0.0}, r"step_size is 0\.0: give a number between 0 and 2"),
-        ({"step_size": 2}, "step_size is 2: "),
         ({"step_size": np.ones(3)}, r"step_size has the shape \(3,\)"),
         ({"step_size": "x"}, "step_size is 'x': give one number"),
-        ({"step_size": 0.5j}, "step_size is 0.5j: give one number"),
         ({"dead_zone": -0.1}, r"dead_zone is -0\.1: give a number of at least 0"),
-        ({"dead_zone": np.nan}, "dead_zone is nan"),
         ({"error_limit": 0.0}, r"error_limit is 0\.0: give a number above 0"),
         ({"leakage": 1.0}, r"leakage is 1\.0: give a number from 0 to 1, 1 excluded"),
         ({"leakage": 0.5, "step_size": 1.5}, "make their sum less than 2"),
@@ -355,17 +267,14 @@ ANYTHING: Any = 5
     [
         (lambda: FILTER.run([0.0, 1.0, 2.0], [0.0, 1.0]), r"\(3,\).*\(2,\)"),
         (lambda: FILTER.run([], []), r"\(0,\)"),
-        (lambda: FILTER.run([0.0, np.nan], [0.0, 1.0]), "x is nan at sample 1"),
         (lambda: FILTER.run([0.0, 1.0], [-np.inf, 1.0]), "z is -inf at sample 0"),
         (lambda: FILTER.run([0.0, 1.0j], [0.0, 1.0]), "input x has the type complex"),
         (lambda: FILTER.run(np.array(["a"]), REALS), "input x has the type <U1: give real numbers"),
         (lambda: FILTER.run(np.arange(7), REALS), r"x has the type int.*x\.astype\(float\)"),
-        (lambda: FILTER.run(REALS, np.arange(7)), r"z has the type int.*z\.astype\(float\)"),
         (lambda: FILTER.run(2 * REALS, REALS), "x is 10 at sample 5, and the plane reaches"),
         (lambda: FILTER.run(REALS, REALS, AdaptiveFilter(OTHER).init(0, 0)), r"\(6,\).*\(15,\)"),
         (lambda: FILTER.run(REALS, REALS, ANYTHING), "the state is int: give a FilterState"),
         (lambda: FILTER.run(REALS, REALS, passes=0), "passes is 0: give a whole number"),
-        (lambda: FILTER.run(REALS, REALS, passes=1.5), "passes is 1.5"),
         (lambda: FILTER.init(np.inf, 0.0), "x is inf"),
         (lambda: FILTER.init(-2.5, 0.0), r"x is -2\.5, and the plane reaches"),
         (lambda: AdaptiveFilter(ANYTHING), r"the plane is 5: give a Plane, as in Plane\(levels="),
@@ -387,18 +296,3 @@ def test_whole_numbers_of_python_are_taken_as_reals(precision):
     result = AdaptiveFilter(PLANE).run(x, z)
     assert result.weights.dtype == precision
     assert float(result.weights.sum()) == pytest.approx(18, rel=1e-5)
-
-
-@pytest.mark.parametrize("hysteron", ["relay", "ramp"])
-def test_the_gradient_in_the_step_size_is_finite_where_outputs_are_missing(x64, hysteron):
-    plane = Plane(levels=4, low=0.0, high=10.0)
-    x = 5 + 4 * np.sin(np.arange(40) * 0.5)
-    z = 3 * x
-    z[20] = np.nan
-
-    def total(step_size):
-        filt = AdaptiveFilter(plane, hysteron, step_size=step_size)
-        return filt.run(x, z, form="dense").weights.sum()
-
-    slope = (total(0.5 + 1e-6) - total(0.5 - 1e-6)) / 2e-6
-    assert float(jax.grad(total)(0.5)) == pytest.approx(float(slope), rel=1e-5)

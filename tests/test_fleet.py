@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from oracles import PLANE
 
-from preisach_jax.errors import InputError
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.fleet import run_fleet
+from preisach_jax import AdaptiveFilter, InputError, run_fleet
 from preisach_jax.operator.states import hysteron_states
 
 OPTIONS = {"dead_zone": 0.2, "error_limit": 0.5, "leakage": 0.03}

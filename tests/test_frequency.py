@@ -2,27 +2,15 @@
 
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
 import scipy.signal
 
 from preisach_jax.errors import InputError
 from preisach_jax.frequency import fit_modes, frequency_response, measure_frequency_response
-from preisach_jax.piezo import (
-    NOTCH_DENOMINATOR,
-    NOTCH_NUMERATOR,
-    RATE_HZ,
-    encode,
-    notch_filter,
-    paper_stage,
-)
-from preisach_jax.plant import ENCODER_STEP_UM
-from preisach_jax.signals import multisine
+from preisach_jax.piezo import NOTCH_DENOMINATOR, NOTCH_NUMERATOR, RATE_HZ
 
 signal: Any = scipy.signal  # whose results are typed as one of many
-STAGE = paper_stage()
-LINES = np.unique(np.round(np.geomspace(5, 2000, 150)).astype(int))
 POLES = ((130.0, 0.02), (310.0, 0.05))  # of a known system at 1 kHz
 
 
@@ -101,24 +89,6 @@ def test_error_of_a_fit_is_the_scatter_of_the_response():
     np.testing.assert_allclose(fit.frequency_hz, [130.0, 310.0], rtol=2e-3)
 
 
-def test_notch_and_stage_are_flat_together(x64):
-    """Within 1 dB up to 85 Hz and 3 dB up to 150 Hz, with no peak; the stage peaks by 28."""
-    u = np.tile(np.asarray(multisine(jax.random.key(3), 5000, LINES.tolist(), 37.5, 2.0)), 3)
-    measured, alone = (
-        measure_frequency_response(
-            u, encode(STAGE.response(drive), ENCODER_STEP_UM), 3, RATE_HZ, LINES.tolist()
-        )
-        for drive in (notch_filter(u), u)
-    )
-    f, gain = measured.frequency_hz, 20.0 * np.log10(np.abs(measured.response) / 1.2)
-    assert np.max(np.abs(gain[f <= 85.0])) < 1.0
-    assert np.max(np.abs(gain[f <= 150.0])) < 3.0
-    assert np.max(gain) < 0.1
-    assert np.max(20.0 * np.log10(np.abs(alone.response) / 1.2)) > 27.5
-    notch = frequency_response(NOTCH_NUMERATOR, NOTCH_DENOMINATOR, f, RATE_HZ)
-    np.testing.assert_allclose(measured.response, notch * alone.response, rtol=0, atol=0.01)
-
-
 WAVE = np.tile(np.sin(2 * np.pi * 3 * np.arange(100) / 100), 4)
 F = np.linspace(1.0, 49.0, 49)
 PEAK = 1.0 / (1.0 - (F / 20.0) ** 2 + 0.05j * F / 20.0)
@@ -132,8 +102,7 @@ FITTED = {"frequency_hz": F, "response": PEAK, "rate_hz": 100.0, "modes": 1}
         (measure_frequency_response, {"periods": 2}, "periods is 2"),
         (measure_frequency_response, {"periods": 7}, "a multiple of 7 periods"),
         (measure_frequency_response, {"z": np.zeros(10)}, r"z \(10,\)"),
-        (measure_frequency_response, {"lines": [0]}, r"lines are \[0\]"),
-        (measure_frequency_response, {"lines": [3.5]}, "give whole numbers from 1 to below 50"),
+        (measure_frequency_response, {"lines": [0]}, r"lines are \[0\].* from 1 to below 50"),
         (measure_frequency_response, {"lines": [3, 3]}, "name each only once"),
         (measure_frequency_response, {"lines": [3, 4]}, r"nothing on the lines \[4\]"),
         (fit_modes, {"response": PEAK[1:]}, r"response \(48,\)"),

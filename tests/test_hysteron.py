@@ -1,6 +1,7 @@
 """Laws of the relay and the ramp, eq. (1)-(4), against slow oracles written branch by branch."""
 
 from functools import partial
+from itertools import pairwise
 
 import hypothesis.strategies as st
 import jax
@@ -8,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from preisach_jax.errors import InputError
+from preisach_jax import InputError, Plane
 from preisach_jax.operator.inputs import HYSTERONS
-from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, state_bounds
 
 LENGTH = 40
@@ -46,26 +46,15 @@ def follow(x, initial, hysteron, dtype="float64"):
         return np.asarray(states_of(np.asarray(x, dtype), np.asarray(initial, dtype), hysteron))
 
 
-def follow_short(path, initial, dtype):
-    """Relay states along up to four samples, compiled once: what fills them up is cut off."""
-    filled = np.append(path, np.zeros(4 - len(path)))
-    return follow(filled, initial, "relay", dtype)[: len(path)]
-
-
 def slow_relay(x, alpha, beta, on):
     """One relay, as the text around eq. (1)-(4) tells it."""
-    states = []
-    for k, now in enumerate(x):
-        if k == 0:
-            if now < beta:
-                on = 0
-            elif now > alpha:
-                on = 1
-        elif now > x[k - 1]:
-            if now >= alpha:
-                on = 1
-        elif now < x[k - 1] and now <= beta:
-            on = 0
+    states = [int(x[0] > alpha or (on and x[0] >= beta))]
+    for before, now in pairwise(x):
+        on = states[-1]
+        if now > before:
+            on = int(on or now >= alpha)
+        elif now < before:
+            on = int(on and now > beta)
         states.append(on)
     return np.array(states)
 
@@ -82,45 +71,6 @@ def slow_ramp(x, alpha, beta, width, state):
             state = down
         states.append(state)
     return np.array(states)
-
-
-@pytest.mark.parametrize(
-    ("path", "initial", "expected"),
-    [
-        # α = 2.5, β = 1.5: the input comes to rest exactly on α and on β, from both sides.
-        ([0.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 2.5, 2.5, 2.5], 0, 1),
-        ([4.0, 1.5, 1.5, 1.5], 1, 0),
-        ([0.0, 1.5, 1.5, 1.5], 1, 0),
-        # It turns back exactly on the threshold: the switch has happened.
-        ([0.0, 2.5, 2.0], 0, 1),
-        ([4.0, 1.5, 2.0], 1, 0),
-        # Between the thresholds it remembers.
-        ([0.0, 2.0], 1, 0),
-        ([4.0, 2.0], 0, 1),
-        # Rule (1): at the first sample only an input beyond a threshold decides.
-        ([2.5, 2.5], 0, 0),
-        ([2.5], 1, 1),
-        ([1.5], 0, 0),
-        ([1.5, 1.5], 1, 1),
-        ([2.625], 0, 1),
-        ([1.375], 1, 0),
-    ],
-)
-def test_relay_with_the_input_exactly_on_its_thresholds(path, initial, expected):
-    cell = 2 * 3 // 2 + 1
-    for dtype in ("float32", "float64"):
-        assert follow_short(path, np.full(10, initial), dtype)[-1, cell] == expected
-
-
-def test_diagonal_relay_switches_both_ways_on_its_one_threshold(precision):
-    for path, expected in (
-        ([0.0, 1.5, 1.5], 1),
-        ([4.0, 1.5, 1.5], 0),
-        ([0.0, 1.5, 1.625, 1.5], 0),
-        ([4.0, 1.5, 1.375, 1.5], 1),
-    ):
-        assert follow_short(path, np.zeros(10), precision)[-1, 2] == expected  # α = β = 1.5
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -154,25 +104,6 @@ def test_state_from_any_initial_memory_lies_in_the_bounds(hysteron, path, initia
     assert np.all(np.diff(high - low, axis=0) <= 0)
 
 
-def test_gradient_of_ramp_states_matches_finite_differences(x64):
-    rng = np.random.default_rng(2)
-    path, initial = rng.uniform(0.1, 3.9, LENGTH), np.zeros(PLANE.cells)
-    weighting = rng.normal(size=(LENGTH, PLANE.cells))
-
-    @jax.jit
-    def total(x):
-        return (hysteron_states(PLANE, x, initial, "ramp") * weighting).sum()
-
-    gradient = np.asarray(jax.grad(total)(path))
-    step = 1e-6
-    numeric = [
-        (total(path + step * unit) - total(path - step * unit)) / (2 * step)
-        for unit in np.eye(LENGTH)
-    ]
-    assert np.abs(gradient).max() > 0.1
-    np.testing.assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-7)
-
-
 def test_gradient_is_finite_on_resting_and_saturated_paths(x64):
     path = np.array([0.0, 0.0, 1.0, 1.0, 4.0, 5.0, 4.0, 2.5, 2.5, 2.5, -1.0])
     for hysteron in HYSTERONS:
@@ -180,7 +111,7 @@ def test_gradient_is_finite_on_resting_and_saturated_paths(x64):
         assert np.isfinite(jax.jit(jax.grad(total))(path)).all()
 
 
-COUNTS, ONES = np.array([0, 3, 1]), np.ones(2)
+ONES = np.ones(2)
 
 
 @pytest.mark.parametrize(
@@ -191,14 +122,8 @@ COUNTS, ONES = np.array([0, 3, 1]), np.ones(2)
         ((ONES, np.zeros(3)), r"\(3,\).*\(10,\)"),
         ((ONES, np.zeros(10, int)), r"as in initial_states\.astype\(float\)"),
         (([[0.0, 1.0]],), r"\(1, 2\)"),
-        (([],), r"\(0,\)"),
-        (([0.0, 1.0j],), "complex"),
-        (([False, True],), "bool"),
-        ((COUNTS,), r"x has the type int64: convert it first, as in x\.astype\(float\)"),
-        (([0.0, 4.25, 2.0],), r"x is 4\.25 at sample 1, and the plane reaches from 0\.0 to 4\.0:"),
-        (([-0.5, 1.0],), r"x is -0\.5 at sample 0, .* clip the input"),
+        (([-0.5, 1.0],), r"x is -0\.5 at sample 0, and the plane reaches .* clip the input"),
         (([0.0, np.nan],), "x is nan at sample 1: give finite numbers"),
-        (([0.0, np.inf],), "x is inf at sample 1"),
     ],
 )
 def test_a_mistake_is_named_with_its_value(arguments, message):
@@ -214,6 +139,10 @@ def test_rounding_at_the_limits_is_no_way_off_the_plane(hysteron, precision):
     x = np.array([-3e-6, 4 + 3e-6], precision)
     states = hysteron_states(PLANE, x, "low", hysteron)
     np.testing.assert_array_equal(states.sum(axis=1), [0, PLANE.cells])
+    small = Plane(37, *np.array([-1e-3, 7e-4], precision))
+    there_and_back = np.array([small.low, small.high, small.low], precision)
+    states = hysteron_states(small, there_and_back, "low", hysteron)
+    np.testing.assert_array_equal(states.sum(axis=1), [0, small.cells, 0])
     # In single precision the limit itself is rounded by more than a millionth of this range.
     far = Plane(levels=4, low=1e3, high=1e3 + 0.3)
     high = np.array([far.low, far.high], precision)

@@ -1,6 +1,5 @@
 """The adaptive filter over long times: its options, what it keeps, and a sensor that fails."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -10,14 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from oracles import PLANE, SAMPLES, by_blocks, one_by_one, slow_states, wandering
-from scipy.special import erf, erfc
 
-import preisach_jax as pj
-from preisach_jax.errors import InputError
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.filter.online import OnlineFilter
+from preisach_jax import AdaptiveFilter, InputError, OnlineFilter, Plane
 from preisach_jax.operator.inputs import HYSTERONS
-from preisach_jax.operator.plane import Plane
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {},
@@ -74,7 +68,7 @@ def measured(x, seed=1, gaps=False):
 @pytest.mark.parametrize(
     ("hysteron", "sampling", "chosen", "precision", "adapt"),
     [
-        ("ramp", "event", "none", "float64", True),
+        ("relay", "event", "none", "float32", True),
         ("ramp", "event", "three", "float32", True),
         ("ramp", "event", "all", "float64", True),
         ("relay", "sample", "all", "float32", True),
@@ -124,80 +118,13 @@ def test_many_records_and_settings_at_once_are_a_loop_over_them(x64):
     assert np.abs(np.diff(loop, axis=0)).max(axis=1).min() > 1e-3
 
 
-# --- what the options do to (15) and (21) ---
-
-
-def test_noise_inside_the_dead_zone_never_touches_the_weights(precision):
-    """All |ν| ≤ d at the truth: no update, while without a zone there are many."""
-    x = (np.round(4 * wandering(samples=3000)) / 4).astype(precision)
-    truth = np.random.default_rng(4).integers(1, 9, PLANE.cells).astype(precision) / 8
-    exact = np.asarray(pj.simulate(PLANE, truth, x, "ramp"))
-    z = (exact + np.random.default_rng(5).uniform(-0.05, 0.05, len(x))).astype(precision)
-    within, without = (
-        AdaptiveFilter(PLANE, "ramp", initial_weight=truth, dead_zone=zone).run(x, z).weights
-        for zone in (0.101, 0.0)
-    )
-    np.testing.assert_array_equal(within, truth)
-    assert np.abs(without - truth).max() > 0.01
-
-
-def test_noise_that_enters_an_update_has_the_power_of_its_closed_form(x64):
-    """From the truth an update adds μ²⟨ê²⟩/A: of Gaussian ν outside a zone, and cut off."""
-    sigma, mu, draws = 0.3, 0.7, 50_000
-    nu = sigma * np.sqrt(2) * np.random.default_rng(6).standard_normal(draws)
-    deviation = sigma * np.sqrt(2)
-    truth = np.linspace(0.1, 1.0, PLANE.cells)
-
-    def gained(filt):
-        state = filt.init(-2.0, 0.0)
-        exact = filt.step(state, 1.1, np.nan)[1].output
-        following, info = jax.vmap(lambda n: filt.step(state, 1.1, exact + n))(nu)
-        area = np.max(np.asarray(info.switched))
-        return np.sum((np.asarray(following.weights) - truth) ** 2, axis=1) * area / mu**2
-
-    filt = AdaptiveFilter(PLANE, initial_weight=truth, step_size=mu)
-    t = 0.5 / (deviation * np.sqrt(2))
-    tail = erfc(t) + 2 * t * np.exp(-(t**2)) / np.sqrt(np.pi)
-    inside = erf(t) - 2 * t * np.exp(-(t**2)) / np.sqrt(np.pi)
-    expected = {
-        (None, None): deviation**2,
-        (0.5, None): deviation**2 * tail,
-        (None, 0.5): deviation**2 * inside + 0.25 * erfc(t),
-    }
-    for (zone, limit), power in expected.items():
-        found = gained(dataclasses.replace(filt, dead_zone=zone, error_limit=limit))
-        margin = 5 * found.std() / np.sqrt(draws)
-        assert found.mean() == pytest.approx(power, abs=margin)
-        assert margin < 0.04 * deviation**2
-
-
-def test_leakage_leaves_the_bias_and_the_variance_of_its_closed_forms(x64):
-    """One relay: the bias is λ/(λ+μ) of the prior's error, the variance 2μ²σ²/(λ+μ)."""
-    plane = Plane(levels=2, low=0.0, high=2.0)  # of which the input moves the lowest relay alone
-    samples, truth, prior = 50_000, 3.0, 1.0
-    x = np.tile([0.0, 1.0], samples // 2)
-    noise = np.random.default_rng(8).normal(0, 0.1, samples)
-
-    @jax.jit
-    def errors(mu, leakage, z):
-        filt = AdaptiveFilter(plane, initial_weight=prior, step_size=mu, leakage=leakage)
-
-        def advance(state, sample):
-            state, _ = filt.step(state, *sample)
-            return state, state.weights[0] - truth
-
-        return jax.lax.scan(advance, filt.init(x[0], z[0]), (x, z))[1]
-
+def test_leakage_leaves_the_bias_of_its_closed_form(x64):
+    """Of a relay that switches again and again λ/(λ+μ) of the prior's error remains."""
+    x = np.tile([0.0, 1.0], 500)  # which moves the lowest relay alone
     for mu, leakage in ((0.05, 0.02), (1.0, 0.25), (0.05, 0.0)):
-        exact = np.asarray(errors(mu, leakage, truth * x))
-        bias = leakage / (leakage + mu) * (prior - truth)
-        assert exact[-1] == pytest.approx(bias, abs=1e-12)
-        noisy = np.asarray(errors(mu, leakage, truth * x + noise))[2000:]
-        # With the correlation length 1/(λ+μ), so many of the samples are independent.
-        margin = 5 * np.sqrt(2 / (len(noisy) * (leakage + mu) / 2))
-        variance = 2 * mu**2 * 0.1**2 / (leakage + mu)
-        assert noisy.var() == pytest.approx(variance, rel=margin)
-        assert margin < 0.25
+        plane, options = Plane(levels=2, low=0.0, high=2.0), {"step_size": mu, "leakage": leakage}
+        found = AdaptiveFilter(plane, initial_weight=1.0, **options).run(x, 3.0 * x).weights[0]
+        assert float(found) - 3.0 == pytest.approx(-2.0 * leakage / (leakage + mu), abs=1e-12)
 
 
 # --- what is kept does not age ---
@@ -206,7 +133,7 @@ def test_leakage_leaves_the_bias_and_the_variance_of_its_closed_forms(x64):
 def test_blocks_of_any_length_share_what_is_compiled(compilations):
     filt = AdaptiveFilter(Plane(levels=3, low=-2.0, high=8.0), "ramp")
     x, z = wandering(samples=1100), measured(wandering(samples=1100))
-    online, single = OnlineFilter(filt), OnlineFilter(filt)
+    online = OnlineFilter(filt)
     online.block(x[:130], z[:130])
     online.block(x[130:260], z[130:260])
 
@@ -215,12 +142,8 @@ def test_blocks_of_any_length_share_what_is_compiled(compilations):
         for size in (129, 131, 140, 133, 144, 137):
             online.block(x[begin : begin + size], z[begin : begin + size])
             begin += size
-        return begin
 
     assert not compilations(blocks)
-    one_by_one(single, x[: 260 + 814], z[: 260 + 814])
-    for name, wanted in vars(single.state).items():
-        np.testing.assert_allclose(getattr(online.state, name), wanted, atol=1e-4, err_msg=name)
 
 
 def test_a_record_that_indices_cannot_reach_is_refused():
@@ -309,28 +232,6 @@ def test_inputs_beyond_the_plane_saturate_if_asked(x64, tmp_path):
             online(-np.inf, 1.0)
         with pytest.raises(InputError, match="x is inf"):
             online.block(np.array([1.0, np.inf]))
-
-
-FAULTS = {
-    "spikes": lambda z, rng: z + 1e6 * 0.02 * (rng.random(len(z)) < 0.05),
-    "reversed": lambda z, rng: -z,
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_the_filter_recovers_from_a_faulty_sensor(fault):
-    """Noise-free but for the fault of 500 samples: forgotten in 3,000 samples."""
-    x = np.resize(wandering(samples=2000, speed=1.1), 8000).astype("float32")
-    truth = np.random.default_rng(9).uniform(0.1, 1.0, PLANE.cells).astype("float32")
-    z = np.array(pj.simulate(PLANE, truth, x, "relay"))
-    z[3000:3500] = FAULTS[fault](z[3000:3500], np.random.default_rng(10))
-    online = OnlineFilter(AdaptiveFilter(PLANE))
-    output, _, _ = by_blocks(online, x[:3500], z[:3500], 500)
-    assert np.isfinite(output).all()
-    assert online.state is not None
-    assert np.linalg.norm(np.asarray(online.state.weights) - truth) > 0.2
-    output, _, _ = by_blocks(online, x[3500:], z[3500:], 500)
-    assert np.std((output - z[3500:])[3000:]) < 0.02 * np.ptp(z[:3000])
 
 
 # --- keeping, and mistakes ---

@@ -18,17 +18,11 @@ U, Z = np.sin(np.arange(60.0)), np.cos(np.arange(60.0))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes of a name")
-def test_pipe_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    with pytest.raises(InputError, match="pipe"):
-        read_table(tmp_path / "pipe.csv")
-
-
-@pytest.mark.parametrize("load", [Model.load, OnlineFilter.load, Sweep.load])
+@pytest.mark.parametrize("load", [Model.load, OnlineFilter.load, Sweep.load, read_table])
 def test_only_regular_files_are_opened(tmp_path, load):
     os.mkfifo(tmp_path / "pipe")
     for path in (Path("/dev/zero"), tmp_path / "pipe"):
-        with pytest.raises(InputError, match=f"^{path}: this is a folder, a device or a pipe: gi"):
+        with pytest.raises(InputError, match=f"^{path}: this is a .*(device|pipe)[:;] "):
             load(path)
 
 

@@ -1,6 +1,5 @@
 """The simulated experiment obeys Preisach's laws and looks like the paper's."""
 
-from itertools import pairwise
 from typing import Any
 
 import jax
@@ -9,9 +8,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from preisach_jax.errors import InputError
-from preisach_jax.operator.plane import Plane
-from preisach_jax.operator.simulation import simulate
+from preisach_jax import InputError
 from preisach_jax.piezo import (
     NOTCH_DENOMINATOR,
     NOTCH_NUMERATOR,
@@ -39,23 +36,11 @@ FILTERS = {
 }
 
 
-def path(*levels, samples=SAMPLES):
-    """A path that meets levels exactly, in equal numbers of steps, and then rests at the last."""
-    steps = (samples - 1) // (len(levels) - 1)
-    ramps = [np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(levels)]
-    walk = np.concatenate([[levels[0]], *ramps])
-    return np.concatenate([walk, np.full(samples - walk.size, levels[-1])])
-
-
-def stroke(v):
-    """Hysteresis along a path, in double precision."""
-    return np.asarray(STAGE.hysteresis(v))
-
-
 def major_loop():
     """The rising and the falling branch on one ascending axis."""
     axis = np.linspace(0.0, RANGE_V, 151)
-    z = stroke(np.concatenate([axis, axis[-2::-1], np.zeros(SAMPLES - 301)]))
+    path = np.concatenate([axis, axis[-2::-1], np.zeros(SAMPLES - 301)])
+    z = np.asarray(STAGE.hysteresis(path))
     return axis, z[:151], z[150:301][::-1]
 
 
@@ -117,24 +102,6 @@ def test_hysteresis_against_a_loop(precision, tolerance):
     got = STAGE.hysteresis(jnp.asarray(v, precision))
     assert got.dtype == precision
     np.testing.assert_allclose(got, expected, rtol=0, atol=0.05 * tolerance * 112.0)
-
-
-def test_a_preisach_model_with_all_hysterons_off_follows_it_from_the_first_sample(x64):
-    """Oracle: a model with the stage's Everett function agrees wherever the grid is met exactly."""
-    levels = 9
-    plane = Plane(levels=levels, low=0.0, high=RANGE_V)
-    nodes = np.linspace(0.0, RANGE_V, levels + 1)
-    # f(α, β), the stroke when the drive comes from 0, turns at α and goes back to β
-    paths = np.array([[0.0, a, b] for a in nodes for b in nodes])
-    f = np.asarray(jax.vmap(STAGE.hysteresis)(jnp.asarray(paths)))[:, 2].reshape(levels + 1, -1)
-    fall = np.tril(np.diag(f)[:, None] - f)  # weight of the hysterons switched on the way back
-    weights = (fall[1:, :-1] - fall[:-1, :-1]) - (fall[1:, 1:] - fall[:-1, 1:])
-    weights = weights[plane.alpha_index, plane.beta_index]
-    assert np.all(weights > 0.0)
-    walk = np.random.default_rng(5).integers(0, levels + 1, SAMPLES)
-    v = nodes[np.concatenate([[0, 3], walk[2:]])]
-    model = simulate(plane, weights, v)
-    np.testing.assert_allclose(model, stroke(v), rtol=0, atol=1e-9)
 
 
 def test_the_loop_is_like_the_papers(x64):

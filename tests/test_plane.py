@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
 
@@ -22,15 +21,6 @@ def test_cells_are_ordered_by_row_with_the_diagonal_and_thresholds_lie_in_their_
     order = [(i, j) for i in range(6) for j in range(i + 1)]
     np.testing.assert_array_equal(np.stack([plane.alpha_index, plane.beta_index], 1), order)
     np.testing.assert_array_equal(np.stack([plane.alpha, plane.beta], 1), 2 * np.array(order))
-
-
-@pytest.mark.parametrize("hysteron", HYSTERONS)
-def test_all_are_off_at_low_and_on_at_high(hysteron, precision):
-    for limits in ((0.0, 75.0), (-1e-3, 7e-4), (1e3 + 0.1, 1e3 + 7.3)):
-        low, high = np.asarray(limits, precision)
-        plane = Plane(levels=37, low=low, high=high)
-        states = hysteron_states(plane, np.array([low, high, low]), "low", hysteron)
-        np.testing.assert_array_equal(states.sum(axis=1), [0, plane.cells, 0])
 
 
 def slow_quantiser(x, thresholds):
@@ -110,12 +100,9 @@ def test_initial_memory_agrees_with_the_first_input(kind, precision):
     ("arguments", "message"),
     [
         ((1, 0.0, 1.0), "levels is 1: give a whole number of at least 2"),
-        ((2.0, 0.0, 1.0), r"levels is 2\.0: give a whole number of at least 2"),
-        (("two", 0.0, 1.0), "levels is 'two': give a whole number of at least 2"),
         ((5, "low", 1.0), "a limit of the plane is 'low': give a number"),
         ((5, 1.0, 1.0), r"low is 1\.0 and high is 1\.0"),
         ((5, float("nan"), 1.0), "low is nan"),
-        ((5, 0.0, float("inf")), "high is inf"),
     ],
 )
 def test_a_bad_plane_is_named_with_its_value(arguments, message):

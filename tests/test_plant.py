@@ -169,20 +169,12 @@ ORACLES: dict[str, tuple[Any, float]] = {
 }  # fmt: skip
 
 
-def of_drive(law):
-    """What the hysteresis makes of a drive that is straight between the samples, and changed."""
+def changed(drive=lambda p, u, t: u, position=lambda p, h, t: h):
+    """Laws of the drive, straight between the samples, and of what the hysteresis makes of it."""
 
     def oracle(rec, p, h):
-        t, drive, rows = finely(rec)
-        return make_stage(2).hysteresis(law(p, drive, t))[rows]
-
-    return oracle
-
-
-def of_position(law):
-    def oracle(rec, p, h):
-        t, drive, rows = finely(rec)
-        return law(p, make_stage(2).hysteresis(drive), t)[rows]
+        t, u, rows = finely(rec)
+        return position(p, make_stage(2).hysteresis(drive(p, u, t)), t)[rows]
 
     return oracle
 
@@ -198,14 +190,14 @@ def of_speed(law):
 
 ORACLES |= {
     "input_lag": (
-        of_drive(lambda p, u, t: np.clip(first_order(u, p["tau_s"], t), 0, RANGE_V)), 0.01
+        changed(drive=lambda p, u, t: np.clip(first_order(u, p["tau_s"], t), 0, RANGE_V)), 0.01
     ),
     "input_quantisation": (
-        of_drive(lambda p, u, t: np.rint(u / p["step_V"] + 1e-9) * p["step_V"]), 1e-9
+        changed(drive=lambda p, u, t: np.rint(u / p["step_V"] + 1e-9) * p["step_V"]), 1e-9
     ),
-    "output_lag": (of_position(lambda p, h, t: first_order(h, p["tau_s"], t)), 5e-3),
-    "delay": (of_position(lambda p, h, t: np.interp(t - p["delay_s"], t, h)), 5e-3),
-    "resonance": (of_position(mode), 5e-3),
+    "output_lag": (changed(position=lambda p, h, t: first_order(h, p["tau_s"], t)), 5e-3),
+    "delay": (changed(position=lambda p, h, t: np.interp(t - p["delay_s"], t, h)), 5e-3),
+    "resonance": (changed(position=mode), 5e-3),
     "rate_dependence": (of_speed(lambda p, rate: p["coefficient"] * rate ** p["exponent"]), 1e-6),
     "log_rate": (
         of_speed(lambda p, rate: p["coefficient_V"] * np.log10(1 + rate / p["slow_V_per_s"])), 1e-6

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from preisach_jax import Plane, Record
 from preisach_jax.chain.coefficients import Coefficients, coarsened
 from preisach_jax.chain.description import Chain
 from preisach_jax.chain.driven import drive
@@ -13,9 +14,7 @@ from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.identify import problem as identified
 from preisach_jax.identify import regression
 from preisach_jax.identify.problem import Problem, evaluate
-from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import state_bounds
-from preisach_jax.record import Record
 
 COUNT = 3000
 PLANE = Plane(5, 0.0, 10.0)

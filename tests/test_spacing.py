@@ -7,10 +7,9 @@ import pytest
 from exported import HIGH, LOW, Compiled, drawn, needs_compiler, predicted, smooth, wild
 
 import preisach_jax as pj
-from preisach_jax.errors import InputError
+from preisach_jax import InputError, Plane
 from preisach_jax.export.description import describe
 from preisach_jax.export.stepper import sample_by_sample
-from preisach_jax.operator.plane import Plane
 from preisach_jax.plot.axes import plane_edges, shown_density
 
 THRESHOLDS = LOW + (HIGH - LOW) * np.array([0.05, 0.3, 0.42, 0.47, 0.5, 0.52, 0.57, 0.7, 0.95])
@@ -57,25 +56,6 @@ def course():
     return np.concatenate([wild(300, 2), smooth(100, 3)])
 
 
-def stepped(model, u):
-    """What the law gives, sample by sample."""
-    return sample_by_sample(describe(model), u[:, None])
-
-
-def test_it_is_the_model_of_equal_cells_behind_a_map_of_the_input():
-    u = course()
-    knots = np.concatenate([[LOW], THRESHOLDS, [HIGH]])
-    places = np.concatenate([[0.0], np.arange(9) + 0.5, [9.0]])
-    expected = predicted(drawn([]), LOW + (HIGH - LOW) * np.interp(u, knots, places) / 9)
-    np.testing.assert_allclose(predicted(drawn([], thresholds=THRESHOLDS), u), expected, atol=1e-12)
-
-
-def test_effects_act_in_the_unit_of_the_input_from_sample_to_sample():
-    model, u = drawn(["rate_corners"], thresholds=THRESHOLDS), course()
-    # Its speed at the first sample is known a sample later.
-    np.testing.assert_allclose(stepped(model, u)[1:], predicted(model, u)[1:], atol=1e-12)
-
-
 @needs_compiler
 @pytest.mark.parametrize("names", CHAINS, ids="+".join)
 def test_its_code_is_the_model(names, tmp_path):
@@ -84,7 +64,8 @@ def test_its_code_is_the_model(names, tmp_path):
         model = drawn(names, hysteron=hysteron, thresholds=THRESHOLDS)
         compiled = Compiled(model, tmp_path)
         # The widening of a smooth input looks ahead in `predict`, and cannot in the code.
-        expected = stepped(model, u) if "rate_smooth_all" in names else predicted(model, u)
+        ahead = "rate_smooth_all" in names
+        expected = sample_by_sample(describe(model), u[:, None]) if ahead else predicted(model, u)
         np.testing.assert_allclose(compiled(u)[first:], expected[first:], rtol=0, atol=1e-11)
     if names in CHAINS[:2]:
         wanted = compiled.again(smooth(300, 6, LOW + 1, HIGH - 1))

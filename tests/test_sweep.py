@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from preisach_jax.errors import InputError
-from preisach_jax.filter.adaptive import AdaptiveFilter
-from preisach_jax.operator.plane import Plane
+from preisach_jax import AdaptiveFilter, InputError, Plane, Sweep
 from preisach_jax.operator.states import hysteron_states
 from preisach_jax.paper.sweep import (
-    Sweep,
     fit_power_law,
     merge,
     realisation,
@@ -143,13 +140,9 @@ def test_other_numbers_of_the_same_shape_compile_nothing(whole, compilations):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"levels": (5, 1)}, "levels holds 1: give a whole number of at least 2"),
         ({"levels": (5, 5)}, "levels holds .5, 5.: name each only once"),
-        ({"noise": (-0.1,)}, "noise holds -0.1: give standard deviations above 0"),
         ({"noise": (0.0,)}, "noise holds 0.0: .* without noise is always computed"),
-        ({"seeds": 0}, "seeds is 0: give a whole number of at least 1"),
         ({"seeds": [1, -1]}, "seeds holds -1: give a whole number of at least 0"),
-        ({"samples": 999}, "samples is 999: give a whole number of at least 1000"),
     ],
 )
 def test_bad_settings_are_refused(change, message):

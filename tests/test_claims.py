@@ -53,3 +53,18 @@ def test_a_sentence_without_its_result_is_left_out(tmp_path):
     assert "0.99997" not in left
     assert "which the authors leave to future work" in left
     assert "| (3), (4) |" in left
+
+
+def test_a_result_of_another_version_is_told(tmp_path, monkeypatch):
+    head = provenance.git("rev-parse", "HEAD")
+    if head is None:
+        pytest.skip("not in a clone")
+    monkeypatch.setattr(provenance, "RESULTS", tmp_path)
+    old = provenance.git("rev-list", "--max-parents=0", "HEAD") or ""
+    clean = provenance.git("status", "--porcelain", "--", "preisach_jax") == ""
+    (tmp_path / "new.json").write_text(f'{{"commit": "{head}"}}')
+    (tmp_path / "old.json").write_text(f'{{"commit": "{old.split()[0]}"}}')
+    (tmp_path / "none.json").write_text("{}")
+    found = provenance.outdated() or {}
+    assert {"old.json", "none.json"} <= set(found)
+    assert ("new.json" in found) is not clean

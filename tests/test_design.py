@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import world
+from blind import hidden
 
 import preisach_jax as pj
 from preisach_jax.cli import main
@@ -92,7 +93,7 @@ def answer(u):
     step = 1 / (RATE_HZ * fine)
     t, time = np.arange((len(u) - 1) * fine + 1) * step, np.arange(len(u)) / RATE_HZ
     h = world.make_world(5).hysteresis(np.interp(t, time, u))
-    h = h + sum(0.02 * world.ramp_lag(h, tau, step) for tau in (0.05, 0.4, 3.0))
+    h = h + sum(0.02 * hidden.lag(h, tau, step) for tau in (0.05, 0.4, 3.0))
     z = h[::fine] + NOISE * np.random.default_rng(1).normal(size=len(u))
     return pj.Record.from_arrays(time, u, z, units=UNITS, initial_memory="low")
 

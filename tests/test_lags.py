@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import world
+from blind import hidden
 from scipy import signal
 
 import preisach_jax as pj
@@ -19,7 +20,7 @@ def one_pole(values):
 
 
 def straight(values):
-    return world.ramp_lag(values, TAU, 1 / RATE)
+    return hidden.lag(values, TAU, 1 / RATE)
 
 
 def stage(before=np.array, behind=np.array, seed=4, seconds=3.0):

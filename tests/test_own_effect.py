@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import world
+from blind import hidden
 
 import preisach_jax as pj
 from preisach_jax.effects import BUILT_IN
@@ -62,7 +63,7 @@ def stage(change=lambda h: h, effect=None):
 
 @pytest.fixture(scope="module")
 def lagging():
-    return stage(lambda h: world.ramp_lag(h, 0.02, 1 / RATE))[1]
+    return stage(lambda h: hidden.lag(h, 0.02, 1 / RATE))[1]
 
 
 @pytest.fixture(scope="module")

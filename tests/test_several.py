@@ -5,7 +5,7 @@ import json
 import jax
 import numpy as np
 import pytest
-import world
+from blind import hidden
 from test_hysteron import slow_ramp
 
 import preisach_jax as pj
@@ -70,7 +70,7 @@ def test_each_record_is_followed_by_its_own_slow_operator():
             for alpha, beta, on in zip(plane.alpha, plane.beta, share, strict=True)
         ]
         loop = weights @ np.array(states)
-        late = [world.ramp_lag(loop, tau, 0.1) for tau in creep.tau_s]
+        late = [hidden.lag(loop, tau, 0.1) for tau in creep.tau_s]
         expected.append(loop + 0.1 * late[0] + 0.2 * late[1] + offsets[position])
         shares.append(weights * share)
         records.append(pj.Record.from_arrays(t, x, x, name=f"{position}.csv"))

@@ -10,7 +10,8 @@ from test_modes import plays
 
 import preisach_jax as pj
 from preisach_jax.diagnosis.plausible import implausible
-from preisach_jax.diagnosis.tellable import InputSurvey
+from preisach_jax.diagnosis.tellable import InputSurvey, untellable
+from preisach_jax.effects import resolve
 from preisach_jax.effects.base import CYCLES, RATES
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
@@ -113,6 +114,14 @@ def test_what_the_drive_or_a_bound_makes_is_no_finding(effect, values, drive, sa
     told = implausible(*stand_in(effect, values, drive))
     assert said in told
     assert bool(said) == bool(told)
+
+
+def test_what_depends_on_the_rate_cannot_be_told_at_one_rate():
+    rates = ("a triangle of one rate", "a triangle of two rates")
+    for effect in resolve(("creep", "input_lag", "output_lag", "delay", "resonance"), {}):
+        one, two = (stand_in(Resonance(), {}, INPUTS[name][0])[0] for name in rates)
+        assert "one rate" in untellable(one, effect)
+        assert untellable(two, effect) == ""
 
 
 def test_at_one_rate_nothing_dynamic_is_named():

@@ -149,11 +149,6 @@ def excitation(kind: str, duration_s: float, rate_hz: float, seed: int):
     return TOP * drive(np.arange(round(duration_s * rate_hz)) / rate_hz)
 
 
-def ramp_lag(h, tau_s, step_s):
-    """tau y' = h - y, exact for h straight between samples, at rest before the first sample."""
-    return hidden.lag(h, tau_s, step_s)
-
-
 def _behind(effect, h, t, seconds, truth, step_s):
     """(time,) what comes out, in um, where the hysteresis makes h."""
     if effect == "creep":
@@ -215,6 +210,5 @@ def hidden_record(
         "aux": aux,
         "clean": clean,
         "noise_um": float(np.hypot(noise_um, ENCODER_STEP / np.sqrt(12.0))),
-        "stroke_um": world.stroke,
         "truth": truth,
     }

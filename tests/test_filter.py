@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import PLANE, SAMPLES, slow_states, wandering
+from oracles import PLANE, SAMPLES, slow_relays, slow_states, wandering
 
 from preisach_jax import (
     AdaptiveFilter,
@@ -30,6 +30,27 @@ def true_weights(plane=PLANE, dtype="float64", seed=0):
     return np.random.default_rng(seed).uniform(0.1, 1.0, plane.cells).astype(dtype)
 
 
+def slow_filter(plane, x, z, sampling, weight=1e-9):
+    """The recursion with sets, eq. (6)-(8), (10)-(12); weights before each sample, e and A."""
+    relays = slow_relays(plane, x).astype(bool)
+    weights, reference = np.full(plane.cells, weight), z[0]
+    errors, areas, outputs = [], [], []
+    for k, now in enumerate(relays):
+        last = relays[max(k - 1, 0)]
+        switched_on, switched_off = now & ~last, last & ~now
+        area = switched_on.sum() + switched_off.sum()
+        error = z[k] - reference - weights[now].sum() + weights[last].sum()
+        outputs.append(weights[now].sum())
+        errors.append(error)
+        areas.append(area)
+        if area:
+            weights[switched_on] += error / area
+            weights[switched_off] -= error / area
+        if area or sampling == "sample":
+            reference = z[k]
+    return weights, np.array(outputs), np.array(errors), np.array(areas)
+
+
 @jax.jit
 def scan_trajectory(filt, x, z):
     def advance(state, sample):
@@ -48,6 +69,19 @@ def differences(function, point, step):
     """Central finite differences of `function` in each direction from `point`."""
     moves = step * np.eye(point.size)
     return np.array([function(point + m) - function(point - m) for m in moves]) / (2 * step)
+
+
+@pytest.mark.parametrize("sampling", ["event", "sample"])
+def test_relay_filter_matches_the_recursion_with_sets(sampling, precision, tolerance):
+    x = wandering().astype(precision)
+    z = (3 * np.sin(x) + x).astype(precision)
+    weights, outputs, errors, areas = slow_filter(PLANE, x, z, sampling)
+    result = AdaptiveFilter(PLANE, "relay", sampling).run(x, z)
+    assert {a.dtype.name for a in result[:4]} == {precision}
+    np.testing.assert_array_equal(result.switched, areas)
+    np.testing.assert_allclose(result.error, errors, atol=20 * tolerance)
+    np.testing.assert_allclose(result.output, outputs, atol=20 * tolerance)
+    np.testing.assert_allclose(result.weights, weights, atol=20 * tolerance)
 
 
 @both_kinds

@@ -122,6 +122,25 @@ def test_steps_and_runs_continue_each_other():
     assert int(rest.state.turn) == int(whole.state.turn)
 
 
+def test_forgetting_does_not_wind_up_cells_that_are_not_visited():
+    """Bare forgetting would multiply their variance by λ⁻ⁿ, here above 10⁷."""
+    x = wandering(high=3.0, seed=7, speed=1.3)
+    states = slow_states(PLANE, x, "ramp")
+    truth = np.random.default_rng(8).uniform(0.1, 1.0, PLANE.cells)
+    forgetting, variance = 0.9, 50.0
+    filt = RecursiveLeastSquares(PLANE, "ramp", forgetting, 0.3, variance)
+    result = filt.run(x, states @ truth)
+    assert forgetting ** -np.count_nonzero(result.switched) > 1e7
+    covariance = np.asarray(result.state.covariance)
+    visited = np.ptp(states, axis=0) > 0
+    variances = np.diag(covariance)[:-1]
+    assert variances.max() <= variance / forgetting**PLANE.cells
+    assert np.linalg.eigvalsh(covariance).min() > 0
+    # What was not seen stays as it was.
+    np.testing.assert_allclose(result.weights[~visited], 0.3, atol=1e-12)
+    assert variances[~visited].min() >= variance / 2
+
+
 def test_single_precision_is_refused_and_raised_where_it_can_be():
     x, z, _, _ = record("ramp", samples=50)
     filt = RecursiveLeastSquares(PLANE, "ramp")

@@ -6,6 +6,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
+from scipy import optimize
 
 from preisach_jax.identify.regression import (
     MEMORY_STRENGTH,
@@ -28,6 +29,25 @@ def problem(seed, rows=60, columns=12, mixing=0.0):
 
 
 # --- non-negative least squares ---
+
+
+@pytest.mark.parametrize("mixing", [0.0, 0.999])
+def test_solution_is_that_of_nnls(mixing):
+    matrix, target = problem(1, mixing=mixing)
+    got = solve_nonnegative(matrix.T @ matrix, matrix.T @ target, np.ones(12, dtype=bool))
+    expected = optimize.nnls(matrix, target)[0]
+    assert 0 < np.sum(expected == 0) < 12  # some bounds are active, so the test says something
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-7 / (1 - mixing))
+
+
+def test_free_coefficients_may_be_negative():
+    matrix, target = problem(2)
+    nonnegative = np.arange(12) % 3 != 0
+    got = solve_nonnegative(matrix.T @ matrix, matrix.T @ target, nonnegative)
+    bounds = (np.where(nonnegative, 0.0, -np.inf), np.full(12, np.inf))
+    expected = optimize.lsq_linear(matrix, target, bounds, tol=1e-14).x
+    assert got[~nonnegative].min() < 0
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5)
 
 
 @given(
@@ -169,6 +189,14 @@ def density_regression(noise, seed=0, levels=8, rows=600):
     fold = np.arange(rows) * 4 // rows
     nonnegative = np.arange(len(i) + 1) < len(i)
     return normal_equations(matrix, target, fold, nonnegative, penalties(levels, ())), density
+
+
+def test_noise_asks_for_a_strong_prior_and_clean_data_for_a_weak_one():
+    noises = (1e-5, 0.3, 10.0)
+    chosen = [choose_strength(density_regression(n)[0], np.arange(4), 1.0) for n in noises]
+    assert chosen == sorted(chosen)
+    assert chosen[0] <= 1e-6
+    assert chosen[-1] >= 1e-2
 
 
 def test_a_fold_that_no_other_tells_of_does_not_choose():

@@ -131,6 +131,26 @@ def test_a_period_with_every_triangle_is_within_its_bounds(sigma, x64):
         assert squared(errors[-1]) <= upper
 
 
+def test_the_expected_error_is_within_its_bounds_after_every_period():
+    """Eq. (19)-(21) against the exact moments."""
+    levels, periods, W = 4, 12, 0.3
+    plane = plane_of(levels)
+    once = every_triangle(plane)
+    T = len(once) - 1
+    x = np.append(once[:1], np.tile(once[1:], periods))
+    start = np.random.default_rng(0).uniform(-1, 1, plane.cells)
+    moments = propagate_error(plane, x, start, W)
+    exact = (moments.mean_squared + moments.variance)[T - 1 :: T]
+    assert len(exact) == periods
+    before = squared(start)
+    for period, after in enumerate(exact, start=1):
+        assert after <= expected_error(before, W, T, levels)  # (19)
+        assert after <= expected_error(squared(start), W, T, levels, period)  # (20)
+        before = after
+    assert moments.variance[-1] <= residual_error_bound(W, T, levels)  # (21)
+    assert np.all(np.diff(moments.mean_squared[T - 1 :: T]) < 0)
+
+
 @pytest.mark.parametrize(("T", "N"), [(1, 2), (15, 3), (300, 37)])
 def test_the_constants_are_those_of_the_paper(T, N):
     C, D = Fraction(1, 16 * N * (N * T + 2) ** 2), Fraction(T**2 * N**2)  # (24)

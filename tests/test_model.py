@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import pairwise
 
 import jax
 import numpy as np
@@ -16,11 +15,10 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, Survey
+from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.parameter import Parameter, parameter
 from preisach_jax.fit.fitted import finished
 from preisach_jax.fit.stepwise import plane_of
 from preisach_jax.identify.problem import Problem, evaluate
@@ -82,38 +80,12 @@ def rich(record):
 def without_output(record, **changes):
     """The record as a prediction sees it."""
     arrays = {"time": record.time, "input": record.input, "aux": record.aux} | changes
-    blank = np.full(len(arrays["input"]), np.nan)
     return Record.from_arrays(
-        arrays["time"],
-        arrays["input"],
-        blank,
-        aux=arrays["aux"],
-        initial_memory=changes.get("initial_memory", "free"),
-        name="new.csv",
+        **arrays, output=np.full(len(arrays["input"]), np.nan), name="new.csv"
     )
 
 
-def later(record, start, stop, shift=0.0):
-    """A stretch of a record as a record of its own, its clock shifted."""
-    part = record.part(start, stop)
-    return without_output(part, time=part.time + shift)
-
-
 # --- the file ---
-
-
-def test_a_model_reads_back_to_the_last_bit(tmp_path, rich):
-    record, model = rich
-    path = tmp_path / "model.json"
-    model.save(path)
-    again = Model.load(path)
-    assert again.to_json() == model.to_json()
-    for new in (record, later(record, 1000, 1400, 500.0)):
-        before, after = model.predict(new), again.predict(new)
-        np.testing.assert_array_equal(after.output, before.output)
-        np.testing.assert_array_equal(after.low, before.low)
-        np.testing.assert_array_equal(after.high, before.high)
-    assert list(tmp_path.iterdir()) == [path]  # nothing unfinished is left
 
 
 def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
@@ -199,31 +171,6 @@ def test_other_versions_are_refused(tmp_path, content, found):
     assert "9.9.9" in message
 
 
-class Leak(AddedEffect):
-    name = "leak"
-    share: float = 1.0
-
-    tau_s: float = parameter("s", 0.01, 10.0, start=(1.0,), log=True)
-
-    def coefficients(self):
-        return (Parameter("gain", "{z}", -np.inf, np.inf),)
-
-    def columns(self, signals):
-        return (self.share * signals.time / (signals.time + self.tau_s))[:, None]
-
-
-def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
-    found = pj.fit(record, [Leak(share=0.5)], levels=5)
-    path = tmp_path / "model.json"
-    found.save(path)
-    message = refused(path)
-    assert "'leak'" in message
-    assert "Model.load(path, effects=" in message
-    again = Model.load(path, effects=[Leak()])
-    assert again.effects[0].settings() == {"share": 0.5}
-    np.testing.assert_array_equal(again.predict(record).output, found.model.predict(record).output)
-
-
 # --- predicting ---
 
 
@@ -258,15 +205,12 @@ def test_unknown_memory_widens_the_band_until_it_is_forced(plain):
     np.testing.assert_allclose(half[saturated:], 0.0, atol=0.01)
     # The truth lies inside, whatever came before.
     for before in ([0.0, 37.0], [0.0, 75.0, 37.0], [0.0, 60.0, 20.0, 55.0, 37.0]):
-        path = np.concatenate([*_ramps(before), new.input])
+        way = np.interp(np.linspace(0, len(before) - 1, 401), np.arange(len(before)), before)
+        path = np.concatenate([way, new.input])
         truth = world.make_world(3).hysteresis(path)[-len(new) :]
         slack = 4 * plain.rms_validation
         assert np.all(truth > got.low - slack)
         assert np.all(truth < got.high + slack)
-
-
-def _ramps(levels):
-    return [np.linspace(a, b, 100) for a, b in pairwise(levels)]
 
 
 def test_stated_memory_is_used(plain):
@@ -276,7 +220,7 @@ def test_stated_memory_is_used(plain):
     got = plain.predict(told)
     np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(told))
     expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial="low")
-    np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
+    np.testing.assert_allclose(got.output, expected, atol=1e-6 * np.ptp(got.output))
     assert np.all((got.output >= free.low - 1e-6) & (got.output <= free.high + 1e-6))
     # Saturation is the edge of what unknown memory leaves open.
     edge = free.low + plain.half_width(new)

@@ -137,10 +137,9 @@ def test_evidence_for_the_right_effect(points):
     assert compare(problem, base, drift, floor=100 * base.validation_mean_square).against
 
 
-@pytest.mark.parametrize(("effect", "noise"), [(None, 0.006), ("drift", 0.1)])
-def test_noise_is_measured_whatever_is_hidden(x64, noise, effect):
-    problem = problem_of(effect, rate_hz=1500.0, noise_um=noise)
-    expected = np.hypot(noise, world.ENCODER_STEP / np.sqrt(12))
+def test_noise_is_measured_beside_the_error_of_the_grid(x64):
+    problem = problem_of(None, rate_hz=1500.0)
+    expected = np.hypot(0.006, world.ENCODER_STEP / np.sqrt(12))
     assert noise_rms(problem, base_point(problem, LEVELS)) == pytest.approx(expected, rel=0.15)
 
 

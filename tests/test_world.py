@@ -1,7 +1,6 @@
 """The simulated actuator of the tests obeys Preisach's laws and hides what it says."""
 
 import ast
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,6 @@ import pytest
 import world
 from blind import hidden
 from blind.cases import make_cases
-from blind.rates import RIVALS, read_results, summary_of
-from blind.run import run_cases
 from blind.stage import Plays, Stage
 from blind.world import EFFECTS, KNOWN_AS, OUTSIDE
 from scipy.integrate import solve_ivp
@@ -21,12 +18,6 @@ from world import TOP, hidden_record, make_world
 import preisach_jax as pj
 
 SHORT: dict[str, Any] = {"duration_s": 6.0, "rate_hz": 1000.0}
-
-
-def path(*levels, points=200):
-    """A path through levels, each ramp in `points` steps."""
-    ramps = [np.linspace(a, b, points + 1)[1:] for a, b in pairwise(levels)]
-    return np.concatenate([[levels[0]], *ramps])
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +42,8 @@ def test_path_agrees_with_a_sum_of_relays(actuator):
     levels = 150
     edges = np.linspace(0.0, TOP, levels + 1)
     rng = np.random.default_rng(3)
-    turns = edges[rng.integers(0, levels + 1, 60)]
-    u = path(0.0, *turns, points=40)
+    turns = np.append(0.0, edges[rng.integers(0, levels + 1, 60)])
+    u = np.interp(np.arange(60 * 40 + 1) / 40, np.arange(61), turns)
     whole = actuator.everett(*np.meshgrid(edges, edges, indexing="ij"))
     cell = whole[1:, :-1] - whole[:-1, :-1] - whole[1:, 1:] + whole[:-1, 1:]
     i, j = np.tril_indices(levels, -1)
@@ -138,29 +129,3 @@ def test_a_draw_is_new_in_all_it_hides_and_has_every_effect_under_every_drive():
         drives = [case.excitation for case in first if list(case.effects) == [name]]
         assert set(drives) == {"rich", "fair", "periodic", "poor"}
         assert len(drives) >= (10 if name in EFFECTS else 8)
-
-
-def test_what_crashes_counts_as_not_right(tmp_path):
-    cases = make_cases("1", suites=["single"], limit=4)
-    hits = [True, True, False, None]
-
-    def judge(case):
-        row = {"id": case.id, "suite": case.suite, "drawn": list(case.effects), "asked": False,
-               "excitation": case.excitation, "size": 1.0, "hidden": ["creep"], "kin": [],
-               "in_library": ["creep"], "truth": {}, "error": None, "change": 0.1}  # fmt: skip
-        hit = hits[cases.index(case)]
-        if hit is None:
-            return row | {"error": "KeyError"}
-        names = ["creep"] * hit
-        return row | {"verdict": "explained", "effects": names, "families": [names], "limits": [],
-                      "parameters": {}, "rivals": dict.fromkeys(RIVALS), "seconds": 1.0,
-                      "held_out": {"base": 2.0, "final": 1.0, "oracle": 1.0}}  # fmt: skip
-
-    run_cases(cases[:2], tmp_path, 0, judge)
-    run_cases(cases, tmp_path, 0, judge)
-    assert (tmp_path / "starts.txt").read_text().split() == [case.id for case in cases]
-    told = summary_of(read_results(tmp_path))
-    assert (told["exact"]["single"]["count"], told["exact"]["single"]["of"]) == (2, 4)
-    assert told["failed"] == 1
-    with pytest.raises(SystemExit, match="results of draw 1"):
-        run_cases(cases, tmp_path, 0, judge, draw="2")

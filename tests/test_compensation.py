@@ -1,6 +1,7 @@
 """A drive that was found for a course gives it back, through every effect and in all limits."""
 
 import re
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -86,9 +87,7 @@ def test_several_effects_are_inverted_together_beside_an_auxiliary_column():
     model = model_of(*(EFFECTS[name] for name in TOGETHER), load, record=record)
     smooth = course(model, load_N=2.0)
     moves = 2 + np.sin(8 * smooth.time)
-    wanted = pj.Record.from_arrays(
-        smooth.time, smooth.input, smooth.output, aux={"load_N": moves}, units=UNITS
-    )
+    wanted = replace(smooth, aux={"load_N": moves})
     found = pj.compensate(model, wanted)
     assert found.reachable.mean() > 0.99
     error = (found.expected - wanted.output)[found.reachable]
@@ -129,38 +128,28 @@ def test_a_course_beyond_the_stroke_is_told_with_the_range_that_can_be_reached()
     assert f"the course asks for {asked[0]} to {asked[1]}" in span
 
 
-def burst(model, height, f_hz):
-    """A course that begins at rest, and swings fast in its middle."""
-    wanted = course(model)
-    swing = height * np.sin(2 * np.pi * f_hz * wanted.time)
-    swing *= np.exp(-(((wanted.time - 0.6) / 0.08) ** 2))
-    return pj.Record.from_arrays(wanted.time, wanted.input, wanted.output + swing, units=UNITS)
-
-
 RANGE, FAST = "keep it within that range", "faster than"
 ADVICE = {"raise it", "widen the limits", RANGE, FAST, "begin the course where the stage is"}
 
 
+def burst(t):
+    return 6 * np.sin(2 * np.pi * 60 * t) * np.exp(-(((t - 0.6) / 0.08) ** 2))
+
+
 @pytest.mark.parametrize(
-    ("effects", "of", "options", "advice"),
+    ("effects", "height", "moved", "options", "advice"),
     [
-        ((), {"height": 6.0}, {"slew": 5.0}, {"raise it"}),
-        (("slew_limit",), {"burst": (6.0, 60.0)}, {}, set()),
-        ((), {"height": 6.0}, {"limits": (3.0, 7.0)}, {RANGE, "widen the limits"}),
-        (("resonance",), {"jump": 4.0}, {}, {FAST}),
-        ((), {"away": 3.0}, {"slew": 500.0}, {"begin the course where the stage is"}),
+        ((), 6.0, np.zeros_like, {"slew": 5.0}, {"raise it"}),
+        (("slew_limit",), 5.0, burst, {}, set()),
+        ((), 6.0, np.zeros_like, {"limits": (3.0, 7.0)}, {RANGE, "widen the limits"}),
+        (("resonance",), 5.0, lambda t: 4.0 * (t > 0.5), {}, {FAST}),
+        ((), 5.0, lambda t: 3.0, {"slew": 500.0}, {"begin the course where the stage is"}),
     ],
 )
-def test_advice_fits_the_cause(effects, of, options, advice):
+def test_advice_fits_the_cause(effects, height, moved, options, advice):
     model = model_of(*(EFFECTS[name] for name in effects))
-    if "burst" in of:
-        wanted = burst(model, *of["burst"])
-    else:
-        wanted = course(model, height=of.get("height", 5.0))
-        moved = of.get("away", 0.0) + of.get("jump", 0.0) * (wanted.time > 0.5)
-        wanted = pj.Record.from_arrays(
-            wanted.time, wanted.input, wanted.output + moved, units=UNITS
-        )
+    plain = course(model, height=height)
+    wanted = replace(plain, output=plain.output + moved(plain.time))
     found = pj.compensate(model, wanted, **options)
     assert not found.reachable.all()
     assert {words for words in ADVICE if any(words in note for note in found.notes)} == advice
@@ -176,7 +165,7 @@ def test_from_elsewhere_a_drive_comes_to_its_course_without_ringing():
     omega = 2 * np.pi * f_hz
     model = model_of((Resonance(), {"f_hz": f_hz, "zeta": zeta}, ()))
     wanted = course(model)
-    moved = pj.Record.from_arrays(wanted.time, 0 * wanted.time, wanted.output + away, units=UNITS)
+    moved = replace(wanted, output=wanted.output + away)
     found = pj.compensate(model, moved)
     told = next(note for note in found.notes if "begins" in note)
     assert f"the course begins {abs(away):g} µm ({5 * abs(away):g} % of the stroke) away" in told
@@ -215,12 +204,10 @@ def test_the_memory_is_that_of_what_was_played_before():
 def test_the_clock_of_the_course_goes_on_where_it_can():
     model = model_of(EFFECTS["drift"], EFFECTS["hum"])
     wanted = course(model)
-    shifted = pj.Record.from_arrays(
-        wanted.time + model.origin.stop_s + 1 / RATE, wanted.input, wanted.output
-    )
+    shifted = replace(wanted, time=wanted.time + model.origin.stop_s + 1 / RATE)
     here, there = pj.compensate(model, wanted), pj.compensate(model, shifted)
     np.testing.assert_allclose(here.drive, there.drive, atol=1e-6)
-    late = pj.Record.from_arrays(wanted.time + 10.0, wanted.input, wanted.output)
+    late = replace(wanted, time=wanted.time + 10.0)
     assert np.abs(pj.compensate(model, late).drive - here.drive).max() > 0.01
     prediction = model.predict(
         pj.Record.from_arrays(shifted.time, there.drive, there.drive, units=UNITS)

@@ -25,19 +25,12 @@ UNITS = {"input": "V", "output": "um"}
 STAGE = make_stage(5)
 
 
-def triangles(speed, seconds, top=74.0, share=0.5):
+def triangles(speed, seconds):
     """Time, and triangles of falling height from zero, all at one rate in V/s."""
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    u, goals = [0.0], [top, 0.0]
-    while len(u) < len(t):
-        step = speed / RATE_HZ
-        if abs(goals[0] - u[-1]) <= step:
-            u.append(goals.pop(0))
-            goals.append(goals[-1] + (top * share if goals[-1] == 0.0 else -goals[-1]))
-            share = max(0.97 * share, 0.2)
-        else:
-            u.append(u[-1] + step * np.sign(goals[0] - u[-1]))
-    return t, np.array(u[: len(t)])
+    tops = 74.0 * np.append(1.0, np.maximum(0.5 * 0.97 ** np.arange(200), 0.2))
+    corners = np.append(0.0, np.stack([tops, 0 * tops], axis=1))
+    return t, np.interp(speed * t, np.append(0.0, np.cumsum(np.abs(np.diff(corners)))), corners)
 
 
 def record(name, t, u, z, seed=0, zero=0.0):

@@ -195,16 +195,6 @@ def test_the_weights_of_the_model_are_found(x64):
     np.testing.assert_allclose(got.weights, 0.5 + 0.2 * i + 0.1 * j + (i == j), atol=0.01)
     assert got.offset == pytest.approx(2.0, abs=0.01)
     assert np.sqrt(point.validation_mean_square) * problem.unit < 1e-3
-    # What is minimised is the error and the penalty.
-    record, _ = simulated((), {}, noise=0.05)
-    problem = Problem.of(record)
-    point = evaluate(problem, chain, {}, 1e-3)
-    rows = np.isin(problem.fold, IDENTIFICATION)
-    goal = (problem.target - problem.target.mean()) / problem.unit
-    residual = (goal - point.matrix @ point.solution)[rows]
-    penalty = point.equations.penalty(point.solution, 1e-3)
-    assert penalty > 0
-    assert point.objective == pytest.approx(np.mean(residual**2) + penalty, rel=1e-6)
 
 
 def test_columns_of_the_operator_follow_the_input_effects(x64):

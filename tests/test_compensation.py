@@ -63,10 +63,11 @@ def test_relays_come_as_near_as_their_steps_are():
     assert np.median(missed) < rows.max() / 4
 
 
-ALONE = [name for name in EFFECTS if name not in (*TOGETHER, "hum", "ageing_by_path")]
+PAIRS = ["hum ageing_by_path drift_by_path", "operator_creep reptation"]
+ALONE = [name for name in EFFECTS if name not in (*TOGETHER, *" ".join(PAIRS).split())]
 
 
-@pytest.mark.parametrize("names", [*ALONE, "hum ageing_by_path"])
+@pytest.mark.parametrize("names", [*ALONE, *PAIRS])
 def test_a_course_comes_back_through_every_effect(names):
     model = model_of(*(EFFECTS[name] for name in names.split()))
     wanted = course(model)
@@ -270,14 +271,8 @@ def test_the_straight_line_beside_a_drive_is_the_best_one_played_through_the_mod
     found = pj.compensate(model, wanted)
     errors = tracking(model, wanted, found)
     slope, level = np.polyfit(found.wanted, found.drive, 1)
-    played = np.clip(level + slope * found.wanted, model.plane.low, model.plane.high)
-    time, values = model.origin.history
-    whole = pj.Record.from_arrays(
-        np.concatenate([time, time[-1] + wanted.step_s * (1 + np.arange(len(played)))]),
-        np.concatenate([values, played]),
-        np.full(len(time) + len(played), np.nan),
-    )
-    missed = model.simulate(whole)[-len(played) :] - found.wanted
+    line = np.clip(level + slope * found.wanted, model.plane.low, model.plane.high)
+    missed = reading_of(model, line) - found.wanted
     own = model.rms_validation
     assert errors.straight == pytest.approx(np.hypot(np.sqrt(np.mean(missed**2)), own), rel=1e-6)
     assert errors.compensated == pytest.approx(own, rel=1e-3)

@@ -202,13 +202,6 @@ def test_without_a_finer_plane_a_coarser_one_tells(x64):
     assert by_another_plane(noisy, point, coarser) < 0.3 * 0.5
 
 
-def relays_of(count, seed):
-    """Thresholds of relays that jump up and down, and their jumps."""
-    rng = np.random.default_rng(seed)
-    middle, half = rng.uniform(0.1, 0.9, count), rng.exponential(0.07, count)
-    return middle - half, middle + half, rng.uniform(0.3, 1.7, count) / count
-
-
 def wandering(count=6000, seconds=24.0):
     """Straight strokes between random turning points, 0 to 1."""
     rng = np.random.default_rng(3)
@@ -218,19 +211,21 @@ def wandering(count=6000, seconds=24.0):
     return time, np.clip(np.interp(time, corners / corners[-1] * seconds, turns), 0, 1)
 
 
-def relay_output(values, relays):
-    down, up, jump = relays
-    state, out = np.zeros(len(jump)), np.empty(len(values))
-    for k, x in enumerate(values):
-        state = np.where(x >= up, 1.0, np.where(x <= down, 0.0, state))
-        out[k] = state @ jump
-    return out
+def of_relays(values, count=60):
+    """What relays of many thresholds and jumps make of a course."""
+    rng = np.random.default_rng(5)
+    middle, half = rng.uniform(0.1, 0.9, count), rng.exponential(0.07, count)
+    jump, state, output = rng.uniform(0.3, 1.7, count) / count, np.zeros(count), []
+    for x in values:
+        state = np.where(x >= middle + half, 1.0, np.where(x <= middle - half, 0.0, state))
+        output.append(state @ jump)
+    return np.array(output)
 
 
 def test_what_comes_back_within_cells_is_the_grid_of_relays(x64):
     """The error of a plane fitted to some dozens of jumps is its grid; no other plane is asked."""
     time, values = wandering(12_000)
-    record = Record.from_arrays(time, values, relay_output(values, relays_of(60, 5)))
+    record = Record.from_arrays(time, values, of_relays(values))
     fit = pj.fit(record, levels=20)
     within = within_cells_rms(record, fit.residual, fit.model.plane)
     assert within is not None

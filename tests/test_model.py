@@ -240,12 +240,9 @@ def test_the_band_covers_new_records_of_the_same_world(plain):
 def test_input_beyond_the_plane_is_refused(plain, record):
     path = np.array(record.input)
     path[[123, 700]] = [80.25, -9.0]
-    with pytest.raises(pj.InputError) as caught:
+    told = r"new\.csv.* 80\.25 V in sample 124 .* 0 to 75 V .*2 such samples.*cut these"
+    with pytest.raises(pj.InputError, match=told):
         plain.predict(without_output(record, input=path))
-    message = str(caught.value)
-    for part in ("new.csv", "80.25 V", "sample 124", "2 such samples", "0 to 75 V"):
-        assert part in message, message
-    assert "\n" not in message
 
 
 def test_no_prediction_that_is_not_finite_is_given(plain, record):

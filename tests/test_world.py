@@ -68,19 +68,14 @@ def test_the_record_is_the_hysteresis_where_nothing_is_hidden():
     np.testing.assert_allclose(large - rec["clean"], 4 * (small - rec["clean"]), atol=1e-9)
 
 
-def bare_stage(slope_um):
-    """A stage without memory whose output goes straight with its input."""
-    return Stage(
-        Plays(*np.array([[0.1], [0.0], [0.0], [1.0], [0.0], [0.0]])), np.zeros(1), slope_um, 0
-    )
-
-
 def test_eddy_currents_of_a_straight_stage_are_a_lag():
     """h = s v and v = u - k dh/dt make a lag of k s, here against SciPy's integration."""
     step, slope, k = 1e-4, 20.0, 1e-4
     t = np.arange(3000) * step
     x = 0.5 + 0.4 * np.sin(2 * np.pi * 8 * t)
-    found = bare_stage(slope).response_behind_currents(x, k / step)
+    without_memory = Plays(*np.array([[0.1], [0.0], [0.0], [1.0], [0.0], [0.0]]))
+    stage = Stage(without_memory, np.zeros(1), slope, 0)
+    found = stage.response_behind_currents(x, k / step)
     exact = solve_ivp(
         lambda at, h: (np.interp(at, t, x) - h / slope) / k, (0, t[-1]), [slope * x[0]],
         t_eval=t, rtol=1e-9, max_step=step,

@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 import world
@@ -55,15 +54,6 @@ def problem_of(effect, seed=3, rate_hz=500.0, **options):
     return Problem.of(Record.from_arrays(rec["t"], rec["x"], rec["z"], initial_memory="low"))
 
 
-@pytest.fixture(scope="module")
-def points():
-    """A record that drifts: the model without and with the drift."""
-    with jax.enable_x64(True), threadpool_limits(1):
-        problem = problem_of("drift")
-        base = base_point(problem, LEVELS)
-        return problem, base, with_effect(problem, base, Drift())
-
-
 @pytest.mark.parametrize(
     ("evidence", "says"),
     [
@@ -107,8 +97,10 @@ def test_innovations_are_what_an_autoregression_cannot_foretell(coefficients):
     assert innovation_variance(np.zeros(100)) > 0.0
 
 
-def test_evidence_for_the_right_effect(points):
-    problem, base, drift = points
+def test_evidence_for_the_right_effect(x64):
+    problem = problem_of("drift")
+    base = base_point(problem, LEVELS)
+    drift = with_effect(problem, base, Drift())
     evidence = compare(problem, base, drift)
     assert evidence.against == ""
     assert evidence.gain > 0.9

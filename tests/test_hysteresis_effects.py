@@ -244,10 +244,6 @@ def test_regressors_at_the_fed_back_output_make_the_response(x64):
 TAU_S = (0.05, 0.4, 3.0)
 
 
-def columns_of(effect, values, time, path):
-    return np.asarray(acting.columns(effect, values, acting.signals(time, path)))
-
-
 def slow_creep(time, path, thresholds, parts=400):
     """(time, column) elements in small explicit steps at the middle of each."""
     place = np.full((len(thresholds), len(TAU_S)), path[0])
@@ -294,11 +290,12 @@ def test_columns_of_a_memory_are_small_steps_and_exact(x64):
     finely = np.arange(0, 39.01, 0.125)
     fine_time = np.interp(finely, np.arange(40), time)
     for effect, values, expected in cases:
-        got = columns_of(effect, values, time, path)
+        got = acting.columns(effect, values, acting.signals(time, path))
         assert got.shape == expected.shape
         assert (np.ptp(expected, axis=0) > 0.02).all()
         np.testing.assert_allclose(got, expected, rtol=0, atol=5e-3)
-        fine = columns_of(effect, values, fine_time, np.interp(fine_time, time, path))
+        finely_driven = acting.signals(fine_time, np.interp(fine_time, time, path))
+        fine = acting.columns(effect, values, finely_driven)
         np.testing.assert_allclose(fine[::8], got, rtol=0, atol=1e-10)
 
 

@@ -1,7 +1,7 @@
 """Identification recovers what was put in, from rows that were measured and not held out."""
 
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 
 import hypothesis.strategies as st
 import jax
@@ -153,15 +153,10 @@ def test_thinning_keeps_reversals_with_flat_tops():
 
 
 def _turns(values):
-    """The extremes of a course in their order, by a loop."""
-    found = [values[0]]
-    direction = 0.0
-    for before, now in pairwise(values):
-        if now != before:
-            if direction and np.sign(now - before) != direction:
-                found.append(before)
-            direction = np.sign(now - before)
-    return np.array([*found, values[-1]])
+    """The extremes of a course in their order."""
+    moved = values[np.append(True, np.diff(values) != 0)]
+    turned = np.diff(np.sign(np.diff(moved))) != 0
+    return moved[np.concatenate([[True], turned, [True]])]
 
 
 def test_thinning_spends_its_samples_where_the_input_bends():

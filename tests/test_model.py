@@ -19,6 +19,7 @@ from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
+from preisach_jax.files import plain_json
 from preisach_jax.fit.fitted import finished
 from preisach_jax.fit.stepwise import plane_of
 from preisach_jax.identify.problem import Problem, evaluate
@@ -32,11 +33,11 @@ RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
 
 
-def actuator(seconds=6.0, seed=3, excitation=None, noise=0.02, begin=0.0):
-    """A world with nothing hidden: the operator of `seed` along the excitation of another one."""
-    drive = world.excitation("rich", seconds, RATE, excitation or seed)
-    rng = np.random.default_rng(excitation or seed)
-    output = world.make_world(seed).hysteresis(drive) + noise * rng.normal(size=len(drive))
+def actuator(excitation=3, begin=0.0):
+    """A world with nothing hidden: one operator along some excitation."""
+    drive = world.excitation("rich", 6.0, RATE, excitation)
+    noise = 0.02 * np.random.default_rng(excitation).normal(size=len(drive))
+    output = world.make_world(3).hysteresis(drive) + noise
     return Record.from_arrays(
         begin + np.arange(len(drive)) / RATE, drive, output, units=UNITS, name="stage.csv"
     )
@@ -118,25 +119,15 @@ def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch)
     assert list(tmp_path.iterdir()) == [path]
 
 
-def refused(path, **options):
+def refused(path):
     """The message with which a file is refused: one line that begins with its path."""
     with pytest.raises(pj.InputError) as caught:
-        Model.load(path, **options)
+        Model.load(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
     assert len(message) < 400
     return message
-
-
-@pytest.fixture
-def content(plain):
-    return json.loads(json.dumps(plain.to_json()))
-
-
-def write(path, content):
-    path.write_text(json.dumps(content), encoding="utf-8")
-    return path
 
 
 @pytest.mark.parametrize(
@@ -163,9 +154,10 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     "found", [FORMAT_VERSION + 1, FORMAT_VERSION - 1, True, "3", 10**400], ids=lambda v: f"{v!r:.9}"
 )
-def test_other_versions_are_refused(tmp_path, content, found):
-    content |= {"format_version": found, "library_version": "9.9.9"}
-    message = refused(write(tmp_path / "new.json", content))
+def test_other_versions_are_refused(tmp_path, plain, found):
+    path, content = tmp_path / "new.json", plain_json(plain.to_json())
+    path.write_text(json.dumps(content | {"format_version": found, "library_version": "9.9.9"}))
+    message = refused(path)
     assert f"format version {found!r:.20} " in message
     assert f"reads version {FORMAT_VERSION}; install the version that wrote it" in message
     assert "9.9.9" in message

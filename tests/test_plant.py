@@ -48,13 +48,9 @@ def slow_plays(stage, u, widening):
 # --- the hysteresis ---
 
 
-@pytest.fixture(scope="module")
-def stage():
-    return make_stage(4)
-
-
-def test_plays_against_a_loop_with_slacks_that_grow_and_shrink(stage, monkeypatch):
+def test_plays_against_a_loop_with_slacks_that_grow_and_shrink(monkeypatch):
     """At random, and while the drive rests; long ramps are cut without a trace."""
+    stage = make_stage(4)
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform(0.0, RANGE_V, 200), 4)
     widening = rng.uniform(0.0, 6.0, u.size) * np.repeat(rng.integers(0, 2, 400), 2)
@@ -66,7 +62,8 @@ def test_plays_against_a_loop_with_slacks_that_grow_and_shrink(stage, monkeypatc
         np.testing.assert_allclose(stage.hysteresis(u, widening), wider, rtol=0, atol=1e-9)
 
 
-def test_moving_against_a_root_at_each_sample(stage):
+def test_moving_against_a_root_at_each_sample():
+    stage = make_stage(4)
     u, a = np.random.default_rng(5).uniform(0.0, RANGE_V, 150), 0.12
     v = np.minimum(RANGE_V - stage.slack_up, stage.slack_down)
     rest = stage.weights @ stage.generate(v)

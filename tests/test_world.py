@@ -19,11 +19,6 @@ import preisach_jax as pj
 SHORT: dict[str, Any] = {"duration_s": 6.0, "rate_hz": 1000.0}
 
 
-@pytest.fixture(scope="module")
-def actuator():
-    return make_world(5)
-
-
 def test_neither_world_shares_code_with_the_package():
     files = [Path(world.__file__), *Path(blind.__file__).parent.glob("[ehsw]*.py")]
     assert {"hidden.py", "stage.py", "excitation.py"} <= {file.name for file in files}
@@ -36,8 +31,9 @@ def test_neither_world_shares_code_with_the_package():
         assert not [name for name in names if "preisach" in name or "jax" in name], file
 
 
-def test_path_agrees_with_a_sum_of_relays(actuator):
+def test_path_agrees_with_a_sum_of_relays():
     """Brute force: a grid of relays, each with the density's integral over its cell."""
+    actuator = make_world(5)
     levels = 150
     edges = np.linspace(0.0, TOP, levels + 1)
     rng = np.random.default_rng(3)

@@ -3,7 +3,6 @@
 PREISACH_DURATIONS=FILE also updates the rows of the files that were run in a table by file.
 """
 
-import csv
 import os
 from collections import defaultdict
 from pathlib import Path
@@ -73,22 +72,13 @@ class Durations:
             terminalreporter.write_line(f"{line.format(**row)}: {name}")
 
     def update(self, path):
-        rows: dict[str, dict] = {}
+        import pandas as pd
+
+        rows = pd.DataFrame(self.tests).T.astype({"programs": int})
+        by_file = rows.groupby([name.partition("::")[0] for name in rows.index])
+        table = by_file.sum().round(1)
+        table.insert(0, "tests", by_file.size())
         if path.exists():
-            with path.open(newline="") as file:
-                rows = {row["file"]: row for row in csv.DictReader(file)}
-        by_file = defaultdict(list)
-        for name, row in self.tests.items():
-            by_file[name.partition("::")[0]].append(row)
-        for name, each in by_file.items():
-            sums = {key: round(sum(row[key] for row in each), 1) for key in COLUMNS[2:]}
-            rows[name] = {
-                "file": name,
-                "tests": len(each),
-                **sums,
-                "programs": int(sums["programs"]),
-            }
-        with path.open("w", newline="") as file:
-            table = csv.DictWriter(file, list[str](COLUMNS), lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows[name] for name in sorted(rows) if Path(name).exists())
+            before = pd.read_csv(path, index_col="file")
+            table = pd.concat([before.drop(table.index, errors="ignore"), table]).sort_index()
+        table[[Path(name).exists() for name in table.index]].to_csv(path, index_label="file")

@@ -3,34 +3,13 @@
 from typing import Any
 
 import numpy as np
+from exported import KINDS
 from scipy import signal
 
-from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import InputEffect, OutputEffect
-from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.cross import Cross
-from preisach_jax.effects.delay import Delay
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.eddy_currents import EddyCurrents
-from preisach_jax.effects.excess_loss import ExcessLoss
 from preisach_jax.effects.gain import Gain
-from preisach_jax.effects.hum import Hum
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.leakage import Leakage
-from preisach_jax.effects.log_rate import LogRate
-from preisach_jax.effects.moving import Moving
-from preisach_jax.effects.operator_creep import OperatorCreep
-from preisach_jax.effects.output_lag import OutputLag
-from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.output_quantisation import OutputQuantisation
-from preisach_jax.effects.rate_dependence import RateDependence
-from preisach_jax.effects.reptation import Reptation
-from preisach_jax.effects.resonance import Resonance
-from preisach_jax.effects.restoring_force import RestoringForce
-from preisach_jax.effects.slew_limit import SlewLimit
-from preisach_jax.effects.viscosity import Viscosity
 
 TICK = 1e-3
 COUNT = 120
@@ -148,26 +127,32 @@ TAU_S = (0.004, 0.05, 0.9)
 GAINS = {"c_1": 0.2, "c_2": 0.05, "c_3": 0.3}
 TWO_MODES = {"f_hz": 20.0, "zeta": 0.05, "f_2_hz": 70.0, "zeta_2": 0.1}
 SPEEDS = {"tau_s": 0.01, "speed": 120.0, "stribeck_speed": 300.0}
-FRICTION = Viscosity(fastest=1000.0, saturates=True, stribeck=True)
+FRICTION = KINDS["viscosity"](fastest=1000.0, saturates=True, stribeck=True)
+POWER = {"coefficient": 0.3, "exponent": 0.7}
+LOGARITHM = {"coefficient": 0.3, "slow_speed": 2.0}
 BENT = {"gain": 0.02, "curvature": 0.4, "tau_s": 0.05}
 
 # Values from the middle of the ranges of a record of about 0.6 s.
 CASES: dict[str, tuple[Any, dict[str, float], Any]] = {
-    "creep": (Creep(tau_s=TAU_S), GAINS, slow_creep),
-    "input_lag": (InputLag(), {"tau_s": 0.011}, slow_lag),
-    "quick lag": (InputLag(), {"tau_s": 2e-4}, slow_lag),
-    "output_lag": (OutputLag(), {"tau_s": 0.013}, slow_lag),
-    "delay": (Delay(), {"delay_s": 0.0072}, lambda k, t, v, p: np.interp(t - 0.0072, t, v)),
-    "resonance": (Resonance(), {"f_hz": 21.0, "zeta": 0.08}, slow_mode),
-    "stiff resonance": (Resonance(), {"f_hz": 210.0, "zeta": 0.001}, slow_mode),
-    "two modes": (Resonance(modes=2), TWO_MODES | {"gain_2": -0.5}, slow_modes),
-    "slew_limit": (SlewLimit(), {"slew": 170.0}, slow_slew_limit),
-    "input_quantisation": (InputQuantisation(), {"step": 0.3}, slow_rounding),
-    "leakage": (Leakage(), {"tau_s": 0.02}, lambda k, t, v, p: v - slow_lag(k, t, v, p)),
-    "drift": (Drift(horizon_s=0.6), {"tau_s": 0.2}, slow_settling),
-    "hum": (Hum(), {"f_hz": 7.3}, slow_hum),
+    "creep": (KINDS["creep"](tau_s=TAU_S), GAINS, slow_creep),
+    "input_lag": (KINDS["input_lag"](), {"tau_s": 0.011}, slow_lag),
+    "quick lag": (KINDS["input_lag"](), {"tau_s": 2e-4}, slow_lag),
+    "output_lag": (KINDS["output_lag"](), {"tau_s": 0.013}, slow_lag),
+    "delay": (
+        KINDS["delay"](),
+        {"delay_s": 0.0072},
+        lambda k, t, v, p: np.interp(t - 0.0072, t, v),
+    ),
+    "resonance": (KINDS["resonance"](), {"f_hz": 21.0, "zeta": 0.08}, slow_mode),
+    "stiff resonance": (KINDS["resonance"](), {"f_hz": 210.0, "zeta": 0.001}, slow_mode),
+    "two modes": (KINDS["resonance"](modes=2), TWO_MODES | {"gain_2": -0.5}, slow_modes),
+    "slew_limit": (KINDS["slew_limit"](), {"slew": 170.0}, slow_slew_limit),
+    "input_quantisation": (KINDS["input_quantisation"](), {"step": 0.3}, slow_rounding),
+    "leakage": (KINDS["leakage"](), {"tau_s": 0.02}, lambda k, t, v, p: v - slow_lag(k, t, v, p)),
+    "drift": (KINDS["drift"](horizon_s=0.6), {"tau_s": 0.2}, slow_settling),
+    "hum": (KINDS["hum"](), {"f_hz": 7.3}, slow_hum),
     "ageing": (
-        Ageing(horizon_s=0.6),
+        KINDS["ageing"](horizon_s=0.6),
         {"loss": 0.1, "tau_s": 0.4},
         lambda k, t, v, p: 1 - 0.1 * slow_settling(k, t, v, p),
     ),
@@ -176,27 +161,19 @@ CASES: dict[str, tuple[Any, dict[str, float], Any]] = {
     "cross:c": (Cross("c", "V"), {"f_hz": 60.0, "zeta": 0.5}, slow_mode),
     "turned modes": (Cross("c", "V", modes=2, turned=True), TWO_MODES, slow_turned),
     "viscosity": (FRICTION, SPEEDS, slow_viscosity),
-    "excess_loss": (ExcessLoss(), {}, slow_roots),
-    "rate_dependence": (
-        RateDependence(reference_per_s=50.0),
-        {"coefficient": 0.3, "exponent": 0.7},
-        slow_widening,
-    ),
-    "log_rate": (
-        LogRate(with_corners=True),
-        {"coefficient": 0.3, "slow_speed": 2.0},
-        slow_log_rate,
-    ),
-    "eddy_currents": (EddyCurrents(), {"k": 0.01}, slow_eddy),
-    "moving": (Moving(2.0, 20.0, 3.0), {"a": 0.4}, slow_moving),
-    "output_quantisation": (OutputQuantisation(), {"step": 0.3}, slow_rounding),
-    "ripples": (OutputNonlinearity(-20.0, 50.0, half_waves=6), {}, slow_ripples),
+    "excess_loss": (KINDS["excess_loss"](), {}, slow_roots),
+    "rate_dependence": (KINDS["rate_dependence"](reference_per_s=50.0), POWER, slow_widening),
+    "log_rate": (KINDS["log_rate"](with_corners=True), LOGARITHM, slow_log_rate),
+    "eddy_currents": (KINDS["eddy_currents"](), {"k": 0.01}, slow_eddy),
+    "moving": (KINDS["moving"](2.0, 20.0, 3.0), {"a": 0.4}, slow_moving),
+    "output_quantisation": (KINDS["output_quantisation"](), {"step": 0.3}, slow_rounding),
+    "ripples": (KINDS["output_nonlinearity"](-20.0, 50.0, half_waves=6), {}, slow_ripples),
 }
 ROUNDED = ("creep", "quick lag", "resonance", "stiff resonance", "viscosity")
 """Effects that sum or turn over many samples: in single precision as well."""
 ALIKE = ("quick lag", "output_lag", "stiff resonance", "two modes")
 """Cases of the laws of other ones."""
-ELSEWHERE = (OperatorCreep, Reptation, RestoringForce)
+ELSEWHERE = [KINDS[name] for name in ("operator_creep", "reptation", "restoring_force")]
 """Effects that `test_hysteresis_effects` and `test_restoring_force` hold to loops of their own."""
 SIGNALS = (InputEffect, OutputEffect)
 STEPPED = [n for n, case in CASES.items() if isinstance(case[0], SIGNALS) and n not in ALIKE]

@@ -23,19 +23,6 @@ NOISE = 0.006
 BOUNDS = [Bounds(0.0, 75.0, 174.0, 500.0, 8621, "V"), Bounds(-2.3, 3.1, 0.02, 0.5, 6000, "A")]
 
 
-def drawn(name, bounds):
-    (found,) = [each for each in candidates(bounds) if each.name == name]
-    return found
-
-
-def rests(u):
-    """First and last row of every rest of an input, the one at the end left out."""
-    still = np.concatenate([[False], np.diff(u) == 0, [False]])
-    edges = np.flatnonzero(np.diff(still.astype(int)))
-    pairs = edges.reshape(-1, 2)
-    return [(int(a), int(b)) for a, b in pairs if b < len(u) - 1]
-
-
 def in_seconds(text):
     """Times such as `53.3 ms` in a text, in s."""
     return [
@@ -63,10 +50,10 @@ def test_excitations_keep_to_range_and_rate(bounds):
 
 @pytest.mark.parametrize("bounds", BOUNDS)
 def test_holds_span_two_decades_in_both_directions(bounds):
-    found = drawn("holds", bounds)
-    u, pauses = found.input, rests(found.input)
-    lengths = np.array([last - first for first, last in pauses]) / bounds.rate_hz
-    rising = np.array([u[first - 1] < u[first] for first, _ in pauses])
+    (found,) = [each for each in candidates(bounds) if each.name == "holds"]
+    u, still = found.input, np.diff(found.input, prepend=np.nan, append=np.nan) == 0
+    first, last = np.flatnonzero(np.diff(still)).reshape(-1, 2)[:-1].T  # the end is none
+    lengths, rising = (last - first) / bounds.rate_hz, u[first - 1] < u[first]
     assert rising.tolist() == [True] * 5 + [False] * 5
     said = in_seconds(found.text)
     for direction in (rising, ~rising):

@@ -1,7 +1,7 @@
 """Identification recovers what was put in, from rows that were measured and not held out."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import product
 
 import hypothesis.strategies as st
 import jax
@@ -16,8 +16,7 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
 from preisach_jax.chain.output import response
 from preisach_jax.chain.signals import signals_of
-from preisach_jax.effects import parameter as declare
-from preisach_jax.effects.base import OutputEffect, Survey
+from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
@@ -100,14 +99,13 @@ def test_blocks_hold_every_measured_row_once(count, holes, seed):
         assert np.all(np.diff(inside) > 0)
 
 
-@pytest.mark.parametrize("blocks_a_period", [2, 4, 8, 12, 16, 24])
-@pytest.mark.parametrize("fold", range(4))
-def test_no_period_falls_in_step_with_a_fold(blocks_a_period, fold):
+def test_no_period_falls_in_step_with_a_fold():
     count = 96 * 50
     problem = Problem.of(Record.from_arrays(*(np.arange(count),) * 3))
-    phase = problem.rows[problem.fold == fold] / (50 * blocks_a_period) % 1
-    shares = np.histogram(phase, [0, 0.25, 0.5, 0.75, 1])[0] / len(phase)
-    assert shares.min() > 1 / 16
+    for fold, blocks_a_period in product(range(4), [2, 4, 8, 12, 16, 24]):
+        phase = problem.rows[problem.fold == fold] / (50 * blocks_a_period) % 1
+        shares = np.histogram(phase, [0, 0.25, 0.5, 0.75, 1])[0] / len(phase)
+        assert shares.min() > 1 / 16, (fold, blocks_a_period)
 
 
 def test_what_was_not_measured_is_not_used(x64):
@@ -117,8 +115,6 @@ def test_what_was_not_measured_is_not_used(x64):
     holed = replace(record, output=output)
     problem = Problem.of(holed)
     point = with_all_rows(evaluate(problem, chain, {}, 1e-6))
-    assert np.isfinite(point.solution).all()
-    assert not np.isin(np.arange(300, 400), problem.rows).any()
     whole = Problem.of(record)
     full = with_all_rows(evaluate(whole, chain, {}, 1e-6))
     # The input there was seen: the memory goes on through the gap.
@@ -157,15 +153,10 @@ def test_thinning_keeps_reversals_with_flat_tops():
 
 
 def _turns(values):
-    """The extremes of a course in their order, by a loop."""
-    found = [values[0]]
-    direction = 0.0
-    for before, now in pairwise(values):
-        if now != before:
-            if direction and np.sign(now - before) != direction:
-                found.append(before)
-            direction = np.sign(now - before)
-    return np.array([*found, values[-1]])
+    """The extremes of a course in their order."""
+    moved = values[np.append(True, np.diff(values) != 0)]
+    turned = np.diff(np.sign(np.diff(moved))) != 0
+    return moved[np.concatenate([[True], turned, [True]])]
 
 
 def test_thinning_spends_its_samples_where_the_input_bends():
@@ -199,31 +190,6 @@ def test_the_weights_of_the_model_are_found(x64):
     np.testing.assert_allclose(got.weights, 0.5 + 0.2 * i + 0.1 * j + (i == j), atol=0.01)
     assert got.offset == pytest.approx(2.0, abs=0.01)
     assert np.sqrt(point.validation_mean_square) * problem.unit < 1e-3
-    # What is minimised is the error and the penalty.
-    record, _ = simulated((), {}, noise=0.05)
-    problem = Problem.of(record)
-    point = evaluate(problem, chain, {}, 1e-3)
-    rows = np.isin(problem.fold, IDENTIFICATION)
-    goal = (problem.target - problem.target.mean()) / problem.unit
-    residual = (goal - point.matrix @ point.solution)[rows]
-    penalty = point.equations.penalty(point.solution, 1e-3)
-    assert penalty > 0
-    assert point.objective == pytest.approx(np.mean(residual**2) + penalty, rel=1e-6)
-
-
-class Broken(OutputEffect):
-    name = "broken"
-
-    c: float = declare.parameter("1", 0.0, 1.0)
-
-    def apply(self, signal, time):
-        return signal * np.nan
-
-
-def test_values_that_are_not_finite_are_refused(x64):
-    record, chain = simulated((), {})
-    with pytest.raises(FloatingPointError, match="not finite"):
-        evaluate(Problem.of(record), chain.with_effects((Broken(),)), {"broken": {"c": 0.0}}, 1e-4)
 
 
 def test_columns_of_the_operator_follow_the_input_effects(x64):
@@ -264,7 +230,7 @@ def test_parameters_of_the_models_own_records_are_found(x64, kind, truth, added)
         assert found.values[effect.name][name] == expected, name
     coefficients = found.coefficients()
     np.testing.assert_allclose(coefficients.added[: len(added)], added, rtol=0.01)
-    np.testing.assert_allclose(coefficients.added[len(added) :], 0.0, atol=0.01)  # it was at rest
+    np.testing.assert_allclose(coefficients.added[len(added) :], 0.0, atol=7e-3)  # it was at rest
     assert np.sqrt(found.validation_mean_square) * problem.unit < 1.3e-3  # the noise is 1e-3
     assert found.validation_mean_square < 0.05 * base.validation_mean_square
 
@@ -290,10 +256,10 @@ def test_a_step_without_new_regressors_lands_where_refining_does(x64):
 # --- records of another make ---
 
 
-ACTUATOR = {"delay": 0.01, "aux": 0.05}  # relative error
+ACTUATOR = {"delay_s": 1.5e-3, "tau_s": 0.05, "gain": 0.025}  # relative error
 
 
-@pytest.mark.parametrize("effect", ACTUATOR)
+@pytest.mark.parametrize("effect", ["delay", "aux"])
 def test_parameters_of_the_simulated_actuator_are_found(effect):
     rec = world.hidden_record(effect, 3, duration_s=6.0, rate_hz=1000.0)
     name = "aux:load_N" if effect == "aux" else effect
@@ -304,6 +270,6 @@ def test_parameters_of_the_simulated_actuator_are_found(effect):
     found = pj.fit(record, [name], levels=13)
     assert jax.config.read("jax_enable_x64") == before  # the precision is the caller's
     for parameter, estimate in found.model.parameters[name].items():
-        truth = pytest.approx(rec["truth"][parameter], rel=ACTUATOR[effect])
+        truth = pytest.approx(rec["truth"][parameter], rel=ACTUATOR[parameter])
         assert estimate.value == truth, parameter
     assert found.rms_validation < 0.04

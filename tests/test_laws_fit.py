@@ -61,6 +61,9 @@ def test_the_model_predicts_its_own_record_as_well_as_is_stated(fitted, record):
     assert rms(error[fitted.validation]) < 1.02 * fitted.rms_validation
     assert rms(error[fitted.identification]) < 1.2 * fitted.rms_identification
     assert np.abs(own.output - fitted.prediction).max() < 10 * fitted.rms_validation
+    # Else these would be the laws of a fit that has found nothing.
+    assert fitted.model.parameters["output_lag"]["tau_s"].value == pytest.approx(0.03, rel=0.2)
+    assert fitted.rms_validation < 0.01 * np.ptp(fitted.prediction)
 
 
 def test_units_and_the_begin_of_the_clock_change_numbers_and_nothing_else(fitted):
@@ -82,10 +85,3 @@ def test_the_order_in_which_effects_of_different_places_are_named_does_not_matte
     near = 0.05 * fitted.rms_validation
     np.testing.assert_allclose(other.prediction, fitted.prediction, rtol=0, atol=near)
     assert other.rms_validation == pytest.approx(fitted.rms_validation, rel=1e-3)
-
-
-def test_what_was_hidden_is_found(fitted):
-    """Else the laws would be those of a fit that has found nothing."""
-    lag = fitted.model.parameters["output_lag"]["tau_s"]
-    assert lag.value == pytest.approx(0.03, rel=0.2)
-    assert fitted.rms_validation < 0.01 * np.ptp(fitted.prediction)

@@ -11,7 +11,7 @@ from acting import signals
 import preisach_jax as pj
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
-from preisach_jax.chain.output import columns_beside, response, tangents
+from preisach_jax.chain.output import columns_beside, response
 from preisach_jax.effects.cross import Cross
 from preisach_jax.effects.gain import Gain
 from preisach_jax.effects.input_lag import InputLag
@@ -68,31 +68,6 @@ def test_what_scales_the_loop_scales_the_viscosity_and_nothing_else(damper):
     np.testing.assert_array_equal(smooth, stepped)
 
 
-def test_tangents_are_those_of_finite_differences(damper):
-    chain, values, drives, own = damper
-    names = [
-        ("input_lag", "tau_s"), ("gain:c", "gain"), ("gain:c", "tau_s"), ("viscosity", "tau_s"),
-        ("cross:y", "f_hz"),
-    ]  # fmt: skip
-    found = tangents(chain, values, drives, own, names)
-    for got, (effect, name) in zip(found.T, names, strict=True):
-        here = values[effect][name]
-        ends = [
-            response(chain, values | {effect: values[effect] | {name: value}}, drives, own)
-            for value in (here * (1 + 1e-5), here * (1 - 1e-5))
-        ]
-        expected = (ends[0] - ends[1]) / (2e-5 * here)
-        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
-
-
-def test_a_constant_column_scales_nothing():
-    time = np.arange(400) / 50
-    u = np.sin(time * (1 + time / 9))
-    record = pj.Record.from_arrays(time, u, u, aux={"T": np.full(400, 20.0)})
-    with pytest.raises(InputError, match="column T: the auxiliary column is constant"):
-        pj.fit(record, ["gain:T"], levels=5)
-
-
 # --- hidden, and not hidden ---
 
 
@@ -116,17 +91,6 @@ def test_what_is_hidden_is_found_and_nothing_else(hidden, rivals):
     assert found.effects == ((hidden,) if hidden else ())
     if hidden:
         assert found.ladder[-1].rms_validation < 0.5 * found.ladder[0].rms_validation
-
-
-@pytest.mark.campaign  # a long record; the stage below has both as well
-def test_a_damper_has_a_viscosity_that_its_coil_scales(shared_data):
-    record = pj.Record.load(
-        shared_data / "mrdamper_mts_5mm3Hz.csv", time="t", input="x", output="z", aux=["current_A"]
-    )
-    found = pj.fit(record, ["gain:current_A", "viscosity"], levels=9)
-    assert found.rms_validation < 0.03 * np.ptp(record.output)
-    assert found.model.parameters["gain:current_A"]["gain"].low > 1.0
-    assert found.model.parameters["viscosity"]["saturating"].low > 0
 
 
 # --- what is made of a model ---
@@ -155,9 +119,6 @@ def test_a_model_is_saved_with_its_columns_and_has_no_c_code(machine, tmp_path):
     again = pj.Model.load(tmp_path / "model.json")
     assert [effect.name for effect in again.effects] == [effect.name for effect in model.effects]
     np.testing.assert_allclose(again.simulate(record), model.simulate(record), rtol=1e-12)
-    bare = pj.Record.from_arrays(record.time, record.input, record.output)
-    with pytest.raises(InputError, match="needs the auxiliary column '"):
-        again.predict(bare)
     with pytest.raises(InputError, match=r"no C code is known for the effect .*--without "):
         describe(model)
 

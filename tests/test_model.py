@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import pairwise
 
 import jax
 import numpy as np
@@ -16,11 +15,11 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
 from preisach_jax.effects.ageing import Ageing
 from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.base import AddedEffect, Survey
+from preisach_jax.effects.base import Survey
 from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.parameter import Parameter, parameter
+from preisach_jax.files import plain_json
 from preisach_jax.fit.fitted import finished
 from preisach_jax.fit.stepwise import plane_of
 from preisach_jax.identify.problem import Problem, evaluate
@@ -34,11 +33,11 @@ RATE = 500.0
 UNITS = {"input": "V", "output": "um"}
 
 
-def actuator(seconds=6.0, seed=3, excitation=None, noise=0.02, begin=0.0):
-    """A world with nothing hidden: the operator of `seed` along the excitation of another one."""
-    drive = world.excitation("rich", seconds, RATE, excitation or seed)
-    rng = np.random.default_rng(excitation or seed)
-    output = world.make_world(seed).hysteresis(drive) + noise * rng.normal(size=len(drive))
+def actuator(excitation=3, begin=0.0):
+    """A world with nothing hidden: one operator along some excitation."""
+    drive = world.excitation("rich", 6.0, RATE, excitation)
+    noise = 0.02 * np.random.default_rng(excitation).normal(size=len(drive))
+    output = world.make_world(3).hysteresis(drive) + noise
     return Record.from_arrays(
         begin + np.arange(len(drive)) / RATE, drive, output, units=UNITS, name="stage.csv"
     )
@@ -82,38 +81,12 @@ def rich(record):
 def without_output(record, **changes):
     """The record as a prediction sees it."""
     arrays = {"time": record.time, "input": record.input, "aux": record.aux} | changes
-    blank = np.full(len(arrays["input"]), np.nan)
     return Record.from_arrays(
-        arrays["time"],
-        arrays["input"],
-        blank,
-        aux=arrays["aux"],
-        initial_memory=changes.get("initial_memory", "free"),
-        name="new.csv",
+        **arrays, output=np.full(len(arrays["input"]), np.nan), name="new.csv"
     )
 
 
-def later(record, start, stop, shift=0.0):
-    """A stretch of a record as a record of its own, its clock shifted."""
-    part = record.part(start, stop)
-    return without_output(part, time=part.time + shift)
-
-
 # --- the file ---
-
-
-def test_a_model_reads_back_to_the_last_bit(tmp_path, rich):
-    record, model = rich
-    path = tmp_path / "model.json"
-    model.save(path)
-    again = Model.load(path)
-    assert again.to_json() == model.to_json()
-    for new in (record, later(record, 1000, 1400, 500.0)):
-        before, after = model.predict(new), again.predict(new)
-        np.testing.assert_array_equal(after.output, before.output)
-        np.testing.assert_array_equal(after.low, before.low)
-        np.testing.assert_array_equal(after.high, before.high)
-    assert list(tmp_path.iterdir()) == [path]  # nothing unfinished is left
 
 
 def test_the_file_is_strict_json_that_says_what_it_is(tmp_path, plain, record):
@@ -146,25 +119,15 @@ def test_an_interrupted_save_leaves_the_older_file(tmp_path, plain, monkeypatch)
     assert list(tmp_path.iterdir()) == [path]
 
 
-def refused(path, **options):
+def refused(path):
     """The message with which a file is refused: one line that begins with its path."""
     with pytest.raises(pj.InputError) as caught:
-        Model.load(path, **options)
+        Model.load(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
     assert len(message) < 400
     return message
-
-
-@pytest.fixture
-def content(plain):
-    return json.loads(json.dumps(plain.to_json()))
-
-
-def write(path, content):
-    path.write_text(json.dumps(content), encoding="utf-8")
-    return path
 
 
 @pytest.mark.parametrize(
@@ -191,37 +154,13 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     "found", [FORMAT_VERSION + 1, FORMAT_VERSION - 1, True, "3", 10**400], ids=lambda v: f"{v!r:.9}"
 )
-def test_other_versions_are_refused(tmp_path, content, found):
-    content |= {"format_version": found, "library_version": "9.9.9"}
-    message = refused(write(tmp_path / "new.json", content))
+def test_other_versions_are_refused(tmp_path, plain, found):
+    path, content = tmp_path / "new.json", plain_json(plain.to_json())
+    path.write_text(json.dumps(content | {"format_version": found, "library_version": "9.9.9"}))
+    message = refused(path)
     assert f"format version {found!r:.20} " in message
     assert f"reads version {FORMAT_VERSION}; install the version that wrote it" in message
     assert "9.9.9" in message
-
-
-class Leak(AddedEffect):
-    name = "leak"
-    share: float = 1.0
-
-    tau_s: float = parameter("s", 0.01, 10.0, start=(1.0,), log=True)
-
-    def coefficients(self):
-        return (Parameter("gain", "{z}", -np.inf, np.inf),)
-
-    def columns(self, signals):
-        return (self.share * signals.time / (signals.time + self.tau_s))[:, None]
-
-
-def test_effects_of_ones_own_are_read_when_they_are_passed(tmp_path, record):
-    found = pj.fit(record, [Leak(share=0.5)], levels=5)
-    path = tmp_path / "model.json"
-    found.save(path)
-    message = refused(path)
-    assert "'leak'" in message
-    assert "Model.load(path, effects=" in message
-    again = Model.load(path, effects=[Leak()])
-    assert again.effects[0].settings() == {"share": 0.5}
-    np.testing.assert_array_equal(again.predict(record).output, found.model.predict(record).output)
 
 
 # --- predicting ---
@@ -258,15 +197,12 @@ def test_unknown_memory_widens_the_band_until_it_is_forced(plain):
     np.testing.assert_allclose(half[saturated:], 0.0, atol=0.01)
     # The truth lies inside, whatever came before.
     for before in ([0.0, 37.0], [0.0, 75.0, 37.0], [0.0, 60.0, 20.0, 55.0, 37.0]):
-        path = np.concatenate([*_ramps(before), new.input])
+        way = np.interp(np.linspace(0, len(before) - 1, 401), np.arange(len(before)), before)
+        path = np.concatenate([way, new.input])
         truth = world.make_world(3).hysteresis(path)[-len(new) :]
         slack = 4 * plain.rms_validation
         assert np.all(truth > got.low - slack)
         assert np.all(truth < got.high + slack)
-
-
-def _ramps(levels):
-    return [np.linspace(a, b, 100) for a, b in pairwise(levels)]
 
 
 def test_stated_memory_is_used(plain):
@@ -276,7 +212,7 @@ def test_stated_memory_is_used(plain):
     got = plain.predict(told)
     np.testing.assert_allclose(got.high - got.low, 2 * plain.half_width(told))
     expected = plain.offset + pj.simulate(plain.plane, plain.weights, new.input, initial="low")
-    np.testing.assert_allclose(got.output, expected, atol=0.02 * np.ptp(got.output))
+    np.testing.assert_allclose(got.output, expected, atol=1e-6 * np.ptp(got.output))
     assert np.all((got.output >= free.low - 1e-6) & (got.output <= free.high + 1e-6))
     # Saturation is the edge of what unknown memory leaves open.
     edge = free.low + plain.half_width(new)
@@ -296,12 +232,9 @@ def test_the_band_covers_new_records_of_the_same_world(plain):
 def test_input_beyond_the_plane_is_refused(plain, record):
     path = np.array(record.input)
     path[[123, 700]] = [80.25, -9.0]
-    with pytest.raises(pj.InputError) as caught:
+    told = r"new\.csv.* 80\.25 V in sample 124 .* 0 to 75 V .*2 such samples.*cut these"
+    with pytest.raises(pj.InputError, match=told):
         plain.predict(without_output(record, input=path))
-    message = str(caught.value)
-    for part in ("new.csv", "80.25 V", "sample 124", "2 such samples", "0 to 75 V"):
-        assert part in message, message
-    assert "\n" not in message
 
 
 def test_no_prediction_that_is_not_finite_is_given(plain, record):

@@ -45,12 +45,13 @@ class Mains(pj.AddedEffect):
     """Pick-up of the mains: one line of known frequency, any phase."""
 
     name = "mains"
+    f_hz: float = 60.0
 
     def coefficients(self):
         return tuple(pj.Parameter(name, "{z}", -jnp.inf, jnp.inf) for name in ("cosine", "sine"))
 
     def columns(self, signals):
-        phase = 2 * jnp.pi * 50.0 * signals.time
+        phase = 2 * jnp.pi * self.f_hz * signals.time
         return jnp.stack([jnp.cos(phase), jnp.sin(phase)], axis=1)
 
 
@@ -87,14 +88,19 @@ def test_it_is_found_fitted_and_saved_like_one_of_the_library(lagging, tmp_path)
     np.testing.assert_array_equal(again.predict(lagging).output, expected)
 
 
-def test_an_effect_without_parameters_is_fitted():
+def test_an_effect_without_parameters_is_fitted_and_saved_with_its_settings(tmp_path):
     t = np.arange(6 * int(RATE)) / RATE
     _, record = stage(lambda h: h + 0.2 * np.sin(2 * np.pi * 50.0 * t + 0.7))
-    found = pj.fit(record, [Mains()], levels=9).model.parameters["mains"]
-    parts = [found[name].value for name in ("cosine", "sine")]
+    model = pj.fit(record, [Mains(f_hz=50.0)], levels=9).model
+    parts = [model.parameters["mains"][name].value for name in ("cosine", "sine")]
     assert math.hypot(*parts) == pytest.approx(0.2, rel=0.05)
     phase = np.arctan2(parts[0], parts[1])  # of a sine
     assert np.angle(np.exp(1j * (phase - 0.7))) == pytest.approx(0, abs=0.05)
+    model.save(tmp_path / "model.json")
+    with pytest.raises(pj.InputError, match=r"'mains'.*Model.load\(path, effects="):
+        pj.Model.load(tmp_path / "model.json")
+    again = pj.Model.load(tmp_path / "model.json", effects=[Mains()])
+    assert again.effects[0].settings() == {"f_hz": 50.0}
 
 
 # --- effects with mistakes in them ---

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import found as made_once
 import jax
@@ -26,7 +27,15 @@ def test_neither_units_nor_origins_change_verdict_or_fit():
     found = pj.diagnose(record, ("input_lag", *LIKELIEST["input_lag"]), levels=LEVELS)
     assert (found.verdict, found.effects) == (plain.verdict, ("input_lag",))
     fits, expected = ([r.fit_percent for r in each.ladder] for each in (found, plain))
-    np.testing.assert_allclose(fits, expected, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(fits, expected, rtol=0, atol=1e-7)
+
+
+def test_a_falling_input_from_the_other_saturation_gives_the_same_fit():
+    low = replace(record_of("input_lag"), initial_memory="low")
+    falling = replace(low, input=-1e56 * low.input, initial_memory="high")
+    fit, other = (pj.fit(each, ["input_lag"], levels=LEVELS) for each in (low, falling))
+    near = 1e-7 * np.ptp(fit.prediction)
+    np.testing.assert_allclose(other.prediction, fit.prediction, rtol=0, atol=near)
 
 
 POOLS = """

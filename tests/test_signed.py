@@ -14,8 +14,6 @@ import world
 from oracles import play
 
 import preisach_jax as pj
-from preisach_jax.export.description import describe
-from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.plot import density
 
 WIDTH, NOISE = 0.15, 0.002
@@ -66,7 +64,6 @@ def test_a_model_of_both_signs_is_saved_and_loaded(fitted, tmp_path):
     fitted.save(tmp_path / "model.json")
     loaded = pj.Model.load(tmp_path / "model.json")
     assert loaded.chain.signed
-    assert np.array_equal(loaded.weights, fitted.model.weights)
     other = butterfly(2)
     predicted = loaded.predict(other).output
     assert np.array_equal(predicted, fitted.predict(other).output)
@@ -98,14 +95,6 @@ def test_what_needs_an_inverse_refuses_a_model_of_both_signs(fitted):
     ):
         with pytest.raises(pj.InputError, match="weights of both signs: along a branch"):
             use()
-
-
-def test_an_fmu_of_both_signs_does_what_predict_does(fitted):
-    model = fitted.model
-    other = butterfly(2)
-    outputs = sample_by_sample(describe(model), other.input[:300, None])
-    expected = model.predict(other).output[:300]
-    np.testing.assert_allclose(outputs, expected, rtol=0, atol=1e-9 * np.ptp(expected))
 
 
 # --- an output that falls as the input rises: a sensor wired the other way ---
@@ -145,10 +134,9 @@ def test_the_fit_of_the_negative_output_is_the_negative_of_the_fit():
 
 
 def test_a_drift_greater_than_the_stroke_does_not_hide_the_polarity():
-    sign = -1.0
     made = world.hidden_record(None, 13, 6.0, 500.0)
-    rest = sign * made["z"] - sign * 8 * np.ptp(made["z"]) * made["t"] / made["t"][-1]
+    rest = 8 * np.ptp(made["z"]) * made["t"] / made["t"][-1] - made["z"]
     assert abs(np.corrcoef(made["x"], rest)[0, 1]) < 0.5
     found = pj.fit(record_of(made, rest), ["drift"], levels=9)
-    assert np.sign(found.model.weights.sum()) == sign
+    assert found.model.weights.sum() < 0
     assert found.rms_validation < 0.02 * np.ptp(made["z"])

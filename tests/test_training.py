@@ -216,11 +216,7 @@ def test_a_trained_model_is_saved_and_read(hidden, fitted, tmp_path):
         ([], {"optimiser": ADAM}, r"no effect \(effects: none\)"),
         ([Warp()], {"training_steps": 5}, "nothing is trained without an optimiser"),
         ([Warp()], {"optimiser": ADAM, "training_steps": 0}, "training_steps is 0: give"),
-        (
-            [Product()],
-            {"optimiser": optax.sgd(float("inf"))},
-            "the training diverges at step 2, where the error is not finite; give the",
-        ),
+        ([Product()], {"optimiser": optax.sgd(jnp.inf)}, "diverges at step 2, .* not finite; give"),
     ],
 )
 def test_mistakes_are_named_in_a_line(effects, given, message):

@@ -114,24 +114,6 @@ def test_diagnosis_json_is_the_contract_and_strict(written):
     assert model["noise"] is None
 
 
-def test_files_stay_whole_if_one_cannot_be_written(tmp_path, monkeypatch):
-    first, second = tmp_path / "first", tmp_path / "second"
-    first.write_text("old")
-
-    reached = []
-
-    def full(descriptor):
-        reached.append(descriptor)
-        if len(reached) == 2:
-            raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(InputError, match=r"second: .*No space left on device\); make room"):
-        write_files({first: b"new", second: b"new"})
-    assert first.read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["first"]
-
-
 def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("")

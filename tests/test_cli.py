@@ -301,5 +301,3 @@ def test_how_things_end(error, code, fragment, monkeypatch, capsys):
         monkeypatch.setenv("PREISACH_TRACEBACK", "1")
         assert main(["effects"]) == 1
         assert "Traceback (most recent call last)" in capsys.readouterr().err
-
-

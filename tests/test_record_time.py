@@ -1,4 +1,4 @@
-"""Encodings of files, and times as dates, clock times and seconds since 1970."""
+"""Times as dates, clock times and seconds since 1970."""
 
 from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal
@@ -29,26 +29,6 @@ def load(path, times, name="time"):
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "stage.csv"
-
-
-# Encodings
-
-GERMAN = "Zeit (ms);Spannung [V];Weg [µm]\n" + "".join(
-    f"{25 * k};{u.replace('.', ',')};{k % 11},25\n" for k, u in enumerate(INPUT)
-)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-be"])
-def test_german_headers_and_decimal_commas_in_every_encoding(path, encoding):
-    path.write_bytes(GERMAN.encode(encoding))
-    notes = []
-    record = Record.load(path, announce=notes.append)
-    assert [each.unit for each in record.channels.values()] == ["ms", "V", "µm"]
-    assert record.channels["output"].name == "Weg [µm]"
-    np.testing.assert_array_equal(record.time, SECONDS)
-    np.testing.assert_array_equal(record.input, [float(u) for u in INPUT])
-    np.testing.assert_array_equal(record.output, [k % 11 + 0.25 for k in range(K)])
-    assert ("read as Windows-1252" in " ".join(notes)) == (encoding == "cp1252")
 
 
 # Since 1970

@@ -148,7 +148,7 @@ def test_a_record_among_hundreds_of_columns_is_found_and_not_all_are_listed(tmp_
         ({"units": {"u": "V"}}, ["stage.csv", "'u'", "correct the name"]),
         (
             {"units": {"time": "V"}},
-            ["stage.csv, column t_s", "'V' is no unit of time", "s, ms, us"],
+            ["stage.csv, column t_s", "no unit of time", "s, ms, us"],
         ),
         ({"rate": 0.0}, ["rate is 0.0"]),
         ({"rate": float("nan")}, ["rate is nan"]),

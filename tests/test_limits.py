@@ -7,6 +7,7 @@ from unittest.mock import Mock
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from exported import KINDS
 
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
@@ -15,12 +16,7 @@ from preisach_jax.chain.signals import signals_of
 from preisach_jax.diagnosis.limits import limits
 from preisach_jax.effects.base import AddedEffect
 from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.input_quantisation import InputQuantisation
-from preisach_jax.effects.output_lag import OutputLag
-from preisach_jax.effects.output_quantisation import OutputQuantisation
 from preisach_jax.effects.parameter import Parameter
-from preisach_jax.effects.slew_limit import SlewLimit
 from preisach_jax.identify.problem import ALL, Point, Problem, evaluate, with_all_rows
 from preisach_jax.identify.regression import normal_equations, penalties
 from preisach_jax.identify.signature import Projection
@@ -121,7 +117,7 @@ def limit_of(record, effect) -> Any:
 
 SIZED: dict[str, tuple] = {
     "drift": (Drift(), Drift(horizon_s=15.0), {"drift": {"tau_s": 8.0}}, ("amplitude", "um")),
-    "output_lag": (OutputLag(), OutputLag(), {}, ("tau_s", "s")),
+    "output_lag": (KINDS["output_lag"](), KINDS["output_lag"](), {}, ("tau_s", "s")),
 }
 
 
@@ -190,7 +186,7 @@ def test_a_built_in_effect_that_fails_is_not_passed_over(x64, monkeypatch):
 
 
 def test_the_limit_of_a_slew_is_a_speed_and_that_of_a_lag_a_time(x64):
-    slew, lag = limit_of(hidden(), SlewLimit()), limit_of(hidden(), InputLag())
+    slew, lag = limit_of(hidden(), KINDS["slew_limit"]()), limit_of(hidden(), KINDS["input_lag"]())
     assert (slew.above, slew.unit) == (True, "V/s")
     # The fastest ramps have 60 V/s: a slower drive would be seen at once.
     assert 30.0 < slew.value <= 60.0
@@ -203,7 +199,7 @@ def test_the_limit_of_a_slew_is_a_speed_and_that_of_a_lag_a_time(x64):
 def test_the_limit_of_a_drives_steps_is_what_would_make_the_whole_residual(x64, quantum):
     driven = np.round(INPUT / quantum) * quantum if quantum else INPUT
     record = hidden(driven=driven)
-    found = limit_of(record, InputQuantisation())
+    found = limit_of(record, KINDS["input_quantisation"]())
     whole = float(np.std(plain_point(record)[1].residual)) * np.ptp(record.output)
     assert quantum < found.value < max(1.5 * quantum, 0.02)
     # What the density takes up of it does not show in the residual.
@@ -212,12 +208,10 @@ def test_the_limit_of_a_drives_steps_is_what_would_make_the_whole_residual(x64, 
 
 
 def test_the_limit_of_steps_that_the_readings_show_is_their_step(x64):
-    smooth = hidden()
-    none = limit_of(smooth, OutputQuantisation())
+    smooth, effect = hidden(), KINDS["output_quantisation"]()
+    none = limit_of(smooth, effect)
     assert none.value is None or none.value < 1e-4
-    found = limit_of(
-        replace(smooth, output=np.round(smooth.output / 0.25) * 0.25), OutputQuantisation()
-    )
+    found = limit_of(replace(smooth, output=np.round(smooth.output / 0.25) * 0.25), effect)
     assert found.value == pytest.approx(0.25)
     assert found.rms == pytest.approx(0.25 / np.sqrt(12), rel=0.3)
     assert found.text("um").startswith("step of 250 nm, as the record itself shows (")

@@ -146,10 +146,7 @@ def test_a_record_among_hundreds_of_columns_is_found_and_not_all_are_listed(tmp_
         ({"aux": ["load_N"]}, ["stage.csv", "'load_N'", "t_s, u_V, z_um", "--aux"]),
         ({"input": "z_um", "output": "z_um"}, ["stage.csv, column z_um", "2 roles"]),
         ({"units": {"u": "V"}}, ["stage.csv", "'u'", "correct the name"]),
-        (
-            {"units": {"time": "V"}},
-            ["stage.csv, column t_s", "no unit of time", "s, ms, us"],
-        ),
+        ({"units": {"time": "V"}}, ["stage.csv, column t_s", "no unit of time", "s, ms, us"]),
         ({"rate": 0.0}, ["rate is 0.0"]),
         ({"rate": float("nan")}, ["rate is nan"]),
         ({"rate": 10.0, "time": "t_s"}, ["not both"]),

@@ -320,12 +320,12 @@ def twelve_hours():
     )
 
 
-SIGNALS = [
-    {"t": t, "u": u, "z": z} for t, u, z in zip(T.tolist(), U.tolist(), Z.tolist(), strict=True)
-]
-
+SIGNALS = pd.DataFrame({"t": T, "u": U, "z": Z}).to_dict("records")
 
 OPENED = {
+    "tektronix_tds.csv": Case(
+        tds(), {"input": "CH1", "need_output": False}, units=("V", ""), tolerance=1e-5
+    ),
     "tektronix_mso.csv": Case(TEKTRONIX_MSO + rows(T, U, Z), CHANNELS),
     "rigol_ds1000e.csv": Case(RIGOL_E + rows(T, U, Z, end=","), CHANNELS, units=("V", "V")),
     "rigol_ds1000z.csv": Case(
@@ -456,15 +456,6 @@ def test_segments_of_labview_follow_each_other(tmp_path):
     assert any("2 segments" in line for line in told)
 
 
-def test_a_tds_file_has_one_channel(tmp_path):
-    path = tmp_path / "F0000CH1.CSV"
-    path.write_text(tds())
-    record = pj.Record.load(path, input="CH1", need_output=False)
-    np.testing.assert_allclose(record.input, U, atol=1e-5)
-    np.testing.assert_allclose(record.time, T, atol=1e-9)
-    assert record.input_unit == "V"
-
-
 BOMB = b"0,0,0\n" * 20_000_000
 WIDE = ",".join(f"c{k}" for k in range(1_000_000))
 
@@ -503,6 +494,12 @@ REFUSED = {
     ),
     "login_page.csv": Case("<!DOCTYPE html><html><body>log in</body></html>\n",
                            refused=("a web page or XML", "save it as CSV")),
+    "decimal_commas.csv": Case(
+        "t,u,z\n" + rows(T, U, Z).replace(".", ","), refused=("complete or remove the row",)
+    ),
+    "settings_only.csv": Case("Instrument: x\nRate: 5 Hz\nOperator: me\n",
+                              refused=("holds settings only",)),
+    "one_column.csv": Case(rows(U), refused=("an input and an output, each a column",)),
     "deep.json": Case("[" * 100_000, refused=("not a readable JSON",)),
     "tds_bad_cell.csv": Case(
         tds().replace("  10.00000,", "?,"), {"input": "TIME", "output": "CH1", "rate": 100.0},

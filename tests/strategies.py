@@ -1,7 +1,5 @@
 """What laws are tried on: planes, input histories, weights, records, effects and models."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

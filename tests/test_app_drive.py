@@ -133,11 +133,6 @@ class TestDrive:
         np.testing.assert_allclose(data["low"], result.found.low)
 
 
-def drop(view, name, content):
-    piece = {"name": name, "size": len(content), "number": 1, "data": content}
-    view._dropper._handle_msg(piece)
-
-
 class TestView:
     def test_a_course_that_cannot_be_read_is_refused_as_by_the_command(
         self, view, step, tmp_path, capsys
@@ -146,7 +141,8 @@ class TestView:
         view._kind.value = drive.FROM_FILE
         assert view.order() is None
         assert "drop its file" in view._told.object
-        drop(view, "course.csv", content)
+        piece = {"name": "course.csv", "size": len(content), "number": 1, "data": content}
+        view._dropper._handle_msg(piece)
         [text] = re.findall(r'<div class="error" role="alert">(.*)</div>', view._told.object)
         assert "wanted output must be" in text
         (tmp_path / "course.csv").write_bytes(content)

@@ -134,25 +134,20 @@ def test_added_effects_do_not_pass_the_output_effects(x64):
     np.testing.assert_allclose(got, 2.0 + 3.0 * np.expm1(-time / 1.7) / np.expm1(-3.0 / 1.7))
 
 
-class Doubled(InputEffect):
-    name = "doubled"
-
-    def apply(self, signal, time):
-        return jnp.minimum(2.0 * signal, 10.0)
-
-
-class Halved(InputEffect):
-    name = "halved"
-
-    def apply(self, signal, time):
-        return 0.5 * signal
+def own(name, law):
+    apply = {"apply": lambda self, signal, time: law(signal)}
+    return type(name, (InputEffect,), {"name": name} | apply)()
 
 
 def test_effects_of_one_place_act_in_their_order(x64):
     signals = signals_of(record())
-    values = {"doubled": {}, "halved": {}}
-    first = driven_path(Chain(PLANE, (Doubled(), Halved())), values, signals)
-    second = driven_path(Chain(PLANE, (Halved(), Doubled())), values, signals)
+    values: dict[str, dict[str, float]] = {"doubled": {}, "halved": {}}
+    doubled, halved = (
+        own("doubled", lambda x: jnp.minimum(2 * x, 10)),
+        own("halved", lambda x: x / 2),
+    )
+    first = driven_path(Chain(PLANE, (doubled, halved)), values, signals)
+    second = driven_path(Chain(PLANE, (halved, doubled)), values, signals)
     np.testing.assert_allclose(first, np.minimum(signals.input, 5.0))
     np.testing.assert_allclose(second, np.minimum(signals.input, 10.0))
 

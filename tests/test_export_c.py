@@ -180,10 +180,6 @@ def test_the_self_test_passes_for_all_effects_together(names, tmp_path):
     self_tested(drawn(names, seed=2), tmp_path, precision)
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def other_stage(compiled):
     """A stage with other weights."""
     model = compiled.model
@@ -197,7 +193,8 @@ def learning(compiled, stage):
     def replayed(weights):
         u = smooth(800, 8)
         aux = columns(compiled.model, len(u))
-        return rms(compiled.with_weights(weights)(u, aux) - stage.with_weights(true)(u, aux))
+        missed = compiled.with_weights(weights)(u, aux) - stage.with_weights(true)(u, aux)
+        return np.linalg.norm(missed)
 
     true, weights = stage.weights, [compiled.weights]
     for k in range(4):

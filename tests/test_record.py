@@ -220,7 +220,7 @@ def test_a_rate_takes_the_place_of_time(tmp_path):
         np.testing.assert_array_equal(record.time, np.arange(K) / 200.0)
 
 
-# --- guessing -------------------------------------------------------------------------------------
+# --- guessing, and what may be absent -------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -259,9 +259,6 @@ def test_only_what_is_not_told_is_guessed(tmp_path):
     (guess,) = [note for note in said if "guessed from" in note]
     assert guess.endswith("time t, output z")
     np.testing.assert_array_equal(record.aux["u"], u)
-
-
-# --- prediction: the input alone ------------------------------------------------------------------
 
 
 def test_without_need_of_an_output_it_may_be_absent_and_the_record_short_and_still(tmp_path):

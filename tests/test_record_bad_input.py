@@ -181,9 +181,6 @@ def test_names_that_leave_a_choice_are_refused(tmp_path, names, expected):
     assert all(part in message for part in expected), message
 
 
-# --- what cannot be identified --------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("column", "begin", "cell", "expected"),
     [

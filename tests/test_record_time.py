@@ -59,7 +59,6 @@ def test_a_clock_that_counts_from_elsewhere_is_left_alone(path):
 FORMATS = {
     "2024-03-01 12:00:00.125": lambda m: m.isoformat(" ", "milliseconds"),
     "2024-03-01T12:00:00.125Z": lambda m: m.isoformat("T", "milliseconds") + "Z",
-    "2024-03-01 12:00:00.125+01:00": lambda m: m.isoformat(" ", "milliseconds") + "+01:00",
     "2024/03/01 12:00:00.125": lambda m: m.strftime("%Y/%m/%d %H:%M:%S.%f"),
     "01.03.2024 12:00:00,125": lambda m: m.strftime("%d.%m.%Y %H:%M:%S,%f")[:-3],
     "03/01/2024 12:00:00.125": lambda m: m.strftime("%m/%d/%Y %H:%M:%S.%f")[:-3],

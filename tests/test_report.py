@@ -89,12 +89,9 @@ def test_the_page_says_what_was_found(written):
 
 def test_diagnosis_json_is_the_contract_and_strict(written):
     folder, _, _ = written
-
-    def refuse(constant):
-        raise AssertionError(f"{constant} is no JSON")
-
-    content = json.loads(
-        (folder / "diagnosis.json").read_text(encoding="utf-8"), parse_constant=refuse
+    content, model = (
+        json.loads((folder / name).read_text(encoding="utf-8"), parse_constant=pytest.fail)
+        for name in ("diagnosis.json", "model.json")
     )
     assert (content["verdict"], content["effects"]) == ("partly_explained", ["creep", "drift"])
     assert [rung["effects"] for rung in content["ladder"]] == [[], ["creep"], ["creep", "drift"]]
@@ -110,7 +107,6 @@ def test_diagnosis_json_is_the_contract_and_strict(written):
         "noise": 0.012, "input_quantisation": 0.003, "output_quantisation": 0.004,
         "discretisation": 0.016, "memory": 0.009, "unexplained": 0.024, "unit": "um",
     }  # fmt: skip
-    model = json.loads((folder / "model.json").read_text(encoding="utf-8"), parse_constant=refuse)
     assert model["noise"] is None
 
 

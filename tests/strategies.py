@@ -62,16 +62,13 @@ def records(draw, great: bool = False) -> pj.Record:
     output[rng.uniform(size=count) < draw(st.sampled_from([0.0, 0.1]))] = np.nan
     names = draw(st.lists(_NAMES.filter(lambda name: name not in _TAKEN), unique=True, max_size=2))
     aux = {name: rng.normal(size=count) for name in names}
-    keys = ["input", "output", *aux]
-    return pj.Record.from_arrays(
-        begin + np.cumsum(steps),
-        drive,
-        output,
-        aux=aux,
-        units={key: draw(st.sampled_from(UNITS)) for key in keys},
-        name=draw(_NAMES.filter(bool)),
-        initial_memory=draw(st.sampled_from(["low", "high", "demagnetised", "free"])),
-    )
+    units = {key: draw(st.sampled_from(UNITS)) for key in ("input", "output", *aux)}
+    options: dict[str, Any] = {
+        "name": draw(_NAMES.filter(bool)),
+        "initial_memory": draw(st.sampled_from(["low", "high", "demagnetised", "free"])),
+    }
+    time = begin + np.cumsum(steps)
+    return pj.Record.from_arrays(time, drive, output, aux=aux, units=units, **options)
 
 
 @st.composite

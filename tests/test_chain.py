@@ -120,9 +120,6 @@ def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     np.testing.assert_allclose(got, target, rtol=0, atol=1e-8)
 
 
-# --- order of the effects ---
-
-
 def test_added_effects_do_not_pass_the_output_effects(x64):
     """Drift is added to what is recorded, so that creep does not follow it."""
     rec, names = record("low"), ("drift", "creep")

@@ -232,7 +232,7 @@ def test_the_rock_is_fitted_better_where_its_output_moves(tmp_path, capsys):
     assert "15 thresholds" in capsys.readouterr().out
 
 
-# Mistakes
+# Mistakes, failures and interruptions
 
 
 STAGE, PREDICT = "stage.csv", ["predict", "model.json", "--out", "p.csv"]
@@ -272,9 +272,6 @@ def test_mistakes_are_one_line_and_leave_nothing_behind(
     for fragment in fragments:
         assert fragment in message
     assert sorted(path.name for path in work.iterdir()) == before
-
-
-# Failures and interruptions
 
 
 @pytest.mark.parametrize(

@@ -224,9 +224,6 @@ def test_a_key_of_a_model_is_refused_by_its_name(tmp_path, content, path, value,
     assert says in refused(tmp_path / "a.json", json.dumps(damaged))
 
 
-# --- any damage ---
-
-
 READABLE = {
     ".csv": lambda: f"t_s,u_V,z_um\n{ROWS}".encode(),
     ".forc": MICROMAG.encode,

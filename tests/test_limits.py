@@ -145,31 +145,19 @@ def test_the_limit_lies_above_what_is_hidden_and_near_what_can_be_seen(x64, name
     assert 0 < limit_of(hidden(), effect).value < 10 * size
 
 
-class Column(AddedEffect):
-    """Adds one column that is made of the record."""
-
-    def coefficients(self):
-        return (Parameter("gain", "{z}/{u}", -jnp.inf, jnp.inf),)
-
-
-class Linear(Column):
-    """What the cells on the diagonal make of the input already."""
-
-    name = "linear"
-
-    def columns(self, signals):
-        return signals.input[:, None]
+def added(name, column):
+    """An effect that adds one column that is made of the record."""
+    gain = (Parameter("gain", "{z}/{u}", -jnp.inf, jnp.inf),)
+    own = {"coefficients": lambda self: gain, "columns": lambda self, s: column(s)[:, None]}
+    return type(name, (AddedEffect,), {"name": name} | own)()
 
 
-class Noise(Column):
-    name = "chance"
-
-    def columns(self, signals):
-        return jnp.asarray(np.random.default_rng(5).normal(size=(len(signals.time), 1)))
+LINEAR = added("linear", lambda signals: signals.input)  # as the cells on the diagonal
+CHANCE = added("chance", lambda _: jnp.asarray(np.random.default_rng(5).normal(size=COUNT)))
 
 
 def test_what_the_density_takes_up_has_no_limit_and_the_noise_limits_the_rest(x64):
-    taken, rest = limit_of(hidden(), Linear()), limit_of(hidden(), Noise())
+    taken, rest = limit_of(hidden(), LINEAR), limit_of(hidden(), CHANCE)
     assert (taken.value, taken.rms, taken.unit) == (None, None, "um/V")
     assert taken.absorbed == pytest.approx(1.0, abs=1e-6)
     # Two-sided: one deviation of the estimate is 0.01 / sqrt(rows), and it lies within a few.

@@ -318,16 +318,3 @@ def test_a_part_holds_its_rows_and_forgets_the_initial_memory():
     assert part.sha256 != record.sha256
     with pytest.raises(InputError, match=r"part\(5, 6\)"):
         record.part(5, 6)
-
-
-def test_a_record_or_several_in_place_of_arrays_is_told():
-    t = np.linspace(0.0, 1.0, 50)
-    record = Record.from_arrays(t, t, t)
-    with pytest.raises(InputError, match=r"record, time is a whole Record: give .*record.input"):
-        Record.from_arrays(record)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(InputError, match="record, output is a whole Record"):
-        Record.from_arrays(t, t, record)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(InputError, match="record: there is no output; give time, input and output"):
-        Record.from_arrays(t, t)
-    with pytest.raises(InputError, match=r"shape \(2, 50\).*several records a list of Records"):
-        Record.from_arrays(t, np.stack([t, t]), np.stack([t, t]))

@@ -231,6 +231,9 @@ def test_containers_without_vectors_of_one_length(tmp_path):
     assert "column u, row 1" in refusal(tmp_path / "r.mat", input="u")
 
 
+WHOLE = Record.from_arrays(*signals(K))
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -243,6 +246,10 @@ def test_containers_without_vectors_of_one_length(tmp_path):
         ({"units": {"volt": "V"}}, r"'volt', which is neither"),
         ({"units": {"time": "ms"}}, r"unit of time is 'ms'; give time in s"),
         ({"initial_memory": "off"}, r"initial_memory is 'off'"),
+        ({"time": WHOLE, "input": None, "output": None}, "time is a whole Record: give .*d.input"),
+        ({"output": WHOLE}, "bad, output is a whole Record"),
+        ({"output": None}, "bad: there is no output; give time, input and output"),
+        ({"input": [[0.0] * 3] * 2}, r"shape \(2, 3\).*several records a list of Records"),
     ],
 )
 def test_bad_arrays(change, expected):

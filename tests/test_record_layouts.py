@@ -258,10 +258,6 @@ LAYOUTS = {
         "Time,Comment,Field (Oe),Temperature (K),Long Moment (emu),Long Scan Std Dev,Long Reg Fit",
         "e-usz01", "Oe emu", above=QD.format("MPMS"),
     ),
-    "qd_acms.dat": layout(
-        "Comment,Time Stamp (sec),Temperature (K),Magnetic Field (Oe),M-DC (emu),M-Std.Dev. (emu)",
-        "-esuz1", "Oe emu", above=QD.format("ACMS"),
-    ),
     "qd_resistivity.dat": layout(
         "Comment,Time Stamp (sec),Status (code),Temperature (K),Magnetic Field (Oe),"
         "Bridge 1 Resistance (Ohms),Bridge 1 Excitation (uA)",
@@ -299,10 +295,6 @@ LAYOUTS = {
     "instron_bluehill.csv": layout(
         '"Time","Extension","Load"', "tuz", "mm N", quote='"', below='"(s)","(mm)","(N)"\n',
         above='"Specimen label","1"\n"Rate 1","2.0","mm/min"\n\n',
-    ),
-    "instron_wavematrix.csv": layout(
-        "Total Time (s),Cycle Elapsed Time (s),Total Cycles,Elapsed Cycles,Step,"
-        "Position(Linear:Digital Position) (mm),Load(Linear:Load) (kN)", "tcfo1uz", "mm kN",
     ),
     "mts_station.dat": layout(  # Series 793
         "Time\tAxial Displacement\tAxial Force", "tuz", "mm kN", sep="\t", below="Sec\tmm\tkN\n",
@@ -365,16 +357,12 @@ LAYOUTS = {
     "clock_never_set.csv": layout("time_s,u_V,z_um", "ouz", "V um"),
     "opensees.out": layout("", "tuz", " ", sep=" ", taken=["1", "2", "3"]),
     "misspelt.csv": layout("Tme [s],Displacment [mm],Forec [kN]", "tuz", "mm kN"),
-    "groups_above.csv": layout(
-        "Time,Displacement,Force", "tuz", "mm kN", above="Run 1,,\n", below="(s),(mm),(kN)\n"
-    ),
     "pandas_split.json": (
         json.dumps({"columns": ["t_s", "u_V", "z_um"], "index": list(range(K)),
                     "data": np.column_stack([T, U, Z]).tolist()}),
         "tuz", ["t_s", "u_V", "z_um"], ["V", "um"],
     ),
     "chinese.csv": layout("时间(s),位移(mm),荷载(kN)", "tuz", "mm kN"),
-    "japanese.csv": layout("時間[s],変位[mm],荷重[N]", "tuz", "mm N"),
     "russian.csv": layout(
         "Время, с;Перемещение, мм;Усилие, кН", "tuz", "mm kN", sep=";", decimal=","
     ),
@@ -469,8 +457,6 @@ def test_odd_input_is_opened_and_what_was_made_of_it_is_said(tmp_path, name):
     np.testing.assert_allclose([record.input, record.output], [U, Z], rtol=1e-7)
     assert any(words in line for line in said), said
 
-
-# --- whatever comes, one line ---------------------------------------------------------------------
 
 PUT_IN = [
     "", "nan", "text", "1,5", "1e9", "-", "0", '"', "12 V", "#", "\ufeff", "Force (kN)", "(s)",

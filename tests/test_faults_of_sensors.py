@@ -19,9 +19,8 @@ def faults_of(output):
 
 def stuck(output):
     third = len(output) // 3
-    return np.where(np.arange(len(output)) // third == 1, output[third], output), slice(
-        third + 1, 2 * third
-    )
+    held = np.where(np.arange(len(output)) // third == 1, output[third], output)
+    return held, slice(third + 1, 2 * third)
 
 
 def clipped(output):

@@ -266,13 +266,6 @@ def wave(step, unit):
 TDMS_ONE = tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z, wave(0.01, "um")))
 
 
-def broken_tdms(path):
-    TDMS_ONE(path)
-    content = bytearray(path.read_bytes())
-    content[30:60] = b"\xff" * 30  # the index of objects in the file itself
-    path.write_bytes(content)
-
-
 def matlab(**arrays):
     return lambda path: savemat(path, arrays)
 
@@ -456,7 +449,7 @@ def test_segments_of_labview_follow_each_other(tmp_path):
     assert any("2 segments" in line for line in told)
 
 
-BOMB = b"0,0,0\n" * 20_000_000
+BOMB = b"0,0,0\n" * 12_000_000
 WIDE = ",".join(f"c{k}" for k in range(1_000_000))
 
 
@@ -464,7 +457,6 @@ REFUSED = {
     "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
     "password.xlsx": Case(protected, refused=("protected by a password", "save it without")),
     "broken.xlsx": Case(b"PK\x03\x04" + bytes(1000), refused=("not a readable workbook", "CSV")),
-    "broken.tdms": Case(broken_tdms, refused=("not a readable TDMS", "defragment")),
     "no_vectors.h5": Case(hdf5(lambda file: file.create_group("a")), refused=("no vectors",)),
     "many.zip": Case(
         zipped(**{f"run_{k}.csv": CSV for k in range(9)}), refused=("holds 9 files", "unpack it")
@@ -472,7 +464,7 @@ REFUSED = {
     "bomb.csv.gz": Case(gzip.compress(BOMB), refused=("unpack to", "no record is compressed")),
     "bomb.zip": Case(zipped(**{"a.csv": BOMB}), refused=("no record is compressed",)),
     "bomb.xlsx": Case(
-        zipped(**{"[Content_Types].xml": b" " * 100_000_000}), refused=("no record is compressed",)
+        zipped(**{"[Content_Types].xml": b" " * 70_000_000}), refused=("no record is compressed",)
     ),
     "twice.csv.gz": Case(gzip.compress(gzip.compress(CSV.encode())), refused=("gzip twice",)),
     "million_columns.csv": Case(WIDE + "\n" + "1," * 999_999 + "1\n", refused=("1,000,000 col",)),

@@ -85,14 +85,14 @@ RANDOM = np.random.default_rng(0).integers(1, 256, 3000, dtype=np.uint8).tobytes
         (b"\x89PNG\r\n\x1a\n" + RANDOM, "a PNG picture"),
         (b"\x1f\x8b\x08" + RANDOM, "not a readable gzip file"),
         (b"PK\x03\x04" + RANDOM, "not a readable ZIP file"),
-        (b"TDSm" + RANDOM, "not a readable TDMS file"),
+        (b"TDSm" + RANDOM, "not a readable TDMS file.*; defragment it"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + RANDOM, "not a readable workbook file"),
         (b"\x93NUMPY" + RANDOM, "not a readable NPY file"),
         (b"", "empty"),
         (b"# only a comment\n\n", "no data"),
         (b"t,u,z\n", "no row below the names"),
         (b"t,u,u\n0,1,2\n1,2,3\n", "'u' stands 2 times"),
-        (b"0,1,2\n1,2,3\n2,5,1\n", "no names (row 1 is numbers already)"),
+        (b"0,1,2\n1,2,3\n2,5,1\n", r"no names \(row 1 is numbers already\)"),
         (b"t,u,z\n0,1,2\n", "one sample"),
     ],
 )
@@ -100,7 +100,7 @@ def test_files_without_a_record_are_named_by_their_content(tmp_path, content, ex
     """Whatever their ending."""
     path = tmp_path / "stage.csv"
     path.write_bytes(content)
-    assert expected in refusal(path)
+    assert re.search(expected, refusal(path))
 
 
 def test_a_file_of_two_gigabytes_is_refused_without_being_read(tmp_path):

@@ -1,13 +1,12 @@
 """Hand-made results for tests of what is shown of them: no model is fitted for these."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from preisach_jax.chain.description import Chain
 from preisach_jax.diagnosis.limits import Limit
 from preisach_jax.diagnosis.result import Budget, Candidate, Diagnosis, Experiment, Finding, Rung
 from preisach_jax.effects.creep import Creep
@@ -50,9 +49,7 @@ def make_model(effects=(), levels: int = 6, visited=None) -> Any:
     content = {"weights": weights.tolist(), "noise": float("nan")}
     return SimpleNamespace(
         plane=plane,
-        chain=SimpleNamespace(
-            polarity=1, signed=False, mechanics=None, size_text=f"{plane.levels} levels"
-        ),
+        chain=Chain(plane),
         weights=weights,
         visited=visited,
         effects=effects,
@@ -117,7 +114,6 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
     content: dict[str, Any] = {
         "verdict": verdict,
         "sentence": "The plain hysteresis model lacks creep and a drift.",
-        "close": (),
         "findings": findings if named else (),
         "ladder": (base, first, second) if named else (base,),
         "budget": Budget(0.012, 0.003, 0.004, 0.016, 0.009, 0.024, "um"),
@@ -129,8 +125,6 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "alternatives": {},
         "next_experiment": Experiment("hold for a minute", "it splits them", (("creep", "drift"),)),
         "located": "most of it lies at the turns",
-        "remainder": (),
-        "notes": (),
         "steps": steps if named else steps[:1],
     }
-    return Diagnosis(**(content | changes))
+    return Diagnosis(**(dict.fromkeys(("close", "remainder", "notes"), ()) | content | changes))

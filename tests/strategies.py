@@ -1,25 +1,15 @@
 """What laws are tried on: planes, input histories, weights, records, effects and models."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import hypothesis.strategies as st
 import numpy as np
+from exported import KINDS, model_with
 
 import preisach_jax as pj
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
-from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.input_lag import InputLag
-from preisach_jax.effects.output_nonlinearity import OutputNonlinearity
-from preisach_jax.effects.rate_dependence import RateDependence
-from preisach_jax.files import plain_json
-from preisach_jax.model import Origin, ParameterEstimate
 from preisach_jax.operator.inputs import HYSTERONS
 
 SAMPLES = 40
@@ -72,16 +62,13 @@ def records(draw, great: bool = False) -> pj.Record:
     output[rng.uniform(size=count) < draw(st.sampled_from([0.0, 0.1]))] = np.nan
     names = draw(st.lists(_NAMES.filter(lambda name: name not in _TAKEN), unique=True, max_size=2))
     aux = {name: rng.normal(size=count) for name in names}
-    keys = ["input", "output", *aux]
-    return pj.Record.from_arrays(
-        begin + np.cumsum(steps),
-        drive,
-        output,
-        aux=aux,
-        units={key: draw(st.sampled_from(UNITS)) for key in keys},
-        name=draw(_NAMES.filter(bool)),
-        initial_memory=draw(st.sampled_from(["low", "high", "demagnetised", "free"])),
-    )
+    units = {key: draw(st.sampled_from(UNITS)) for key in ("input", "output", *aux)}
+    options: dict[str, Any] = {
+        "name": draw(_NAMES.filter(bool)),
+        "initial_memory": draw(st.sampled_from(["low", "high", "demagnetised", "free"])),
+    }
+    time = begin + np.cumsum(steps)
+    return pj.Record.from_arrays(time, drive, output, aux=aux, units=units, **options)
 
 
 @st.composite
@@ -102,90 +89,50 @@ def columns() -> dict[str, np.ndarray]:
     return {"t_s": t, "u_V": u, "z_um": u**1.1 + 0.01 * t, "load_N": np.sin(3 * t)}
 
 
-def model_content() -> dict[str, Any]:
-    """The content of a model file with an effect of every place, made without a fit."""
+def modelled(chain: Chain, values, coefficients: Coefficients) -> pj.Model:
+    """A model of given numbers for the record of `columns`, made without a fit."""
     arrays = columns()
-    effects = (
-        InputLag(),
-        RateDependence(with_corners=True),
-        Ageing(),
-        Creep(tau_s=(0.1, 1.0)),
-        Drift(),
-        Auxiliary(column="load_N", unit="N"),
-        OutputNonlinearity(),
-    )
+    aux = {"load_N": arrays.pop("load_N")}
+    record = pj.Record.from_arrays(*arrays.values(), aux=aux)
+    return model_with(chain, values, coefficients, record, arrays, 0.02)
+
+
+def model_content() -> dict[str, Any]:
+    """The content of a model file with an effect of every place."""
+    settings: dict[str, dict[str, Any]] = {
+        "input_lag": {}, "rate_dependence": {"with_corners": True}, "ageing": {},
+        "creep": {"tau_s": (0.1, 1.0)}, "drift": {}, "aux:COL": {"column": "load_N", "unit": "N"},
+        "output_nonlinearity": {},
+    }  # fmt: skip
+    effects = tuple(KINDS[name](**given) for name, given in settings.items())
     chain = Chain(pj.Plane(levels=3, low=0.0, high=10.0), effects)
 
-    def estimate(p):
-        low, high = max(p.low, -1e3), min(p.high, 1e3)
-        value = p.start[0] if low <= p.start[0] <= high else (low + high) / 2
-        return ParameterEstimate(float(value), float("-inf"), float(value) * 2, p.unit)
+    def start(p):
+        return float(np.clip(p.start[0], max(p.low, -1e3), min(p.high, 1e3)))
 
-    parameters = {
-        effect.name: {p.name: estimate(p) for p in effect.parameters()} for effect in effects
-    }
-    for effect, coefficient in chain.coefficients:
-        parameters[effect][coefficient.name] = estimate(coefficient)
-    names = {"time": "t_s", "input": "u_V", "output": "z_um", "aux": ["load_N"]}
-    record = pj.Record.from_arrays(
-        arrays["t_s"], arrays["u_V"], arrays["z_um"], aux={"load_N": arrays["load_N"]}
-    )
-    model = pj.Model(
-        chain=chain,
-        values={e: {p: got.value for p, got in inner.items()} for e, inner in parameters.items()},
-        coefficients=Coefficients(
-            np.arange(6.0) + 0.5,
-            np.arange(6.0) / 10,
-            0.25,
-            np.array([parameters[e][p.name].value for e, p in chain.coefficients]),
-            np.linspace(0, 1, 6),
-        ),
-        parameters=parameters,
-        visited=np.array([True] * 5 + [False]),
-        columns=names,
-        units={"time": "s", "input": "V", "output": "um", "load_N": "N"},
-        origin=Origin.of(record),
-        rms_validation=0.02,
-        noise=0.01,
-    )
-    return model.to_json()
+    values = {effect.name: {p.name: start(p) for p in effect.parameters()} for effect in effects}
+    added = np.array([start(p) for _, p in chain.coefficients])
+    cells = np.arange(6.0)
+    own = Coefficients(cells + 0.5, cells / 10, 0.25, added, np.linspace(0, 1, 6))
+    return modelled(chain, values, own).to_json()
 
 
 @st.composite
 def models(draw, effects: tuple[pj.Effect, ...], levels: int = 3) -> pj.Model:
-    """Models of some effects on the record of `columns`, made of the content of a file."""
-    content: dict[str, Any] = plain_json(model_content())
-    plane = pj.Plane(levels, content["low"], content["high"])
+    """Models of some effects on the record of `columns`."""
+    plane = pj.Plane(levels, 0.0, 10.0)
     chain = Chain(plane, effects)
-    content |= {
-        "levels": levels,
-        "weights": draw(weights(plane)).tolist(),
-        "memory": [0.0] * plane.cells,
-        "visited": [1] * plane.cells,
-        "first_run": draw(st.lists(moderate, min_size=2 * levels, max_size=2 * levels)),
-        "offset": draw(moderate),
-    }
     # A sensor whose map turns back on itself reads several values at once, and is none.
-    bent = [
-        c
-        for effect in effects
-        if isinstance(effect, pj.SensorEffect)
-        for c in effect.coefficients()
+    bent = {effect.name for effect in effects if isinstance(effect, pj.SensorEffect)}
+    values = {
+        effect.name: {p.name: draw(values_of(p)) for p in effect.parameters()} for effect in effects
+    }
+    added = [
+        draw(values_of(coefficient)) * (1e-6 if name in bent else 1.0)
+        for name, coefficient in chain.coefficients
     ]
-    declared = {effect.name: list(effect.parameters()) for effect in effects}
-    for name, coefficient in chain.coefficients:
-        declared[name].append(coefficient)
-
-    def estimate(parameter: pj.Parameter) -> dict[str, Any]:
-        value = draw(values_of(parameter)) * (1e-6 if parameter in bent else 1.0)
-        return {"value": value, "low": None, "high": None, "unit": parameter.unit}
-
-    content["effects"] = [
-        {
-            "name": effect.name,
-            "settings": effect.settings(),
-            "parameters": {p.name: estimate(p) for p in declared[effect.name]},
-        }
-        for effect in effects
-    ]
-    return pj.Model.from_json(content)
+    first_run = np.array(draw(st.lists(moderate, min_size=2 * levels, max_size=2 * levels)))
+    own = Coefficients(
+        draw(weights(plane)), np.zeros(plane.cells), draw(moderate), np.array(added), first_run
+    )
+    return modelled(chain, values, own)

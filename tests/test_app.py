@@ -113,29 +113,24 @@ class TestUpload:
         done = runpy.run_path("repeat.py")
         assert done["step"].fit.rms_validation == walk.step.fit.rms_validation
 
-    def test_a_rate_in_place_of_the_time_joins_what_the_time_had_cut(self, tmp_path):
-        run = csv().decode().partition("\n")
-        content = (run[0] + "\n" + 2 * run[2]).encode()
-        upload = Upload.of("runs.csv", content)
-        (tmp_path / "runs.csv").write_bytes(content)
+    def test_the_page_reads_what_the_command_line_reads(self, tmp_path):
+        """A rate in place of the time joins what the time had cut, and two clocks are one."""
+        head, _, rows = csv().decode().partition("\n")
         by_time: Any = {"time": "t_s", "input": "u_V", "output": "z_um"}
         by_rate: Any = {**by_time, "time": None, "rate": 50.0}
-        for choice, count in ((by_time, 2), (by_rate, 1)):
-            here, there = upload.records(choice), Record.load_all(tmp_path / "runs.csv", **choice)
-            assert [r.sha256 for r in here] == [r.sha256 for r in there]
-            assert len(here) == count
-
-    def test_two_clocks_are_one_in_the_page_as_from_the_command_line(self, tmp_path):
         t, u = np.arange(400) / 100, np.sin(np.arange(400) / 9)
-        rows = np.column_stack([t, u, t + 0.004, u**3])
-        text = "t1_s,u_V,t2_s,z_um\n" + "\n".join(",".join(map(repr, map(float, r))) for r in rows)
-        (tmp_path / "two.csv").write_text(text)
-        upload = Upload.of("two.csv", text.encode())
-        choice = ColumnChoice(upload, lambda chosen: None).first()
-        assert choice is not None
-        there = Record.load(tmp_path / "two.csv")
-        assert upload.records(choice)[0].sha256 == there.sha256
-        assert Record.load(tmp_path / "two.csv", **choice).sha256 == there.sha256
+        clocks = np.column_stack([t, u, t + 0.004, u**3]).tolist()
+        two = "t1_s,u_V,t2_s,z_um\n" + "".join(",".join(map(repr, row)) + "\n" for row in clocks)
+        path, runs = tmp_path / "runs.csv", f"{head}\n{rows}{rows}"
+        for text, given, count in ((runs, by_time, 2), (runs, by_rate, 1), (two, None, 1)):
+            path.write_text(text)
+            upload = Upload.of("runs.csv", text.encode())
+            choice = given or ColumnChoice(upload, lambda chosen: None).first()
+            assert choice is not None
+            digests = [record.sha256 for record in upload.records(choice)]
+            assert digests == [record.sha256 for record in Record.load_all(path, **choice)]
+            assert len(digests) == count
+        assert digests == [Record.load(path).sha256]
 
     def test_where_the_columns_are_a_question_each_pair_is_a_loop_to_press(self):
         t = np.arange(400) / 100

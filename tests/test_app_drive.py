@@ -13,17 +13,8 @@ from preisach_jax.quantity import quantity
 
 pytest.importorskip("panel")
 
-from preisach_jax.app.drive import (
-    FROM_FILE,
-    SHAPES,
-    STEPS,
-    DriveView,
-    Shape,
-    driven,
-    outcome,
-    shaped,
-    unreached,
-)
+from preisach_jax.app import drive
+from preisach_jax.app.drive import DriveView, Shape, driven, outcome, shaped, unreached
 
 RATE = 100.0
 
@@ -55,7 +46,7 @@ def view(step):
 class TestCourse:
     shape = Shape("Triangle", 10.0, 6.0, 2.0, 3.0)
 
-    @pytest.mark.parametrize("kind", SHAPES)
+    @pytest.mark.parametrize("kind", drive.SHAPES)
     def test_a_shape_has_its_swing_its_periods_and_its_form(self, kind):
         time, output = shaped(Shape(kind, 10.0, 6.0, 2.0, 3.0), 4.0, 1e-3)
         assert time[-1] == pytest.approx(0.25 + 1.5)
@@ -73,7 +64,7 @@ class TestCourse:
         elif kind == "Staircase":
             levels, counts = np.unique(wave.round(9), return_counts=True)
             held = levels[counts > 20]
-            np.testing.assert_allclose(held, np.linspace(7, 13, STEPS + 1))
+            np.testing.assert_allclose(held, np.linspace(7, 13, drive.STEPS + 1))
         else:
             assert np.mean(wave[:-1] == wave.max()) == pytest.approx(0.15, abs=0.005)
             assert np.mean(wave[:-1] == wave.min()) == pytest.approx(0.15, abs=0.005)
@@ -142,20 +133,16 @@ class TestDrive:
         np.testing.assert_allclose(data["low"], result.found.low)
 
 
-def drop(view, name, content):
-    piece = {"name": name, "size": len(content), "number": 1, "data": content}
-    view._dropper._handle_msg(piece)
-
-
 class TestView:
     def test_a_course_that_cannot_be_read_is_refused_as_by_the_command(
         self, view, step, tmp_path, capsys
     ):
         content = b"time,output\n0,1\n0.01,\n0.02,3\n"
-        view._kind.value = FROM_FILE
+        view._kind.value = drive.FROM_FILE
         assert view.order() is None
         assert "drop its file" in view._told.object
-        drop(view, "course.csv", content)
+        piece = {"name": "course.csv", "size": len(content), "number": 1, "data": content}
+        view._dropper._handle_msg(piece)
         [text] = re.findall(r'<div class="error" role="alert">(.*)</div>', view._told.object)
         assert "wanted output must be" in text
         (tmp_path / "course.csv").write_bytes(content)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from exported import KINDS
 
 from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain
@@ -14,13 +15,9 @@ from preisach_jax.chain.matrix import regressors
 from preisach_jax.chain.output import response, tangents
 from preisach_jax.chain.signals import Drive, signals_of
 from preisach_jax.effects import library
-from preisach_jax.effects.ageing import Ageing
-from preisach_jax.effects.auxiliary import Auxiliary
 from preisach_jax.effects.base import Effect, InputEffect
 from preisach_jax.effects.creep import Creep
-from preisach_jax.effects.delay import Delay
 from preisach_jax.effects.drift import Drift
-from preisach_jax.effects.input_lag import InputLag
 from preisach_jax.fit.stepwise import base_point
 from preisach_jax.identify.gauss_newton import linearise, starts_of
 from preisach_jax.identify.problem import Problem, evaluate
@@ -30,7 +27,15 @@ from preisach_jax.record import Record
 
 PLANE = Plane(levels=5, low=0.0, high=12.0)
 COUNT = 400
-VALUES = {
+EFFECTS: dict[str, Effect] = {
+    "creep": Creep(tau_s=(0.1, 1.0)),
+    "input_lag": KINDS["input_lag"](),
+    "delay": KINDS["delay"](),
+    "drift": Drift(horizon_s=3.0),
+    "ageing": KINDS["ageing"](horizon_s=3.0),
+    "aux:load_N": KINDS["aux:COL"](column="load_N", unit="N"),
+}
+VALUES: dict[str, dict[str, float]] = {
     "creep": {"c_1": 0.1, "c_2": 0.07},
     "input_lag": {"tau_s": 0.06},
     "delay": {"delay_s": 0.043},
@@ -38,52 +43,33 @@ VALUES = {
     "ageing": {"loss": 0.2, "tau_s": 2.0},
     "aux:load_N": {"tau_s": 0.1},
 }
-EFFECTS: dict[str, Effect] = {
-    "creep": Creep(tau_s=(0.1, 1.0)),
-    "input_lag": InputLag(),
-    "delay": Delay(),
-    "drift": Drift(horizon_s=3.0),
-    "ageing": Ageing(horizon_s=3.0),
-    "aux:load_N": Auxiliary(column="load_N", unit="N"),
-}
-EVERY = tuple(EFFECTS)
 
 
-def record(memory="free", seed=0, jump=1.5, count=COUNT):
+def record(memory="free", seed=0, jump=1.5):
     """A wandering input that starts in the middle of the range, at uneven times."""
     rng = np.random.default_rng(seed)
-    time = np.cumsum(rng.uniform(0.005, 0.02, count))
-    path = np.clip(6.5 + np.cumsum(jump * rng.normal(size=count)), 0.0, 12.0)
-    load = np.cumsum(rng.normal(size=count))
-    return Record.from_arrays(
-        time, path, np.zeros(count), aux={"load_N": load}, initial_memory=memory
-    )
+    time = np.cumsum(rng.uniform(0.005, 0.02, COUNT))
+    path = np.clip(6.5 + np.cumsum(jump * rng.normal(size=COUNT)), 0.0, 12.0)
+    aux = {"load_N": np.cumsum(rng.normal(size=COUNT))}
+    return Record.from_arrays(time, path, np.zeros(COUNT), aux=aux, initial_memory=memory)
 
 
-def setting(names, memory="free", **options):
-    """A chain with some effects, what drives it, its regressors and random coefficients."""
-    rec = record(memory, **options)
-    chain = Chain(PLANE, tuple(EFFECTS[name] for name in names))
-    values: dict[str, dict[str, float]] = {name: VALUES[name] for name in names}
-    signals = signals_of(rec)
-    path = driven_path(chain, values, signals)
-    columns = regressors(chain, values, signals, hysteresis_columns(chain, Drive(path), memory))
+def setting(memory="free", **options):
+    """A chain with all these effects, its signals, its regressors and random coefficients."""
+    chain, signals = Chain(PLANE, tuple(EFFECTS.values())), signals_of(record(memory, **options))
+    path = driven_path(chain, VALUES, signals)
+    columns = regressors(chain, VALUES, signals, hysteresis_columns(chain, Drive(path), memory))
     solution = np.random.default_rng(1).uniform(0.2, 1.0, columns.matrix.shape[1])
-    return chain, values, signals, columns, solution
+    return chain, signals, columns, solution
 
 
-@pytest.mark.parametrize(
-    ("names", "memory"), [(EVERY, "free"), (EVERY, "low"), (EVERY, "demagnetised")]
-)
-def test_regressors_and_response_agree(x64, names, memory):
-    chain, values, signals, columns, solution = setting(names, memory)
+@pytest.mark.parametrize("memory", ["free", "low", "demagnetised"])
+def test_regressors_and_response_agree(x64, memory):
+    chain, signals, columns, solution = setting(memory)
     coefficients = Coefficients.from_columns(columns, solution)
-    got = response(chain, values, signals, coefficients)
+    got = response(chain, VALUES, signals, coefficients)
     assert np.ptp(got) > 1.0
     np.testing.assert_allclose(columns.matrix @ solution, got, rtol=0, atol=1e-11)
-
-
-# --- the unknown start ---
 
 
 def test_a_demagnetised_start_is_on_below_the_line(x64):
@@ -102,9 +88,6 @@ def test_a_demagnetised_start_is_on_below_the_line(x64):
     got = hysteresis_output(chain, {}, signals, own)
     expected = hysteron_states(PLANE, rec.input, "high") @ weights
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
-
-
-# --- the first run ---
 
 
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
@@ -137,9 +120,6 @@ def test_hysterons_beyond_the_range_are_in_the_span(x64, hysteron):
     np.testing.assert_allclose(got, target, rtol=0, atol=1e-8)
 
 
-# --- order of the effects ---
-
-
 def test_added_effects_do_not_pass_the_output_effects(x64):
     """Drift is added to what is recorded, so that creep does not follow it."""
     rec, names = record("low"), ("drift", "creep")
@@ -151,25 +131,20 @@ def test_added_effects_do_not_pass_the_output_effects(x64):
     np.testing.assert_allclose(got, 2.0 + 3.0 * np.expm1(-time / 1.7) / np.expm1(-3.0 / 1.7))
 
 
-class Doubled(InputEffect):
-    name = "doubled"
-
-    def apply(self, signal, time):
-        return jnp.minimum(2.0 * signal, 10.0)
-
-
-class Halved(InputEffect):
-    name = "halved"
-
-    def apply(self, signal, time):
-        return 0.5 * signal
+def own(name, law):
+    apply = {"apply": lambda self, signal, time: law(signal)}
+    return type(name, (InputEffect,), {"name": name} | apply)()
 
 
 def test_effects_of_one_place_act_in_their_order(x64):
     signals = signals_of(record())
-    values = {"doubled": {}, "halved": {}}
-    first = driven_path(Chain(PLANE, (Doubled(), Halved())), values, signals)
-    second = driven_path(Chain(PLANE, (Halved(), Doubled())), values, signals)
+    values: dict[str, dict[str, float]] = {"doubled": {}, "halved": {}}
+    doubled, halved = (
+        own("doubled", lambda x: jnp.minimum(2 * x, 10)),
+        own("halved", lambda x: x / 2),
+    )
+    first = driven_path(Chain(PLANE, (doubled, halved)), values, signals)
+    second = driven_path(Chain(PLANE, (halved, doubled)), values, signals)
     np.testing.assert_allclose(first, np.minimum(signals.input, 5.0))
     np.testing.assert_allclose(second, np.minimum(signals.input, 10.0))
 
@@ -184,21 +159,18 @@ def test_effects_of_one_name_and_without_a_place_are_refused():
         Chain(PLANE, (Lost(),))
 
 
-# --- derivatives ---
-
-
 def test_tangents_against_finite_differences(x64):
-    chain, values, signals, columns, solution = setting(EVERY, jump=0.5)
+    chain, signals, columns, solution = setting(jump=0.5)
     coefficients = Coefficients.from_columns(columns, solution)
-    every = [(name, key) for name in EVERY for key in VALUES[name]]
-    got = tangents(chain, values, signals, coefficients, every)
+    every = [(name, key) for name, own in VALUES.items() for key in own]
+    got = tangents(chain, VALUES, signals, coefficients, every)
     assert got.shape == (COUNT, len(every))
-    assert tangents(chain, values, signals, coefficients, []).shape == (COUNT, 0)
+    assert tangents(chain, VALUES, signals, coefficients, []).shape == (COUNT, 0)
     for column, (name, key) in zip(got.T, every, strict=True):
         step = 1e-6 * VALUES[name][key]
 
         def at(value, name=name, key=key):
-            moved = {**values, name: {**values[name], key: value}}
+            moved = {**VALUES, name: {**VALUES[name], key: value}}
             return np.asarray(response(chain, moved, signals, coefficients))
 
         middle = VALUES[name][key]
@@ -209,8 +181,6 @@ def test_tangents_against_finite_differences(x64):
         apart = np.abs(column - expected) > 1e-5 * scale
         assert apart.mean() < 0.01
 
-
-# --- compiling ---
 
 OF_THE_RECORD = (
     "creep", "input_lag", "delay", "resonance", "slew_limit", "rate_dependence", "moving", "drift",

@@ -29,9 +29,6 @@ def inside(tmp_path, monkeypatch):
     return tmp_path
 
 
-# Help
-
-
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])
 def test_a_help_ends_with_examples_that_are_understood(command, capsys):
     assert main([*command, "--help"]) == 0
@@ -100,15 +97,8 @@ def test_json_of_the_library_holds_every_effect_with_its_parameters(capsys, monk
     assert 0 < tau["low"] < tau["high"]
 
 
-# Silence
-
-
 @pytest.mark.usefixtures("inside")
-def test_quiet_writes_files_and_shows_nothing(capsys):
-    assert main(["simulate", "--seconds", "3", "--out", "s.csv", "-q"]) == 0
-    assert capsys.readouterr() == ("", "")
-    assert Path("s.csv").exists()
-    # It hides no mistake, and does not silence the next command.
+def test_quiet_hides_no_mistake_and_does_not_silence_the_next_command(capsys):
     assert main(["fit", "none.csv", "--out", "m.json", "-q", "--json"]) == 2
     shown = capsys.readouterr()
     assert (shown.out, "there is no such file" in shown.err) == ("", True)
@@ -206,14 +196,8 @@ def test_an_interruption_that_a_callback_swallows_comes_again(also_in):
     assert (done.stdout, done.stderr) == ("noticed\n", "")
 
 
-# Completion
-
-
-@pytest.fixture
-def complete(monkeypatch, capsys):
-    """What a shell is told when it asks for what goes on from a line."""
-
-    def answer(line):
+def test_commands_and_effects_are_completed_and_files_left_to_the_shell(monkeypatch, capsys):
+    def complete(line):
         monkeypatch.setenv("COMP_WORDS", line)
         monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
         monkeypatch.setenv("_PREISACH_COMPLETE", "complete_bash")
@@ -221,10 +205,6 @@ def complete(monkeypatch, capsys):
             main([])
         return capsys.readouterr().out.split()
 
-    return answer
-
-
-def test_commands_and_effects_are_completed_and_files_left_to_the_shell(complete):
     assert {"diagnose", "design", "demo"} <= set(complete("preisach d"))
     assert complete("preisach fit s.csv --effects creep,d") == ["creep,delay", "creep,drift"]
     assert complete("preisach diagnose sta") == []

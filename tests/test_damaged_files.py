@@ -136,7 +136,7 @@ def test_times_in_any_unit_are_read(tmp_path, kind, step_s):
     np.testing.assert_allclose(record.time - record.time[0], step_s * np.arange(60), rtol=1e-14)
 
 
-# --- MATLAB ---
+# --- MATLAB and Parquet ---
 
 
 def matlab(compress=False, **arrays):
@@ -169,9 +169,6 @@ def test_a_matlab_file_of_bombs_in_cells_is_refused(tmp_path):
     packed = zlib.compress(struct.pack("<II", 14, len(inside)) + inside)
     content = matlab(t=np.arange(60.0)) + struct.pack("<II", 15, len(packed)) + packed
     assert "values or more" in refused(tmp_path / "a.mat", content)
-
-
-# --- Parquet ---
 
 
 def test_a_parquet_file_that_repeats_a_number_without_end_is_refused(tmp_path):
@@ -225,9 +222,6 @@ def test_a_key_of_a_model_is_refused_by_its_name(tmp_path, content, path, value,
         inside = inside[key]
     inside[path[-1]] = value
     assert says in refused(tmp_path / "a.json", json.dumps(damaged))
-
-
-# --- any damage ---
 
 
 READABLE = {

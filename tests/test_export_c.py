@@ -8,19 +8,7 @@ from importlib import import_module
 import jax
 import numpy as np
 import pytest
-from exported import (
-    GCC,
-    HIGH,
-    LOW,
-    STEP_S,
-    STRICT,
-    Compiled,
-    drawn,
-    needs_compiler,
-    predicted,
-    smooth,
-    wild,
-)
+from exported import GCC, STEP_S, STRICT, Compiled, drawn, needs_compiler, predicted, smooth, wild
 
 from preisach_jax import AdaptiveFilter, AddedEffect, InputError, OnlineFilter, Parameter
 from preisach_jax.chain.description import Chain
@@ -123,8 +111,9 @@ def test_nested_loops_inside_one_cell_are_remembered_in_a_state_of_fixed_size(tm
     """Thousands of ever smaller loops, and then back out through all of them."""
     model = drawn([], levels=5)
     shrinking = 0.999 ** np.arange(4000)
-    centre, swing = 0.47 * (LOW + HIGH), 4.0 * shrinking * (-1.0) ** np.arange(4000)
-    u = np.clip(np.concatenate([centre + swing, centre - swing[::-7], [centre]]), LOW, HIGH)
+    low, high = model.plane.low, model.plane.high
+    centre, swing = 0.47 * (low + high), 4.0 * shrinking * (-1.0) ** np.arange(4000)
+    u = np.clip(np.concatenate([centre + swing, centre - swing[::-7], [centre]]), low, high)
     compiled = Compiled(model, tmp_path, "-fsanitize=undefined", "-fno-sanitize-recover")
     expected = predicted(model, u)
     np.testing.assert_allclose(compiled(u), expected, rtol=0, atol=1e-12)
@@ -136,7 +125,7 @@ def test_the_inverse_drives_the_model_along_what_is_wanted(polarity, tmp_path):
     model = drawn(names, polarity=polarity)
     compiled = Compiled(model, tmp_path)
     aux = columns(model, 400)
-    wanted = compiled.again(smooth(400, 3, LOW + 1, HIGH - 1), aux)
+    wanted = compiled.again(smooth(400, 3, model.plane.low + 1, model.plane.high - 1), aux)
     drive = compiled.inverse(wanted, aux)
     np.testing.assert_allclose(predicted(model, drive, aux), wanted, rtol=0, atol=1e-11)
 
@@ -152,15 +141,14 @@ def test_the_inverse_leads_lags_and_keeps_to_the_plane(kind, tmp_path):
     assert missed.max() < 5e-3 * np.ptp(wanted)
     compiled.begin()
     beyond = compiled.inverse(np.where(t % 0.4 < 0.2, 1e6, -1e6))
-    assert beyond.min() == LOW
-    assert beyond.max() == HIGH
+    assert (beyond.min(), beyond.max()) == (model.plane.low, model.plane.high)
 
 
 @pytest.mark.parametrize("hysteron", ["ramp", "relay"])
 def test_learning_is_that_of_the_online_filter(hysteron, tmp_path):
     with jax.enable_x64(True):
         model, true = (drawn([], seed, hysteron=hysteron) for seed in (0, 1))
-        u = np.concatenate([[LOW], wild(399, 3)])  # from saturated low nothing is unknown
+        u = np.concatenate([[model.plane.low], wild(399, 3)])  # nothing is unknown
         z = predicted(true, u).copy()
         z[40:60] = np.nan
         filt = AdaptiveFilter(model.plane, hysteron, initial_weight=model.weights, nonnegative=True)
@@ -192,10 +180,6 @@ def test_the_self_test_passes_for_all_effects_together(names, tmp_path):
     self_tested(drawn(names, seed=2), tmp_path, precision)
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def other_stage(compiled):
     """A stage with other weights."""
     model = compiled.model
@@ -209,7 +193,8 @@ def learning(compiled, stage):
     def replayed(weights):
         u = smooth(800, 8)
         aux = columns(compiled.model, len(u))
-        return rms(compiled.with_weights(weights)(u, aux) - stage.with_weights(true)(u, aux))
+        missed = compiled.with_weights(weights)(u, aux) - stage.with_weights(true)(u, aux)
+        return np.linalg.norm(missed)
 
     true, weights = stage.weights, [compiled.weights]
     for k in range(4):

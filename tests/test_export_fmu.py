@@ -59,16 +59,13 @@ class Instance:
         for part in range(parts):
             self.fmu.doStep((k + part / parts) * STEP_S, STEP_S / parts)
 
-    def close(self):
-        self.fmu.terminate()
-        self.fmu.freeInstance()
-
 
 @pytest.fixture
 def instance(case, tmp_path):
     made = Instance(case[1], tmp_path)
     yield made
-    made.close()
+    made.fmu.terminate()
+    made.fmu.freeInstance()
 
 
 def test_fmpy_reports_no_problem(case):

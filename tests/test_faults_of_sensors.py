@@ -10,8 +10,6 @@ from preisach_jax.record.faults import faults
 
 TIME = np.arange(6000) / 1000
 PATH = 5 - 5 * np.cos(2 * np.pi * TIME * (0.5 + 0.1 * TIME))
-
-
 NOISY = play(PATH, 1.0) + 0.2 * PATH + np.random.default_rng(0).normal(0, 0.005, len(PATH))
 
 
@@ -21,9 +19,8 @@ def faults_of(output):
 
 def stuck(output):
     third = len(output) // 3
-    return np.where(np.arange(len(output)) // third == 1, output[third], output), slice(
-        third + 1, 2 * third
-    )
+    held = np.where(np.arange(len(output)) // third == 1, output[third], output)
+    return held, slice(third + 1, 2 * third)
 
 
 def clipped(output):

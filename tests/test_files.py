@@ -19,6 +19,9 @@ from scipy.io import savemat
 
 import preisach_jax as pj
 
+for needed in ("openpyxl", "h5py", "nptdms", "python_calamine", "pyarrow"):
+    pytest.importorskip(needed)
+
 K = 120
 T = np.arange(K) / 100
 U = 5 - 5 * np.cos(2 * np.pi * T)
@@ -33,7 +36,6 @@ class Case:
     options: dict = field(default_factory=dict)
     refused: tuple = ()
     told: tuple = ()  # words of what is announced
-    step: float = 0.01
     units: tuple = ()
     tolerance: float = 1e-12
     samples: int = K
@@ -159,9 +161,6 @@ X_Value\tdrive\tsensor\tComment
     return "\n".join([header + segments[0], *segments[1:]])
 
 
-LVM_NO = lvm(rows(U, Z, sep="\t", begin="\t"), "No")
-LVM_SEGMENTS = lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), repeat=2)
-
 # --- workbooks ---
 
 
@@ -267,13 +266,6 @@ def wave(step, unit):
 TDMS_ONE = tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z, wave(0.01, "um")))
 
 
-def broken_tdms(path):
-    TDMS_ONE(path)
-    content = bytearray(path.read_bytes())
-    content[30:60] = b"\xff" * 30  # the index of objects in the file itself
-    path.write_bytes(content)
-
-
 def matlab(**arrays):
     return lambda path: savemat(path, arrays)
 
@@ -292,7 +284,7 @@ def zipped(**members):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
-            archive.writestr(name.replace("__csv", ".csv"), content)
+            archive.writestr(name, content)
     return file.getvalue()
 
 
@@ -321,12 +313,12 @@ def twelve_hours():
     )
 
 
-SIGNALS = [
-    {"t": t, "u": u, "z": z} for t, u, z in zip(T.tolist(), U.tolist(), Z.tolist(), strict=True)
-]
-
+SIGNALS = pd.DataFrame({"t": T, "u": U, "z": Z}).to_dict("records")
 
 OPENED = {
+    "tektronix_tds.csv": Case(
+        tds(), {"input": "CH1", "need_output": False}, units=("V", ""), tolerance=1e-5
+    ),
     "tektronix_mso.csv": Case(TEKTRONIX_MSO + rows(T, U, Z), CHANNELS),
     "rigol_ds1000e.csv": Case(RIGOL_E + rows(T, U, Z, end=","), CHANNELS, units=("V", "V")),
     "rigol_ds1000z.csv": Case(
@@ -347,13 +339,12 @@ OPENED = {
     "rohde_schwarz.csv": Case(ROHDE + rows(T, U, Z), SECOND, units=("V", "V")),
     "hioki.csv": Case(HIOKI + rows(T, U, Z), SECOND),
     "labview.lvm": Case(lvm(rows(T, U, Z, sep="\t")), units=("V", "um")),
-    "labview_no_x.lvm": Case(LVM_NO, units=("V", "um")),
+    "labview_no_x.lvm": Case(lvm(rows(U, Z, sep="\t", begin="\t"), "No"), units=("V", "um")),
     "labview.tdms": Case(TDMS_ONE, units=("V", "um")),
     "labview_rates.tdms": Case(
         tdms(("run", "drive", U, wave(0.01, "V")), ("run", "sensor", Z[::2], wave(0.02, "um"))),
         told=("sensor (50 Hz) interpolated", "drive (100 Hz)"), samples=K - 1, tolerance=2e-2,
     ),
-    "stage.xlsx": Case(workbook(("Sheet1", HEADED))),
     "protocol.xlsx": Case(workbook(("Tabelle1", UNITS_ROW)), units=("V", "µm")),
     "dated.xlsx": Case(workbook(("Sheet1", DATED))),
     "two_sheets.xlsx": Case(
@@ -375,9 +366,10 @@ OPENED = {
     ),
     "two_tables.csv": Case(CSV + "\n# run 2\n" + CSV, told=("of 2 tables the first was read",)),
     "structured.npy": Case(saved(frame().to_records(index=False))),
-    "frame.feather": Case(lambda path: frame().to_feather(path)),
+    "dated.feather": Case(
+        lambda path: frame().assign(t_s=pd.to_datetime(T, unit="s")).to_feather(path)
+    ),
     "plain.csv.gz": Case(gzip.compress(CSV.encode())),
-    "plain.zip": Case(zipped(plain__csv=CSV)),
     "long_header.csv": Case(LONG_HEADER + CSV),
     "thousands_english.csv": Case(
         thousands_csv(",", ".", ",", '"'), told=("between groups",), tolerance=1e-1
@@ -428,8 +420,6 @@ def put(path, content):
 
 @pytest.mark.parametrize("name", OPENED)
 def test_opened_right(tmp_path, name):
-    for needed in ("openpyxl", "h5py", "nptdms", "python_calamine", "pyarrow"):
-        pytest.importorskip(needed)
     case = OPENED[name]
     put(tmp_path / name, case.content)
     told = []
@@ -442,7 +432,7 @@ def test_opened_right(tmp_path, name):
     np.testing.assert_allclose(
         record.output[measured], scale * Z[:count][measured], atol=case.tolerance
     )
-    np.testing.assert_allclose(np.diff(record.time), case.step, rtol=1e-4)
+    np.testing.assert_allclose(np.diff(record.time), 0.01, rtol=1e-4)
     if case.units:
         assert (record.input_unit, record.output_unit) == case.units
     for words in case.told:
@@ -451,7 +441,7 @@ def test_opened_right(tmp_path, name):
 
 def test_segments_of_labview_follow_each_other(tmp_path):
     path = tmp_path / "segments.lvm"
-    path.write_text(LVM_SEGMENTS)
+    path.write_text(lvm(rows(T[:60], U[:60], Z[:60], sep="\t"), repeat=2))
     told = []
     record = pj.Record.load(path, announce=told.append)
     np.testing.assert_allclose(record.input, np.tile(U[:60], 2), atol=1e-6)
@@ -459,16 +449,7 @@ def test_segments_of_labview_follow_each_other(tmp_path):
     assert any("2 segments" in line for line in told)
 
 
-def test_a_tds_file_has_one_channel(tmp_path):
-    path = tmp_path / "F0000CH1.CSV"
-    path.write_text(tds())
-    record = pj.Record.load(path, input="CH1", need_output=False)
-    np.testing.assert_allclose(record.input, U, atol=1e-5)
-    np.testing.assert_allclose(record.time, T, atol=1e-9)
-    assert record.input_unit == "V"
-
-
-BOMB = gzip.compress(b"0,0,0\n" * 20_000_000)
+BOMB = b"0,0,0\n" * 12_000_000
 WIDE = ",".join(f"c{k}" for k in range(1_000_000))
 
 
@@ -476,15 +457,14 @@ REFUSED = {
     "macros.xlsm": Case(with_macros, refused=("has macros", "save it as .xlsx")),
     "password.xlsx": Case(protected, refused=("protected by a password", "save it without")),
     "broken.xlsx": Case(b"PK\x03\x04" + bytes(1000), refused=("not a readable workbook", "CSV")),
-    "broken.tdms": Case(broken_tdms, refused=("not a readable TDMS", "defragment")),
     "no_vectors.h5": Case(hdf5(lambda file: file.create_group("a")), refused=("no vectors",)),
     "many.zip": Case(
         zipped(**{f"run_{k}.csv": CSV for k in range(9)}), refused=("holds 9 files", "unpack it")
     ),
-    "bomb.csv.gz": Case(BOMB, refused=("unpack to", "no record is compressed so far")),
-    "bomb.zip": Case(zipped(a__csv=b"0,0,0\n" * 20_000_000), refused=("no record is compressed",)),
+    "bomb.csv.gz": Case(gzip.compress(BOMB), refused=("unpack to", "no record is compressed")),
+    "bomb.zip": Case(zipped(**{"a.csv": BOMB}), refused=("no record is compressed",)),
     "bomb.xlsx": Case(
-        zipped(**{"[Content_Types].xml": b" " * 100_000_000}), refused=("no record is compressed",)
+        zipped(**{"[Content_Types].xml": b" " * 70_000_000}), refused=("no record is compressed",)
     ),
     "twice.csv.gz": Case(gzip.compress(gzip.compress(CSV.encode())), refused=("gzip twice",)),
     "million_columns.csv": Case(WIDE + "\n" + "1," * 999_999 + "1\n", refused=("1,000,000 col",)),
@@ -506,6 +486,12 @@ REFUSED = {
     ),
     "login_page.csv": Case("<!DOCTYPE html><html><body>log in</body></html>\n",
                            refused=("a web page or XML", "save it as CSV")),
+    "decimal_commas.csv": Case(
+        "t,u,z\n" + rows(T, U, Z).replace(".", ","), refused=("complete or remove the row",)
+    ),
+    "settings_only.csv": Case("Instrument: x\nRate: 5 Hz\nOperator: me\n",
+                              refused=("holds settings only",)),
+    "one_column.csv": Case(rows(U), refused=("an input and an output, each a column",)),
     "deep.json": Case("[" * 100_000, refused=("not a readable JSON",)),
     "tds_bad_cell.csv": Case(
         tds().replace("  10.00000,", "?,"), {"input": "TIME", "output": "CH1", "rate": 100.0},
@@ -524,8 +510,6 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused_with_what_leads_on(tmp_path, name):
-    for needed in ("openpyxl", "h5py", "nptdms", "python_calamine", "pyarrow"):
-        pytest.importorskip(needed)
     case = REFUSED[name]
     put(tmp_path / name, case.content)
     begun = sum(os.times()[:4])  # of the child that reads it as well
@@ -576,8 +560,6 @@ def test_a_long_regular_file_is_read_as_line_by_line(tmp_path, monkeypatch, sep,
 
 
 def test_a_sheet_is_named_behind_the_workbook(tmp_path):
-    for needed in ("openpyxl", "python_calamine"):
-        pytest.importorskip(needed)
     path, notes = tmp_path / "book.xlsx", []
     workbook(("Long", HEADED), ("Run 2", HEADED[:61]))(path)
     assert len(pj.Record.load(path, announce=notes.append)) == K

@@ -134,34 +134,26 @@ def test_a_period_is_found_and_noise_has_none():
     assert band_decades(np.sin(2 * np.pi * np.arange(1000) / 50)) < 0.1
 
 
-@pytest.fixture(scope="module")
-def stage_csv(tmp_path_factory):
-    file = tmp_path_factory.mktemp("look") / "stage.csv"
-    u = np.concatenate([LOOPS, HOLDS])
-    t = STEP * np.arange(len(u))
-    np.savetxt(
-        file, np.column_stack([t, u, u**1.1]), header="t_s,u_V,z_um", delimiter=",", comments=""
-    )
-    return file
-
-
 def test_the_command_shows_columns_reasons_and_a_picture_the_json_the_same_and_the_figure_is_drawn(
-    stage_csv, tmp_path, capsys
+    tmp_path, capsys
 ):
-    assert main(["look", str(stage_csv)]) == 0
+    u = np.concatenate([LOOPS, HOLDS])
+    table, stage = np.column_stack([STEP * np.arange(len(u)), u, u**1.1]), tmp_path / "stage.csv"
+    np.savetxt(stage, table, header="t_s,u_V,z_um", delimiter=",", comments="")
+    assert main(["look", str(stage)]) == 0
     out = capsys.readouterr().out
     for words in ("u_V", "by its name", "reversals", "rests", "shows well", "to record next"):
         assert words in out
     assert any(0x2800 < ord(sign) < 0x2900 for sign in out)
     figure = tmp_path / "look.png"
-    assert main(["look", str(stage_csv), "--json", "--plot", str(figure)]) == 0
+    assert main(["look", str(stage), "--json", "--plot", str(figure)]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["channels"]["input"] == {"column": "u_V", "unit": "V"}
     assert content["input"]["reversals"] == 11
     assert len(content["input"]["holds"]) == 6
     assert [each["role"] for each in content["columns"]] == ["time", "input", "output"]
     assert figure.read_bytes().startswith(b"\x89PNG")
-    assert main(["look", str(stage_csv), "-q"]) == 0
+    assert main(["look", str(stage), "-q"]) == 0
     assert capsys.readouterr().out.startswith("shows well:")
 
 

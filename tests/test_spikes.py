@@ -43,12 +43,16 @@ def freed(record):
         return plain_model(record, LEVELS)[0]
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_spikes_and_misread_inputs_are_found_whatever_is_hidden_and_others_believed(effect):
-    record = record_of(effect)
+@pytest.mark.parametrize(
+    ("effect", "seed"),
+    [*((effect, 201) for effect in EFFECTS), ("input_lag", 202), (None, 212), (None, 232)],
+)
+def test_spikes_and_misread_inputs_are_found_whatever_is_hidden_and_others_believed(effect, seed):
+    """Also beside short pulses of a staircase (202, 212), and where the drive turns (232)."""
+    record = record_of(effect, seed)
     assert freed(record) is record
     assert not input_spikes(record).any()
-    read, rows = misread(record, 3)
+    read, rows = misread(record, 3 if seed == 201 else seed)
     found = np.flatnonzero(input_spikes(read))
     assert len(set(rows) & set(found)) >= 0.95 * len(rows)
     assert len(set(found) - set(rows)) <= 2

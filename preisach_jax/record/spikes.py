@@ -99,8 +99,7 @@ def isolated_spikes(record: Record, modelled: np.ndarray) -> np.ndarray:
 def input_spikes(record: Record) -> np.ndarray:
     """Where the input leaves its course for a few samples, and the output does not answer.
 
-    The output's mean over a spike and just after it is compared with that just before it, beside
-    what the course without the spikes lets expect.  If it moved with the spikes, they are pulses.
+    One that the output answers is a pulse of the drive.
     """
     if record.measured.sum() < LEAST_ROWS:
         return np.zeros(len(record), dtype=bool)
@@ -110,34 +109,44 @@ def input_spikes(record: Record) -> np.ndarray:
     for start, stop in zip(*_runs(spikes), strict=True):
         # Where nothing was measured the input is told for the sake of the memory.
         spikes[start:stop] = record.measured[start:stop].all()
-    if spikes.any() and _answered(record, spikes):
-        return np.zeros_like(spikes)
-    return spikes
+    return spikes & ~_answered(record, spikes)
 
 
-def _answered(record: Record, spikes: np.ndarray) -> bool:
-    """Whether the output moves with spikes of the input, at once or within a few samples."""
+def _answered(record: Record, spikes: np.ndarray) -> np.ndarray:
+    """(time,) spikes of the input with which the output moves: each at once, or all of the rest.
+
+    A stage that is slower than its sampling shows its answer to one pulse in no sample, but in the
+    mean of several samples after many.
+    """
     mended = record.bridged(spikes).input
     rose, expected = (_rise(course) for course in (record.output, mended))
     known = np.isfinite(rose)
     if not expected[known].any():
-        return False
+        return np.zeros_like(spikes)
     gain = rose[known] @ expected[known] / (expected[known] @ expected[known])
-    jumped = gain * (record.input - mended)[spikes]
+    jumped = gain * (record.input - mended)
     bridge = known & ~spikes & record.measured
     beside = np.interp(record.time, record.time[bridge], record.output[bridge])
-    at_once = (np.sign(jumped) * (record.output - beside)[spikes])[record.measured[spikes]]
-    if len(at_once) and np.median(at_once) > AT_ONCE * np.median(np.abs(jumped)):
-        return True
+    at_once = np.sign(jumped) * (record.output - beside)
+    noise = spread(np.abs(np.diff(record.output[bridge], 2)))
+    pulses = np.zeros_like(spikes)
+    for start, stop in zip(*_runs(spikes), strict=True):
+        share = AT_ONCE * np.median(np.abs(jumped[start:stop]))
+        pulses[start:stop] = np.median(at_once[start:stop]) > max(share, ANSWERED * noise)
+    rest = spikes & ~pulses
+    if not rest.any():
+        return pulses
+    if np.median(at_once[rest]) > AT_ONCE * np.median(np.abs(jumped[rest])):
+        return spikes
     left = rose - gain * expected
-    moved = (np.sign(jumped) * left[spikes])[known[spikes]]
+    moved = (np.sign(jumped) * left)[rest & known]
     if not moved.any():
-        return False
+        return pulses
     # Of an output that rests for most of a record, any motion is an answer.
     usual = max(spread(np.abs(left[known])), 1e-9 * np.abs(moved).max())
     # An output that has spikes of its own answers by no more than it usually moves.
     score = np.clip(moved / usual, -ANSWERED, ANSWERED).sum() / np.sqrt(len(moved))
-    return bool(score >= ANSWERED)
+    return spikes if score >= ANSWERED else pulses
 
 
 def _rise(course: np.ndarray) -> np.ndarray:
@@ -179,12 +188,15 @@ def _among(
 ) -> np.ndarray:
     """(time,) which of some rows stand out of a course, and neither often nor in trains."""
     found = np.zeros(len(record), dtype=bool)
-    starts, stops = _runs(height > least)
     jump = np.abs(np.diff(course, prepend=course[:1], append=course[-1:]))
-    sudden = (jump[starts] > LEAST_JUMP * height[starts]) & (
-        jump[stops] > LEAST_JUMP * height[stops - 1]
-    )
-    starts, stops = starts[sudden], stops[sudden]
+    high = height > least
+    rises = np.flatnonzero(high & (jump[:-1] > LEAST_JUMP * height))
+    falls = np.flatnonzero(high & (jump[1:] > LEAST_JUMP * height))
+    # Beside a spike at a turning point the median departs from the course itself.
+    starts, stops = _runs(high)
+    first = np.append(rises, len(course))[np.searchsorted(rises, starts)]
+    last = np.append(-1, falls)[np.searchsorted(falls, stops)]
+    starts, stops = first[first <= last], last[first <= last] + 1
     if not len(starts) or (stops - starts).sum() > MOST * len(rows):
         return found
     highest = np.array(
